@@ -1,0 +1,1 @@
+"""Layer 3: how far a result is from its target, and how sound it is."""

@@ -1,0 +1,53 @@
+"""Frames: the similarity that takes a target from its own coordinates to the normalised ones that results are stated in."""
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from meshfit.errors import MeshError
+from meshfit.mesh.geometry import bounding_box, bounding_box_diagonal
+from meshfit.mesh.mesh import Mesh, Verts
+
+Normalisation = Literal["tutorial", "box", "none"]
+NORMALISATIONS: tuple[str, ...] = get_args(Normalisation)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The map x → (x - centre) / scale from a mesh's own coordinates to normalised ones."""
+
+    centre: tuple[float, float, float]
+    scale: float
+
+    def normalise(self, mesh: Mesh) -> Mesh:
+        """The mesh in normalised coordinates."""
+        return Mesh((mesh.verts - self.centre) / self.scale, mesh.faces)
+
+    def restore(self, mesh: Mesh) -> Mesh:
+        """A normalised mesh, back in the coordinates it came from."""
+        return Mesh(mesh.verts * self.scale + self.centre, mesh.faces)
+
+
+def frame_of(verts: Verts, how: Normalisation) -> Frame:
+    """The frame of a target with these verts.
+
+    Args:
+        verts: (V, 3).
+        how: `tutorial` puts the mean of the verts at 0 and the largest |coordinate| at 1, as PyTorch3D's tutorial does;
+            `box` puts the centre of the bounding box at 0 and its diagonal at 1; `none` leaves all as it is.
+
+    Raises:
+        MeshError: the mesh has no extent to divide by.
+    """
+    if how == "none":
+        return Frame((0.0, 0.0, 0.0), 1.0)
+    if how == "tutorial":
+        centre = verts.mean(axis=0)
+        scale = float(np.abs(verts - centre).max())
+    else:
+        low, high = bounding_box(verts)
+        centre, scale = (low + high) / 2, bounding_box_diagonal(verts)
+    if not scale > 0:
+        raise MeshError("the mesh has no extent: all its verts are at one point, so it cannot be normalised")
+    return Frame((float(centre[0]), float(centre[1]), float(centre[2])), scale)

@@ -1,0 +1,76 @@
+"""Is the surface a manifold, of how many pieces, and of which genus? And a refusal that names the place where it is not."""
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from meshfit.errors import MeshError
+from meshfit.mesh.topology import NONE, Indices, Topology, next_in_face
+
+
+def _components(rows: Indices, columns: Indices, size: int) -> tuple[int, Indices]:
+    graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(size, size))
+    count, label = connected_components(graph, directed=False)
+    return int(count), np.asarray(label, dtype=np.int64)
+
+
+def num_components(topology: Topology) -> int:
+    """Number of pieces that hang together by edges; verts that no face uses do not count."""
+    count, _ = _components(topology.edges[:, 0], topology.edges[:, 1], topology.num_verts)
+    return count - int((topology.valence == 0).sum())
+
+
+def euler_number(topology: Topology) -> int:
+    """V - E + F over the verts that faces use: 2 for a sphere, 0 for a torus, 1 for a disk."""
+    return int((topology.valence > 0).sum()) - topology.num_edges + topology.num_faces
+
+
+def is_watertight(topology: Topology) -> bool:
+    """Whether every edge has exactly two faces that run through it in opposite directions."""
+    return bool((topology.faces_per_edge == 2).all()) and not len(misoriented_edges(topology)) and topology.num_faces > 0
+
+
+def nonmanifold_edges(topology: Topology) -> Indices:
+    """Edges with three faces or more."""
+    return np.flatnonzero(topology.faces_per_edge > 2)
+
+
+def misoriented_edges(topology: Topology) -> Indices:
+    """Edges whose two faces run through them in the same direction."""
+    inner = np.flatnonzero(topology.faces_per_edge == 2)
+    halfedge = topology.edge_halfedge[inner]
+    return inner[topology.tail[halfedge] == topology.tail[topology.twin[halfedge]]]
+
+
+def nonmanifold_verts(topology: Topology) -> Indices:
+    """Verts whose faces form more than one fan, such as the tip that two cones share."""
+    crossing = np.flatnonzero(topology.twin != NONE)
+    across = topology.twin[crossing]
+    # Half-edge 3f+k stands for the corner at its tail; across an edge, tail corner meets the neighbour's head corner.
+    same_way = topology.tail[crossing] == topology.tail[across]
+    corner = np.where(same_way, across, next_in_face(across))
+    count, fan = _components(crossing, corner, topology.faces.size)
+    owner = np.empty(count, dtype=np.int64)
+    owner[fan] = topology.tail
+    return np.flatnonzero(np.bincount(owner, minlength=topology.num_verts) > 1)
+
+
+def require_manifold(topology: Topology, purpose: str) -> None:
+    """Refuse a mesh that is not an oriented manifold, with or without boundary.
+
+    Raises:
+        MeshError: naming the first edge or vertex at fault.
+    """
+    for edges, fault in (
+        (nonmanifold_edges(topology), "has {faces} faces, 1 or 2 are allowed"),
+        (misoriented_edges(topology), "has two faces of opposite orientation; make the face winding consistent"),
+    ):
+        if len(edges):
+            a, b = topology.edges[edges[0]]
+            what = fault.format(faces=topology.faces_per_edge[edges[0]])
+            raise MeshError(f"{purpose} needs a manifold mesh: edge ({a}, {b}) {what} ({len(edges)} such edges)")
+    verts = nonmanifold_verts(topology)
+    if len(verts):
+        raise MeshError(
+            f"{purpose} needs a manifold mesh: vertex {verts[0]} joins separate fans of faces ({len(verts)} such verts)"
+        )

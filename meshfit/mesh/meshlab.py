@@ -1,0 +1,94 @@
+"""What MeshLab does for us, every parameter of every filter spelled out. The one module that imports pymeshlab.
+
+Several of the filters' defaults answer another question than the one that seems to be asked: the Hausdorff filter compares
+mesh 0 with itself, takes verts only, and drops samples farther than half the diagonal. None is left to its default here.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pymeshlab
+from jaxtyping import Bool, Float64
+
+from meshfit.errors import MeshError, MeasureError
+from meshfit.mesh.geometry import bounding_box
+from meshfit.mesh.mesh import Mesh
+
+
+@dataclass(frozen=True)
+class PointDistances:
+    """Distances from points to a surface: largest, mean, root mean square, and how many points they were taken from."""
+
+    largest: float
+    mean: float
+    rms: float
+    count: int
+
+
+def point_to_surface(points: Float64[np.ndarray, "N 3"], surface: Mesh) -> PointDistances:
+    """Distances from each point to its nearest point on a surface, by MeshLab's Hausdorff filter.
+
+    The filter's own sampler takes no seed; given points without faces, it has nothing to draw and takes each of them.
+
+    Raises:
+        MeasureError: MeshLab left out some of the points.
+    """
+    low, high = bounding_box(np.concatenate([points, surface.verts]))
+    meshes = pymeshlab.MeshSet()
+    meshes.add_mesh(pymeshlab.Mesh(np.array(points)))
+    meshes.add_mesh(_to_meshlab(surface))
+    found = meshes.get_hausdorff_distance(
+        sampledmesh=0,
+        targetmesh=1,
+        savesample=False,
+        samplevert=True,
+        sampleedge=False,
+        samplefauxedge=False,
+        sampleface=False,
+        samplenum=len(points),
+        maxdist=pymeshlab.PureValue(2.0 * float(np.linalg.norm(high - low)) + 1.0),
+    )
+    if found["n_samples"] != len(points):
+        raise MeasureError(f"MeshLab measured {found['n_samples']} of {len(points)} points")
+    return PointDistances(float(found["max"]), float(found["mean"]), float(found["RMS"]), len(points))
+
+
+def self_intersecting_faces(mesh: Mesh) -> Bool[np.ndarray, " F"]:
+    """(F,) which faces cross another face of the same mesh."""
+    meshes = pymeshlab.MeshSet()
+    meshes.add_mesh(_to_meshlab(mesh))
+    meshes.compute_selection_by_self_intersections_per_face()
+    return np.asarray(meshes.current_mesh().face_selection_array(), dtype=bool)
+
+
+def decimate(mesh: Mesh, num_faces: int) -> Mesh:
+    """Reduce a mesh to about `num_faces` faces by quadric edge collapse (Garland and Heckbert 1997), topology kept.
+
+    Raises:
+        MeshError: nothing was left of the mesh.
+    """
+    meshes = pymeshlab.MeshSet()
+    meshes.add_mesh(_to_meshlab(mesh))
+    meshes.meshing_decimation_quadric_edge_collapse(
+        targetfacenum=num_faces,
+        targetperc=0.0,
+        qualitythr=0.3,
+        preserveboundary=True,
+        boundaryweight=1.0,
+        preservenormal=True,
+        preservetopology=True,
+        optimalplacement=True,
+        planarquadric=True,
+        planarweight=0.001,
+        qualityweight=False,
+        autoclean=True,
+        selected=False,
+    )
+    reduced = meshes.current_mesh()
+    if not reduced.face_number():
+        raise MeshError(f"decimation to {num_faces} faces left nothing of a mesh of {mesh.num_faces}")
+    return Mesh(reduced.vertex_matrix(), reduced.face_matrix())
+
+
+def _to_meshlab(mesh: Mesh) -> pymeshlab.Mesh:
+    return pymeshlab.Mesh(np.array(mesh.verts), np.array(mesh.faces))

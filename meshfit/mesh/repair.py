@@ -1,0 +1,97 @@
+"""From the raw arrays of a file to a mesh that can be trusted: refuse what is meaningless, mend what is harmless, say so."""
+
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshfit.errors import MeshError, MeshfitWarning
+from meshfit.mesh.geometry import face_areas
+from meshfit.mesh.manifold import misoriented_edges, nonmanifold_edges, num_components
+from meshfit.mesh.mesh import Faces, Mesh
+from meshfit.mesh.topology import Topology
+
+
+def clean(verts: NDArray[np.floating], faces: NDArray[np.integer], origin: str) -> Mesh:
+    """A mesh of these arrays, welded along its seams, without degenerate or duplicate faces and unused verts.
+
+    Args:
+        verts: (V, 3) positions.
+        faces: (F, 3) vertex indices.
+        origin: what to call the mesh in messages, usually its path.
+
+    Raises:
+        MeshError: no verts or faces, a coordinate that is not finite, a face that indexes outside, no face with an area.
+
+    Warns:
+        MeshfitWarning: with the count of whatever was dropped, and where the surface is not one closed manifold.
+    """
+    _require_sound(verts, faces, origin)
+    mesh = weld_seams(Mesh(verts, faces))
+    kept, dropped = _sound_faces(mesh)
+    if not len(kept):
+        raise MeshError(f"{origin}: all {mesh.num_faces} faces are degenerate (no area)")
+    used = np.unique(kept)
+    unused = len(np.setdiff1d(np.arange(len(verts)), np.unique(faces)))
+    dropped["unreferenced verts"] = unused
+    result = Mesh(mesh.verts[used], np.searchsorted(used, kept))
+    for what, count in dropped.items():
+        if count:
+            _warn(f"{origin}: dropped {count} {what}")
+    _warn_of_shape(Topology.of(result), origin)
+    return result
+
+
+def weld_seams(mesh: Mesh) -> Mesh:
+    """Let faces share verts that lie at the same position on a boundary, as file formats split them along seams.
+
+    Coincident verts off the boundary stay apart: there a closed surface touches itself, and welding would tear it.
+    """
+    topology = Topology.of(mesh)
+    seam = np.flatnonzero(topology.boundary_verts)
+    _, first, group = np.unique(mesh.verts[seam] + 0.0, axis=0, return_index=True, return_inverse=True)
+    target = np.arange(mesh.num_verts)
+    target[seam] = seam[first[group.reshape(-1)]]
+    return Mesh(mesh.verts, target[mesh.faces])
+
+
+def _require_sound(verts: NDArray[np.floating], faces: NDArray[np.integer], origin: str) -> None:
+    if not len(verts):
+        raise MeshError(f"{origin}: the mesh has no verts")
+    if not len(faces):
+        raise MeshError(f"{origin}: the mesh has {len(verts)} verts and no faces; a surface of triangles is needed")
+    finite = np.isfinite(verts).all(axis=1)
+    if not finite.all():
+        bad = int(np.flatnonzero(~finite)[0])
+        raise MeshError(f"{origin}: vertex {bad} has a coordinate that is not finite: {verts[bad].tolist()}")
+    outside = ((faces < 0) | (faces >= len(verts))).any(axis=1)
+    if outside.any():
+        bad = int(np.flatnonzero(outside)[0])
+        raise MeshError(f"{origin}: face {bad} is {faces[bad].tolist()}, but verts are numbered 0 to {len(verts) - 1}")
+
+
+def _sound_faces(mesh: Mesh) -> tuple[Faces, dict[str, int]]:
+    degenerate = face_areas(mesh) == 0.0
+    faces = mesh.faces[~degenerate]
+    _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+    kept = faces[np.sort(first)]
+    return kept, {"degenerate faces": int(degenerate.sum()), "duplicate faces": len(faces) - len(kept)}
+
+
+def _warn_of_shape(topology: Topology, origin: str) -> None:
+    pieces = num_components(topology)
+    findings = {
+        "non-manifold edges (three faces or more)": len(nonmanifold_edges(topology)),
+        "edges between faces of opposite orientation": len(misoriented_edges(topology)),
+        "boundary edges: the surface is open": int(topology.boundary_edges.sum()),
+        "separate components": pieces if pieces > 1 else 0,
+    }
+    for what, count in findings.items():
+        if count:
+            _warn(f"{origin}: {count} {what}")
+
+
+def _warn(text: str) -> None:
+    warnings.warn(text, MeshfitWarning, stacklevel=4)
+
+

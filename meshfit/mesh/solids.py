@@ -1,0 +1,58 @@
+"""The named control meshes: regular solids with their verts on the unit sphere, faces counter-clockwise from outside."""
+
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+
+from meshfit.mesh.mesh import Mesh
+
+
+def _hull(verts: list[tuple[float, float, float]], faces: list[tuple[int, int, int]]) -> Mesh:
+    """A convex solid about the origin, its faces turned outwards."""
+    points = np.array(verts, dtype=np.float64)
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    rows = np.array(faces)
+    inward = np.linalg.det(points[rows]) < 0
+    rows[inward] = rows[inward][:, ::-1]
+    return Mesh(points, rows)
+
+
+def tetrahedron() -> Mesh:
+    """4 verts of valence 3, 4 faces."""
+    return _hull([(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)], list(itertools.combinations(range(4), 3)))
+
+
+def octahedron() -> Mesh:
+    """6 verts of valence 4, 8 faces."""
+    verts = [(1.0, 0, 0), (-1.0, 0, 0), (0, 1.0, 0), (0, -1.0, 0), (0, 0, 1.0), (0, 0, -1.0)]
+    return _hull(verts, list(itertools.product((0, 1), (2, 3), (4, 5))))
+
+
+def cube() -> Mesh:
+    """8 verts, 12 faces: each side cut along the diagonal between even corners, so that valences are 6 and 3."""
+    verts = list(itertools.product((-1.0, 1.0), repeat=3))
+    faces = []
+    for axis, side in itertools.product(range(3), (-1.0, 1.0)):
+        corners = [i for i, vert in enumerate(verts) if vert[axis] == side]
+        even = [i for i in corners if np.prod(verts[i]) > 0]
+        faces += [(even[0], even[1], i) for i in corners if i not in even]
+    return _hull(verts, faces)
+
+
+def icosahedron() -> Mesh:
+    """12 verts of valence 5, 20 faces."""
+    golden = (1 + 5**0.5) / 2
+    verts = [tuple(np.roll((0.0, a, b * golden), shift)) for shift in range(3) for a in (-1, 1) for b in (-1, 1)]
+    points = np.array(verts)
+    near = np.linalg.norm(points[:, None] - points[None], axis=2) < 2.1
+    faces = [t for t in itertools.combinations(range(12), 3) if all(near[i, j] for i, j in itertools.combinations(t, 2))]
+    return _hull([(float(x), float(y), float(z)) for x, y, z in verts], faces)
+
+
+SOLIDS: dict[str, Callable[[], Mesh]] = {
+    "icosahedron": icosahedron,
+    "octahedron": octahedron,
+    "tetrahedron": tetrahedron,
+    "cube": cube,
+}

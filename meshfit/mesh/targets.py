@@ -1,0 +1,133 @@
+"""The named targets: meshes that a config can ask for by name, with their origin and the hash of the file expected."""
+
+import hashlib
+import importlib.util
+from dataclasses import dataclass
+from pathlib import Path
+
+from meshfit.errors import MeshError
+from meshfit.mesh.files import load_mesh
+from meshfit.mesh.mesh import Mesh
+from meshfit.resources import bundled
+from meshfit.specs import suggest
+
+
+@dataclass(frozen=True)
+class NamedTarget:
+    """A mesh known by name.
+
+    Attributes:
+        file: the file's name.
+        sha256: of the file's content; anything else is refused, since numbers are compared across machines.
+        bundled: whether meshfit carries the file itself; the others come with the pymeshlab wheel.
+        title: how tables and captions call it.
+        origin: where the shape comes from.
+    """
+
+    file: str
+    sha256: str
+    bundled: bool
+    title: str
+    origin: str
+
+
+_WHEEL = "sample mesh of the pymeshlab wheel"
+
+NAMED_TARGETS: dict[str, NamedTarget] = {
+    "bunny": NamedTarget(
+        "bunny.obj",
+        "37574b0008f96cd098bac287d6b77ffea7b1e79df93daf7054680e0e93395857",
+        bundled=False,
+        title="bunny",
+        origin=f"Stanford bunny, closed; {_WHEEL}",
+    ),
+    "mousehead": NamedTarget(
+        "mousehead.ply",
+        "SHA_mousehead",
+        bundled=True,
+        title="mousehead (stand-in)",
+        origin="stand-in for the paper's model, which is not public; made by data/mousehead.py",
+    ),
+    "cow": NamedTarget(
+        "cow.obj",
+        "5ffe2216718b5a015da18c0be206ca2328f345c995fb815d72b2b92e65c54fe8",
+        bundled=False,
+        title="cow",
+        origin=f"{_WHEEL}; 89 of its faces intersect others",
+    ),
+    "bone": NamedTarget(
+        "bone.ply",
+        "c87b0904ba21e55abe5c9c04a65e8933d6bac91e062b26faaf05eddc850c561a",
+        bundled=False,
+        title="bone",
+        origin=_WHEEL,
+    ),
+    "airplane": NamedTarget(
+        "airplane.obj",
+        "25a04c44e599290d225f3667d7b2c48cf0bda68583c84649872725ac6b822eb1",
+        bundled=False,
+        title="airplane",
+        origin=_WHEEL,
+    ),
+}
+
+
+def target_path(target: str) -> Path:
+    """The file of a target: a name of `NAMED_TARGETS`, or a path, which anything with a suffix or a separator is.
+
+    Raises:
+        MeshError: neither a known name nor a file, or a named target whose file is missing or not the one expected.
+    """
+    named = NAMED_TARGETS.get(target)
+    if named is not None:
+        return _verified(target, named)
+    path = Path(target)
+    if path.is_file():
+        return path
+    if path.suffix or len(path.parts) > 1:
+        raise MeshError(f"{target}: no such file")
+    raise MeshError(f"'{target}' is no target and no file: {suggest(target, NAMED_TARGETS)}, or the path of a mesh file")
+
+
+def load_target(target: str) -> Mesh:
+    """The mesh of a target, by name or path, in its own coordinates.
+
+    Raises:
+        MeshError: as `target_path` and `load_mesh` do.
+    """
+    return load_mesh(target_path(target))
+
+
+def file_sha256(path: Path) -> str:
+    """SHA-256 of a file's content, in hexadecimal."""
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise MeshError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+def target_title(target: str) -> str:
+    """How tables call a target: the title of a named one, the stem of a file."""
+    named = NAMED_TARGETS.get(target)
+    return named.title if named else Path(target).stem
+
+
+def _verified(name: str, named: NamedTarget) -> Path:
+    path = (bundled("data") if named.bundled else _wheel_samples()) / named.file
+    if not path.is_file():
+        remedy = "reinstall meshfit" if named.bundled else "install the pymeshlab version that constraints.txt names"
+        raise MeshError(f"target '{name}': {path} is missing; {remedy}, or give the path of a mesh file")
+    found = file_sha256(path)
+    if found != named.sha256:
+        raise MeshError(
+            f"target '{name}': {path} is not the expected file (sha256 {found[:12]}…, expected {named.sha256[:12]}…)"
+        )
+    return path
+
+
+def _wheel_samples() -> Path:
+    """The sample meshes of pymeshlab, found without importing it."""
+    spec = importlib.util.find_spec("pymeshlab")
+    if spec is None or spec.origin is None:
+        raise MeshError("the named targets come with pymeshlab, which is not installed: pip install pymeshlab")
+    return Path(spec.origin).parent / "tests" / "sample_meshes"
