@@ -51,32 +51,33 @@ class Cone:
 
     def __call__(self, points: Floats) -> Floats:
         """Return about the signed distance, (N,) float64, of ``points``, (N, 3) float64."""
-        axis = np.asarray(self.end) - np.asarray(self.start)
-        along = np.clip((points - self.start) @ axis / (axis @ axis), 0.0, 1.0)
+        axis: Floats = np.subtract(self.end, self.start)
+        along: Floats = np.clip((points - self.start) @ axis / (axis @ axis), 0.0, 1.0)
         away = lengths(points - self.start - along[:, None] * axis)
-        return away - np.interp(along, (0.0, 1.0), self.radii)
+        return away - self.radii[0] - (self.radii[1] - self.radii[0]) * along
 
 
 @dataclass(frozen=True)
 class Bowl:
-    """A round plate with a rounded rim, bent into a paraboloid that opens towards ``facing``."""
+    """A cap of a thick spherical shell with a rounded rim; it rests at ``bottom`` and opens towards ``facing``."""
 
-    centre: Vec
+    bottom: Vec
     facing: Vec
     radius: float
     depth: float
     half_thickness: float
 
     def __call__(self, points: Floats) -> Floats:
-        """Return about the signed distance, (N,) float64, of ``points``, (N, 3) float64."""
+        """Return the signed distance, (N,) float64, of ``points``, (N, 3) float64."""
         normal = np.asarray(self.facing) / np.linalg.norm(self.facing)
-        offset = points - self.centre
-        height = offset @ normal
-        rho = lengths(offset - height[:, None] * normal)
-        slope = 2.0 * self.depth * rho / self.radius**2
-        across = (height - 0.5 * slope * rho) / np.hypot(1.0, slope)
-        away: Floats = np.hypot(np.maximum(rho - self.radius, 0.0), across)
-        return away - self.half_thickness
+        sphere = (self.radius**2 + self.depth**2) / (2.0 * self.depth)
+        offset = points - self.bottom - sphere * normal
+        down = -(offset @ normal)
+        out = lengths(offset + down[:, None] * normal)
+        rim = sphere - self.depth
+        to_cap = np.abs(lengths(offset) - sphere)
+        to_rim = np.hypot(out - self.radius, down - rim)
+        return np.where(out * rim < down * self.radius, to_cap, to_rim) - self.half_thickness
 
 
 @dataclass(frozen=True)
@@ -98,12 +99,12 @@ PARTS = (
     Part(Ellipsoid((0.18, 0.24, 0.22), (0.18, 0.10, 0.16)), 0.20, True),  # brow
     Part(Ellipsoid((0.0, -0.075, 0.875), (0.100, 0.080, 0.080)), 0.05),  # nose
     Part(Ellipsoid((0.272, 0.125, 0.375), (0.105, 0.120, 0.100)), 0.04, True),  # eyes
-    Part(Bowl((0.54, 0.62, -0.20), (0.35, 0.08, 1.0), 0.37, 0.14, 0.08), 0.14, True),  # ears
+    Part(Bowl((0.54, 0.62, -0.20), (0.35, 0.08, 1.0), 0.38, 0.15, 0.068), 0.14, True),  # ears
 )
 LOW: Vec = (-1.2, -0.9, -1.3)
 HIGH: Vec = (1.2, 1.3, 1.3)
 GRID_STEP = 0.025
-EDGE_LENGTH = 0.036
+EDGE_LENGTH = 0.037
 START_STEPS = 3
 RELAX_STEPS = 60
 RELAX_RATE = 0.5

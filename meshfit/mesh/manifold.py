@@ -27,7 +27,9 @@ def euler_number(topology: Topology) -> int:
 
 def is_watertight(topology: Topology) -> bool:
     """Whether every edge has exactly two faces that run through it in opposite directions."""
-    return bool((topology.faces_per_edge == 2).all()) and not len(misoriented_edges(topology)) and topology.num_faces > 0
+    return (
+        bool((topology.faces_per_edge == 2).all()) and not len(misoriented_edges(topology)) and topology.num_faces > 0
+    )
 
 
 def nonmanifold_edges(topology: Topology) -> Indices:

@@ -93,5 +93,3 @@ def _warn_of_shape(topology: Topology, origin: str) -> None:
 
 def _warn(text: str) -> None:
     warnings.warn(text, MeshfitWarning, stacklevel=4)
-
-

@@ -46,7 +46,9 @@ def icosahedron() -> Mesh:
     verts = [tuple(np.roll((0.0, a, b * golden), shift)) for shift in range(3) for a in (-1, 1) for b in (-1, 1)]
     points = np.array(verts)
     near = np.linalg.norm(points[:, None] - points[None], axis=2) < 2.1
-    faces = [t for t in itertools.combinations(range(12), 3) if all(near[i, j] for i, j in itertools.combinations(t, 2))]
+    faces = [
+        t for t in itertools.combinations(range(12), 3) if all(near[i, j] for i, j in itertools.combinations(t, 2))
+    ]
     return _hull([(float(x), float(y), float(z)) for x, y, z in verts], faces)
 
 

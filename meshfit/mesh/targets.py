@@ -43,7 +43,7 @@ NAMED_TARGETS: dict[str, NamedTarget] = {
     ),
     "mousehead": NamedTarget(
         "mousehead.ply",
-        "SHA_mousehead",
+        "2bcc230837a2ba39d8b90b275b345e8670125d0333946f4bd659a5217746cc95",
         bundled=True,
         title="mousehead (stand-in)",
         origin="stand-in for the paper's model, which is not public; made by data/mousehead.py",
@@ -86,7 +86,9 @@ def target_path(target: str) -> Path:
         return path
     if path.suffix or len(path.parts) > 1:
         raise MeshError(f"{target}: no such file")
-    raise MeshError(f"'{target}' is no target and no file: {suggest(target, NAMED_TARGETS)}, or the path of a mesh file")
+    raise MeshError(
+        f"'{target}' is no target and no file: {suggest(target, NAMED_TARGETS)}, or the path of a mesh file"
+    )
 
 
 def load_target(target: str) -> Mesh:

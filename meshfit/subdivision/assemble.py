@@ -1,0 +1,149 @@
+"""The one assembler: it lays a scheme's masks down on a topology as a sparse operator, and never asks which scheme it is."""
+
+import numpy as np
+from scipy.sparse import csr_array, diags_array, eye_array, vstack
+
+from meshfit.mesh.topology import Indices, Topology, next_in_face, previous_in_face
+from meshfit.subdivision.masks import EdgeMask, FaceMask
+from meshfit.subdivision.scheme import PushBack, Scheme
+from meshfit.subdivision.splits import Division
+from meshfit.subdivision.stencils import Stencils
+
+REGULAR_VALENCE = 6
+
+
+def assemble(topology: Topology, scheme: Scheme, division: Division) -> csr_array:
+    """The operator S of one level: verts_fine = S verts_coarse, old vertices first.
+
+    Args:
+        topology: the coarse connectivity, an oriented manifold; verts without faces stay where they are.
+        scheme: the masks.
+        division: what `divide` made of the topology.
+
+    Returns:
+        Sparse (V + N, V) float64; its rows sum to one.
+    """
+    even = _old_verts(topology, scheme, division)
+    odd = _new_verts(topology, scheme, division)
+    if scheme.push_back is not None:
+        even, odd = _push_back(topology, scheme.push_back, division, even, odd)
+    return csr_array(vstack([even, odd], format="csr"))
+
+
+def _old_verts(topology: Topology, scheme: Scheme, division: Division) -> csr_array:
+    if scheme.vert is None:
+        return csr_array(eye_array(topology.num_verts, format="csr"))
+    stencils = Stencils(topology)
+    on_border = topology.boundary_verts
+    ring_of = np.array([0.0, *(scheme.vert.ring(n) for n in range(1, int(topology.valence.max(initial=0)) + 1))])
+    ring = np.where(on_border, 0.0, ring_of[topology.valence])
+    moved = on_border if division.moves_border else np.zeros_like(on_border)
+    still = np.flatnonzero(~moved)
+    stencils.add(still, still, 1 - ring[still])
+    inner = np.flatnonzero(~on_border[topology.tail])
+    tail = topology.tail[inner]
+    stencils.add(tail, topology.head[inner], ring[tail] / topology.valence[tail])
+    border = np.flatnonzero(moved)
+    before, after = topology.boundary_neighbours[border].T
+    stencils.add_curve(border, {-1: before, 0: border, 1: after}, scheme.boundary.vert)
+    return stencils.operator(topology.num_verts)
+
+
+def _new_verts(topology: Topology, scheme: Scheme, division: Division) -> csr_array:
+    stencils = Stencils(topology)
+    rows, halfedge = division.inner_place, division.inner
+    regular = np.ones(len(rows), dtype=bool)
+    if scheme.spokes is not None:
+        tips = _tips(topology, scheme.inserted, halfedge)
+        extraordinary = _is_extraordinary(topology, topology.tail[tips])
+        count = extraordinary.sum(axis=0)
+        regular = count == 0
+        for tip, chosen in zip(tips, extraordinary, strict=True):
+            stencils.add_spokes(rows[chosen], tip[chosen], scheme.spokes, 1 / count[chosen])
+    _add_regular(stencils, scheme.inserted, rows[regular], halfedge[regular])
+    _add_border(stencils, scheme, division)
+    return stencils.operator(division.num_new)
+
+
+def _tips(topology: Topology, mask: EdgeMask | FaceMask, halfedge: Indices) -> Indices:
+    """(K, N) the half-edges whose tails are the ends of each edge (K = 2), or the corners of each face (K = 3)."""
+    if isinstance(mask, EdgeMask):
+        return np.stack([halfedge, topology.twin[halfedge]])
+    return np.stack([halfedge, next_in_face(halfedge), previous_in_face(halfedge)])
+
+
+def _is_extraordinary(topology: Topology, verts: Indices) -> np.ndarray:
+    return np.asarray((topology.valence[verts] != REGULAR_VALENCE) & ~topology.boundary_verts[verts])
+
+
+def _add_regular(stencils: Stencils, mask: EdgeMask | FaceMask, rows: Indices, halfedge: Indices) -> None:
+    topology = stencils.topology
+    tips = _tips(topology, mask, halfedge)
+    if isinstance(mask, EdgeMask):
+        for tip in tips:
+            stencils.add(rows, topology.tail[tip], mask.end)
+            stencils.add(rows, topology.apex[tip], mask.opposite)
+            if mask.wing:
+                stencils.add_beyond(rows, next_in_face(tip), mask.wing)
+                stencils.add_beyond(rows, previous_in_face(tip), mask.wing)
+        return
+    for tip in tips:
+        stencils.add(rows, topology.tail[tip], mask.corner)
+        if mask.across:
+            stencils.add_beyond(rows, tip, mask.across)
+        if mask.wing:
+            stencils.add_wings(rows, tip, mask.wing)
+
+
+def _add_border(stencils: Stencils, scheme: Scheme, division: Division) -> None:
+    topology, border = stencils.topology, division.border
+    tail, head = topology.tail[border], topology.head[border]
+    neighbours = topology.boundary_neighbours
+    along = {-1: neighbours[tail, 0], 0: tail, 1: head, 2: neighbours[head, 1]}
+    for place, weights in zip(division.border_place, scheme.boundary.inserted, strict=True):
+        stencils.add_curve(place, along, weights)
+
+
+def _push_back(
+    topology: Topology, push_back: PushBack, division: Division, even: csr_array, odd: csr_array
+) -> tuple[csr_array, csr_array]:
+    alpha = np.broadcast_to(np.asarray(push_back.alpha, dtype=np.float64), (topology.num_verts,))
+    between = linear_interpolation(topology, division)
+    displacement = diags_array(alpha) @ (eye_array(topology.num_verts, format="csr") - even)
+    pushed = odd + between @ displacement
+    if push_back.at_valence3 is not None:
+        safe = _new_verts(topology, push_back.at_valence3, division)
+        share = _touches_valence3(topology, division) * 1.0
+        blend = share * (between @ alpha)
+        pushed = diags_array(1 - share) @ pushed + diags_array(share - blend) @ odd + diags_array(blend) @ safe
+    return csr_array(even + displacement), csr_array(pushed)
+
+
+def _touches_valence3(topology: Topology, division: Division) -> np.ndarray:
+    at = np.zeros(division.num_new, dtype=bool)
+    ends = np.stack([topology.tail[division.inner], topology.head[division.inner]])
+    at[division.inner_place] = ((topology.valence[ends] == 3) & ~topology.boundary_verts[ends]).any(axis=0)
+    return at
+
+
+def linear_interpolation(topology: Topology, division: Division) -> csr_array:
+    """(N, V) the operator that puts each new vertex linearly between the old ones it was inserted between."""
+    stencils = Stencils(topology)
+    rows, halfedge = division.inner_place, division.inner
+    sides = (topology.tail, topology.head) if len(division.border_place) == 1 else ()
+    for side in sides:
+        stencils.add(rows, side[halfedge], 1 / 2)
+    if not sides:
+        for tip in (halfedge, next_in_face(halfedge), previous_in_face(halfedge)):
+            stencils.add(rows, topology.tail[tip], 1 / 3)
+    parts = len(division.border_place) + 1
+    for i, place in enumerate(division.border_place, start=1):
+        stencils.add(place, topology.tail[division.border], 1 - i / parts)
+        stencils.add(place, topology.head[division.border], i / parts)
+    return stencils.operator(division.num_new)
+
+
+def vertex_attribute_carry(topology: Topology, division: Division) -> csr_array:
+    """(V + N, V) the operator that keeps old values and interpolates new ones linearly, as for per-vertex α."""
+    kept = eye_array(topology.num_verts, format="csr")
+    return csr_array(vstack([kept, linear_interpolation(topology, division)], format="csr"))

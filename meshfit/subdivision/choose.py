@@ -1,0 +1,56 @@
+"""From what a user writes, `interp-loop:alpha=0.5`, to a scheme, and to the one canonical way of writing it."""
+
+from meshfit.errors import ConfigError, SchemeError
+from meshfit.specs import Spec, Value, parse_spec, suggest
+from meshfit.subdivision.scheme import Scheme, SchemeEntry
+from meshfit.subdivision.table import SCHEMES
+
+
+def entry_of(name: str) -> SchemeEntry:
+    """The table's entry of that name.
+
+    Raises:
+        SchemeError: there is none; the nearest name is suggested.
+    """
+    if name not in SCHEMES:
+        raise SchemeError(f"'{name}' is not a scheme: {suggest(name, SCHEMES)}")
+    return SCHEMES[name]
+
+
+def scheme_of(text: str, **overrides: Value | None) -> Scheme:
+    """The scheme of a spec, `name` or `name:key=value,…`, with parameters given apart taking precedence (None: not given).
+
+    Raises:
+        SchemeError: no such scheme or parameter, or a value that is not allowed.
+    """
+    name, parameters = _resolve(text, {key: value for key, value in overrides.items() if value is not None})
+    return SCHEMES[name].declare(**parameters)
+
+
+def canonical(text: str) -> str:
+    """The one way to write a scheme spec: parameters in the table's order, those at their default left out.
+
+    Raises:
+        SchemeError: as `scheme_of`.
+    """
+    name, parameters = _resolve(text, {})
+    declared = SCHEMES[name].parameters
+    changed = tuple((key, value) for key, value in parameters.items() if value != declared[key].default)
+    return str(Spec(name, changed))
+
+
+def _resolve(text: str, overrides: dict[str, Value]) -> tuple[str, dict[str, float | str]]:
+    try:
+        spec = parse_spec(text)
+    except ConfigError as error:
+        raise SchemeError(f"scheme {error}") from None
+    declared = entry_of(spec.name).parameters
+    given = dict(spec.parameters) | overrides
+    for key in given:
+        if key not in declared:
+            allowed = suggest(key, declared) if declared else "it takes none"
+            raise SchemeError(f"scheme '{spec.name}' has no parameter '{key}': {allowed}")
+    return spec.name, {
+        key: parameter.check(f"{spec.name}: {key}", given.get(key, parameter.default))
+        for key, parameter in declared.items()
+    }

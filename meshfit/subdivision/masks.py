@@ -1,0 +1,98 @@
+"""Masks: the weights of a refinement rule, declared by role and checked to sum to one."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+
+from meshfit.errors import SchemeError
+
+_TOLERANCE = 1e-12
+_CHECKED_VALENCES = range(3, 13)
+
+
+def _require_unit_sum(total: Fraction | float, what: str) -> None:
+    if abs(total - 1) > (0 if isinstance(total, Fraction) else _TOLERANCE):
+        raise SchemeError(f"the weights of {what} sum to {total}, not to 1")
+
+
+@dataclass(frozen=True)
+class EdgeMask:
+    """The vertex inserted at an interior edge.
+
+    Attributes:
+        end: weight of each of the 2 ends of the edge.
+        opposite: of each of the 2 vertices opposite to it in its faces.
+        wing: of each of the 4 vertices across the other edges of its faces (the butterfly's wings).
+    """
+
+    end: Fraction
+    opposite: Fraction = Fraction(0)
+    wing: Fraction = Fraction(0)
+
+    def __post_init__(self) -> None:
+        _require_unit_sum(2 * self.end + 2 * self.opposite + 4 * self.wing, "an edge mask")
+
+
+@dataclass(frozen=True)
+class FaceMask:
+    """The vertex inserted in a face.
+
+    Attributes:
+        corner: weight of each of the 3 corners.
+        across: of each of the 3 vertices across the face's edges.
+        wing: of each of the 6 vertices across the outer edges of the 3 neighbouring faces.
+    """
+
+    corner: Fraction
+    across: Fraction = Fraction(0)
+    wing: Fraction = Fraction(0)
+
+    def __post_init__(self) -> None:
+        _require_unit_sum(3 * self.corner + 3 * self.across + 6 * self.wing, "a face mask")
+
+
+@dataclass(frozen=True)
+class VertMask:
+    """The new place of an interior vertex of valence n: (1 - ring(n)) of itself, ring(n) of the mean of its one-ring."""
+
+    ring: Callable[[int], float]
+
+
+@dataclass(frozen=True)
+class SpokeMask:
+    """A vertex inserted next to an interior vertex v of valence n other than 6, from v and its one-ring alone.
+
+    Attributes:
+        weights: n → (centre, s_0, …, s_(n-1)). Spoke 0 leads to the other end of the edge; in a face, spokes 0 and 1 lead
+            to the two other corners. Spokes run counter-clockwise.
+    """
+
+    weights: Callable[[int], tuple[float, ...]]
+
+    def __post_init__(self) -> None:
+        for valence in _CHECKED_VALENCES:
+            weights = self.weights(valence)
+            if len(weights) != valence + 1:
+                raise SchemeError(f"a spoke mask has {len(weights)} weights at valence {valence}, not {valence + 1}")
+            _require_unit_sum(sum(weights), f"a spoke mask at valence {valence}")
+
+
+CurveWeights = Mapping[int, Fraction]
+
+
+@dataclass(frozen=True)
+class CurveMask:
+    """The rule along a boundary, which is a curve of its own.
+
+    Attributes:
+        vert: weights by offset along the curve from the vertex itself (0).
+        inserted: for each vertex inserted in an edge, weights by offset from the edge's first end (0); its second is 1.
+    """
+
+    vert: CurveWeights
+    inserted: tuple[CurveWeights, ...]
+
+    def __post_init__(self) -> None:
+        _require_unit_sum(sum(self.vert.values(), Fraction(0)), "a boundary vertex mask")
+        for weights in self.inserted:
+            _require_unit_sum(sum(weights.values(), Fraction(0)), "a boundary edge mask")

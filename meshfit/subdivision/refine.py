@@ -1,0 +1,130 @@
+"""Refinement: some levels of a scheme on a connectivity, as sparse operators that act on anything given at its vertices."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+from scipy.sparse import csr_array, eye_array
+
+from meshfit.errors import MeshError, SchemeError
+from meshfit.mesh.manifold import require_manifold
+from meshfit.mesh.mesh import Faces, Mesh
+from meshfit.mesh.topology import Topology
+from meshfit.specs import Value
+from meshfit.subdivision.assemble import assemble, vertex_attribute_carry
+from meshfit.subdivision.choose import scheme_of
+from meshfit.subdivision.scheme import Scheme
+from meshfit.subdivision.splits import divide
+
+if TYPE_CHECKING:
+    import torch
+
+Values = TypeVar("Values", np.ndarray, "torch.Tensor")
+
+
+@dataclass(frozen=True, eq=False)
+class Refinement:
+    """What some levels of a scheme make of a connectivity.
+
+    Attributes:
+        faces: (F', 3) the finest faces.
+        num_coarse: V, the number of vertices refined.
+        operators: one sparse operator for each level, coarsest first.
+    """
+
+    faces: Faces
+    num_coarse: int
+    operators: tuple[csr_array, ...]
+
+    @cached_property
+    def matrix(self) -> csr_array:
+        """All levels in one: sparse (V', V), verts_fine = matrix @ verts_coarse."""
+        product = csr_array(eye_array(self.num_coarse, format="csr"))
+        for operator in self.operators:
+            product = csr_array(operator @ product)
+        return product
+
+    def __call__(self, values: Values) -> Values:
+        """Refine values given at the coarse vertices, positions or any other attribute.
+
+        Args:
+            values: (V, …) numpy array or torch tensor. The map is linear, so gradients flow through it.
+
+        Returns:
+            (V', …) of the same kind, dtype and device.
+        """
+        if isinstance(values, np.ndarray):
+            flat = values.reshape(self.num_coarse, -1)
+            for operator in self.operators:
+                flat = operator @ flat
+            return flat.reshape(-1, *values.shape[1:])
+        from meshfit.subdivision.tensors import apply_to_tensor  # noqa: PLC0415  torch only where tensors come in
+
+        return apply_to_tensor(self.operators, values)
+
+
+def refine(topology: Topology, scheme: Scheme, levels: int = 1) -> Refinement:
+    """Lay down `levels` levels of a scheme.
+
+    Raises:
+        SchemeError: levels is negative.
+        MeshError: the mesh is not an oriented manifold; an edge or vertex at fault is named.
+    """
+    if levels < 0:
+        raise SchemeError(f"levels={levels} is not allowed: 0 or more is")
+    if levels:
+        require_manifold(topology, "subdivision")
+    num_coarse, operators = topology.num_verts, []
+    for step in range(levels):
+        division = divide(topology, scheme.split, step)
+        operators.append(assemble(topology, scheme, division))
+        if scheme.push_back is not None and np.ndim(scheme.push_back.alpha):
+            finer = vertex_attribute_carry(topology, division) @ np.asarray(scheme.push_back.alpha)
+            scheme = replace(scheme, push_back=replace(scheme.push_back, alpha=finer))
+        topology = Topology(topology.num_verts + division.num_new, division.faces)
+    return Refinement(topology.faces, num_coarse, tuple(operators))
+
+
+def subdivide(mesh: Mesh, scheme: str | Scheme, levels: int = 1, **parameters: Any) -> Mesh:
+    """Refine a mesh by some levels of a subdivision scheme.
+
+    Args:
+        mesh: an oriented manifold, closed or with boundary.
+        scheme: a spec such as `loop` or `interp-loop:alpha=0.5`, or a declared scheme.
+        levels: how many times; each makes 4 faces of one (√3 schemes: 3).
+        **parameters: of the scheme, in place of those in the spec. `alpha` may be a (V,) array of one value a vertex.
+
+    Example:
+        >>> from meshfit.mesh.solids import icosahedron
+        >>> subdivide(icosahedron(), "interp-loop", 2, alpha=0.5).num_faces
+        320
+
+    Raises:
+        SchemeError: no such scheme or parameter, or a value that is not allowed.
+        MeshError: the mesh cannot be refined; an edge or vertex at fault is named.
+    """
+    topology = Topology.of(mesh)
+    refinement = refine(topology, _declared(scheme, parameters, mesh.num_verts), levels)
+    return Mesh(refinement(mesh.verts), refinement.faces)
+
+
+def _declared(scheme: str | Scheme, parameters: Mapping[str, Any], num_verts: int) -> Scheme:
+    plain: dict[str, Value | None] = {key: value for key, value in parameters.items() if np.ndim(value) == 0}
+    arrays = {key: np.asarray(value, dtype=np.float64) for key, value in parameters.items() if key not in plain}
+    if isinstance(scheme, Scheme):
+        if plain:
+            raise SchemeError(f"parameter '{next(iter(plain))}' goes with a scheme's name, not with a declared scheme")
+        declared = scheme
+    else:
+        declared = scheme_of(scheme, **plain)
+    for key, array in arrays.items():
+        if key != "alpha":
+            raise SchemeError(f"parameter '{key}' takes one value, not an array")
+        if array.shape != (num_verts,):
+            raise MeshError(f"alpha has shape {array.shape}; one value for each of {num_verts} verts is needed")
+        if not ((array >= 0) & (array <= 1)).all():
+            raise SchemeError("alpha is not allowed: all its values must lie from 0 to 1")
+        declared = declared.with_alpha(array)
+    return declared
