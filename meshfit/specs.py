@@ -1,4 +1,4 @@
-"""Specs: a name with parameters in one string, `interp-loop:alpha=0.5`, the same in YAML, on the command line and in tables."""
+"""Specs: a name with its parameters, `interp-loop:alpha=0.5`, written alike in YAML, on command lines and in tables."""
 
 import difflib
 import re

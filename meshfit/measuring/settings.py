@@ -11,7 +11,8 @@ class MeasureSettings(Settings):
     """How a result is measured against its target; lengths are in the normalised frame."""
 
     samples: Annotated[int, Field(ge=100)] = 200_000
-    """Area-uniform points on each surface for the Hausdorff, mean and RMS distances; all verts and edge midpoints are added for the Hausdorff distance."""
+    """Area-uniform points on each surface for the Hausdorff, mean and RMS distances; for the Hausdorff distance,
+    all verts and edge midpoints are added."""
     points: Annotated[int, Field(ge=100)] = 30_000
     """Area-uniform points on each surface for chamfer, F-score and normal consistency."""
     f_score_tau: Annotated[float, Field(gt=0)] = 0.01

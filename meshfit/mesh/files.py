@@ -3,6 +3,7 @@
 import io
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -36,7 +37,7 @@ def load_mesh(path: str | Path) -> Mesh:
 
 
 def save_mesh(mesh: Mesh, path: str | Path) -> None:
-    """Write a mesh to a file of the format that its suffix names: double precision but for STL and GLB, which hold none.
+    """Write a mesh in the format that its suffix names, in double precision but for STL and GLB, which have none.
 
     Raises:
         MeshError: a suffix that is not known, or a path that cannot be written.
@@ -54,7 +55,7 @@ def encode_mesh(mesh: Mesh, suffix: str) -> bytes:
     if suffix == ".ply":
         return _encode_ply(mesh)
     solid = trimesh.Trimesh(mesh.verts, mesh.faces, process=False)
-    options: dict[str, object] = {"digits": _TEXT_DIGITS[suffix]} if suffix in _TEXT_DIGITS else {}
+    options: dict[str, Any] = {"digits": _TEXT_DIGITS[suffix]} if suffix in _TEXT_DIGITS else {}
     if suffix == ".obj":
         options |= {"header": None, "include_normals": False, "include_color": False}
     content = solid.export(file_type=suffix[1:], **options)
@@ -90,9 +91,9 @@ def _read(path: Path, suffix: str) -> tuple[NDArray[np.floating], NDArray[np.int
         raise MeshError(f"{path}: cannot be read: {error.strerror}") from error
     if not content.strip():
         raise MeshError(f"{path}: the file is empty")
-    try:
+    try:  # a damaged file makes trimesh raise anything at all
         return _parse(content, suffix)
-    except Exception as error:  # noqa: BLE001  a damaged file makes trimesh raise anything at all
+    except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise MeshError(f"{path}: cannot be read as {suffix[1:].upper()}: {reason}") from error
 

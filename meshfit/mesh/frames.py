@@ -1,4 +1,4 @@
-"""Frames: the similarity that takes a target from its own coordinates to the normalised ones that results are stated in."""
+"""Frames: the similarity that takes a target from its own coordinates to those that results are stated in."""
 
 from dataclasses import dataclass
 from typing import Literal, get_args

@@ -1,4 +1,4 @@
-"""Is the surface a manifold, of how many pieces, and of which genus? And a refusal that names the place where it is not."""
+"""Is the surface a manifold, of how many pieces, of which genus? And a refusal that names the place where it is not."""
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -41,7 +41,7 @@ def misoriented_edges(topology: Topology) -> Indices:
     """Edges whose two faces run through them in the same direction."""
     inner = np.flatnonzero(topology.faces_per_edge == 2)
     halfedge = topology.edge_halfedge[inner]
-    return inner[topology.tail[halfedge] == topology.tail[topology.twin[halfedge]]]
+    return np.asarray(inner[topology.tail[halfedge] == topology.tail[topology.twin[halfedge]]])
 
 
 def nonmanifold_verts(topology: Topology) -> Indices:

@@ -1,7 +1,7 @@
 """What MeshLab does for us, every parameter of every filter spelled out. The one module that imports pymeshlab.
 
-Several of the filters' defaults answer another question than the one that seems to be asked: the Hausdorff filter compares
-mesh 0 with itself, takes verts only, and drops samples farther than half the diagonal. None is left to its default here.
+Several of the filters' defaults answer another question than the one that seems to be asked: the Hausdorff filter
+compares mesh 0 with itself, takes verts only, and drops samples farther than half the diagonal.
 """
 
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ import numpy as np
 import pymeshlab
 from jaxtyping import Bool, Float64
 
-from meshfit.errors import MeshError, MeasureError
+from meshfit.errors import MeasureError, MeshError
 from meshfit.mesh.geometry import bounding_box
 from meshfit.mesh.mesh import Mesh
 

@@ -1,4 +1,4 @@
-"""From the raw arrays of a file to a mesh that can be trusted: refuse what is meaningless, mend what is harmless, say so."""
+"""From the raw arrays of a file to a mesh to be trusted: refuse what is meaningless, mend what is harmless, say so."""
 
 import warnings
 
@@ -21,7 +21,7 @@ def clean(verts: NDArray[np.floating], faces: NDArray[np.integer], origin: str) 
         origin: what to call the mesh in messages, usually its path.
 
     Raises:
-        MeshError: no verts or faces, a coordinate that is not finite, a face that indexes outside, no face with an area.
+        MeshError: no verts or faces, a coordinate that is not finite, a face that indexes outside, no area at all.
 
     Warns:
         MeshfitWarning: with the count of whatever was dropped, and where the surface is not one closed manifold.

@@ -1,14 +1,15 @@
-"""The named control meshes: regular solids with their verts on the unit sphere, faces counter-clockwise from outside."""
+"""The named control meshes: regular solids, their verts on the unit sphere, faces counter-clockwise from outside."""
 
 import itertools
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from meshfit.mesh.mesh import Mesh
 
 
-def _hull(verts: list[tuple[float, float, float]], faces: list[tuple[int, int, int]]) -> Mesh:
+def _hull(verts: ArrayLike, faces: ArrayLike) -> Mesh:
     """A convex solid about the origin, its faces turned outwards."""
     points = np.array(verts, dtype=np.float64)
     points /= np.linalg.norm(points, axis=1, keepdims=True)
@@ -43,13 +44,12 @@ def cube() -> Mesh:
 def icosahedron() -> Mesh:
     """12 verts of valence 5, 20 faces."""
     golden = (1 + 5**0.5) / 2
-    verts = [tuple(np.roll((0.0, a, b * golden), shift)) for shift in range(3) for a in (-1, 1) for b in (-1, 1)]
-    points = np.array(verts)
+    points = np.array([np.roll((0.0, a, b * golden), i) for i in range(3) for a in (-1, 1) for b in (-1, 1)])
     near = np.linalg.norm(points[:, None] - points[None], axis=2) < 2.1
     faces = [
         t for t in itertools.combinations(range(12), 3) if all(near[i, j] for i, j in itertools.combinations(t, 2))
     ]
-    return _hull([(float(x), float(y), float(z)) for x, y, z in verts], faces)
+    return _hull(points, faces)
 
 
 SOLIDS: dict[str, Callable[[], Mesh]] = {

@@ -89,7 +89,7 @@ class Topology:
     def edge_halfedge(self) -> Indices:
         """(E,) the first half-edge of each edge."""
         order, counts = self._edge_keys[2], self.faces_per_edge
-        return order[np.cumsum(counts) - counts]
+        return np.asarray(order[np.cumsum(counts) - counts])
 
     @cached_property
     def twin(self) -> Indices:

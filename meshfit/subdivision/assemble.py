@@ -1,4 +1,4 @@
-"""The one assembler: it lays a scheme's masks down on a topology as a sparse operator, and never asks which scheme it is."""
+"""The one assembler: it lays masks down on a topology as a sparse operator, and never asks which scheme they are of."""
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array, eye_array, vstack

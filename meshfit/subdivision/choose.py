@@ -18,7 +18,7 @@ def entry_of(name: str) -> SchemeEntry:
 
 
 def scheme_of(text: str, **overrides: Value | None) -> Scheme:
-    """The scheme of a spec, `name` or `name:key=value,…`, with parameters given apart taking precedence (None: not given).
+    """The scheme of a spec, `name` or `name:key=value,…`; parameters given apart take precedence (None: not given).
 
     Raises:
         SchemeError: no such scheme or parameter, or a value that is not allowed.

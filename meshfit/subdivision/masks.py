@@ -11,7 +11,8 @@ _CHECKED_VALENCES = range(3, 13)
 
 
 def _require_unit_sum(total: Fraction | float, what: str) -> None:
-    if abs(total - 1) > (0 if isinstance(total, Fraction) else _TOLERANCE):
+    allowed = 0.0 if isinstance(total, Fraction) else _TOLERANCE
+    if abs(float(total - 1)) > allowed:
         raise SchemeError(f"the weights of {what} sum to {total}, not to 1")
 
 
@@ -53,7 +54,7 @@ class FaceMask:
 
 @dataclass(frozen=True)
 class VertMask:
-    """The new place of an interior vertex of valence n: (1 - ring(n)) of itself, ring(n) of the mean of its one-ring."""
+    """The new place of an interior vertex of valence n: 1 - ring(n) of itself, ring(n) of its one-ring's mean."""
 
     ring: Callable[[int], float]
 
@@ -63,8 +64,8 @@ class SpokeMask:
     """A vertex inserted next to an interior vertex v of valence n other than 6, from v and its one-ring alone.
 
     Attributes:
-        weights: n → (centre, s_0, …, s_(n-1)). Spoke 0 leads to the other end of the edge; in a face, spokes 0 and 1 lead
-            to the two other corners. Spokes run counter-clockwise.
+        weights: n → (centre, s_0, …, s_(n-1)), counter-clockwise. Spoke 0 leads to the other end of the edge; in a
+            face, spokes 0 and 1 lead to the two other corners.
     """
 
     weights: Callable[[int], tuple[float, ...]]

@@ -1,11 +1,12 @@
-"""Refinement: some levels of a scheme on a connectivity, as sparse operators that act on anything given at its vertices."""
+"""Refinement: some levels of a scheme on a connectivity, as sparse operators on anything given at its vertices."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csr_array, eye_array
 
 from meshfit.errors import MeshError, SchemeError
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     import torch
 
 Values = TypeVar("Values", np.ndarray, "torch.Tensor")
+ParameterValue = Value | NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +89,7 @@ def refine(topology: Topology, scheme: Scheme, levels: int = 1) -> Refinement:
     return Refinement(topology.faces, num_coarse, tuple(operators))
 
 
-def subdivide(mesh: Mesh, scheme: str | Scheme, levels: int = 1, **parameters: Any) -> Mesh:
+def subdivide(mesh: Mesh, scheme: str | Scheme, levels: int = 1, **parameters: ParameterValue) -> Mesh:
     """Refine a mesh by some levels of a subdivision scheme.
 
     Args:
@@ -110,9 +112,9 @@ def subdivide(mesh: Mesh, scheme: str | Scheme, levels: int = 1, **parameters: A
     return Mesh(refinement(mesh.verts), refinement.faces)
 
 
-def _declared(scheme: str | Scheme, parameters: Mapping[str, Any], num_verts: int) -> Scheme:
-    plain: dict[str, Value | None] = {key: value for key, value in parameters.items() if np.ndim(value) == 0}
-    arrays = {key: np.asarray(value, dtype=np.float64) for key, value in parameters.items() if key not in plain}
+def _declared(scheme: str | Scheme, parameters: Mapping[str, ParameterValue], num_verts: int) -> Scheme:
+    arrays = {key: np.asarray(value, np.float64) for key, value in parameters.items() if np.ndim(value)}
+    plain = {key: value for key, value in parameters.items() if not isinstance(value, np.ndarray | list | tuple)}
     if isinstance(scheme, Scheme):
         if plain:
             raise SchemeError(f"parameter '{next(iter(plain))}' goes with a scheme's name, not with a declared scheme")

@@ -1,4 +1,4 @@
-"""The noun of this layer: a scheme, which is masks on a split, and its entry in the table with parameters and provenance."""
+"""The noun of this layer: a scheme, which is masks on a split, and its entry in the table with its provenance."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

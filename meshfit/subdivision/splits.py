@@ -12,7 +12,7 @@ from meshfit.subdivision.scheme import Split
 
 @dataclass(frozen=True, eq=False)
 class Division:
-    """The finer connectivity of one level. New vertices follow the old, the inner ones first, then those on the boundary.
+    """The finer connectivity of one level. New vertices follow the old: inner ones first, then those on the boundary.
 
     Attributes:
         faces: (F', 3) the finer faces.
@@ -69,8 +69,8 @@ def _quadrisect(topology: Topology) -> Division:
 def _sqrt3(topology: Topology, *, trisect: bool) -> Division:
     """Kobbelt 2000, √3-subdivision, section 5 for the boundary.
 
-    A face with a boundary edge gets no vertex of its own in a trisecting step: its two old inner edges are flipped to the
-    nearer of the two vertices that trisect the boundary edge.
+    A face with a boundary edge gets no vertex of its own in a trisecting step: its two old inner edges are flipped to
+    the nearer of the two vertices that trisect the boundary edge.
     """
     border = np.flatnonzero(topology.twin == NONE) if trisect else np.empty(0, dtype=np.int64)
     split_faces = _faces_without(border, topology.num_faces)

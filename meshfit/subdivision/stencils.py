@@ -1,4 +1,4 @@
-"""Stencils: rows of a sparse operator, collected entry by entry from the roles that vertices play around an edge or face."""
+"""Stencils: rows of a sparse operator, collected by the roles that vertices play around an edge or face."""
 
 from collections.abc import Mapping
 from fractions import Fraction
@@ -25,7 +25,7 @@ class Stencils:
         self._entries.append((rows, columns, values))
 
     def add_beyond(self, rows: Indices, halfedge: Indices, weight: Weight) -> None:
-        """The vertex across each half-edge. Where the boundary leaves none, the face's own apex is mirrored in its edge.
+        """The vertex across each half-edge; where the boundary leaves none, the face's own apex, mirrored in its edge.
 
         The mirror image, tail + head - apex, completes a parallelogram and so keeps planes plane and linear maps exact.
         """

@@ -1,0 +1,1 @@
+"""Layer 4: configs. Frozen models, strict YAML, overrides, JSON Schema."""

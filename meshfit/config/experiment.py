@@ -1,0 +1,72 @@
+"""The settings of an experiment: targets × schemes × seeds over one set of everything else."""
+
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field
+
+from meshfit.errors import SchemeError
+from meshfit.fitting.settings import Dtype, FitSettings
+from meshfit.measuring.settings import MeasureSettings
+from meshfit.settings import Settings
+from meshfit.subdivision.choose import canonical
+
+
+def _unique(values: tuple[object, ...]) -> tuple[object, ...]:
+    twice = {value for value in values if values.count(value) > 1}
+    if twice:
+        raise ValueError(f"{sorted(map(str, twice))[0]} is listed twice")
+    return values
+
+
+def _canonical_scheme(text: str) -> str:
+    try:
+        return canonical(text)
+    except SchemeError as error:
+        raise ValueError(str(error)) from None
+
+
+SchemeSpec = Annotated[str, AfterValidator(_canonical_scheme)]
+Listed = (Field(min_length=1), AfterValidator(_unique))
+
+
+class SourceSettings(Settings):
+    """The source: a control mesh, and what is done to it before the fit. The scheme refines it."""
+
+    mesh: str = "icosahedron"
+    """The control mesh: `icosahedron`, `octahedron`, `tetrahedron`, `cube`, `icosphere` or `icosphere:level=N`,
+    the name of a target, or the path of a mesh file."""
+    decimate: Annotated[int, Field(ge=4)] | None = None
+    """Reduce the control mesh to about so many faces first; null leaves it as it is."""
+    levels: Annotated[int, Field(ge=0, le=8)] = 4
+    """Levels of subdivision by the scheme."""
+    radius: Annotated[float, Field(gt=0)] | None = 1.0
+    """Scale the control mesh so that its farthest vertex is this far from its centre; null keeps its size."""
+    centre: tuple[float, float, float] | None = (0.0, 0.0, 0.0)
+    """Where to put the mean of the control mesh's verts, in the normalised frame; null keeps its place."""
+    project: Literal["none", "sphere"] = "none"
+    """`sphere` puts the verts of the control mesh and of each level on the sphere about its centre."""
+
+
+class ExperimentSettings(Settings):
+    """An experiment: every target with every scheme and every seed."""
+
+    targets: Annotated[tuple[str, ...], *Listed] = ("bunny", "mousehead")
+    """Named targets (see `meshfit targets`) or paths of mesh files, relative to this file."""
+    schemes: Annotated[tuple[SchemeSpec, ...], *Listed] = ("loop", "interp-loop")
+    """Subdivision schemes (see `meshfit schemes`), with parameters as in `interp-loop:alpha=0.5`."""
+    seeds: Annotated[tuple[Annotated[int, Field(ge=0, lt=2**63)], ...], *Listed] = (0,)
+    """Seeds of the samples; table cells are means over them."""
+    normalise: Literal["tutorial", "box", "none"] = "tutorial"
+    """Frame of all lengths. `tutorial`: mean of the target at 0, largest |coordinate| 1. `box`: box centred, diagonal 1."""
+    write_frame: Literal["normalised", "target"] = "normalised"
+    """Frame that `source.ply` and `result.ply` are written in: the normalised one, or the target file's own."""
+    source: SourceSettings = SourceSettings()
+    """The source: a control mesh, and what is done to it before the fit."""
+    fit: FitSettings = FitSettings()
+    """What is minimised, how, and for how long."""
+    measure: MeasureSettings = MeasureSettings()
+    """How results are measured."""
+    device: str = "auto"
+    """`auto` (CUDA where there is one, else the CPU), `cpu`, `cuda`, `cuda:N` or `mps`."""
+    dtype: Dtype = "float32"
+    """Precision of the fit."""

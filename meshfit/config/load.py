@@ -1,0 +1,110 @@
+"""From a config's name or path and some overrides to an experiment's settings."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from meshfit.config.experiment import ExperimentSettings
+from meshfit.config.strict_yaml import Document, parse_document, parse_value
+from meshfit.errors import ConfigError
+from meshfit.resources import bundled
+from meshfit.settings import Key, build, merged
+from meshfit.specs import suggest
+
+SUFFIXES = (".yaml", ".yml")
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """An experiment's settings, and the name that its results are filed under."""
+
+    name: str
+    settings: ExperimentSettings
+
+
+def bundled_configs() -> dict[str, Path]:
+    """The configs that come with meshfit, by name."""
+    return {path.stem: path for path in sorted(bundled("configs").glob("*.yaml"))}
+
+
+def load_experiment(name_or_path: str, overrides: Sequence[str] = ()) -> Experiment:
+    """Read a config.
+
+    Args:
+        name_or_path: the path of a YAML file, or the name of a bundled config.
+        overrides: `key=value` texts such as `fit.steps=500`; values are YAML.
+
+    Raises:
+        ConfigError: no such config, or a key or value that is not allowed; with file and line, or the override.
+    """
+    path = config_path(name_or_path)
+    try:
+        document = parse_document(path.read_text(encoding="utf-8"), str(path))
+    except UnicodeDecodeError:
+        raise ConfigError(f"{path}: not a text file in UTF-8") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    data = _with_absolute_paths(document.data, path.parent)
+    changes = _parse_overrides(overrides)
+    settings = build(ExperimentSettings, merged(data, changes), lambda key: _where(key, document, path, changes))
+    return Experiment(path.stem, settings)
+
+
+def config_path(name_or_path: str) -> Path:
+    """The file of a config.
+
+    Raises:
+        ConfigError: neither a file nor a bundled config; the nearest name is suggested.
+    """
+    configs = bundled_configs()
+    if name_or_path in configs:
+        return configs[name_or_path]
+    path = Path(name_or_path)
+    if path.is_file():
+        return path
+    if path.is_dir():
+        raise ConfigError(f"{name_or_path}: a directory; the path of a YAML file is needed")
+    if path.suffix in SUFFIXES or len(path.parts) > 1:
+        raise ConfigError(f"{name_or_path}: no such file")
+    raise ConfigError(f"'{name_or_path}' is no config and no file: {suggest(name_or_path, configs)}")
+
+
+def _with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Mesh files named in a config lie relative to it; so a config runs from anywhere."""
+
+    def absolute(name: object) -> object:
+        return str((folder / name).resolve()) if isinstance(name, str) and (folder / name).is_file() else name
+
+    result = dict(data)
+    if isinstance(data.get("targets"), list):
+        result["targets"] = [absolute(name) for name in data["targets"]]
+    source = data.get("source")
+    if isinstance(source, dict) and "mesh" in source:
+        result["source"] = source | {"mesh": absolute(source["mesh"])}
+    return result
+
+
+def _parse_overrides(overrides: Sequence[str]) -> dict[str, Any]:
+    changes: dict[str, Any] = {}
+    for text in overrides:
+        key, equals, value = text.partition("=")
+        parts = key.strip().split(".")
+        if not equals or not all(parts):
+            raise ConfigError(f"--set {text}: 'key=value' is needed, such as fit.steps=500")
+        change = parse_value(value, f"--set {text}")
+        for part in reversed(parts):
+            change = {part: change}
+        changes = merged(changes, change)
+    return changes
+
+
+def _where(key: Key, document: Document, path: Path, changes: dict[str, Any]) -> str:
+    inner: Any = changes
+    for part in key:
+        inner = inner.get(part) if isinstance(inner, dict) else None
+        if inner is not None and not isinstance(inner, dict):
+            return "--set: "
+    while key and key not in document.lines:
+        key = key[:-1]
+    return f"{path}, line {document.lines[key]}: " if key else f"{path}: "

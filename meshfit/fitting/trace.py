@@ -1,0 +1,23 @@
+"""The trace of a fit: the value of the objective and of each of its terms, row by row."""
+
+from dataclasses import dataclass, field
+
+COLUMNS = ("step", "loss", "chamfer", "normal", "edge", "laplacian", "consistency", "lr")
+
+Row = tuple[float, ...]
+
+
+@dataclass
+class Trace:
+    """Rows in the order of `COLUMNS`: the step, the weighted sum, every term before its weight, the learning rate."""
+
+    rows: list[Row] = field(default_factory=list)
+
+    def append(self, step: int, loss: float, terms: dict[str, float], lr: float) -> None:
+        """Add the row of one step."""
+        self.rows.append((step, loss, *(terms[name] for name in COLUMNS[2:-1]), lr))
+
+    def to_csv(self) -> str:
+        """The trace as CSV; numbers are written so that reading them gives the same doubles."""
+        lines = (",".join([str(int(row[0])), *(repr(float(value)) for value in row[1:])]) for row in self.rows)
+        return "\n".join([",".join(COLUMNS), *lines]) + "\n"

@@ -1,0 +1,20 @@
+"""The disagreement of normals between matched points."""
+
+from jaxtyping import Float
+from torch import Tensor
+from torch.nn.functional import cosine_similarity
+
+from meshfit.loss.chamfer import Matches
+
+_EPS = 1e-6
+
+
+def normal(p_normals: Float[Tensor, "P 3"], q_normals: Float[Tensor, "Q 3"], matches: Matches) -> Float[Tensor, ""]:
+    """Mean of 1 - |cos| between the normals of matched points, both ways added; 0 where all agree up to sign.
+
+    This is the normal distance of Mesh R-CNN (Gkioxari, Malik and Johnson 2019, eq. 2), raised by 2 so as not to be
+    negative, which is how PyTorch3D reports it.
+    """
+    forward = cosine_similarity(p_normals, q_normals.index_select(0, matches.forward), dim=1, eps=_EPS)
+    backward = cosine_similarity(q_normals, p_normals.index_select(0, matches.backward), dim=1, eps=_EPS)
+    return (1 - forward.abs()).mean() + (1 - backward.abs()).mean()

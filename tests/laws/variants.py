@@ -1,0 +1,48 @@
+"""The schemes that the laws are stated over: all of the table, and further parameter values of those that have parameters."""
+
+import numpy as np
+
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.topology import Topology
+from meshfit.subdivision.choose import scheme_of
+from meshfit.subdivision.refine import Refinement, refine
+from meshfit.subdivision.scheme import Split
+from meshfit.subdivision.table import SCHEMES
+
+VARIANTS = (
+    *SCHEMES,
+    "loop:weights=warren",
+    "interp-loop:alpha=0",
+    "interp-loop:alpha=0.25",
+    "interp-loop:alpha=0.5",
+    "interp-loop:weights=warren",
+    "interp-loop:valence3=zorin",
+    "interp-loop:alpha=0.5,weights=warren,valence3=zorin",
+    "butterfly:tension=0",
+    "butterfly:tension=0.03",
+    "butterfly:tension=0.125",
+)
+QUADRISECTING = tuple(spec for spec in VARIANTS if scheme_of(spec).split is Split.QUADRISECT)
+SQRT3 = tuple(spec for spec in VARIANTS if spec not in QUADRISECTING)
+INTERPOLATORY = (
+    "midpoint",
+    "interp-loop",
+    "interp-loop:weights=warren",
+    "interp-loop:valence3=zorin",
+    "butterfly",
+    "butterfly:tension=0",
+    "butterfly:tension=0.03",
+    "butterfly:tension=0.125",
+    "modified-butterfly",
+    "interp-sqrt3",
+)
+
+
+def refined(mesh: Mesh, spec: str, levels: int = 1) -> Refinement:
+    """The refinement of a mesh's connectivity."""
+    return refine(Topology.of(mesh), scheme_of(spec), levels)
+
+
+def dense(mesh: Mesh, spec: str, levels: int = 1) -> np.ndarray:
+    """Its matrix, written out."""
+    return refined(mesh, spec, levels).matrix.toarray()
