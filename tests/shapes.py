@@ -11,7 +11,7 @@ from meshfit.mesh.targets import load_target
 
 
 def grid_faces(columns: int, rows: int) -> np.ndarray:
-    """Faces of the regular triangle lattice on a torus: vertex (i, j) is i + columns * j, diagonals run from (1, 0) to (0, 1)."""
+    """Faces of the regular lattice on a torus: vertex (i, j) is i + columns * j, diagonals join (1, 0) and (0, 1)."""
     i, j = (part.reshape(-1) for part in np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij"))
 
     def at(di, dj):
@@ -32,7 +32,7 @@ def torus(columns: int = 9, rows: int = 8) -> Mesh:
 
 
 def patch(columns: int = 9, rows: int = 8) -> Mesh:
-    """A flat open piece of the regular lattice; x and y are the lattice coordinates, so that degrees mean what they say."""
+    """A flat open piece of the regular lattice; x and y are the lattice coordinates."""
     i, j = np.arange(columns * rows) % columns, np.arange(columns * rows) // columns
     faces = grid_faces(columns, rows)
     inside = ~((np.ptp(faces % columns, axis=1) > 1) | (np.ptp(faces // columns, axis=1) > 1))
@@ -76,7 +76,7 @@ def _sectors(sectors: int, rings: int, *, closed: bool) -> Mesh:
 
 
 def mixed_closed(seed: int = 3, inserted: int = 22) -> Mesh:
-    """A closed mesh of valences 3 to 8 and more: verts put into random faces of an icosahedron, everything moved a little."""
+    """A closed mesh of widely mixed valence: verts put into random faces of an icosahedron, all moved a little."""
     generator = np.random.default_rng(seed)
     solid = icosahedron()
     verts, faces = list(solid.verts), [tuple(face) for face in solid.faces]
@@ -122,7 +122,7 @@ def permuted(mesh: Mesh, order: np.ndarray) -> Mesh:
 
 
 CLOSED = {
-    **{name: make for name, make in SOLIDS.items()},
+    **SOLIDS,
     "torus": lambda: torus(6, 5),
     "mixed": mixed_closed,
 }

@@ -57,7 +57,7 @@ class ExperimentSettings(Settings):
     seeds: Annotated[tuple[Annotated[int, Field(ge=0, lt=2**63)], ...], *Listed] = (0,)
     """Seeds of the samples; table cells are means over them."""
     normalise: Literal["tutorial", "box", "none"] = "tutorial"
-    """Frame of all lengths. `tutorial`: mean of the target at 0, largest |coordinate| 1. `box`: box centred, diagonal 1."""
+    """Frame of all lengths. `tutorial`: target's mean at 0, largest |coordinate| 1. `box`: box centred, diagonal 1."""
     write_frame: Literal["normalised", "target"] = "normalised"
     """Frame that `source.ply` and `result.ply` are written in: the normalised one, or the target file's own."""
     source: SourceSettings = SourceSettings()

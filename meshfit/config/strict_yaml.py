@@ -1,6 +1,7 @@
 """YAML as people mean it: nothing is ever executed, `1e-3` is a number, `no` is a word, a key may not stand twice."""
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,8 +19,7 @@ class _Loader(yaml.SafeLoader):
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         """Refuse aliases: a few lines of them can stand for a document without end."""
         if self.check_event(yaml.AliasEvent):
-            mark = self.peek_event().start_mark
-            raise yaml.composer.ComposerError(None, None, "aliases (*name) are not allowed; write the value out", mark)
+            raise yaml.composer.ComposerError(problem="aliases (*name) are not allowed; write the value out")
         return super().compose_node(parent, index)
 
 
@@ -40,12 +40,15 @@ class _Dumper(yaml.SafeDumper):
         """Write equal values out each time."""
         return True
 
-    def represent_list(self, data: list[Any]) -> yaml.SequenceNode:
+    def represent_list(self, data: Iterable[Any]) -> yaml.SequenceNode:
         """A list as [a, b]."""
         return self.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=True)
 
 
 _Dumper.add_representer(list, _Dumper.represent_list)
+
+
+_KINDS: dict[type[yaml.Node], str] = {yaml.ScalarNode: "single value", yaml.SequenceNode: "list"}
 
 
 @dataclass(frozen=True)
@@ -70,7 +73,9 @@ def parse_document(text: str, origin: str) -> Document:
     if node is None:
         raise ConfigError(f"{origin}: the file is empty; a mapping of settings is needed")
     if not isinstance(node, yaml.MappingNode):
-        raise ConfigError(f"{origin}: found a {node.id}, a mapping of settings ('key: value' lines) is needed")
+        raise ConfigError(
+            f"{origin}: found a {_KINDS[type(node)]}, a mapping of settings ('key: value' lines) is needed"
+        )
     lines: dict[Key, int] = {}
     _walk(node, (), lines, origin)
     try:

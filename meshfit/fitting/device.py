@@ -35,7 +35,7 @@ def resolve_device(name: str, dtype: str = "float32") -> torch.device:
 
 @contextmanager
 def single_thread() -> Iterator[None]:
-    """Run torch on one CPU thread: at the sizes of a fit more threads cost more than they bring, and sums are ordered."""
+    """Run torch on one CPU thread: at the sizes of a fit more cost more than they bring, and one keeps sums ordered."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:

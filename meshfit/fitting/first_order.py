@@ -1,6 +1,7 @@
-"""The first-order engine: minimise the weighted loss terms over per-vertex offsets, with fresh samples at every step."""
+"""The first-order engine: minimise the weighted loss terms over per-vertex offsets, with fresh samples every step."""
 
 import math
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,6 +12,7 @@ from torch import Tensor
 from meshfit.errors import TrialError
 from meshfit.fitting.matching import match
 from meshfit.fitting.optimizer import learning_rate, make_optimizer
+from meshfit.fitting.progress import Interrupted, Step
 from meshfit.fitting.sampling import sample
 from meshfit.fitting.settings import FitSettings
 from meshfit.fitting.trace import Trace
@@ -36,19 +38,6 @@ class Diverged(TrialError):  # noqa: N818  an outcome of a fit, named as the fie
         self.step, self.term, self.last_good, self.trace = step, term, last_good, trace
 
 
-class Interrupted(Exception):  # noqa: N818  a request, not an error
-    """Raised by an `on_step` callback to stop the fit; the engine saves a checkpoint before it lets it through."""
-
-
-@dataclass(frozen=True)
-class Step:
-    """What `on_step` is told after each step: how many are done, of how many, and the loss before the last one."""
-
-    done: int
-    steps: int
-    loss: float
-
-
 @dataclass(frozen=True, eq=False)
 class Problem:
     """One fit: a source that moves, a target that does not, how, and from which seed."""
@@ -62,11 +51,12 @@ class Problem:
 
 
 Checkpoint = dict[str, Any]
+SECONDS_BETWEEN_CHECKPOINTS = 5.0
 
 
 @dataclass(eq=False)
 class FirstOrder:
-    """A fit in progress. `step` advances it by one; `checkpoint` and `restore` hold all that the next step depends on."""
+    """A fit in progress: `step` advances it by one, `checkpoint` holds all that the next step depends on."""
 
     problem: Problem
     done: int = 0
@@ -187,19 +177,21 @@ def run(
     Args:
         fit: where to start from.
         on_step: called after every step; it may raise `Interrupted`.
-        save: called with a checkpoint when the fit is interrupted.
+        save: called with a checkpoint every few seconds, and when the fit is interrupted.
 
     Raises:
         Diverged: a step was not finite.
         Interrupted: `on_step` asked for it.
     """
-    steps = fit.problem.settings.steps
+    steps, saved = fit.problem.settings.steps, time.monotonic()
     while fit.done < steps:
         loss = fit.step()
-        if on_step is None:
-            continue
+        if save is not None and time.monotonic() - saved > SECONDS_BETWEEN_CHECKPOINTS:
+            save(fit.checkpoint())
+            saved = time.monotonic()
         try:
-            on_step(Step(fit.done, steps, loss))
+            if on_step is not None:
+                on_step(Step(fit.done, steps, loss))
         except Interrupted:
             if save is not None:
                 save(fit.checkpoint())

@@ -9,7 +9,8 @@ import torch
 
 from meshfit.errors import MeshError
 from meshfit.fitting.device import resolve_device, single_thread
-from meshfit.fitting.first_order import Checkpoint, FirstOrder, Problem, Step, run
+from meshfit.fitting.first_order import Checkpoint, FirstOrder, Problem, run
+from meshfit.fitting.progress import Step
 from meshfit.fitting.settings import Dtype, FitSettings
 from meshfit.fitting.trace import Trace
 from meshfit.mesh.geometry import face_areas
@@ -34,7 +35,7 @@ class FitResult:
     device: str
 
 
-def fit(
+def fit(  # noqa: PLR0913  all but two are optional, by name
     source: Mesh,
     target: Mesh,
     settings: FitSettings | None = None,
@@ -49,7 +50,7 @@ def fit(
 ) -> FitResult:
     """Deform a source mesh until it lies on a target.
 
-    The lengths that settings speak of are those of the verts as given; normalise the target first, or use `meshfit run`.
+    Lengths in the settings are those of the verts as given; normalise the target first, or use `meshfit run`.
 
     Args:
         source: where to start; its faces are kept.
@@ -60,7 +61,7 @@ def fit(
         dtype: of the computation; meshes are float64 on both sides of it.
         on_step: called after every step.
         resume: a checkpoint of the same fit to go on from.
-        save: called with a checkpoint if `on_step` raises `Interrupted`.
+        save: called with a checkpoint every few seconds, and if `on_step` raises `Interrupted`.
         **overrides: keys of `FitSettings` in place of those in `settings`, such as `steps=500, losses={"edge": 0.5}`.
 
     Example:

@@ -30,6 +30,6 @@ def by_blocks(queries: Tensor, points: Tensor) -> Tensor:
     return torch.cat(
         [
             torch.cdist(block, points, compute_mode="donot_use_mm_for_euclid_dist").argmin(1)
-            for block in queries.split(rows)
+            for block in torch.split(queries, rows)
         ]
     )

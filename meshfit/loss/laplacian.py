@@ -42,4 +42,5 @@ def corner_cotangents(faces: FaceGeometry) -> Float[Tensor, "F 3"]:
 
 
 def _length(vectors: Float[Tensor, "N 3"]) -> Float[Tensor, " N"]:
-    return torch.linalg.vector_norm(vectors, dim=1)
+    length: Tensor = torch.linalg.vector_norm(vectors, dim=1)
+    return length

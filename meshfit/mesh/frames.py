@@ -1,7 +1,7 @@
 """Frames: the similarity that takes a target from its own coordinates to those that results are stated in."""
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
@@ -10,7 +10,6 @@ from meshfit.mesh.geometry import bounding_box, bounding_box_diagonal
 from meshfit.mesh.mesh import Mesh, Verts
 
 Normalisation = Literal["tutorial", "box", "none"]
-NORMALISATIONS: tuple[str, ...] = get_args(Normalisation)
 
 
 @dataclass(frozen=True)

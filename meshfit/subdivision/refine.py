@@ -62,7 +62,7 @@ class Refinement:
             for operator in self.operators:
                 flat = operator @ flat
             return flat.reshape(-1, *values.shape[1:])
-        from meshfit.subdivision.tensors import apply_to_tensor  # noqa: PLC0415  torch only where tensors come in
+        from meshfit.subdivision.tensors import apply_to_tensor
 
         return apply_to_tensor(self.operators, values)
 

@@ -1,4 +1,4 @@
-"""The subdivision matrix around one vertex: how the verts of its first rings, refined, follow from those of the same rings."""
+"""The subdivision matrix around one vertex: how its first rings, refined, follow from the same rings before."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from tests.shapes import fan, wheel
 
 
 def local_matrix(valence: int, scheme: str | Scheme, rings: int = 2) -> np.ndarray:
-    """(1 + n r (r + 1) / 2) square, around an interior vertex; of two steps for a √3 scheme, which then has turned back."""
+    """Around an interior vertex, 1 + n r (r + 1) / 2 square; of two steps for √3 schemes, which turn back by then."""
     return _local_matrix(wheel(valence, rings + 2), scheme, rings)
 
 
@@ -75,7 +75,7 @@ def _walk(topology: Topology, halfedge: int, ahead: int, left: int) -> int:
 
 
 def _turn(topology: Topology, halfedge: int, sixths: int) -> int:
-    """Of the half-edges out of the head, the one that many places clockwise from the way back: straight on is the third."""
+    """Of the half-edges out of the head, the one so many places clockwise from the way back; 3 is straight on."""
     onward = int(next_in_face(halfedge))
     for _ in range(sixths - 1):
         onward = int(next_in_face(topology.twin[onward]))

@@ -129,7 +129,7 @@ def test_regular_vertex_rule(spec):
     assert fractions_of(dense(mesh, spec)[0]) == expected
 
 
-# Along a boundary, up to the common denominator, which is their sum: the vertex rule at offsets -1, 0, 1 from the vertex,
+# Along a boundary, up to the common denominator, which is their sum: the vertex rule at offsets -1, 0, 1,
 # and the rule of each inserted vertex at offsets -1, 0, 1, 2 from the edge's first end.
 CURVES = {
     "midpoint": ((0, 1, 0), [(0, 1, 1, 0)]),

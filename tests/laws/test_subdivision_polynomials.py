@@ -1,4 +1,4 @@
-"""Which polynomials a scheme reproduces on the regular lattice: values of p at old verts become values of p at new ones."""
+"""Which polynomials a scheme reproduces on the regular lattice: from values at old verts, those at new ones."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def monomials(points: np.ndarray, degree: int) -> np.ndarray:
 
 
 def lattice_places(spec: str, levels: int = 1) -> np.ndarray:
-    """Where the fine verts lie on the lattice: a new vertex at the mean of the ends of its edge or corners of its face."""
+    """Where the fine verts lie on the lattice: new ones at the mean of their edge's ends or their face's corners."""
     mesh = patch(COLUMNS, ROWS)
     if spec in QUADRISECTING:
         return refined(mesh, "midpoint", levels).matrix @ mesh.verts
@@ -103,7 +103,7 @@ def test_boundary_curves_are_cubic(spec):
 
 @pytest.mark.parametrize(("spec", "order"), [("loop", 0.0), ("interp-loop:alpha=0.5", 0.5), ("interp-loop", 1.0)])
 def test_quadratics_are_displaced_by_a_constant(spec, order):
-    """Loop moves the paraboloid of Laplacian 4 down its normal by the same amount everywhere, and α takes that part back."""
+    """Loop lifts this paraboloid by the same amount everywhere, and α takes that share of it back."""
     mesh, places = patch(COLUMNS, ROWS), lattice_places(spec)
 
     def paraboloid(points):

@@ -1,4 +1,4 @@
-"""The schemes that the laws are stated over: all of the table, and further parameter values of those that have parameters."""
+"""The schemes that the laws are stated over: all of the table, and further values of their parameters."""
 
 import numpy as np
 

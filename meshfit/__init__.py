@@ -1,0 +1,68 @@
+"""meshfit: fit a subdivided source mesh to a target, measure it, and make the table.
+
+The public names are loaded when they are first used, so that `import meshfit` is instant.
+"""
+
+from importlib import import_module
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from meshfit.errors import MeshfitError, MeshfitWarning
+    from meshfit.fitting.fit import FitResult, fit
+    from meshfit.measuring.measure import Measurement, measure
+    from meshfit.mesh.files import load_mesh, save_mesh
+    from meshfit.mesh.frames import Frame, frame_of
+    from meshfit.mesh.mesh import Mesh
+    from meshfit.mesh.targets import load_target
+    from meshfit.subdivision.refine import Refinement, refine, subdivide
+
+_HOMES = {
+    "MeshfitError": "meshfit.errors",
+    "MeshfitWarning": "meshfit.errors",
+    "FitResult": "meshfit.fitting.fit",
+    "fit": "meshfit.fitting.fit",
+    "Measurement": "meshfit.measuring.measure",
+    "measure": "meshfit.measuring.measure",
+    "load_mesh": "meshfit.mesh.files",
+    "save_mesh": "meshfit.mesh.files",
+    "Frame": "meshfit.mesh.frames",
+    "frame_of": "meshfit.mesh.frames",
+    "Mesh": "meshfit.mesh.mesh",
+    "load_target": "meshfit.mesh.targets",
+    "Refinement": "meshfit.subdivision.refine",
+    "refine": "meshfit.subdivision.refine",
+    "subdivide": "meshfit.subdivision.refine",
+}
+
+__all__ = [
+    "FitResult",
+    "Frame",
+    "Measurement",
+    "Mesh",
+    "MeshfitError",
+    "MeshfitWarning",
+    "Refinement",
+    "fit",
+    "frame_of",
+    "load_mesh",
+    "load_target",
+    "measure",
+    "refine",
+    "save_mesh",
+    "subdivide",
+]
+
+
+def __getattr__(name: str) -> Any:  # noqa: ANN401  whatever the name stands for
+    if name == "__version__":
+        return version("meshfit")
+    if name not in _HOMES:
+        raise AttributeError(f"module 'meshfit' has no attribute '{name}'")
+    value = getattr(import_module(_HOMES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

@@ -1,0 +1,65 @@
+"""`meshfit compare`: schemes against each other, paired by target and seed."""
+
+from typing import Annotated
+
+import typer
+
+from meshfit.cli.options import (
+    DEFAULT_METRIC,
+    DEFAULT_RUNS,
+    AsJson,
+    DryRun,
+    Force,
+    Jobs,
+    Metric,
+    Quiet,
+    Runs,
+    Sets,
+)
+
+
+def compare(
+    schemes: Annotated[list[str], typer.Argument(help="Two schemes or more, as in interp-loop:alpha=0.5.")],
+    config: Annotated[str, typer.Option("--config", help="Settings of the fits: a config file or a bundled one.")] = (
+        "table1"
+    ),
+    targets: Annotated[
+        str | None, typer.Option("--targets", help="Targets, comma-separated, in place of the config's.")
+    ] = None,
+    seeds: Annotated[
+        int | None, typer.Option("--seeds", min=1, help="Seeds 0 to N-1, in place of the config's.", metavar="N")
+    ] = None,
+    runs: Runs = DEFAULT_RUNS,
+    overrides: Sets = None,
+    jobs: Jobs = 0,
+    metric: Metric = DEFAULT_METRIC,
+    force: Force = False,
+    dry_run: DryRun = False,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> int:
+    """Compare subdivision schemes: run what is missing, then a table with differences and their intervals.
+
+    Examples:
+        meshfit compare loop interp-loop
+
+        meshfit compare loop interp-loop modified-butterfly --targets bunny,cow --seeds 3
+
+        meshfit compare interp-loop:alpha=0.5 interp-loop --config quickstart
+    """
+    from meshfit.cli.experiments import print_plan, run_and_report
+    from meshfit.config.load import Experiment, load_experiment
+    from meshfit.experiment.plan import plan
+    from meshfit.settings import override
+
+    experiment = load_experiment(config, overrides or ())
+    changes: dict[str, object] = {"schemes": schemes}
+    if targets is not None:
+        changes["targets"] = [target.strip() for target in targets.split(",") if target.strip()]
+    if seeds is not None:
+        changes["seeds"] = list(range(seeds))
+    trials = plan([Experiment(experiment.name, override(experiment.settings, changes))])
+    if dry_run:
+        print_plan(trials, runs, as_json=as_json)
+        return 0
+    return run_and_report(trials, runs, metric, jobs=jobs, force=force, quiet=quiet, as_json=as_json)

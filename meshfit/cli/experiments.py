@@ -1,0 +1,97 @@
+"""What `run` and `compare` share: run the trials that are missing, say what failed, and print tables."""
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import typer
+from rich.markup import escape
+
+from meshfit.cli.console import err, out, say_warning
+from meshfit.cli.progress import shown_progress
+from meshfit.experiment.plan import Trial
+from meshfit.experiment.progress import Outcome, Phase
+from meshfit.experiment.store import Result, RunDirectory, make_folder
+
+FAILED = 1
+
+
+def run_missing(trials: Sequence[Trial], runs: Path, *, jobs: int, force: bool, quiet: bool) -> dict[int, Outcome]:
+    """Run what is not complete, with progress shown."""
+    from meshfit.experiment.executor import run_trials
+
+    make_folder(runs)
+    with shown_progress(trials, quiet=quiet) as watch:
+        return run_trials(trials, RunDirectory(runs), jobs=jobs or available_cores(), force=force, watch=watch)
+
+
+def available_cores() -> int:
+    """The cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def print_plan(trials: Sequence[Trial], runs: Path, *, as_json: bool) -> None:
+    """Say what would be run, and what of it is complete."""
+    store = RunDirectory(runs)
+    complete = [store.result(trial) is not None for trial in trials]
+    if as_json:
+        rows = [
+            {"target": trial.target, "scheme": trial.scheme, "seed": trial.seed, "identity": trial.identity}
+            | {"folder": str(store.folder(trial)), "complete": done}
+            for trial, done in zip(trials, complete, strict=True)
+        ]
+        typer.echo(json.dumps(rows, indent=2))
+        return
+    for trial, done in zip(trials, complete, strict=True):
+        mark = "[green]complete[/]" if done else "[yellow]to run  [/]"
+        out.print(f"{mark}  {escape(trial.label)}  [dim]{escape(str(store.folder(trial)))}[/]", soft_wrap=True)
+    out.print(f"{len(trials)} trials: {sum(complete)} complete, {len(trials) - sum(complete)} to run")
+
+
+def results_of(trials: Sequence[Trial], runs: Path) -> list[Result]:
+    """The results of those trials that are complete."""
+    store = RunDirectory(runs)
+    return [result for trial in trials if (result := store.result(trial)) is not None]
+
+
+def print_failures(trials: Sequence[Trial], outcomes: Mapping[int, Outcome], runs: Path) -> int:
+    """Name every trial that failed, and where its record is; the exit code is returned."""
+    store = RunDirectory(runs)
+    failed = {i: outcome for i, outcome in outcomes.items() if outcome.phase is Phase.FAILED}
+    for i, outcome in sorted(failed.items()):
+        folder = escape(str(store.folder(trials[i])))
+        err.print(f"[bold red]failed:[/] {escape(trials[i].label)}: {escape(outcome.message)}", soft_wrap=True)
+        err.print(f"        see [bold]{folder}/failure.json[/]", soft_wrap=True)
+    if failed:
+        say_warning(f"{len(failed)} of {len(trials)} trials failed; the others are in the table")
+    return FAILED if failed else 0
+
+
+def show_tables(
+    results: Sequence[Result], metric: str, *, baseline: str | None = None, format_name: str = "rich"
+) -> None:
+    """Print the tables of some results to stdout."""
+    from meshfit.report.formats import FORMATS
+    from meshfit.report.formats.rich_text import TablesView
+    from meshfit.report.table import build_tables
+
+    tables = build_tables(results, metric, baseline=baseline)
+    if format_name == "rich":
+        out.print(TablesView(tables))
+    else:
+        typer.echo(FORMATS[format_name](tables), nl=False)
+
+
+def run_and_report(
+    trials: Sequence[Trial], runs: Path, metric: str, *, jobs: int, force: bool, quiet: bool, as_json: bool
+) -> int:
+    """Run what is missing, print the table of all trials, name those that failed; the exit code is returned."""
+    outcomes = run_missing(trials, runs, jobs=jobs, force=force, quiet=quiet)
+    results = results_of(trials, runs)
+    if as_json:
+        typer.echo(json.dumps(results, indent=2))
+    elif results:
+        show_tables(results, metric)
+        out.print(f"\nResults: {runs / trials[0].experiment}", style="dim", soft_wrap=True, markup=False)
+    return print_failures(trials, outcomes, runs)

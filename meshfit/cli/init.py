@@ -1,0 +1,30 @@
+"""`meshfit init`: a starter config."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from meshfit.cli.console import out
+from meshfit.errors import ConfigError
+
+
+def init(
+    path: Annotated[Path, typer.Argument(help="Where to write it.")] = Path("experiment.yaml"),
+    force: Annotated[bool, typer.Option("--force", help="Write over a file that is there.")] = False,
+) -> int:
+    """Write a starter config that holds every setting at its default, each with a comment.
+
+    Example:
+        meshfit init mine.yaml && meshfit run mine.yaml
+    """
+    from meshfit.config.starter import starter_config
+
+    if path.exists() and not force:
+        raise ConfigError(f"{path}: is there already; give another name, or --force to write over it")
+    try:
+        path.write_text(starter_config(), encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}") from error
+    out.print(f"wrote {path}; now: meshfit run {path}", soft_wrap=True, markup=False)
+    return 0

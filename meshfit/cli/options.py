@@ -1,0 +1,25 @@
+"""Options that several commands have, declared once."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Runs = Annotated[Path, typer.Option("--runs", help="Run directory: one folder a trial.", metavar="DIR")]
+RunDirs = Annotated[list[Path], typer.Argument(help="Run directories, or folders in them.", metavar="RUNS...")]
+Sets = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="Override a setting; the value is YAML. May be repeated.", metavar="KEY=VALUE"),
+]
+Force = Annotated[bool, typer.Option("--force", help="Run trials anew that are complete already.")]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="Print the plan, and what of it is complete; run nothing.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress; errors and the table only.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON to stdout, and nothing else there.")]
+Jobs = Annotated[
+    int, typer.Option("--jobs", "-j", min=0, help="Trials side by side, each on one core; 0: as many as cores.")
+]
+Metric = Annotated[
+    str, typer.Option("--metric", help="What cells hold, such as distance.mean or quality.self_intersecting_faces.")
+]
+DEFAULT_RUNS = Path("runs")
+DEFAULT_METRIC = "hausdorff.symmetric"

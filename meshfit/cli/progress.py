@@ -1,0 +1,86 @@
+"""Progress of an experiment: a bar for each running trial and one for all, or plain lines without a terminal."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from meshfit.cli.console import err
+from meshfit.experiment.board import Board
+from meshfit.experiment.plan import Trial
+from meshfit.experiment.progress import Outcome, Phase
+
+Watch = Callable[[Board, Mapping[int, Outcome]], None]
+
+
+@contextmanager
+def shown_progress(trials: Sequence[Trial], *, quiet: bool) -> Iterator[Watch]:
+    """What `run_trials` calls to show where trials are."""
+    if quiet:
+        yield lambda *_: None
+    elif err.is_terminal:
+        with _bars() as bars:
+            yield _Bars(trials, bars).update
+    else:
+        yield _Lines(trials).update
+
+
+def _bars() -> Progress:
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=None),
+        TextColumn("{task.fields[state]}"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(compact=True),
+        console=err,
+        transient=True,
+        expand=True,
+    )
+
+
+class _Bars:
+    """Bars on a terminal; those of trials that have ended make room for others."""
+
+    def __init__(self, trials: Sequence[Trial], bars: Progress) -> None:
+        self._trials, self._bars = trials, bars
+        self._tasks: dict[int, TaskID] = {}
+        self._total = bars.add_task("[bold]all trials", total=len(trials), state="")
+
+    def update(self, board: Board, outcomes: Mapping[int, Outcome]) -> None:
+        failed = sum(outcome.phase is Phase.FAILED for outcome in outcomes.values())
+        state = f"{len(outcomes)}/{len(self._trials)}" + (f" [red]{failed} failed[/]" if failed else "")
+        self._bars.update(self._total, completed=len(outcomes), state=state)
+        for i, trial in enumerate(self._trials):
+            phase = Phase.COMPLETE if i in outcomes else board.phase(i)
+            if phase in (Phase.FITTING, Phase.MEASURING):
+                self._show(i, trial, board, phase)
+            elif i in self._tasks:
+                self._bars.remove_task(self._tasks.pop(i))
+
+    def _show(self, i: int, trial: Trial, board: Board, phase: Phase) -> None:
+        steps = trial.settings.fit.steps
+        if i not in self._tasks:
+            self._tasks[i] = self._bars.add_task(trial.label, total=steps, state="")
+        step = board.step(i)
+        fitting = f"step {step.done}/{steps} loss {step.loss:.3g}" if step.done else "loading"
+        state = "measuring" if phase is Phase.MEASURING else fitting
+        self._bars.update(self._tasks[i], completed=step.done, state=state)
+
+
+class _Lines:
+    """A line for every trial that ends, for logs."""
+
+    def __init__(self, trials: Sequence[Trial]) -> None:
+        self._trials = trials
+        self._told: set[int] = set()
+
+    def update(self, board: Board, outcomes: Mapping[int, Outcome]) -> None:  # noqa: ARG002  as `_Bars` has it
+        for i in sorted(set(outcomes) - self._told):
+            self._told.add(i)
+            outcome = outcomes[i]
+            said = f": {outcome.message}" if outcome.message else ""
+            line = (
+                f"[{len(self._told)}/{len(self._trials)}] {self._trials[i].label}: {outcome.phase.name.lower()}{said}"
+            )
+            err.print(line, soft_wrap=True, markup=False)

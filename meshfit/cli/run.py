@@ -1,0 +1,52 @@
+"""`meshfit run`: run experiments, and print their tables."""
+
+from typing import Annotated
+
+import typer
+
+from meshfit.cli.options import (
+    DEFAULT_METRIC,
+    DEFAULT_RUNS,
+    AsJson,
+    DryRun,
+    Force,
+    Jobs,
+    Metric,
+    Quiet,
+    Runs,
+    Sets,
+)
+
+
+def run(
+    configs: Annotated[list[str], typer.Argument(help="Config files, or names of bundled ones.", metavar="CONFIG...")],
+    runs: Runs = DEFAULT_RUNS,
+    overrides: Sets = None,
+    jobs: Jobs = 0,
+    metric: Metric = DEFAULT_METRIC,
+    force: Force = False,
+    dry_run: DryRun = False,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> int:
+    """Run experiments: every target with every scheme and every seed, then the table.
+
+    Complete trials are kept, an interrupted one goes on from its last checkpoint.
+    Bundled configs: quickstart, table1, tutorial, schemes.
+
+    Examples:
+        meshfit run quickstart
+
+        meshfit run my.yaml --set fit.steps=500 --set fit.losses.edge=0.5
+
+        meshfit run table1 --dry-run
+    """
+    from meshfit.cli.experiments import print_plan, run_and_report
+    from meshfit.config.load import load_experiment
+    from meshfit.experiment.plan import plan
+
+    trials = plan([load_experiment(config, overrides or ()) for config in configs])
+    if dry_run:
+        print_plan(trials, runs, as_json=as_json)
+        return 0
+    return run_and_report(trials, runs, metric, jobs=jobs, force=force, quiet=quiet, as_json=as_json)

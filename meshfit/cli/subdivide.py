@@ -1,0 +1,43 @@
+"""`meshfit subdivide`: refine one mesh file."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from meshfit.cli.console import out
+
+
+def subdivide(
+    source: Annotated[str, typer.Argument(help="Mesh file or name of a target.", metavar="IN")],
+    destination: Annotated[
+        Path, typer.Argument(help="Mesh file to write; its suffix names the format.", metavar="OUT")
+    ],
+    scheme: Annotated[str, typer.Option("--scheme", "-s", help="Subdivision scheme; see `meshfit schemes`.")] = "loop",
+    levels: Annotated[int, typer.Option("--levels", "-n", min=0, max=10, help="How many times.")] = 1,
+    alpha: Annotated[
+        float | None, typer.Option("--alpha", help="For interp-loop: from 0, Loop, to 1, interpolatory.", metavar="A")
+    ] = None,
+    weights: Annotated[str | None, typer.Option("--weights", help="For Loop's vertex rule: loop or warren.")] = None,
+    tension: Annotated[float | None, typer.Option("--tension", help="For butterfly: w.", metavar="W")] = None,
+    valence3: Annotated[str | None, typer.Option("--valence3", help="For interp-loop: displacement or zorin.")] = None,
+) -> int:
+    """Refine a mesh by a subdivision scheme.
+
+    Examples:
+        meshfit subdivide head.obj fine.ply --scheme interp-loop --levels 2
+
+        meshfit subdivide head.obj fine.obj -s interp-loop --alpha 0.5
+    """
+    from meshfit.mesh.files import save_mesh
+    from meshfit.mesh.targets import load_target
+    from meshfit.subdivision.choose import scheme_of
+    from meshfit.subdivision.refine import subdivide as refined
+
+    declared = scheme_of(scheme, alpha=alpha, weights=weights, tension=tension, valence3=valence3)
+    mesh = load_target(source)
+    finer = refined(mesh, declared, levels)
+    save_mesh(finer, destination)
+    counts = f"{mesh.num_faces:,} faces → {finer.num_faces:,} faces, {finer.num_verts:,} verts"
+    out.print(f"{destination}: {counts}", soft_wrap=True, markup=False)
+    return 0

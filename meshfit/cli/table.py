@@ -1,0 +1,69 @@
+"""`meshfit table`: the table again, from the result files alone."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from meshfit.cli.console import err, out, say_error
+from meshfit.cli.options import DEFAULT_METRIC, Metric, RunDirs
+
+DEVIATES = 1
+
+
+class Format(StrEnum):
+    """How a table is written."""
+
+    RICH = "rich"
+    MD = "md"
+    CSV = "csv"
+    LATEX = "latex"
+    JSON = "json"
+
+
+def table(
+    runs: RunDirs,
+    format: Annotated[Format, typer.Option("--format", "-f", help="How to write it.")] = Format.RICH,  # noqa: A002
+    metric: Metric = DEFAULT_METRIC,
+    baseline: Annotated[
+        str | None, typer.Option("--baseline", help="Scheme to compare the others with; by default the first.")
+    ] = None,
+    check: Annotated[
+        Path | None, typer.Option("--check", help="Compare with an expected file; exit 1 where it deviates.")
+    ] = None,
+) -> int:
+    """Make the table of some runs: schemes by targets, mean ± spread over seeds.
+
+    Examples:
+        meshfit table runs/table1
+
+        meshfit table runs/table1 --format latex --metric distance.mean
+
+        meshfit table runs/table1 --check configs/expected/table1.json
+    """
+    from meshfit.cli.experiments import show_tables
+    from meshfit.experiment.store import read_results
+
+    results = read_results(runs)
+    if check is not None:
+        return _check(runs, results, check)
+    show_tables(results, metric, baseline=baseline, format_name=format.value)
+    return 0
+
+
+def _check(runs: list[Path], results: list[dict[str, object]], path: Path) -> int:
+    from meshfit.report.expected import check
+    from meshfit.report.expected_file import read_expected
+
+    expected = read_expected(path)
+    deviations = check(expected.tables(results), expected)
+    for deviation in deviations:
+        say_error(str(deviation))
+    cells = sum(len(wanted.cells) for wanted in expected.tables_expected)
+    where = ", ".join(map(str, runs))
+    if deviations:
+        err.print(f"{where}: {len(deviations)} deviations from {path}", soft_wrap=True, markup=False)
+        return DEVIATES
+    out.print(f"{where}: all {cells} cells are as {path} expects", soft_wrap=True, markup=False)
+    return 0

@@ -1,0 +1,33 @@
+"""`meshfit targets`: the named targets."""
+
+import json
+
+import typer
+from rich.table import Table
+
+from meshfit.cli.console import out
+from meshfit.cli.options import AsJson
+
+
+def targets(as_json: AsJson = False) -> int:
+    """List the targets that a config can name, with their counts and origin. Any mesh file is a target too."""
+    from meshfit.mesh.targets import NAMED_TARGETS, load_target
+
+    meshes = {name: load_target(name) for name in NAMED_TARGETS}
+    if as_json:
+        rows = [
+            {"name": name, "title": named.title, "verts": meshes[name].num_verts, "faces": meshes[name].num_faces}
+            | {"origin": named.origin, "sha256": named.sha256}
+            for name, named in NAMED_TARGETS.items()
+        ]
+        typer.echo(json.dumps(rows, indent=2))
+        return 0
+    table = Table(box=None, pad_edge=False)
+    table.add_column("target", style="bold")
+    table.add_column("verts", justify="right")
+    table.add_column("faces", justify="right")
+    table.add_column("origin")
+    for name, named in NAMED_TARGETS.items():
+        table.add_row(name, f"{meshes[name].num_verts:,}", f"{meshes[name].num_faces:,}", named.origin)
+    out.print(table)
+    return 0

@@ -1,0 +1,119 @@
+"""The source of a trial: a control mesh, placed, and refined by the trial's scheme."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from meshfit.config.experiment import SourceSettings
+from meshfit.errors import ConfigError, MeshError
+from meshfit.mesh.files import load_mesh
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.meshlab import decimate
+from meshfit.mesh.solids import SOLIDS, icosahedron
+from meshfit.mesh.targets import NAMED_TARGETS, target_path
+from meshfit.mesh.topology import Topology
+from meshfit.specs import parse_spec, suggest
+from meshfit.subdivision.choose import scheme_of
+from meshfit.subdivision.refine import refine, subdivide
+
+_ICOSPHERE_LEVEL = 2
+_MOST_LEVELS = 8
+
+
+@dataclass(frozen=True)
+class _Ball:
+    """The sphere that verts are put on after each level."""
+
+    centre: tuple[float, float, float]
+    radius: float
+
+    def put(self, mesh: Mesh) -> Mesh:
+        offset = mesh.verts - np.asarray(self.centre)
+        length = np.linalg.norm(offset, axis=1, keepdims=True)
+        return Mesh(self.centre + offset * (self.radius / length), mesh.faces)
+
+
+def build_source(settings: SourceSettings, scheme: str) -> Mesh:
+    """The mesh that a fit starts from.
+
+    Args:
+        settings: which control mesh, how it is placed, and how many levels.
+        scheme: the spec of the scheme that refines it.
+
+    Raises:
+        ConfigError: the control mesh is neither a base, nor a target, nor a file.
+        MeshError: it cannot be used or refined.
+        SchemeError: no such scheme.
+    """
+    mesh = control_mesh(settings)
+    if settings.project == "none":
+        return subdivide(mesh, scheme, settings.levels)
+    declared = scheme_of(scheme)
+    ball = _ball_about(mesh)
+    mesh = ball.put(mesh)
+    for _ in range(settings.levels):
+        refinement = refine(Topology.of(mesh), declared)
+        mesh = ball.put(Mesh(refinement(mesh.verts), refinement.faces))
+    return mesh
+
+
+def control_mesh(settings: SourceSettings) -> Mesh:
+    """The control mesh, decimated and placed, before any refinement.
+
+    Raises:
+        ConfigError, MeshError: as `build_source`.
+    """
+    mesh = _named_or_file(settings.mesh)
+    if settings.decimate is not None and settings.decimate < mesh.num_faces:
+        mesh = decimate(mesh, settings.decimate)
+    mean = mesh.verts.mean(axis=0)
+    offset = mesh.verts - mean
+    extent = float(np.linalg.norm(offset, axis=1).max())
+    if not extent > 0:
+        raise MeshError(f"source.mesh: {settings.mesh}: the mesh has no extent")
+    scale = 1.0 if settings.radius is None else settings.radius / extent
+    return Mesh(offset * scale + (mean if settings.centre is None else settings.centre), mesh.faces)
+
+
+def source_file(settings: SourceSettings) -> Path | None:
+    """The file that the control mesh is read from; None for a base that meshfit builds itself.
+
+    Raises:
+        ConfigError: neither a base, nor a target, nor a file.
+    """
+    if _base(settings.mesh) is not None:
+        return None
+    if settings.mesh in NAMED_TARGETS or Path(settings.mesh).is_file():
+        return target_path(settings.mesh)
+    allowed = [*SOLIDS, "icosphere", *NAMED_TARGETS]
+    raise ConfigError(f"source.mesh: '{settings.mesh}': {suggest(settings.mesh, allowed)}, or the path of a mesh file")
+
+
+def _named_or_file(name: str) -> Mesh:
+    base = _base(name)
+    if base is not None:
+        return base
+    path = source_file(SourceSettings(mesh=name))
+    return load_mesh(path if path is not None else name)
+
+
+def _base(name: str) -> Mesh | None:
+    if name in SOLIDS:
+        return SOLIDS[name]()
+    if name.partition(":")[0] != "icosphere":
+        return None
+    parameters = dict(parse_spec(name).parameters)
+    level = parameters.pop("level", _ICOSPHERE_LEVEL)
+    if parameters or not isinstance(level, int) or not 0 <= level <= _MOST_LEVELS:
+        raise ConfigError(f"source.mesh: '{name}': icosphere takes one parameter, level, from 0 to {_MOST_LEVELS}")
+    mesh = icosahedron()
+    for _ in range(level):
+        mesh = _Ball((0.0, 0.0, 0.0), 1.0).put(subdivide(mesh, "midpoint"))
+    return mesh
+
+
+def _ball_about(mesh: Mesh) -> _Ball:
+    centre = mesh.verts.mean(axis=0)
+    radius = float(np.linalg.norm(mesh.verts - centre, axis=1).max())
+    return _Ball((float(centre[0]), float(centre[1]), float(centre[2])), radius)

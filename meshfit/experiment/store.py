@@ -1,0 +1,143 @@
+"""The run directory: one folder a trial, written so that what is there is whole."""
+
+import json
+import os
+import tempfile
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock
+
+from meshfit.errors import StoreError
+from meshfit.experiment.plan import Trial
+
+RESULT = "result.json"
+FAILURE = "failure.json"
+CHECKPOINT = "checkpoint.pt"
+Result = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class RunDirectory:
+    """A run directory. `result.json` is written last in a trial's folder: where it stands, the trial is complete."""
+
+    root: Path
+
+    def folder(self, trial: Trial) -> Path:
+        """The folder of a trial, which need not exist yet."""
+        return self.root / trial.folder
+
+    def result(self, trial: Trial) -> Result | None:
+        """The result of a trial, or None if it is not complete.
+
+        Raises:
+            StoreError: it cannot be read.
+        """
+        path = self.folder(trial) / RESULT
+        return read_json(path) if path.is_file() else None
+
+    def failure(self, trial: Trial) -> Result | None:
+        """The record of a trial's failure, or None if there is none.
+
+        Raises:
+            StoreError: it cannot be read.
+        """
+        path = self.folder(trial) / FAILURE
+        return read_json(path) if path.is_file() else None
+
+    def lock(self, trial: Trial) -> FileLock:
+        """A lock on a trial's folder, which the system releases when its holder dies, however it dies.
+
+        Raises:
+            StoreError: the folder cannot be made.
+        """
+        folder = self.folder(trial)
+        make_folder(folder)
+        return FileLock(folder / ".lock")
+
+    def write(self, trial: Trial, name: str, content: bytes | str) -> None:
+        """Write a file of a trial, whole or not at all.
+
+        Raises:
+            StoreError: it cannot be written.
+        """
+        write_atomically(self.folder(trial) / name, content)
+
+    def remove(self, trial: Trial, *names: str) -> None:
+        """Remove files of a trial that are no longer wanted, if they are there."""
+        for name in names:
+            (self.folder(trial) / name).unlink(missing_ok=True)
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder and those above it.
+
+    Raises:
+        StoreError: it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StoreError(f"{folder}: cannot be made: {error.strerror}; choose another place with --runs") from error
+
+
+def write_atomically(path: Path, content: bytes | str) -> None:
+    """Write a file so that a reader, and a crash, see all of it or nothing.
+
+    Raises:
+        StoreError: it cannot be written; what was there before is left as it was.
+    """
+    data = content.encode() if isinstance(content, str) else content
+    part = None
+    try:
+        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as file:
+            part = Path(file.name)
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        part.chmod(0o644)
+        part.replace(path)
+    except OSError as error:
+        if part is not None:
+            part.unlink(missing_ok=True)
+        raise StoreError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def read_json(path: Path) -> Result:
+    """Read a JSON object.
+
+    Raises:
+        StoreError: it cannot be read, or is not one.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise StoreError(f"{path}: not valid JSON: {error}; delete it to have the trial run again") from None
+    if not isinstance(content, dict):
+        raise StoreError(f"{path}: found a {type(content).__name__}, a JSON object is needed")
+    return content
+
+
+def write_json(content: Result) -> str:
+    """The text of a JSON file; NaN and infinity, which JSON has not, are refused."""
+    return json.dumps(content, indent=2, allow_nan=False) + "\n"
+
+
+def read_results(roots: Iterable[Path]) -> list[Result]:
+    """Every complete result under some run directories, or under folders of them, in the order of their paths.
+
+    Raises:
+        StoreError: no such directory, nothing complete in any of them, or a result that cannot be read.
+    """
+    paths: list[Path] = []
+    for root in roots:
+        if not root.exists():
+            raise StoreError(f"{root}: no such run directory; `meshfit run` makes one")
+        paths += sorted(root.rglob(RESULT))
+    if not paths:
+        raise StoreError(f"no complete trial under {', '.join(map(str, roots))}; `meshfit run` makes them")
+    return [read_json(path) for path in dict.fromkeys(paths)]

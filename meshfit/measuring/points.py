@@ -1,0 +1,120 @@
+"""Scores between two clouds of area-uniform points: chamfer distance, F-score, normal consistency.
+
+Nearest points are looked for in the other cloud, not on the other surface, so that even identical surfaces are about
+half a point spacing apart: these figures compare fits at the same number of points, they do not tend to zero.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from meshfit.measuring.surface import require_surface
+from meshfit.mesh.geometry import face_normals
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.nearest import nearest_in
+from meshfit.mesh.sampling import sample_surface
+
+
+@dataclass(frozen=True)
+class Chamfer:
+    """Chamfer distances, the means of the two directions summed, as PyTorch3D has it.
+
+    Attributes:
+        l1: mean distance, forward plus backward, in the unit of the verts.
+        l2_squared: mean squared distance, forward plus backward.
+        points: points on each surface.
+    """
+
+    l1: float
+    l2_squared: float
+    points: int
+
+
+@dataclass(frozen=True)
+class FScore:
+    """F-score at a distance (Knapitsch et al. 2017, Tanks and Temples, eqs. 3 to 5), as fractions of 1.
+
+    Attributes:
+        tau: the distance, in the unit of the verts.
+        f1: harmonic mean of precision and recall; 0 where both are 0.
+        precision: share of the result's points within tau of a point of the target.
+        recall: share of the target's points within tau of a point of the result.
+    """
+
+    tau: float
+    f1: float
+    precision: float
+    recall: float
+
+
+@dataclass(frozen=True)
+class NormalConsistency:
+    """Mean cosine between the normals of nearest points (Mescheder et al. 2019, Occupancy Networks, sec. 4).
+
+    Attributes:
+        signed: mean of both directions; -1 where one surface is the other one turned inside out.
+        absolute: the same of the absolute cosines, blind to orientation.
+    """
+
+    signed: float
+    absolute: float
+
+
+@dataclass(frozen=True)
+class PointScores:
+    """All that is taken from the two clouds."""
+
+    chamfer: Chamfer
+    f_score: FScore
+    normal_consistency: NormalConsistency
+
+
+@dataclass(frozen=True, eq=False)
+class _Cloud:
+    points: Float64[np.ndarray, "N 3"]
+    normals: Float64[np.ndarray, "N 3"]
+
+
+def point_scores(result: Mesh, target: Mesh, count: int, tau: float, seed: int) -> PointScores:
+    """Chamfer distance, F-score and normal consistency of two surfaces.
+
+    Args:
+        result: the fitted mesh.
+        target: the mesh that it was fitted to.
+        count: area-uniform points on each.
+        tau: distance of the F-score, in the unit of the verts.
+        seed: of the points; each surface has a stream of its own.
+
+    Raises:
+        MeasureError: a mesh without a surface.
+    """
+    require_surface(result, "result")
+    require_surface(target, "target")
+    for_result, for_target = np.random.default_rng(seed).spawn(2)
+    first, second = _cloud(result, count, for_result), _cloud(target, count, for_target)
+    forward, forward_cosine = _to_nearest(first, second)
+    backward, backward_cosine = _to_nearest(second, first)
+    cosines = np.stack([forward_cosine, backward_cosine])
+    return PointScores(
+        Chamfer(float(forward.mean() + backward.mean()), float((forward**2).mean() + (backward**2).mean()), count),
+        _f_score(tau, precision=float((forward <= tau).mean()), recall=float((backward <= tau).mean())),
+        NormalConsistency(float(cosines.mean()), float(np.abs(cosines).mean())),
+    )
+
+
+def _cloud(mesh: Mesh, count: int, generator: np.random.Generator) -> _Cloud:
+    drawn = sample_surface(mesh, count, generator)
+    return _Cloud(drawn.points, face_normals(mesh)[drawn.faces])
+
+
+def _to_nearest(origin: _Cloud, destination: _Cloud) -> tuple[Float64[np.ndarray, " N"], Float64[np.ndarray, " N"]]:
+    """Distance from each point to the nearest of the other cloud, and the cosine between their normals."""
+    nearest = nearest_in(destination.points)(origin.points)
+    distance = np.linalg.norm(origin.points - destination.points[nearest], axis=1)
+    return np.asarray(distance), np.asarray((origin.normals * destination.normals[nearest]).sum(axis=1))
+
+
+def _f_score(tau: float, *, precision: float, recall: float) -> FScore:
+    total = precision + recall
+    return FScore(tau, 2 * precision * recall / total if total else 0.0, precision, recall)

@@ -1,0 +1,21 @@
+"""The table of formats. Adding one is adding a file here and an entry below."""
+
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+
+from meshfit.report.formats.csv_text import to_csv
+from meshfit.report.formats.json_text import to_json
+from meshfit.report.formats.latex import to_latex
+from meshfit.report.formats.markdown import to_markdown
+from meshfit.report.formats.rich_text import to_text
+from meshfit.report.table import ResultTable
+
+FORMATS: Mapping[str, Callable[[Sequence[ResultTable]], str]] = MappingProxyType(
+    {
+        "text": to_text,
+        "markdown": to_markdown,
+        "csv": to_csv,
+        "latex": to_latex,
+        "json": to_json,
+    }
+)

@@ -1,0 +1,106 @@
+"""From loose results to groups that may share a table: all settings alike but for target, scheme and seed."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from meshfit.errors import StoreError
+
+Result = Mapping[str, Any]
+Cell = tuple[str, str]
+"""Target and scheme."""
+
+_VARIED = ("targets", "schemes", "seeds")
+
+
+@dataclass
+class Group:
+    """Results that may share a table.
+
+    Attributes:
+        settings: the settings they have in common, by dotted key.
+        experiments: names of the experiments they come from.
+        titles: how each target is called.
+        samples: values by target and scheme, then by seed; a result without a value has an entry without that seed.
+    """
+
+    settings: dict[str, Any]
+    experiments: list[str] = field(default_factory=list)
+    titles: dict[str, str] = field(default_factory=dict)
+    samples: dict[Cell, dict[int, float]] = field(default_factory=dict)
+
+
+def gather(results: Sequence[Result], metric: str) -> list[Group]:
+    """Group results by their settings, in the order in which the groups first appear.
+
+    Raises:
+        StoreError: two results of one trial disagree, or a value is not a finite number.
+    """
+    groups: dict[str, Group] = {}
+    kept: dict[tuple[str, Cell, int], tuple[Result, float | None]] = {}
+    for result in results:
+        settings = shared_settings(result)
+        key = json.dumps(settings, sort_keys=True)
+        cell, seed, value = (_target(result), result["scheme"]), result["seed"], _value(result, metric)
+        earlier, known = kept.setdefault((key, cell, seed), (result, value))
+        if known != value:
+            raise StoreError(_disagreement(metric, (earlier, known), (result, value)))
+        group = groups.setdefault(key, Group(settings))
+        if result["experiment"] not in group.experiments:
+            group.experiments.append(result["experiment"])
+        group.titles.setdefault(cell[0], result["target_title"])
+        sample = group.samples.setdefault(cell, {})
+        if value is not None:
+            sample[seed] = value
+    return list(groups.values())
+
+
+def shared_settings(result: Result) -> dict[str, Any]:
+    """Every setting of a result but target, scheme and seed, by dotted key, and what else its numbers hang on."""
+    settings = _flatten({key: value for key, value in result["settings"].items() if key not in _VARIED})
+    settings["schema_version"] = result["schema_version"]
+    if "source.mesh" in settings:
+        # Where a file lies does not enter, as in a trial's identity; what is in it does.
+        settings["source.mesh"] = Path(settings["source.mesh"]).stem
+    source_hash = result.get("inputs", {}).get("source")
+    return settings | ({"source.sha256": source_hash[:12]} if source_hash else {})
+
+
+def _target(result: Result) -> str:
+    """The target's name, or that of its file: a user's own `bunny.ply` is not the named bunny."""
+    return Path(result["settings"]["targets"][0]).name
+
+
+def _flatten(nested: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in nested.items():
+        flat |= _flatten(value, f"{above}{key}.") if isinstance(value, Mapping) else {f"{above}{key}": value}
+    return flat
+
+
+def _value(result: Result, metric: str) -> float | None:
+    value: Any = result
+    for key in metric.split("."):
+        value = value.get(key) if isinstance(value, Mapping) else None
+    if value is None:
+        return None
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        raise StoreError(f"{_trial(result)}: {metric} is {value}; a finite number is needed")
+    return float(value)
+
+
+def _trial(result: Result) -> str:
+    return f"{result['target_title']}, {result['scheme']}, seed {result['seed']}"
+
+
+def _disagreement(metric: str, first: tuple[Result, float | None], second: tuple[Result, float | None]) -> str:
+    values = " and ".join(f"{value} ({_origin(result)})" for result, value in (first, second))
+    return f"{_trial(first[0])}: two results with the same settings differ in {metric}: {values}; leave one of them out"
+
+
+def _origin(result: Result) -> str:
+    """Where a result comes from: its folder, if the one who loaded it said so, else its experiment and identity."""
+    return str(result.get("folder") or f"{result['experiment']}, trial {result['identity'][:10]}")

@@ -1,0 +1,93 @@
+"""The one call: its settings, its JSON, and the table that names its figures."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from meshfit.errors import ConfigError, MeasureError
+from meshfit.measuring.measure import measure
+from meshfit.measuring.metrics import METRICS
+from meshfit.measuring.settings import MeasureSettings
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.solids import cube, octahedron
+
+FEW = MeasureSettings(samples=1000, points=500)
+
+
+def flat(measurement):
+    return {f"{group}.{name}": value for group, part in measurement.to_dict().items() for name, value in part.items()}
+
+
+def test_the_dict_survives_json_and_holds_plain_values():
+    found = measure(octahedron(), cube(), FEW)
+    assert json.loads(json.dumps(found.to_dict())) == found.to_dict()
+    assert {type(value) for value in flat(found).values()} == {int, float, bool}
+
+
+def test_the_table_names_every_figure_and_can_print_it():
+    found = flat(measure(octahedron(), cube(), FEW))
+    assert list(found) == list(METRICS)
+    for name, value in found.items():
+        assert format(value, METRICS[name].format)
+    assert len({metric.title for metric in METRICS.values()}) == len(METRICS)
+
+
+def test_the_table_cannot_be_changed():
+    with pytest.raises(TypeError):
+        METRICS["hausdorff.forward"] = METRICS["hausdorff.backward"]
+
+
+@pytest.mark.parametrize("name", [name for name, metric in METRICS.items() if metric.smaller_is_better is not None])
+def test_a_perfect_result_is_no_worse_than_a_poor_one(name):
+    poor = Mesh(
+        np.concatenate([0.5 * cube().verts, 0.4 * cube().verts + 0.2]),
+        np.concatenate([cube().faces, octahedron().faces + 8]),
+    )
+    good, bad = flat(measure(cube(), cube(), FEW)), flat(measure(poor, cube(), FEW))
+    assert good[name] <= bad[name] if METRICS[name].smaller_is_better else good[name] >= bad[name]
+
+
+def test_figures_are_those_asked_for():
+    found = measure(octahedron(), cube(), FEW, f_score_tau=0.25)
+    assert (found.hausdorff.samples, found.chamfer.points, found.f_score.tau) == (1000, 500, 0.25)
+    assert found.hausdorff.percent_of_diagonal == pytest.approx(100 * found.hausdorff.symmetric / 2)
+    assert (found.quality.verts, found.quality.faces) == (6, 8)
+
+
+def test_overrides_count_as_settings():
+    assert measure(octahedron(), cube(), samples=1000, points=500) == measure(octahedron(), cube(), FEW)
+    assert measure(octahedron(), cube(), FEW, seed=3) != measure(octahedron(), cube(), FEW)
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [({"sample": 10}, "sample is 10: .*settings: samples"), ({"samples": 5}, "samples is 5: .*100")],
+)
+def test_an_override_that_is_not_allowed_is_named(override, message):
+    with pytest.raises(ConfigError, match=message) as caught:
+        measure(octahedron(), cube(), **override)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_result_with_nan_is_refused_before_meshlab_sees_it():
+    verts = cube().verts.copy()
+    verts[3, 1] = np.nan
+    with pytest.raises(MeasureError, match="the result's vertex 3 is"):
+        measure(Mesh(verts, cube().faces), cube(), FEW)
+
+
+@pytest.mark.parametrize("module", ["metrics", "settings"])
+def test_help_and_configs_load_nothing_heavy(module):
+    heavy = "{'torch', 'pymeshlab', 'trimesh', 'scipy', 'pykdtree'}"
+    code = f"import sys, meshfit.measuring.{module}; print(sorted({heavy} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_measuring_needs_no_torch():
+    code = "import sys, meshfit.measuring.measure; print('torch' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
