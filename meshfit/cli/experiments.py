@@ -69,14 +69,22 @@ def print_failures(trials: Sequence[Trial], outcomes: Mapping[int, Outcome], run
 
 
 def show_tables(
-    results: Sequence[Result], metric: str, *, baseline: str | None = None, format_name: str = "rich"
+    results: Sequence[Result],
+    metric: str,
+    *,
+    baseline: str | None = None,
+    format_name: str = "rich",
+    planned: bool = False,
 ) -> None:
     """Print the tables of some results to stdout."""
     from meshfit.report.formats import FORMATS
     from meshfit.report.formats.rich_text import TablesView
     from meshfit.report.table import build_tables
 
-    tables = build_tables(results, metric, baseline=baseline)
+    # The config's order, which is the order that trials were planned in.
+    schemes = dict.fromkeys(result["scheme"] for result in results) if planned else ()
+    targets = dict.fromkeys(Path(result["settings"]["targets"][0]).name for result in results) if planned else ()
+    tables = build_tables(results, metric, baseline=baseline, schemes=list(schemes), targets=list(targets))
     if format_name == "rich":
         out.print(TablesView(tables))
     else:
@@ -92,6 +100,6 @@ def run_and_report(
     if as_json:
         typer.echo(json.dumps(results, indent=2))
     elif results:
-        show_tables(results, metric)
+        show_tables(results, metric, planned=True)
         out.print(f"\nResults: {runs / trials[0].experiment}", style="dim", soft_wrap=True, markup=False)
     return print_failures(trials, outcomes, runs)

@@ -55,12 +55,14 @@ def table(
 def _check(runs: list[Path], results: list[dict[str, object]], path: Path) -> int:
     from meshfit.report.expected import check
     from meshfit.report.expected_file import read_expected
+    from meshfit.report.table import build_tables
 
     expected = read_expected(path)
-    deviations = check(expected.tables(results), expected)
+    metrics = dict.fromkeys(wanted.metric for wanted in expected.tables)
+    deviations = check([table for metric in metrics for table in build_tables(results, metric)], expected)
     for deviation in deviations:
         say_error(str(deviation))
-    cells = sum(len(wanted.cells) for wanted in expected.tables_expected)
+    cells = sum(len(wanted.cells) for wanted in expected.tables)
     where = ", ".join(map(str, runs))
     if deviations:
         err.print(f"{where}: {len(deviations)} deviations from {path}", soft_wrap=True, markup=False)

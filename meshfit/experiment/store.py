@@ -140,4 +140,4 @@ def read_results(roots: Iterable[Path]) -> list[Result]:
         paths += sorted(root.rglob(RESULT))
     if not paths:
         raise StoreError(f"no complete trial under {', '.join(map(str, roots))}; `meshfit run` makes them")
-    return [read_json(path) for path in dict.fromkeys(paths)]
+    return [read_json(path) | {"folder": str(path.parent)} for path in dict.fromkeys(paths)]

@@ -1,4 +1,4 @@
-"""Hausdorff, mean and RMS distance between two surfaces, by MeshLab's point-to-surface distances, in both directions.
+"""Hausdorff, mean and RMS distance between two surfaces, in both directions.
 
 Forward is from the result to the target, backward from the target to the result. Both are needed: a result that never
 reached an ear of its target has a small forward and a large backward distance.
@@ -10,10 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from meshfit.measuring.surface import require_surface, without_obtuse_corners
+from meshfit.measuring.proximity import distances_to
+from meshfit.measuring.surface import require_surface
 from meshfit.mesh.geometry import bounding_box_diagonal
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.meshlab import PointDistances, point_to_surface
+from meshfit.mesh.meshlab import PointDistances
 from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.topology import Topology
 
@@ -102,9 +103,8 @@ def directed_distances(origin: Mesh, destination: Mesh, samples: int, generator:
     Raises:
         MeasureError: MeshLab left out some of the points.
     """
-    surface = without_obtuse_corners(destination)
-    uniform = point_to_surface(sample_surface(origin, samples, generator).points, surface)
-    features = point_to_surface(_feature_points(origin), surface)
+    uniform = distances_to(destination, sample_surface(origin, samples, generator).points)
+    features = distances_to(destination, _feature_points(origin))
     return PointDistances(max(uniform.largest, features.largest), uniform.mean, uniform.rms, samples)
 
 

@@ -3,14 +3,12 @@
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from pydantic import ValidationError
-
-from meshfit.errors import ConfigError
 from meshfit.measuring.distance import Distance, Hausdorff, surface_distances
 from meshfit.measuring.points import Chamfer, FScore, NormalConsistency, point_scores
 from meshfit.measuring.quality import Quality, mesh_quality
 from meshfit.measuring.settings import MeasureSettings
 from meshfit.mesh.mesh import Mesh
+from meshfit.settings import override
 
 
 @dataclass(frozen=True)
@@ -60,7 +58,7 @@ def measure(
         MeasureError: a mesh that has no faces or no area, or a vertex that is not finite.
         ConfigError: a setting that does not exist, or a value that is not allowed.
     """
-    settings = _with_overrides(settings or MeasureSettings(), overrides)
+    settings = override(settings or MeasureSettings(), overrides)
     hausdorff, distance = surface_distances(result, target, settings.samples, settings.seed)
     scores = point_scores(result, target, settings.points, settings.f_score_tau, settings.seed)
     return Measurement(
@@ -71,15 +69,3 @@ def measure(
         scores.normal_consistency,
         mesh_quality(result, "result"),
     )
-
-
-def _with_overrides(settings: MeasureSettings, overrides: dict[str, int | float]) -> MeasureSettings:
-    if not overrides:
-        return settings
-    try:
-        return MeasureSettings.model_validate(settings.model_dump() | overrides)
-    except ValidationError as error:
-        first = error.errors()[0]
-        name = ".".join(str(part) for part in first["loc"])
-        allowed = ", ".join(MeasureSettings.model_fields)
-        raise ConfigError(f"measure: {name} is {first['input']!r}: {first['msg']} (settings: {allowed})") from None

@@ -31,8 +31,10 @@ def point_to_surface(points: Float64[np.ndarray, "N 3"], surface: Mesh) -> Point
     The filter's own sampler takes no seed; given points without faces, it has nothing to draw and takes each of them.
 
     Raises:
-        MeasureError: MeshLab left out some of the points.
+        MeasureError: a coordinate is not finite, which makes MeshLab abort the process, or it left out points.
     """
+    if not (np.isfinite(points).all() and np.isfinite(surface.verts).all()):
+        raise MeasureError("distances need coordinates that are finite")
     low, high = bounding_box(np.concatenate([points, surface.verts]))
     meshes = pymeshlab.MeshSet()
     meshes.add_mesh(pymeshlab.Mesh(np.array(points)))
@@ -65,8 +67,10 @@ def decimate(mesh: Mesh, num_faces: int) -> Mesh:
     """Reduce a mesh to about `num_faces` faces by quadric edge collapse (Garland and Heckbert 1997), topology kept.
 
     Raises:
-        MeshError: nothing was left of the mesh.
+        MeshError: the mesh has no faces, or nothing was left of it.
     """
+    if not mesh.num_faces:
+        raise MeshError("a mesh without faces cannot be decimated")
     meshes = pymeshlab.MeshSet()
     meshes.add_mesh(_to_meshlab(mesh))
     meshes.meshing_decimation_quadric_edge_collapse(

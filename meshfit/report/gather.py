@@ -15,6 +15,9 @@ Cell = tuple[str, str]
 
 _VARIED = ("targets", "schemes", "seeds")
 
+# Settings that change what is written beside the numbers, and not the numbers.
+_WITHOUT_EFFECT = ("write_frame", "fit.trace_every")
+
 
 @dataclass
 class Group:
@@ -61,6 +64,7 @@ def gather(results: Sequence[Result], metric: str) -> list[Group]:
 def shared_settings(result: Result) -> dict[str, Any]:
     """Every setting of a result but target, scheme and seed, by dotted key, and what else its numbers hang on."""
     settings = _flatten({key: value for key, value in result["settings"].items() if key not in _VARIED})
+    settings = {key: value for key, value in settings.items() if key not in _WITHOUT_EFFECT}
     settings["schema_version"] = result["schema_version"]
     if "source.mesh" in settings:
         # Where a file lies does not enter, as in a trial's identity; what is in it does.

@@ -23,7 +23,7 @@ def mean_and_spread(summary: Summary, *, whole: bool = False) -> str:
     mean, spread = summary.mean / 10**power, summary.spread / 10**power
     decimals = _decimals(spread)
     if decimals > _MOST_DECIMALS:
-        return f"{plain(summary.mean, whole=whole)} ± {summary.spread:.1e}"
+        return f"{plain(summary.mean, whole=whole)} ± {summary.spread:.1e}".replace("-", MINUS)
     return _with_power(f"{_fixed(mean, decimals)} ± {spread:.{decimals}f}", power)
 
 
@@ -46,7 +46,10 @@ def plain(value: float, *, whole: bool = False, sign: str = "") -> str:
     """A number by itself, to four significant digits; a count, or a zero, without decimals."""
     if value == 0 or (whole and value.is_integer()):
         return _fixed(value, 0, sign if value else "")
-    return f"{value:{sign}#.4g}".rstrip(".").replace("-", MINUS, 1 if value < 0 else 0)
+    power = _power(abs(value))
+    scaled = value / 10**power
+    text = _fixed(scaled, max(0, 3 - math.floor(math.log10(abs(scaled)))), sign)
+    return f"{text}e{power}".replace("-", MINUS) if power else text
 
 
 def _fixed(value: float, decimals: int, sign: str = "") -> str:

@@ -20,6 +20,11 @@ from meshfit.mesh.solids import icosahedron
 from meshfit.mesh.targets import load_target
 from meshfit.mesh.topology import Topology
 
+
+def triangles(verts, faces):
+    return Mesh(np.array(verts, dtype=np.float64), np.array(faces, dtype=np.int64))
+
+
 SAMPLES = 20_000
 DRAWS = 50_000
 SINGLE = 2e-7
@@ -156,8 +161,8 @@ def test_mean_and_rms_agree_with_exact_distances_of_independent_points(name):
 
 def test_obtuse_faces_of_an_open_surface_are_measured_exactly():
     """MeshLab alone overrates these distances by up to 0.2; `without_obtuse_corners` is there for that."""
-    sliver = Mesh([[0, 0.5, 0], [0.5, 0.6, 0], [1, 0.5, 0]], [[0, 1, 2]])
-    square = Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    sliver = triangles([[0, 0.5, 0], [0.5, 0.6, 0], [1, 0.5, 0]], [[0, 1, 2]])
+    square = triangles([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
     _, found = surface_distances(square, sliver, SAMPLES, 0)
     distance = exact(drawn_points(square, DRAWS, 3), sliver)
     errors = 5 * np.hypot(1 / np.sqrt(DRAWS), 1 / np.sqrt(SAMPLES))

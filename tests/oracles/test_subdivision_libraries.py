@@ -2,8 +2,8 @@
 
 Valid are: Loop by pymeshlab (all edges split only at threshold 0) on any mesh, by trimesh on closed ones (its boundary
 rows sum to more than one where an inner edge joins two boundary verts), by libigl with Warren's weights on any, by VTK
-in single precision. The plain butterfly by pymeshlab on closed meshes: its boundary rule is not linear-exact, and it does
-nothing special at extraordinary verts. The modified butterfly by VTK on closed meshes. Linear subdivision by all.
+in single precision. The plain butterfly by pymeshlab on closed meshes: its boundary rule is not linear-exact, and it
+does nothing special at extraordinary verts. The modified butterfly by VTK on closed meshes. Linear subdivision by all.
 Verts come in other orders, so results are matched by place, and then faces are compared under that matching.
 """
 

@@ -10,7 +10,12 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.solids import SOLIDS, cube, octahedron
 
-SQUARE = Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+
+def triangles(verts, faces):
+    return Mesh(np.array(verts, dtype=np.float64), np.array(faces, dtype=np.int64))
+
+
+SQUARE = triangles([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
 COUNT = 3000
 SPACING = 0.06  # no point of a unit square is farther from 3000 of them: exp(-3000π 0.06²) is 1e-15
 
@@ -73,7 +78,7 @@ def test_f_score_jumps_where_tau_passes_the_height(tau, score):
 
 def test_precision_is_the_results_and_recall_the_targets():
     """Half of a square matches all of itself and half of the whole, but for a strip of width tau."""
-    left = Mesh([[0, 0, 0], [0.5, 0, 0], [0.5, 1, 0], [0, 1, 0]], SQUARE.faces)
+    left = triangles([[0, 0, 0], [0.5, 0, 0], [0.5, 1, 0], [0, 1, 0]], SQUARE.faces)
     tau = SPACING
     found = point_scores(left, SQUARE, COUNT, tau, 0).f_score
     assert found.precision == 1.0
@@ -86,7 +91,7 @@ def test_precision_is_the_results_and_recall_the_targets():
 
 @pytest.mark.parametrize("mesh", [SQUARE, *(make() for make in SOLIDS.values())])
 def test_a_mesh_inside_out_has_opposite_normals(mesh):
-    """Exactly so on the flat square. Elsewhere other points are drawn, and near creases the next side may be nearest."""
+    """Exactly so on the flat square. Elsewhere other points are drawn, and the next side may be nearest."""
     same = point_scores(mesh, mesh, COUNT, 0.1, 0).normal_consistency
     turned = point_scores(reversed_faces(mesh), mesh, COUNT, 0.1, 0).normal_consistency
     assert turned.signed == pytest.approx(-same.signed, rel=0.02)
@@ -105,7 +110,7 @@ def test_perpendicular_squares_have_no_normal_consistency():
 def test_chamfer_scales_with_the_meshes():
     one = point_scores(octahedron(), cube(), COUNT, 0.1, 0).chamfer
     ten = point_scores(
-        Mesh(10 * octahedron().verts, octahedron().faces), Mesh(10 * cube().verts, cube().faces), COUNT, 1, 0
+        Mesh(10 * octahedron().verts, octahedron().faces), Mesh(10 * cube().verts, cube().faces), COUNT, 1.0, 0
     )
     assert ten.chamfer.l1 == pytest.approx(10 * one.l1)
     assert ten.chamfer.l2_squared == pytest.approx(100 * one.l2_squared)
@@ -125,4 +130,4 @@ def test_scores_repeat_to_the_bit():
 
 def test_a_mesh_without_a_surface_is_refused():
     with pytest.raises(MeasureError, match="the target has 4 verts and no faces"):
-        point_scores(SQUARE, Mesh(SQUARE.verts, np.empty((0, 3))), COUNT, 0.1, 0)
+        point_scores(SQUARE, Mesh(SQUARE.verts, np.empty((0, 3), dtype=int)), COUNT, 0.1, 0)

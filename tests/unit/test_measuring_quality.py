@@ -9,7 +9,12 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, icosahedron, octahedron, tetrahedron
 from meshfit.mesh.topology import Topology
 
-SQUARE = Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+
+def triangles(verts, faces):
+    return Mesh(np.array(verts, dtype=np.float64), np.array(faces, dtype=np.int64))
+
+
+SQUARE = triangles([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
 
 
 def torus(around=24, across=12):
@@ -86,7 +91,7 @@ def test_two_components_that_cross():
 
 def test_crossing_triangles():
     verts = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.2, -1], [0.3, 0.2, 1], [0.2, 0.3, 1]]
-    assert mesh_quality(Mesh(verts, [[0, 1, 2], [3, 4, 5]])).self_intersecting_faces == 2
+    assert mesh_quality(triangles(verts, [[0, 1, 2], [3, 4, 5]])).self_intersecting_faces == 2
 
 
 def test_verts_without_faces_are_counted_but_make_no_component():
@@ -131,18 +136,18 @@ def test_degenerate_faces_are_those_without_area():
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])
 def test_degenerate_is_relative_to_the_size_of_the_mesh(height, degenerate, scale):
     """The sliver's area is height / 2 and the squared diagonal 1: the limit lies at a height of 2e-12."""
-    sliver = Mesh(scale * np.array([[0, 0, 0], [1, 0, 0], [0.5, height, 0]]), [[0, 1, 2]])
+    sliver = triangles(scale * np.array([[0, 0, 0], [1, 0, 0], [0.5, height, 0]]), [[0, 1, 2]])
     assert degenerate_faces(sliver).tolist() == [degenerate]
 
 
 @pytest.mark.parametrize("angle", [1e-3, 5.0, 30.0, 59.0])
 def test_smallest_angle_of_a_known_triangle(angle):
     apex = [np.cos(np.radians(angle)), np.sin(np.radians(angle)), 0]
-    mesh = Mesh([[0, 0, 0], [1, 0, 0], apex], [[0, 1, 2]])
+    mesh = triangles([[0, 0, 0], [1, 0, 0], apex], [[0, 1, 2]])
     assert smallest_angle(mesh) == pytest.approx(angle, rel=1e-9)
     assert smallest_angle(icosahedron()) == pytest.approx(60)
 
 
 def test_a_mesh_without_a_surface_is_refused_by_its_role():
     with pytest.raises(MeasureError, match=r"^the result's vertex 1 is .*nan"):
-        mesh_quality(Mesh([[0, 0, 0], [1, 0, np.nan], [0, 1, 0]], [[0, 1, 2]]), "result")
+        mesh_quality(triangles([[0, 0, 0], [1, 0, np.nan], [0, 1, 0]], [[0, 1, 2]]), "result")

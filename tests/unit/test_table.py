@@ -6,7 +6,7 @@ import pytest
 
 from meshfit.config.experiment import ExperimentSettings
 from meshfit.errors import ConfigError, SchemeError, StoreError
-from meshfit.report.paper import READINGS, paper_value
+from meshfit.report.paper import paper_value
 from meshfit.report.table import build_tables
 from meshfit.settings import merged
 
@@ -23,7 +23,7 @@ def result(target="bunny", scheme="loop", seed=0, value=0.2, experiment="table1"
         found = merged(found, change)
     return {
         "schema_version": 1,
-        "identity": f"{abs(hash((target, scheme, seed))):064x}",
+        "identity": f"{seed:064x}",
         "experiment": experiment,
         "target": stem,
         "target_title": TITLES.get(target, stem),
@@ -188,16 +188,3 @@ def test_a_baseline_without_results_is_refused():
         build_tables([result()], baseline="midpoint")
     with pytest.raises(SchemeError, match="loopy"):
         build_tables([result()], baseline="loopy")
-
-
-def test_the_two_readings_hold_the_same_numbers_in_another_order():
-    by_column, by_row = READINGS["by column"], READINGS["by row"]
-    assert sorted(by_column.values()) == sorted(by_row.values()) == [0.013013, 0.025621, 0.035352, 0.07518]
-    assert by_column["bunny", "interp-loop"] == by_row["mousehead", "loop"] == 0.035352
-    assert by_column["mousehead", "loop"] == by_row["bunny", "interp-loop"] == 0.07518
-
-
-def test_the_paper_has_numbers_for_its_own_cells_only():
-    assert paper_value("bunny", "loop") == 0.025621
-    assert paper_value("cow", "loop") is None
-    assert paper_value("bunny", "interp-loop:alpha=0.5") is None

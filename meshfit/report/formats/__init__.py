@@ -12,8 +12,8 @@ from meshfit.report.table import ResultTable
 
 FORMATS: Mapping[str, Callable[[Sequence[ResultTable]], str]] = MappingProxyType(
     {
-        "text": to_text,
-        "markdown": to_markdown,
+        "rich": to_text,
+        "md": to_markdown,
         "csv": to_csv,
         "latex": to_latex,
         "json": to_json,

@@ -1,0 +1,68 @@
+# `make` lists the targets. All of them work in a fresh clone: what they need is installed into .venv first.
+
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+STAMP  := $(VENV)/.installed
+RUNS   ?= runs
+
+.DEFAULT_GOAL := help
+.PHONY: help setup quickstart test check lint types layers table1 reproduce bench figures mousehead wheel clean
+
+help:  ## List the targets
+	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+setup: $(STAMP)  ## Make .venv and install meshfit into it, with what its tests need
+
+# torch first and by its exact version: a range would let pip take a build with CUDA, which is gigabytes larger.
+$(STAMP): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+	  || { echo "meshfit needs Python 3.11 or newer; found $$($(PYTHON) --version). Set PYTHON=..."; exit 2; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet "$$(grep '^torch==' constraints.txt)"
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	@touch $@
+
+quickstart: $(STAMP)  ## Run the paper's comparison, short, and print its table (under 2 minutes)
+	$(BIN)/meshfit run quickstart --runs $(RUNS)
+
+test: $(STAMP)  ## Run the fast tests
+	$(BIN)/python -m pytest -n auto -m "not slow"
+
+check: lint types layers test  ## Everything that has to pass: ruff, mypy --strict, layers, tests
+
+lint: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(STAMP)
+	$(BIN)/mypy
+
+layers: $(STAMP)
+	$(BIN)/lint-imports
+
+table1: $(STAMP)  ## Reproduce the paper's Table 1 in full: 5 seeds (under 15 minutes on 2 cores)
+	$(BIN)/meshfit run table1 --runs $(RUNS)
+	$(BIN)/meshfit table $(RUNS)/table1 --check configs/expected/table1.json
+
+reproduce: $(STAMP)  ## The short reproduction that CI runs, checked against its expected numbers
+	$(BIN)/meshfit run reproduce --runs $(RUNS)
+	$(BIN)/meshfit table $(RUNS)/reproduce --check configs/expected/reproduce.json
+	$(BIN)/python -m pytest -m slow
+
+bench: $(STAMP)  ## Measure speed: ratios against plain twins in the same run
+	$(BIN)/python -m tests.benchmarks
+
+figures: $(STAMP)  ## Draw the README's picture from real runs
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[report]'
+	$(BIN)/meshfit run table1 --runs $(RUNS) --set seeds=[0] --set targets=[bunny] --quiet
+	$(BIN)/python -m tests.figures $(RUNS)
+
+mousehead: $(STAMP)  ## Make the mousehead target anew
+	$(BIN)/python data/mousehead.py
+
+wheel: $(STAMP)  ## Build the wheel
+	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
+
+clean:  ## Remove .venv, caches and builds; runs stay
+	rm -rf $(VENV) dist build .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

@@ -1,0 +1,45 @@
+"""Meshes are refused before MeshLab sees what it cannot bear, and cut where it would measure wrongly."""
+
+import numpy as np
+import pytest
+
+from meshfit.errors import MeasureError
+from meshfit.measuring.distance import surface_distances
+from meshfit.measuring.surface import without_obtuse_corners
+from meshfit.mesh.geometry import corner_angles, face_areas
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.solids import cube
+
+
+def triangles(verts, faces):
+    return Mesh(np.array(verts, dtype=np.float64), np.array(faces, dtype=np.int64))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_cutting_obtuse_corners_keeps_the_surface(seed):
+    mesh = Mesh(np.random.default_rng(seed).normal(size=(60, 3)), np.arange(60).reshape(-1, 3))
+    cut = without_obtuse_corners(mesh)
+    assert cut.num_faces > mesh.num_faces
+    assert np.degrees(corner_angles(cut)).max() <= 90 + 1e-9
+    assert face_areas(cut).sum() == pytest.approx(face_areas(mesh).sum(), rel=1e-12)
+    assert without_obtuse_corners(cube()).num_faces == 12
+
+
+@pytest.mark.parametrize(
+    ("verts", "faces", "message"),
+    [
+        ([[0, 0, 0], [1, 0, 0], [0, np.nan, 0]], [[0, 1, 2]], "vertex 2 is .*nan"),
+        ([[0, 0, 0], [1, 0, 0], [0, np.inf, 0]], [[0, 1, 2]], "vertex 2 is .*inf"),
+        ([[0, 0, 0], [1, 0, 0], [0, 1e20, 0]], [[0, 1, 2]], "at most 1e[+]15"),
+        ([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]], "no area: all its faces"),
+        ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.empty((0, 3), dtype=int), "3 verts and no faces"),
+        ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 3]], "face 0 is .* numbered 0 to 2"),
+    ],
+)
+def test_a_mesh_without_a_surface_is_refused(verts, faces, message):
+    bad = triangles(verts, faces)
+    with pytest.raises(MeasureError, match=f"the result.*{message}") as caught:
+        surface_distances(bad, cube(), 100, 0)
+    assert "\n" not in str(caught.value)
+    with pytest.raises(MeasureError, match="the target"):
+        surface_distances(cube(), bad, 100, 0)
