@@ -27,7 +27,7 @@ quickstart: $(STAMP)  ## Run the paper's comparison, short, and print its table 
 	$(BIN)/meshfit run quickstart --runs $(RUNS)
 
 test: $(STAMP)  ## Run the fast tests
-	$(BIN)/python -m pytest -n auto -m "not slow"
+	$(BIN)/python -m pytest -n auto --dist loadfile -m "not slow"
 
 check: lint types layers test  ## Everything that has to pass: ruff, mypy --strict, layers, tests
 

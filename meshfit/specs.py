@@ -36,8 +36,10 @@ def parse_spec(text: str) -> Spec:
     if found is None:
         raise ConfigError(f"'{text}' is not a name or 'name:key=value,key=value'")
     parameters = found["parameters"]
-    pairs = parameters.split(",") if parameters is not None else []
-    return Spec(found["name"], tuple(_parse_pair(pair, text) for pair in pairs))
+    pairs = [_parse_pair(pair, text) for pair in parameters.split(",")] if parameters is not None else []
+    if len(dict(pairs)) < len(pairs):
+        raise ConfigError(f"'{text}': a parameter stands twice")
+    return Spec(found["name"], tuple(pairs))
 
 
 def _parse_pair(pair: str, text: str) -> tuple[str, Value]:

@@ -52,7 +52,7 @@ def exit_code_of(command: Callable[[], int]) -> int:
         say_error(str(error))
         return error.exit_code
     except KeyboardInterrupt:
-        err.print("interrupted", style="yellow")
+        err.print("interrupted; the same command goes on from here", style="yellow")
         return EXIT_INTERRUPTED
     except BrokenPipeError:
         return 0

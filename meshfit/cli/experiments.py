@@ -4,20 +4,23 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 from rich.markup import escape
 
 from meshfit.cli.console import err, out, say_warning
 from meshfit.cli.progress import shown_progress
-from meshfit.experiment.plan import Trial
 from meshfit.experiment.progress import Outcome, Phase
 from meshfit.experiment.store import Result, RunDirectory, make_folder
+
+if TYPE_CHECKING:
+    from meshfit.experiment.plan import Trial
 
 FAILED = 1
 
 
-def run_missing(trials: Sequence[Trial], runs: Path, *, jobs: int, force: bool, quiet: bool) -> dict[int, Outcome]:
+def run_missing(trials: Sequence["Trial"], runs: Path, *, jobs: int, force: bool, quiet: bool) -> dict[int, Outcome]:
     """Run what is not complete, with progress shown."""
     from meshfit.experiment.executor import run_trials
 
@@ -31,7 +34,7 @@ def available_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def print_plan(trials: Sequence[Trial], runs: Path, *, as_json: bool) -> None:
+def print_plan(trials: Sequence["Trial"], runs: Path, *, as_json: bool) -> None:
     """Say what would be run, and what of it is complete."""
     store = RunDirectory(runs)
     complete = [store.result(trial) is not None for trial in trials]
@@ -49,13 +52,13 @@ def print_plan(trials: Sequence[Trial], runs: Path, *, as_json: bool) -> None:
     out.print(f"{len(trials)} trials: {sum(complete)} complete, {len(trials) - sum(complete)} to run")
 
 
-def results_of(trials: Sequence[Trial], runs: Path) -> list[Result]:
+def results_of(trials: Sequence["Trial"], runs: Path) -> list[Result]:
     """The results of those trials that are complete."""
     store = RunDirectory(runs)
     return [result for trial in trials if (result := store.result(trial)) is not None]
 
 
-def print_failures(trials: Sequence[Trial], outcomes: Mapping[int, Outcome], runs: Path) -> int:
+def print_failures(trials: Sequence["Trial"], outcomes: Mapping[int, Outcome], runs: Path) -> int:
     """Name every trial that failed, and where its record is; the exit code is returned."""
     store = RunDirectory(runs)
     failed = {i: outcome for i, outcome in outcomes.items() if outcome.phase is Phase.FAILED}
@@ -64,7 +67,7 @@ def print_failures(trials: Sequence[Trial], outcomes: Mapping[int, Outcome], run
         err.print(f"[bold red]failed:[/] {escape(trials[i].label)}: {escape(outcome.message)}", soft_wrap=True)
         err.print(f"        see [bold]{folder}/failure.json[/]", soft_wrap=True)
     if failed:
-        say_warning(f"{len(failed)} of {len(trials)} trials failed; the others are in the table")
+        say_warning(f"{len(failed)} of {len(trials)} trials failed")
     return FAILED if failed else 0
 
 
@@ -92,7 +95,7 @@ def show_tables(
 
 
 def run_and_report(
-    trials: Sequence[Trial], runs: Path, metric: str, *, jobs: int, force: bool, quiet: bool, as_json: bool
+    trials: Sequence["Trial"], runs: Path, metric: str, *, jobs: int, force: bool, quiet: bool, as_json: bool
 ) -> int:
     """Run what is missing, print the table of all trials, name those that failed; the exit code is returned."""
     outcomes = run_missing(trials, runs, jobs=jobs, force=force, quiet=quiet)

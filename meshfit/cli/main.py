@@ -65,6 +65,8 @@ def run_app() -> int:
         return USAGE_ERROR
     except typer.Abort:
         return EXIT_INTERRUPTED
+    if result == EXIT_INTERRUPTED:
+        raise KeyboardInterrupt
     return result if isinstance(result, int) else 0
 
 

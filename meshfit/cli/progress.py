@@ -2,19 +2,22 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from meshfit.cli.console import err
 from meshfit.experiment.board import Board
-from meshfit.experiment.plan import Trial
 from meshfit.experiment.progress import Outcome, Phase
+
+if TYPE_CHECKING:
+    from meshfit.experiment.plan import Trial
 
 Watch = Callable[[Board, Mapping[int, Outcome]], None]
 
 
 @contextmanager
-def shown_progress(trials: Sequence[Trial], *, quiet: bool) -> Iterator[Watch]:
+def shown_progress(trials: Sequence["Trial"], *, quiet: bool) -> Iterator[Watch]:
     """What `run_trials` calls to show where trials are."""
     if quiet:
         yield lambda *_: None
@@ -42,7 +45,7 @@ def _bars() -> Progress:
 class _Bars:
     """Bars on a terminal; those of trials that have ended make room for others."""
 
-    def __init__(self, trials: Sequence[Trial], bars: Progress) -> None:
+    def __init__(self, trials: Sequence["Trial"], bars: Progress) -> None:
         self._trials, self._bars = trials, bars
         self._tasks: dict[int, TaskID] = {}
         self._total = bars.add_task("[bold]all trials", total=len(trials), state="")
@@ -58,7 +61,7 @@ class _Bars:
             elif i in self._tasks:
                 self._bars.remove_task(self._tasks.pop(i))
 
-    def _show(self, i: int, trial: Trial, board: Board, phase: Phase) -> None:
+    def _show(self, i: int, trial: "Trial", board: Board, phase: Phase) -> None:
         steps = trial.settings.fit.steps
         if i not in self._tasks:
             self._tasks[i] = self._bars.add_task(trial.label, total=steps, state="")
@@ -71,7 +74,7 @@ class _Bars:
 class _Lines:
     """A line for every trial that ends, for logs."""
 
-    def __init__(self, trials: Sequence[Trial]) -> None:
+    def __init__(self, trials: Sequence["Trial"]) -> None:
         self._trials = trials
         self._told: set[int] = set()
 

@@ -66,15 +66,18 @@ def run_trials(
     if not force:
         outcomes |= {i: Outcome(Phase.COMPLETE) for i, trial in enumerate(trials) if store.result(trial) is not None}
     with _environment(_ONE_THREAD):
-        for _ in range(_MOST_IDLE_DEATHS + len(work)):
+        idle_deaths = 0
+        while len(outcomes) < len(work):
+            before = len(outcomes)
             left = {i: job for i, job in work.items() if i not in outcomes}
-            if not left:
-                return outcomes
             for i in _run_pool(left, board, outcomes, jobs, watch):
                 board.reset(i)
                 if _run_pool({i: work[i]}, board, outcomes, 1, watch):
                     outcomes[i] = _record_death(work[i], board)
-    raise TrialError("worker processes are killed before they start a trial; perhaps there is not enough memory")
+            idle_deaths = 0 if len(outcomes) > before else idle_deaths + 1
+            if idle_deaths > _MOST_IDLE_DEATHS:
+                raise TrialError("worker processes die before they start a trial; perhaps there is not enough memory")
+    return outcomes
 
 
 def _run_pool(

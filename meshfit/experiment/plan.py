@@ -76,11 +76,12 @@ def plan(experiments: Sequence[Experiment]) -> list[Trial]:
     Every target and every source is loaded once here, so that bad input is refused before the first trial starts.
 
     Raises:
-        MeshfitError: a target or a source cannot be used.
+        MeshfitError: a target, a source or the device cannot be used.
     """
     trials: dict[Path, Trial] = {}
     for experiment in experiments:
         settings = experiment.settings
+        _check_device(settings)
         source_input = _check_source(settings.source, settings.schemes)
         for target in settings.targets:
             inputs = (("target", _check_target(target)), *source_input)
@@ -103,6 +104,13 @@ def _check_source(settings: SourceSettings, schemes: Sequence[str]) -> tuple[tup
     for scheme in schemes:
         build_source(settings.model_copy(update={"levels": min(settings.levels, 1)}), scheme)
     return () if file is None else (("source", file_sha256(file)),)
+
+
+def _check_device(settings: ExperimentSettings) -> None:
+    if settings.device not in ("auto", "cpu"):
+        from meshfit.fitting.device import resolve_device  # torch takes a second, which other plans need not wait
+
+        resolve_device(settings.device, settings.dtype)
 
 
 def _without_paths(settings: dict[str, Any]) -> dict[str, Any]:

@@ -7,11 +7,10 @@ import numpy as np
 
 from meshfit.config.experiment import SourceSettings
 from meshfit.errors import ConfigError, MeshError
-from meshfit.mesh.files import load_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.meshlab import decimate
 from meshfit.mesh.solids import SOLIDS, icosahedron
-from meshfit.mesh.targets import NAMED_TARGETS, target_path
+from meshfit.mesh.targets import NAMED_TARGETS, load_target, target_path
 from meshfit.mesh.topology import Topology
 from meshfit.specs import parse_spec, suggest
 from meshfit.subdivision.choose import scheme_of
@@ -94,8 +93,8 @@ def _named_or_file(name: str) -> Mesh:
     base = _base(name)
     if base is not None:
         return base
-    path = source_file(SourceSettings(mesh=name))
-    return load_mesh(path if path is not None else name)
+    source_file(SourceSettings(mesh=name))
+    return load_target(name)
 
 
 def _base(name: str) -> Mesh | None:

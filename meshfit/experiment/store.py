@@ -6,12 +6,14 @@ import tempfile
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from filelock import FileLock
 
 from meshfit.errors import StoreError
-from meshfit.experiment.plan import Trial
+
+if TYPE_CHECKING:  # tables are made from files alone, without what a plan needs
+    from meshfit.experiment.plan import Trial
 
 RESULT = "result.json"
 FAILURE = "failure.json"
@@ -25,11 +27,11 @@ class RunDirectory:
 
     root: Path
 
-    def folder(self, trial: Trial) -> Path:
+    def folder(self, trial: "Trial") -> Path:
         """The folder of a trial, which need not exist yet."""
         return self.root / trial.folder
 
-    def result(self, trial: Trial) -> Result | None:
+    def result(self, trial: "Trial") -> Result | None:
         """The result of a trial, or None if it is not complete.
 
         Raises:
@@ -38,7 +40,7 @@ class RunDirectory:
         path = self.folder(trial) / RESULT
         return read_json(path) if path.is_file() else None
 
-    def failure(self, trial: Trial) -> Result | None:
+    def failure(self, trial: "Trial") -> Result | None:
         """The record of a trial's failure, or None if there is none.
 
         Raises:
@@ -47,7 +49,7 @@ class RunDirectory:
         path = self.folder(trial) / FAILURE
         return read_json(path) if path.is_file() else None
 
-    def lock(self, trial: Trial) -> FileLock:
+    def lock(self, trial: "Trial") -> FileLock:
         """A lock on a trial's folder, which the system releases when its holder dies, however it dies.
 
         Raises:
@@ -57,7 +59,7 @@ class RunDirectory:
         make_folder(folder)
         return FileLock(folder / ".lock")
 
-    def write(self, trial: Trial, name: str, content: bytes | str) -> None:
+    def write(self, trial: "Trial", name: str, content: bytes | str) -> None:
         """Write a file of a trial, whole or not at all.
 
         Raises:
@@ -65,7 +67,7 @@ class RunDirectory:
         """
         write_atomically(self.folder(trial) / name, content)
 
-    def remove(self, trial: Trial, *names: str) -> None:
+    def remove(self, trial: "Trial", *names: str) -> None:
         """Remove files of a trial that are no longer wanted, if they are there."""
         for name in names:
             (self.folder(trial) / name).unlink(missing_ok=True)

@@ -25,7 +25,7 @@ def resolve_device(name: str, dtype: str = "float32") -> torch.device:
     if device.type not in ("cpu", "cuda", "mps"):
         raise DeviceError(f"device: '{name}' is not supported; allowed: {DEVICES}")
     count = {"cpu": 1, "cuda": torch.cuda.device_count(), "mps": int(torch.backends.mps.is_available())}[device.type]
-    if (device.index or 0) >= count:
+    if not 0 <= (device.index or 0) < count:  # torch lets large indices overflow to negative ones
         found = f"only {count} of its kind here" if count else "none of its kind here, or torch was built without it"
         raise DeviceError(f"device: '{name}' is not available ({found}); use device: cpu, or auto")
     if device.type == "mps" and dtype == "float64":

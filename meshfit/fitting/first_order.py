@@ -1,5 +1,6 @@
 """The first-order engine: minimise the weighted loss terms over per-vertex offsets, with fresh samples every step."""
 
+import copy
 import math
 import time
 from collections.abc import Callable, Mapping
@@ -92,15 +93,16 @@ class FirstOrder:
         settings = self.problem.settings
         state = self._observe()
         terms = {name: term(state) for name, (_, term) in self._acting.items()}
-        total = sum((self._acting[name][0] * value for name, value in terms.items()), state.verts.new_zeros(()))
+        weighted = {name: self._acting[name][0] * value for name, value in terms.items()}
+        total = sum(weighted.values(), state.verts.new_zeros(()))
         loss = total.item()
         if not math.isfinite(loss):
-            raise self._diverged(next((name for name, value in terms.items() if not value.isfinite()), "loss"))
+            raise self._diverged(next((name for name, value in weighted.items() if not value.isfinite()), "loss"))
         lr = learning_rate(settings.optimizer, self.done, settings.steps)
         if self.done % settings.trace_every == 0 or self.done == settings.steps - 1:
             self._record(state, loss, terms, lr)
         self._last_good = state.verts.detach()
-        self._descend(total, terms, lr)
+        self._descend(total, weighted, lr)
         self.done += 1
         return loss
 
@@ -114,11 +116,15 @@ class FirstOrder:
             raise self._diverged("vertex position")
 
     def checkpoint(self) -> Checkpoint:
-        """Everything that the next step depends on, in types that `torch.load(weights_only=True)` reads."""
+        """Everything that the next step depends on, in types that `torch.load(weights_only=True)` reads.
+
+        It is a copy: steps made later do not change it.
+        """
         return {
             "done": self.done,
-            "offsets": self._offsets.detach(),
-            "optimizer": self._optimizer.state_dict(),
+            "offsets": self._offsets.detach().clone(),
+            "last_good": self._last_good.clone(),
+            "optimizer": copy.deepcopy(self._optimizer.state_dict()),
             "generator": self._generator.get_state(),
             "trace": list(self.trace.rows),
         }
@@ -127,17 +133,20 @@ class FirstOrder:
         """Go back, or on, to where a checkpoint of the same problem was taken."""
         with torch.no_grad():
             self._offsets.copy_(checkpoint["offsets"])
-        self._optimizer.load_state_dict(checkpoint["optimizer"])
+        self._last_good = checkpoint["last_good"].to(self._start)
+        # Copied, as torch keeps the tensors it is given where dtype and device are right.
+        self._optimizer.load_state_dict(copy.deepcopy(checkpoint["optimizer"]))
         self._generator.set_state(checkpoint["generator"].cpu())
         self.done, self.trace = checkpoint["done"], Trace([tuple(row) for row in checkpoint["trace"]])
 
     def _observe(self) -> State:
         verts = self._start + self._offsets
         faces = FaceGeometry.of(self._surface, verts)
+        # Not only where a vertex is not finite: also where it is too far off for areas, and so for samples.
+        if not bool(faces.double_area.sum().isfinite()):
+            raise self._diverged("vertex position")
         source = sample(faces, self.problem.settings.samples, self._generator)
         target = sample(self._target, self.problem.settings.samples, self._generator)
-        if not bool(source.points.isfinite().all()):
-            raise self._diverged("vertex position")
         return State(verts, self._surface, faces, source, target, match(source.points, target.points))
 
     def _record(self, state: State, loss: float, terms: dict[str, Tensor], lr: float) -> None:
@@ -145,18 +154,18 @@ class FirstOrder:
             values = terms | {name: term(state) for name, term in self._silent.items()}
         self.trace.append(self.done, loss, {name: value.item() for name, value in values.items()}, lr)
 
-    def _descend(self, total: Tensor, terms: dict[str, Tensor], lr: float) -> None:
+    def _descend(self, total: Tensor, weighted: dict[str, Tensor], lr: float) -> None:
         self._optimizer.zero_grad()
         if total.requires_grad:
             (self._offsets.grad,) = torch.autograd.grad(total, [self._offsets], retain_graph=True)
             if not bool(self._offsets.grad.isfinite().all()):
-                raise self._diverged(f"gradient of {self._term_without_gradient(terms)}")
+                raise self._diverged(f"gradient of {self._term_without_gradient(weighted)}")
         for group in self._optimizer.param_groups:
             group["lr"] = lr
         self._optimizer.step()
 
-    def _term_without_gradient(self, terms: dict[str, Tensor]) -> str:
-        for name, value in terms.items():
+    def _term_without_gradient(self, weighted: dict[str, Tensor]) -> str:
+        for name, value in weighted.items():
             (gradient,) = torch.autograd.grad(value, [self._offsets], retain_graph=True)
             if not bool(gradient.isfinite().all()):
                 return name

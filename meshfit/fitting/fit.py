@@ -2,12 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import torch
 
-from meshfit.errors import MeshError
+from meshfit.errors import ConfigError, MeshError
 from meshfit.fitting.device import resolve_device, single_thread
 from meshfit.fitting.first_order import Checkpoint, FirstOrder, Problem, run
 from meshfit.fitting.progress import Step
@@ -16,6 +16,7 @@ from meshfit.fitting.trace import Trace
 from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.mesh import Mesh
 from meshfit.settings import override
+from meshfit.specs import suggest
 
 ENGINES = {"first-order": FirstOrder}
 
@@ -74,11 +75,14 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         Diverged: a step was not finite.
     """
     settings = override(settings or FitSettings(), overrides)
+    if dtype not in get_args(Dtype):
+        raise ConfigError(f"dtype: found '{dtype}'; {suggest(str(dtype), get_args(Dtype))}")
     for name, mesh in (("source", source), ("target", target)):
         _require_surface(mesh, name)
     place = resolve_device(device, dtype)
     problem = Problem(source, target, settings, seed, place, getattr(torch, dtype))
-    with single_thread():
+    # Gradients are needed here, whatever mode the caller is in.
+    with single_thread(), torch.inference_mode(mode=False):
         engine = ENGINES[settings.method](problem)
         if resume is not None:
             engine.restore(resume)

@@ -18,7 +18,9 @@ def match(p: Tensor, q: Tensor) -> Matches:
 
 
 def _by_tree(queries: Tensor, points: Tensor) -> Tensor:
-    return torch.from_numpy(nearest_in(points.detach().numpy())(queries.detach().numpy()))
+    found = torch.from_numpy(nearest_in(points.detach().numpy())(queries.detach().numpy()))
+    # Where squared distances overflow, the tree finds nothing and says so by an index that is out of range.
+    return found.clamp_(max=len(points) - 1)
 
 
 def by_blocks(queries: Tensor, points: Tensor) -> Tensor:

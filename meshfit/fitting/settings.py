@@ -31,7 +31,7 @@ class Schedule(Settings):
     name: Literal["constant", "cosine", "step"] = "constant"
     """`constant`; `cosine`, down to `final` of the rate; or `step`, times `factor` after every `every` steps."""
     final: Annotated[float, Field(ge=0, le=1)] = 0.0
-    """For `cosine`: the fraction of the rate that is left at the last step."""
+    """For `cosine`: the fraction of the rate that is left when all steps are done."""
     every: Annotated[int, Field(ge=1)] = 500
     """For `step`: steps between two reductions."""
     factor: Annotated[float, Field(gt=0, le=1)] = 0.5

@@ -4,22 +4,25 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from meshfit.loss.surface import FaceGeometry, Surface
+from meshfit.loss.surface import LEAST_DOUBLE_AREA, FaceGeometry, Surface
 
 
 def laplacian_uniform(verts: Float[Tensor, "V 3"], surface: Surface) -> Float[Tensor, ""]:
-    """Mean over verts of the distance from the mean of the neighbours (Desbrun et al. 1999, umbrella operator)."""
+    """Mean over verts of the distance from the mean of the neighbours (Desbrun et al. 1999, umbrella operator).
+
+    A vertex without neighbours counts as 0.
+    """
     tail, head = surface.edges
     sums = torch.zeros_like(verts).index_add(0, tail, verts.index_select(0, head))
     sums = sums.index_add(0, head, verts.index_select(0, tail))
-    return _length(sums / surface.valence - verts).mean()
+    return _length(sums / surface.valence - surface.joined * verts).mean()
 
 
 def laplacian_cotangent(verts: Float[Tensor, "V 3"], surface: Surface) -> Float[Tensor, ""]:
     """Mean over verts of the distance from the cotangent-weighted mean of the neighbours (Desbrun et al. 1999).
 
     The weights are constants in the backward pass. Where they sum to nothing positive, they are not normalised, as in
-    PyTorch3D.
+    PyTorch3D. A vertex without neighbours counts as 0.
     """
     with torch.no_grad():
         cotangents = corner_cotangents(FaceGeometry.of(surface, verts)).reshape(-1)
@@ -30,7 +33,7 @@ def laplacian_cotangent(verts: Float[Tensor, "V 3"], surface: Surface) -> Float[
     weight = cotangents[:, None]
     sums = torch.zeros_like(verts).index_add(0, start, weight * verts.index_select(0, end))
     sums = sums.index_add(0, end, weight * verts.index_select(0, start))
-    return _length(scale * sums - verts).mean()
+    return _length(scale * sums - surface.joined * verts).mean()
 
 
 def corner_cotangents(faces: FaceGeometry) -> Float[Tensor, "F 3"]:
@@ -38,7 +41,7 @@ def corner_cotangents(faces: FaceGeometry) -> Float[Tensor, "F 3"]:
     ahead = faces.corners.roll(-1, 1) - faces.corners
     behind = faces.corners.roll(1, 1) - faces.corners
     dot = (ahead * behind).sum(2)
-    return dot / faces.double_area[:, None]
+    return dot / faces.double_area.clamp_min(LEAST_DOUBLE_AREA)[:, None]
 
 
 def _length(vectors: Float[Tensor, "N 3"]) -> Float[Tensor, " N"]:

@@ -10,7 +10,7 @@ from torch import Tensor
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
 
-_LEAST_DOUBLE_AREA = 1e-10
+LEAST_DOUBLE_AREA = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,6 +21,7 @@ class Surface:
         faces: (F, 3) vertex indices.
         edges: (2, E) the ends of each edge, each edge once.
         valence: (V, 1) number of edges at each vertex, at least 1.
+        joined: (V, 1) 1 where a vertex has edges, 0 where it has none.
         face_pairs: (2, P) the faces of every two that share an edge.
         pair_sign: (P,) 1 where the two are oriented alike, -1 where they are not.
     """
@@ -28,6 +29,7 @@ class Surface:
     faces: Int64[Tensor, "F 3"]
     edges: Int64[Tensor, "2 E"]
     valence: Float[Tensor, "V 1"]
+    joined: Float[Tensor, "V 1"]
     face_pairs: Int64[Tensor, "2 P"]
     pair_sign: Float[Tensor, " P"]
 
@@ -41,6 +43,7 @@ class Surface:
             faces=torch.tensor(mesh.faces, device=device),
             edges=torch.tensor(topology.edges.T.copy(), device=device),
             valence=torch.tensor(topology.valence.clip(min=1)[:, None], dtype=dtype, device=device),
+            joined=torch.tensor(topology.valence.clip(max=1)[:, None], dtype=dtype, device=device),
             face_pairs=torch.tensor((pairs // 3).T.copy(), device=device),
             pair_sign=torch.tensor(alike, dtype=dtype, device=device),
         )
@@ -56,7 +59,7 @@ class FaceGeometry:
 
     Attributes:
         corners: (F, 3, 3).
-        double_area: (F,) twice the area of each face.
+        double_area: (F,) twice the area of each face, constant in the backward pass.
         normals: (F, 3) unit normals, shorter where a face has next to no area.
     """
 
@@ -69,6 +72,7 @@ class FaceGeometry:
         """The faces of a surface with its verts at these places."""
         corners = surface.corners(verts)
         cross = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        squared = cross.square().sum(1)
         # Clamped from below, the length has a finite gradient where a face collapses.
-        double_area = cross.square().sum(1).clamp_min(_LEAST_DOUBLE_AREA**2).sqrt()
-        return cls(corners, double_area, cross / double_area[:, None])
+        length = squared.clamp_min(LEAST_DOUBLE_AREA**2).sqrt()
+        return cls(corners, squared.detach().sqrt(), cross / length[:, None])

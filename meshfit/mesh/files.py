@@ -1,9 +1,8 @@
-"""Mesh files in and out, through trimesh. The one module that imports it."""
+"""Mesh files in and out; STL and GLB through trimesh. The one module that imports it."""
 
 import io
 import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import trimesh
@@ -11,12 +10,18 @@ from numpy.typing import NDArray
 
 from meshfit.errors import MeshError
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.ply_files import read_ply, write_ply
 from meshfit.mesh.repair import clean
+from meshfit.mesh.text_files import read_obj, read_off, write_obj, write_off
 
 SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb")
 
-# Enough decimals for a double to survive text; the other formats are binary.
-_TEXT_DIGITS = {".obj": 17, ".off": 17}
+# trimesh takes OBJ's backward indices to count from the end of the file, a comment in OFF for the line before it, and
+# binary PLY to hold polygons of one size.
+_READERS = {".obj": read_obj, ".off": read_off, ".ply": read_ply}
+_WRITERS = {".obj": write_obj, ".off": write_off, ".ply": write_ply}
+_SINGLE = (".stl", ".glb")
+_LARGEST_SINGLE = float(np.finfo(np.float32).max)
 
 
 def load_mesh(path: str | Path) -> Mesh:
@@ -40,10 +45,14 @@ def save_mesh(mesh: Mesh, path: str | Path) -> None:
     """Write a mesh in the format that its suffix names, in double precision but for STL and GLB, which have none.
 
     Raises:
-        MeshError: a suffix that is not known, or a path that cannot be written.
+        MeshError: a suffix that is not known, coordinates too large for single precision, or a path that cannot be
+            written.
     """
     path = Path(path)
-    content = encode_mesh(mesh, _checked_suffix(path))
+    suffix = _checked_suffix(path)
+    if suffix in _SINGLE and not np.abs(mesh.verts).max(initial=0.0) <= _LARGEST_SINGLE:
+        raise MeshError(f"{path}: {suffix[1:].upper()} holds single precision, too small for the coordinates")
+    content = encode_mesh(mesh, suffix)
     try:
         path.write_bytes(content)
     except OSError as error:
@@ -52,26 +61,10 @@ def save_mesh(mesh: Mesh, path: str | Path) -> None:
 
 def encode_mesh(mesh: Mesh, suffix: str) -> bytes:
     """The bytes of a mesh file of that suffix; the same mesh gives the same bytes."""
-    if suffix == ".ply":
-        return _encode_ply(mesh)
-    solid = trimesh.Trimesh(mesh.verts, mesh.faces, process=False)
-    options: dict[str, Any] = {"digits": _TEXT_DIGITS[suffix]} if suffix in _TEXT_DIGITS else {}
-    if suffix == ".obj":
-        options |= {"header": None, "include_normals": False, "include_color": False}
-    content = solid.export(file_type=suffix[1:], **options)
+    if suffix in _WRITERS:
+        return _WRITERS[suffix](mesh)
+    content = trimesh.Trimesh(mesh.verts, mesh.faces, process=False).export(file_type=suffix[1:])
     return content if isinstance(content, bytes) else str(content).encode()
-
-
-def _encode_ply(mesh: Mesh) -> bytes:
-    """Binary PLY in double precision; trimesh writes single."""
-    header = (
-        "ply\nformat binary_little_endian 1.0\n"
-        f"element vertex {mesh.num_verts}\nproperty double x\nproperty double y\nproperty double z\n"
-        f"element face {mesh.num_faces}\nproperty list uchar int vertex_indices\nend_header\n"
-    )
-    rows = np.empty(mesh.num_faces, dtype=[("count", "u1"), ("index", "<i4", 3)])
-    rows["count"], rows["index"] = 3, mesh.faces
-    return header.encode() + mesh.verts.astype("<f8").tobytes() + rows.tobytes()
 
 
 def _checked_suffix(path: Path) -> str:
@@ -91,11 +84,15 @@ def _read(path: Path, suffix: str) -> tuple[NDArray[np.floating], NDArray[np.int
         raise MeshError(f"{path}: cannot be read: {error.strerror}") from error
     if not content.strip():
         raise MeshError(f"{path}: the file is empty")
+    name = suffix[1:].upper()
     try:  # a damaged file makes trimesh raise anything at all
-        return _parse(content, suffix)
+        verts, faces = _READERS[suffix](content) if suffix in _READERS else _parse(content, suffix)
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise MeshError(f"{path}: cannot be read as {suffix[1:].upper()}: {reason}") from error
+        raise MeshError(f"{path}: cannot be read as {name}: {reason}") from error
+    if not len(verts):
+        raise MeshError(f"{path}: cannot be read as {name}: no verts in it; another format, or cut short")
+    return verts, faces
 
 
 def _parse(content: bytes, suffix: str) -> tuple[NDArray[np.floating], NDArray[np.integer]]:

@@ -57,12 +57,35 @@ def nonmanifold_verts(topology: Topology) -> Indices:
     return np.flatnonzero(np.bincount(owner, minlength=topology.num_verts) > 1)
 
 
+def folded_faces(topology: Topology) -> Indices:
+    """Faces that share two edges or more with one other face; they lie back to back, and a vertex has valence 2."""
+    across = np.sort(np.where(topology.twin == NONE, NONE, topology.twin // 3).reshape(-1, 3), axis=1)
+    twice = ((across[:, :-1] == across[:, 1:]) & (across[:, 1:] != NONE)).any(axis=1)
+    return np.flatnonzero(twice)
+
+
+def require_faces(topology: Topology, purpose: str) -> None:
+    """Refuse faces that are none.
+
+    Raises:
+        MeshError: one indexes outside, or has the same vertex twice.
+    """
+    faces = topology.faces
+    outside = ((faces < 0) | (faces >= topology.num_verts)).any(axis=1)
+    repeated = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
+    for bad, fault in ((outside, f"verts are numbered 0 to {topology.num_verts - 1}"), (repeated, "a vertex twice")):
+        if bad.any():
+            face = int(np.flatnonzero(bad)[0])
+            raise MeshError(f"{purpose} needs proper faces: face {face} is {faces[face].tolist()}: {fault}")
+
+
 def require_manifold(topology: Topology, purpose: str) -> None:
     """Refuse a mesh that is not an oriented manifold, with or without boundary.
 
     Raises:
-        MeshError: naming the first edge or vertex at fault.
+        MeshError: naming the first face, edge or vertex at fault.
     """
+    require_faces(topology, purpose)
     for edges, fault in (
         (nonmanifold_edges(topology), "has {faces} faces, 1 or 2 are allowed"),
         (misoriented_edges(topology), "has two faces of opposite orientation; make the face winding consistent"),
@@ -71,6 +94,12 @@ def require_manifold(topology: Topology, purpose: str) -> None:
             a, b = topology.edges[edges[0]]
             what = fault.format(faces=topology.faces_per_edge[edges[0]])
             raise MeshError(f"{purpose} needs a manifold mesh: edge ({a}, {b}) {what} ({len(edges)} such edges)")
+    folded = folded_faces(topology)
+    if len(folded):
+        raise MeshError(
+            f"{purpose} needs a manifold mesh: face {folded[0]} shares more than one edge with the same neighbour, "
+            f"so that a vertex has valence 2 ({len(folded)} such faces)"
+        )
     verts = nonmanifold_verts(topology)
     if len(verts):
         raise MeshError(

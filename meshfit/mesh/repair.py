@@ -11,6 +11,9 @@ from meshfit.mesh.manifold import misoriented_edges, nonmanifold_edges, num_comp
 from meshfit.mesh.mesh import Faces, Mesh
 from meshfit.mesh.topology import Topology
 
+# Areas and their squares stay finite up to here.
+_LARGEST = 1e60
+
 
 def clean(verts: NDArray[np.floating], faces: NDArray[np.integer], origin: str) -> Mesh:
     """A mesh of these arrays, welded along its seams, without degenerate or duplicate faces and unused verts.
@@ -21,7 +24,8 @@ def clean(verts: NDArray[np.floating], faces: NDArray[np.integer], origin: str) 
         origin: what to call the mesh in messages, usually its path.
 
     Raises:
-        MeshError: no verts or faces, a coordinate that is not finite, a face that indexes outside, no area at all.
+        MeshError: no verts or faces, a coordinate that is not finite or beyond 1e60, a face that indexes outside, no
+            area at all.
 
     Warns:
         MeshfitWarning: with the count of whatever was dropped, and where the surface is not one closed manifold.
@@ -64,6 +68,10 @@ def _require_sound(verts: NDArray[np.floating], faces: NDArray[np.integer], orig
     if not finite.all():
         bad = int(np.flatnonzero(~finite)[0])
         raise MeshError(f"{origin}: vertex {bad} has a coordinate that is not finite: {verts[bad].tolist()}")
+    too_large = (np.abs(verts) > _LARGEST).any(axis=1)
+    if too_large.any():
+        bad = int(np.flatnonzero(too_large)[0])
+        raise MeshError(f"{origin}: vertex {bad} is {verts[bad].tolist()}; coordinates up to {_LARGEST:g} are allowed")
     outside = ((faces < 0) | (faces >= len(verts))).any(axis=1)
     if outside.any():
         bad = int(np.flatnonzero(outside)[0])

@@ -85,6 +85,8 @@ def target_path(target: str) -> Path:
     path = Path(target)
     if path.is_file():
         return path
+    if path.is_dir():
+        raise MeshError(f"{target}: a directory; the path of a mesh file is needed")
     if path.suffix or len(path.parts) > 1:
         raise MeshError(f"{target}: no such file")
     raise MeshError(

@@ -55,13 +55,19 @@ class Refinement:
             values: (V, …) numpy array or torch tensor. The map is linear, so gradients flow through it.
 
         Returns:
-            (V', …) of the same kind, dtype and device.
+            (V', …) of the same kind, dtype and device; integers come back as float64.
+
+        Raises:
+            MeshError: the number of rows is not the number of coarse vertices.
         """
+        if len(values) != self.num_coarse:
+            raise MeshError(f"found {len(values)} values; one for each of {self.num_coarse} coarse verts is needed")
         if isinstance(values, np.ndarray):
             flat = values.reshape(self.num_coarse, -1)
             for operator in self.operators:
                 flat = operator @ flat
-            return flat.reshape(-1, *values.shape[1:])
+            fine = flat.reshape(-1, *values.shape[1:])
+            return fine.astype(values.dtype) if np.issubdtype(values.dtype, np.floating) else fine
         from meshfit.subdivision.tensors import apply_to_tensor
 
         return apply_to_tensor(self.operators, values)
@@ -72,12 +78,13 @@ def refine(topology: Topology, scheme: Scheme, levels: int = 1) -> Refinement:
 
     Raises:
         SchemeError: levels is negative.
-        MeshError: the mesh is not an oriented manifold; an edge or vertex at fault is named.
+        MeshError: the mesh is not an oriented manifold; a face, edge or vertex at fault is named.
     """
     if levels < 0:
         raise SchemeError(f"levels={levels} is not allowed: 0 or more is")
     if levels:
         require_manifold(topology, "subdivision")
+        _require_alphas(scheme, topology.num_verts)
     num_coarse, operators = topology.num_verts, []
     for step in range(levels):
         division = divide(topology, scheme.split, step)
@@ -108,25 +115,31 @@ def subdivide(mesh: Mesh, scheme: str | Scheme, levels: int = 1, **parameters: P
         MeshError: the mesh cannot be refined; an edge or vertex at fault is named.
     """
     topology = Topology.of(mesh)
-    refinement = refine(topology, _declared(scheme, parameters, mesh.num_verts), levels)
+    refinement = refine(topology, _declared(scheme, parameters), levels)
     return Mesh(refinement(mesh.verts), refinement.faces)
 
 
-def _declared(scheme: str | Scheme, parameters: Mapping[str, ParameterValue], num_verts: int) -> Scheme:
-    arrays = {key: np.asarray(value, np.float64) for key, value in parameters.items() if np.ndim(value)}
-    plain = {key: value for key, value in parameters.items() if not isinstance(value, np.ndarray | list | tuple)}
-    if isinstance(scheme, Scheme):
-        if plain:
-            raise SchemeError(f"parameter '{next(iter(plain))}' goes with a scheme's name, not with a declared scheme")
-        declared = scheme
-    else:
+def _declared(scheme: str | Scheme, parameters: Mapping[str, ParameterValue]) -> Scheme:
+    lists = {key: value for key, value in parameters.items() if np.ndim(value)}
+    plain = {key: _plain(value) for key, value in parameters.items() if key not in lists}
+    if isinstance(scheme, str):
         declared = scheme_of(scheme, **plain)
-    for key, array in arrays.items():
+    elif plain:
+        raise SchemeError(f"parameter '{next(iter(plain))}' goes with a scheme's name, not with a declared scheme")
+    else:
+        declared = scheme
+    for key, value in lists.items():
         if key != "alpha":
             raise SchemeError(f"parameter '{key}' takes one value, not an array")
-        if array.shape != (num_verts,):
-            raise MeshError(f"alpha has shape {array.shape}; one value for each of {num_verts} verts is needed")
-        if not ((array >= 0) & (array <= 1)).all():
-            raise SchemeError("alpha is not allowed: all its values must lie from 0 to 1")
-        declared = declared.with_alpha(array)
+        declared = declared.with_alpha(np.asarray(value, dtype=np.float64))
     return declared
+
+
+def _plain(value: ParameterValue) -> Value:
+    return value.item() if isinstance(value, np.ndarray | np.generic) else value
+
+
+def _require_alphas(scheme: Scheme, num_verts: int) -> None:
+    alpha = scheme.push_back.alpha if scheme.push_back is not None else 0.0
+    if np.ndim(alpha) and np.shape(alpha) != (num_verts,):
+        raise MeshError(f"alpha has shape {np.shape(alpha)}; one value for each of {num_verts} verts is needed")

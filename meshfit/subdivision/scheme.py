@@ -38,6 +38,12 @@ class PushBack:
     alpha: "float | NDArray[np.float64]"
     at_valence3: "Scheme | None" = None
 
+    def __post_init__(self) -> None:
+        alpha = self.alpha
+        low, high = (alpha, alpha) if isinstance(alpha, float | int) else (alpha.min(initial=1), alpha.max(initial=0))
+        if not (low >= 0 and high <= 1):
+            raise SchemeError("alpha is not allowed: all its values must lie from 0 to 1")
+
 
 @dataclass(frozen=True)
 class Scheme:

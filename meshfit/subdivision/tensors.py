@@ -19,6 +19,7 @@ def as_tensor(operator: csr_array, dtype: torch.dtype, device: torch.device | st
 
 def apply_to_tensor(operators: Iterable[csr_array], values: Tensor) -> Tensor:
     """Apply each operator in turn to a (V, …) tensor, in its dtype and on its device."""
+    values = values if values.is_floating_point() else values.double()
     flat = values.reshape(len(values), -1)
     for operator in operators:
         flat = torch.sparse.mm(as_tensor(operator, values.dtype, values.device), flat)

@@ -1,5 +1,7 @@
 """The subdivision matrix around one vertex: how its first rings, refined, follow from the same rings before."""
 
+from fractions import Fraction
+
 import numpy as np
 
 from meshfit.mesh.mesh import Mesh
@@ -41,7 +43,7 @@ def _linear(split: Split) -> Scheme:
     if split is Split.QUADRISECT:
         return midpoint
     boundary = midpoint.boundary
-    return Scheme(split, FaceMask(1 / 3), CurveMask(boundary.vert, boundary.inserted * 2))
+    return Scheme(split, FaceMask(Fraction(1, 3)), CurveMask(boundary.vert, boundary.inserted * 2))
 
 
 def ring_verts(topology: Topology, rings: int, places: np.ndarray) -> list[int]:
@@ -76,7 +78,7 @@ def _walk(topology: Topology, halfedge: int, ahead: int, left: int) -> int:
 
 def _turn(topology: Topology, halfedge: int, sixths: int) -> int:
     """Of the half-edges out of the head, the one so many places clockwise from the way back; 3 is straight on."""
-    onward = int(next_in_face(halfedge))
+    onward = next_in_face(np.array([halfedge]))
     for _ in range(sixths - 1):
-        onward = int(next_in_face(topology.twin[onward]))
-    return onward
+        onward = next_in_face(topology.twin[onward])
+    return int(onward[0])

@@ -51,7 +51,7 @@ def test_one_alpha_for_all_verts_equals_an_array_of_it(make, options):
 @pytest.mark.parametrize("levels", [1, 3])
 def test_verts_of_alpha_1_are_kept_and_those_of_alpha_0_are_not(make, levels):
     mesh = make()
-    alphas = np.random.default_rng(0).integers(2, size=mesh.num_verts)
+    alphas = np.random.default_rng(0).integers(2, size=mesh.num_verts).astype(np.float64)
     fine = subdivide(mesh, "interp-loop", levels, alpha=alphas).verts[: mesh.num_verts]
     kept = (fine == mesh.verts).all(axis=1)
     assert np.array_equal(kept, alphas == 1)

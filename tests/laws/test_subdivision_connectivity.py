@@ -142,7 +142,7 @@ def test_verts_without_faces_stay_put(spec, levels):
 
 @by_name
 def test_verts_alone_are_refined_to_themselves(spec):
-    points = Mesh(np.eye(3), np.empty((0, 3)))
+    points = Mesh(np.eye(3), np.empty((0, 3), dtype=np.int64))
     fine = subdivide(points, spec, 2)
     assert np.array_equal(fine.verts, points.verts)
     assert fine.faces.shape == (0, 3)

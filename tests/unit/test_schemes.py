@@ -24,13 +24,13 @@ KEPT = {0: Fraction(1)}
     [
         (lambda: EdgeMask(Fraction(3, 8)), "an edge mask sum to 3/4, not to 1"),
         (lambda: EdgeMask(HALF, opposite=Fraction(1, 8), wing=Fraction(1, 16)), "an edge mask sum to 3/2"),
-        (lambda: EdgeMask(0.5 + 1e-9), "an edge mask"),
+        (lambda: SpokeMask(lambda n: (1 + 1e-9, *[0.0] * n)), "a spoke mask at valence 3"),
         (lambda: FaceMask(Fraction(1, 3), across=Fraction(1, 9)), "a face mask sum to 4/3"),
         (lambda: FaceMask(Fraction(32, 81), wing=Fraction(-2, 81)), "a face mask sum to 28/27"),
         (lambda: CurveMask({0: HALF}, ()), "a boundary vertex mask sum to 1/2"),
         (lambda: CurveMask(KEPT, ({0: HALF, 1: HALF}, {0: HALF})), "a boundary edge mask sum to 1/2"),
         (lambda: SpokeMask(lambda n: (3 / 4, *[1 / (2 * n)] * n)), "a spoke mask at valence 3 sum to 1.25"),
-        (lambda: SpokeMask(lambda n: (HALF, HALF)), "has 2 weights at valence 3, not 4"),
+        (lambda: SpokeMask(lambda n: (0.5, 0.5)), "has 2 weights at valence 3, not 4"),
         (lambda: SpokeMask(lambda n: (1.0, *[0.0] * n) if n < 12 else (2.0, *[0.0] * n)), "at valence 12 sum to 2"),
     ],
 )
@@ -39,11 +39,11 @@ def test_masks_that_do_not_sum_to_one_are_refused(make, message):
         make()
 
 
-def test_fractions_must_sum_exactly():
+def test_fractions_must_sum_exactly_and_floats_but_for_rounding():
     almost = HALF + Fraction(1, 10**15)
     with pytest.raises(SchemeError, match="not to 1"):
         EdgeMask(almost)
-    assert EdgeMask(0.5 + 1e-15).end == 0.5 + 1e-15
+    SpokeMask(lambda n: (1 + 1e-15, *[0.0] * n))
 
 
 @pytest.mark.parametrize("name", SCHEMES)

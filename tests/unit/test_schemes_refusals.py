@@ -75,11 +75,11 @@ def test_alpha_of_another_shape_than_the_verts(shape):
         subdivide(octahedron(), "interp-loop", alpha=np.full(shape, 0.5))
 
 
-def test_a_list_of_alphas_is_as_good_as_an_array():
-    alphas = [0.0, 0.2, 0.4, 0.6, 0.8, 1.0]
-    as_list, as_array = (subdivide(octahedron(), "interp-loop", 2, alpha=a) for a in (alphas, np.array(alphas)))
-    assert np.array_equal(as_list.verts, as_array.verts)
-    assert not np.array_equal(as_list.verts, subdivide(octahedron(), "interp-loop", 2).verts)
+@pytest.mark.parametrize("value", [np.float64(0.25), np.array(0.25)], ids=["scalar", "array of no dimension"])
+def test_one_alpha_from_numpy_is_as_good_as_a_number(value):
+    found, expected = (subdivide(octahedron(), "interp-loop", 2, alpha=alpha).verts for alpha in (value, 0.25))
+    assert np.array_equal(found, expected)
+    assert not np.array_equal(found, subdivide(octahedron(), "interp-loop", 2).verts)
 
 
 @pytest.mark.parametrize("scheme", ["loop", "midpoint", "sqrt3", "butterfly", scheme_of("loop")])
@@ -91,7 +91,7 @@ def test_alphas_for_a_scheme_without(scheme):
 @pytest.mark.parametrize(("name", "key", "value"), [("butterfly", "tension", 0.05), ("interp-loop", "weights", "loop")])
 def test_arrays_for_parameters_that_take_one_value(name, key, value):
     with pytest.raises(SchemeError, match=f"parameter '{key}' takes one value, not an array"):
-        subdivide(octahedron(), name, **{key: [value] * 6})
+        subdivide(octahedron(), name, **{key: np.array([value] * 6)})
 
 
 def test_parameters_beside_a_declared_scheme():

@@ -1,0 +1,105 @@
+"""OBJ and OFF, the two formats that are text: every line is accounted for, and a double comes back to the last bit."""
+
+from collections.abc import Iterator, Sequence
+
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.polygons import Arrays, arrays, fan
+
+_Lines = Iterator[tuple[int, list[bytes]]]
+_MARK = b"\xef\xbb\xbf"
+
+
+def read_obj(content: bytes) -> Arrays:
+    """Verts and faces of an OBJ file, in its order; texture coordinates, normals, groups and materials are passed over.
+
+    Raises:
+        ValueError: naming the line at fault.
+    """
+    verts: list[list[float]] = []
+    faces: list[list[int]] = []
+    for number, words in _lines(content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")):
+        if words[0] == b"v":
+            verts.append(_point(words[1:], number))
+        elif words[0] == b"f":
+            corners = _integers([word.partition(b"/")[0] for word in words[1:]], number)
+            if 0 in corners:
+                raise ValueError(f"line {number}: a face with vertex 0; OBJ counts from 1, or from -1 backwards")
+            absolute = [corner - 1 if corner > 0 else len(verts) + corner for corner in corners]
+            faces += fan(absolute, f"line {number}: ")
+    return arrays(verts, faces)
+
+
+def read_off(content: bytes) -> Arrays:
+    """Verts and faces of an OFF file, in its order; colours and normals are passed over.
+
+    Raises:
+        ValueError: naming the line at fault.
+    """
+    lines = _lines(content)
+    number, words = next(lines, (1, [b""]))
+    if not words[0].endswith(b"OFF") or b"BINARY" in words or words[0].strip(b"STCNOF"):
+        raise ValueError(f"line {number}: 'OFF' is needed, in text and three dimensions")
+    number, words = (number, words[1:]) if words[1:] else next(lines, (number, []))
+    counts = _integers(words, number)
+    if len(counts) < 2 or min(counts) < 0:
+        raise ValueError(f"line {number}: the numbers of verts and faces are needed")
+    verts = [_point(words, number) for number, words in _take(lines, counts[0], "verts")]
+    faces: list[list[int]] = []
+    for number, words in _take(lines, counts[1], "faces"):
+        size = _integers(words[:1], number)[0]
+        if len(words) <= size:
+            raise ValueError(f"line {number}: a face of {size} corners, of which {len(words) - 1} are there")
+        faces += fan(_integers(words[1 : size + 1], number), f"line {number}: ")
+    for number, _ in lines:
+        raise ValueError(f"line {number}: more lines than the {counts[0]} verts and {counts[1]} faces announced")
+    return arrays(verts, faces)
+
+
+def write_obj(mesh: Mesh) -> bytes:
+    """The bytes of an OBJ file."""
+    verts = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in mesh.verts.tolist())
+    faces = "".join(f"f {a} {b} {c}\n" for a, b, c in (mesh.faces + 1).tolist())
+    return f"{verts}{faces}".encode()
+
+
+def write_off(mesh: Mesh) -> bytes:
+    """The bytes of an OFF file."""
+    verts = "".join(f"{x!r} {y!r} {z!r}\n" for x, y, z in mesh.verts.tolist())
+    faces = "".join(f"3 {a} {b} {c}\n" for a, b, c in mesh.faces.tolist())
+    return f"OFF\n{mesh.num_verts} {mesh.num_faces} 0\n{verts}{faces}".encode()
+
+
+def _lines(content: bytes) -> _Lines:
+    for number, line in enumerate(content.removeprefix(_MARK).splitlines(), 1):
+        words = line.partition(b"#")[0].split()
+        if words:
+            yield number, words
+
+
+def _take(lines: _Lines, count: int, what: str) -> _Lines:
+    for taken in range(count):
+        line = next(lines, None)
+        if line is None:
+            raise ValueError(f"the file ends after {taken} of {count} {what}")
+        yield line
+
+
+def _point(words: Sequence[bytes], number: int) -> list[float]:
+    if len(words) < 3:
+        raise ValueError(f"line {number}: a vertex of {len(words)} coordinates, 3 are needed")
+    try:
+        return [float(word) for word in words[:3]]
+    except ValueError:
+        raise ValueError(f"line {number}: {_shown(words[:3])} are not three numbers") from None
+
+
+def _integers(words: Sequence[bytes], number: int) -> list[int]:
+    try:
+        return [int(word) for word in words]
+    except ValueError:
+        raise ValueError(f"line {number}: {_shown(words)} are not all integers") from None
+
+
+def _shown(words: Sequence[bytes]) -> str:
+    text = b" ".join(words).decode("ascii", "backslashreplace")
+    return repr(text if len(text) <= 40 else text[:39] + "…")

@@ -1,0 +1,45 @@
+"""meshfit as a user runs it: a process of its own, with its own signals, output and exit code."""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+ENVIRONMENT = os.environ | {"COLUMNS": "120", "NO_COLOR": "1", "PYTHONWARNINGS": "default"}
+
+
+def start(*arguments: object, folder: Path) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "meshfit", *map(str, arguments)],
+        cwd=folder,
+        env=ENVIRONMENT,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def meshfit(*arguments: object, folder: Path, code: int = 0) -> tuple[str, str]:
+    """Run a command to its end; its output, once its exit code is what it should be."""
+    process = start(*arguments, folder=folder)
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == code, f"exit {process.returncode}\n{out}\n{err}"
+    assert "Traceback" not in err
+    return out, err
+
+
+def wait_until(condition: Callable[[], bool], process: subprocess.Popen[str], seconds: float = 60) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert process.poll() is None, "the process ended before what it was waited for"
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.05)
+
+
+def contents(runs: Path, *names: str) -> dict[str, bytes]:
+    """The bytes of the files of these names in all trials, by their path."""
+    return {str(path.relative_to(runs)): path.read_bytes() for name in names for path in sorted(runs.rglob(name))}

@@ -1,0 +1,72 @@
+"""Real processes, killed for real: nothing that was complete is lost, and what was not goes on."""
+
+import os
+import signal
+import subprocess
+
+import pytest
+
+from tests.cli.processes import contents, meshfit, start, wait_until
+from tests.small import CONFIG, config_file
+
+pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs POSIX signals")
+
+LONG = CONFIG.replace("steps: 20", "steps: 3000").replace("schemes: [loop, interp-loop]", "schemes: [loop]")
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("undisturbed")
+    meshfit("run", config_file(folder, LONG), "-q", folder=folder)
+    return contents(folder / "runs", "result.ply", "trace.csv")
+
+
+def workers_of(parent: int) -> list[int]:
+    found = subprocess.run(["ps", "-o", "pid=", "--ppid", str(parent)], capture_output=True, text=True, check=False)
+    return [int(pid) for pid in found.stdout.split()]
+
+
+def is_alive(pid: int) -> bool:
+    state = subprocess.run(["ps", "-o", "stat=", "-p", str(pid)], capture_output=True, text=True, check=False)
+    return bool(state.stdout.strip()) and not state.stdout.strip().startswith("Z")
+
+
+def test_ctrl_c_exits_130_and_the_next_run_goes_on_from_the_checkpoint(tmp_path, undisturbed):
+    config = config_file(tmp_path, LONG)
+    process = start("run", config, "-j", 1, folder=tmp_path)
+    wait_until(lambda: bool(list((tmp_path / "runs").rglob("source.ply"))), process)
+    os.killpg(process.pid, signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    assert "interrupted" in err
+    assert len(list((tmp_path / "runs").rglob("checkpoint.pt"))) == 1
+    assert not list((tmp_path / "runs").rglob(".*.json.*"))
+    meshfit("run", config, "-q", folder=tmp_path)
+    assert contents(tmp_path / "runs", "result.ply", "trace.csv") == undisturbed
+
+
+def test_kill_9_loses_no_finished_trial_and_leaves_no_process_behind(tmp_path, undisturbed):
+    config = config_file(tmp_path, LONG)
+    process = start("run", config, "-j", 1, folder=tmp_path)
+    wait_until(lambda: bool(list((tmp_path / "runs").rglob("result.json"))), process)
+    children = workers_of(process.pid)
+    assert children
+    finished = contents(tmp_path / "runs", "result.json")
+    process.kill()
+    process.communicate(timeout=60)
+    wait_until(lambda: not any(map(is_alive, children)), start("schema", folder=tmp_path), seconds=20)
+    meshfit("run", config, "-q", folder=tmp_path)
+    after = contents(tmp_path / "runs", "result.json")
+    assert len(after) == 2
+    assert all(after[path] == content for path, content in finished.items())
+    assert contents(tmp_path / "runs", "result.ply", "trace.csv") == undisturbed
+
+
+def test_two_runs_in_one_directory_do_each_trial_once(tmp_path, undisturbed):
+    config = config_file(tmp_path, LONG)
+    first, second = (start("run", config, "-j", 1, folder=tmp_path) for _ in range(2))
+    outputs = [process.communicate(timeout=120) for process in (first, second)]
+    assert [first.returncode, second.returncode] == [0, 0], outputs
+    assert outputs[0][0] == outputs[1][0]
+    assert contents(tmp_path / "runs", "result.ply", "trace.csv") == undisturbed

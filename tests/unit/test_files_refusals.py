@@ -1,0 +1,152 @@
+"""Files that hold no usable mesh: one line that names the file and what is wrong with it."""
+
+import os
+import re
+
+import numpy as np
+import pytest
+
+from meshfit.errors import MeshError
+from meshfit.mesh.files import SUFFIXES, encode_mesh, load_mesh
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.solids import octahedron
+
+OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+OFF = "OFF\n4 4 6\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 2 0 3\n"
+PLY = (
+    "ply\nformat ascii 1.0\nelement vertex 4\nproperty double x\nproperty double y\nproperty double z\n"
+    "element face 4\nproperty list uchar int vertex_indices\nend_header\n"
+) + OFF.partition("4 4 6\n")[2]
+BINARY = encode_mesh(octahedron(), ".ply")
+
+
+def refusal(path):
+    """What is said of a file, without its name."""
+    with pytest.raises(MeshError) as caught:
+        load_mesh(path)
+    text = str(caught.value)
+    assert "\n" not in text
+    assert text.startswith(f"{path}: ")
+    return text.removeprefix(f"{path}: ")
+
+
+def written(path, content):
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_file_that_is_not_there(tmp_path, suffix):
+    assert refusal(tmp_path / f"gone{suffix}") == "no such file"
+    assert refusal(tmp_path / "gone" / f"gone{suffix}") == "no such file"
+
+
+def test_a_directory(tmp_path):
+    (tmp_path / "a.obj").mkdir()
+    assert refusal(tmp_path / "a.obj") == "cannot be read: Is a directory"
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_a_file_that_may_not_be_read(tmp_path):
+    written(tmp_path / "a.obj", OBJ).chmod(0)
+    assert refusal(tmp_path / "a.obj") == "cannot be read: Permission denied"
+
+
+@pytest.mark.parametrize("content", ["", " \n\t\r\n  "])
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_an_empty_file(tmp_path, suffix, content):
+    assert refusal(written(tmp_path / f"a{suffix}", content)) == "the file is empty"
+
+
+@pytest.mark.parametrize("name", ["a.xyz", "a.obj.zip", "a.gltf", "a.jpg"])
+def test_a_format_that_is_not_known(tmp_path, name):
+    suffix = name[name.rindex(".") :]
+    said = refusal(written(tmp_path / name, OBJ))
+    assert said == f"'{suffix}' is not a mesh format that is known; allowed: .obj, .ply, .stl, .off, .glb"
+
+
+def test_a_name_without_suffix(tmp_path):
+    assert refusal(written(tmp_path / "bunny", OBJ)).startswith("no suffix is not a mesh format that is known; allowed")
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_garbage(tmp_path, suffix, seed):
+    garbage = np.random.default_rng(seed).bytes(int(10 ** (seed + 1)))
+    assert refusal(written(tmp_path / f"a{suffix}", garbage)).startswith(f"cannot be read as {suffix[1:].upper()}: ")
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_letter_from_a_friend(tmp_path, suffix):
+    said = refusal(written(tmp_path / f"a{suffix}", "Dear all,\nplease find the model attached.\n"))
+    assert said.startswith(f"cannot be read as {suffix[1:].upper()}: ")
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".stl", ".glb"])
+def test_a_binary_file_cut_anywhere(tmp_path, suffix):
+    content = encode_mesh(octahedron(), suffix)
+    for length in {1, 40, 85, len(content) // 3, len(content) // 2, len(content) - 7, len(content) - 1}:
+        said = refusal(written(tmp_path / f"a{suffix}", content[:length]))
+        assert said.startswith(f"cannot be read as {suffix[1:].upper()}: "), length
+
+
+FAULTS = {
+    "obj: points only": ("a.obj", OBJ[:32], "the mesh has 4 verts and no faces; a surface of triangles is needed"),
+    "obj: faces only": ("a.obj", OBJ[32:], "cannot be read as OBJ: no verts in it"),
+    "obj: too high": ("a.obj", OBJ.replace("f 3 1 4", "f 3 1 9"), "face 3 is [2, 0, 8], but verts are numbered 0 to 3"),
+    "obj: too far back": ("a.obj", OBJ.replace("f 3 1 4", "f 3 1 -9"), "face 3 is [2, 0, -5]"),
+    "obj: zero": ("a.obj", OBJ.replace("f 1 2 4", "f 0 2 4"), "line 6: a face with vertex 0; OBJ counts from 1"),
+    "obj: two corners": ("a.obj", OBJ.replace("f 1 2 4", "f 1 2"), "line 6: a face of 2 corners, 3 or more are needed"),
+    "obj: a word": ("a.obj", OBJ.replace("f 1 2 4", "f 1 two 4"), "line 6: '1 two 4' are not all integers"),
+    "obj: two coordinates": ("a.obj", OBJ.replace("v 1 0 0", "v 1 0"), "line 2: a vertex of 2 coordinates"),
+    "obj: a comma": ("a.obj", OBJ.replace("v 1 0 0", "v 1,5 0 0"), "line 2: '1,5 0 0' are not three numbers"),
+    "obj: nan": ("a.obj", OBJ.replace("v 1 0 0", "v 1 nan 0"), "vertex 1 has a coordinate that is not finite: [1.0, n"),
+    "obj: infinite": ("a.obj", OBJ.replace("v 1 0 0", "v 1 0 1e999"), "vertex 1 has a coordinate that is not finite"),
+    "obj: too large": ("a.obj", OBJ.replace("v 1 0 0", "v 1e61 0 0"), "vertex 1 is [1e+61, 0.0, 0.0]; coordinates up to"),
+    "obj: all degenerate": ("a.obj", OBJ.replace("0 0 1\n", "0.5 0.5 0\n").replace(" 0 1 0", " 2 0 0")
+                            .replace("0.5 0.5", "3 0"), "all 4 faces are degenerate (no area)"),
+    "off: points only": ("a.off", OFF.partition("3 0 2 1")[0].replace("4 4", "4 0"), "the mesh has 4 verts and no faces"),
+    "off: too high": ("a.off", OFF.replace("3 2 0 3", "3 2 0 4"), "face 3 is [2, 0, 4], but verts are numbered 0 to 3"),
+    "off: negative": ("a.off", OFF.replace("3 2 0 3", "3 2 0 -1"), "face 3 is [2, 0, -1]"),
+    "off: fewer than said": ("a.off", OFF.replace("4 4 6", "4 5 6"), "the file ends after 4 of 5 faces"),
+    "off: more than said": ("a.off", OFF.replace("4 4 6", "4 3 6"), "line 10: more lines than the 4 verts and 3 faces"),
+    "off: short face": ("a.off", OFF.replace("3 2 0 3", "4 2 0 3"), "line 10: a face of 4 corners, of which 3 are there"),
+    "off: no counts": ("a.off", "OFF\n", "line 1: the numbers of verts and faces are needed"),
+    "off: four dimensions": ("a.off", "4" + OFF, "line 1: 'OFF' is needed"),
+    "off: nan": ("a.off", OFF.replace("1 0 0\n", "1 nan 0\n", 1), "vertex 1 has a coordinate that is not finite"),
+    "ply: too high": ("a.ply", PLY.replace("3 2 0 3", "3 2 0 4"), "face 3 is [2, 0, 4], but verts are numbered 0 to 3"),
+    "ply: negative": ("a.ply", PLY.replace("3 2 0 3", "3 2 0 -1"), "face 3 is [2, 0, -1]"),
+    "ply: fewer than said": ("a.ply", PLY.replace("face 4", "face 5"), "ends within 'face', of which it announces 5"),
+    "ply: more than said": ("a.ply", PLY.replace("face 4", "face 3"), "more data than its header announces"),
+    "ply: no z": ("a.ply", PLY.replace("double z", "double w"), "'vertex' has no property 'z'"),
+    "ply: no indices": ("a.ply", PLY.replace("vertex_indices", "corners"), "'face' has no property 'vertex_indices'"),
+    "ply: a negative list": ("a.ply", PLY.replace("uchar", "char").replace("3 2 0 3", "-3 2 0 3"), "a list of -3"),
+    "ply: unknown type": ("a.ply", PLY.replace("double y", "quad y"), "its header has the line 'property quad y'"),
+    "ply: no format": ("a.ply", PLY.replace("format ascii 1.0\n", ""), "its header has no 'format' line"),
+    "ply: points only": ("a.ply", PLY.partition("3 0 2 1")[0].replace("face 4", "face 0"), "4 verts and no faces"),
+    "ply: nan": ("a.ply", PLY.replace("1 0 0\n", "nan 0 0\n", 1), "vertex 1 has a coordinate that is not finite"),
+    "ply: extra bytes": ("a.ply", BINARY + b"more", "more data than its header announces"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_what_is_wrong_is_said(tmp_path, fault):
+    name, content, expected = FAULTS[fault]
+    assert re.search(re.escape(expected), refusal(written(tmp_path / name, content)))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("suffix", [".ply", ".obj", ".off"])
+def test_coordinates_that_are_not_finite_are_refused_in_every_format(tmp_path, suffix, value):
+    verts = np.array(octahedron().verts)
+    verts[3, 1] = value
+    content = encode_mesh(Mesh(verts, octahedron().faces), suffix)
+    assert "a coordinate that is not finite" in refusal(written(tmp_path / f"a{suffix}", content))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_coordinates_that_are_not_finite_are_refused_in_stl(tmp_path, value):
+    content = encode_mesh(octahedron(), ".stl")
+    first_coordinate = 84 + 12
+    damaged = content[:first_coordinate] + np.float32(value).tobytes() + content[first_coordinate + 4 :]
+    assert "vertex 0 has a coordinate that is not finite" in refusal(written(tmp_path / "a.stl", damaged))

@@ -1,0 +1,152 @@
+"""Checkpoints: a fit stopped at any step and gone on with ends at the bytes of one that was never stopped."""
+
+import io
+
+import numpy as np
+import pytest
+import torch
+
+from meshfit.fitting import first_order
+from meshfit.fitting.first_order import Diverged, FirstOrder, Problem, run
+from meshfit.fitting.fit import fit
+from meshfit.fitting.progress import Interrupted
+from meshfit.fitting.settings import FitSettings
+from meshfit.mesh.solids import cube
+from meshfit.settings import build
+from tests.shapes import mixed_closed
+
+STEPS = 11
+OPTIMIZERS = {
+    "sgd": {"name": "sgd", "lr": 0.5},
+    "adam": {"name": "adam", "lr": 0.01},
+    "sgd, cosine": {"name": "sgd", "schedule": {"name": "cosine", "final": 0.1}},
+    "adam, step": {"name": "adam", "lr": 0.02, "schedule": {"name": "step", "every": 3}},
+}
+SETTINGS = {
+    name: build(FitSettings, {"steps": STEPS, "samples": 40, "trace_every": 4, "optimizer": optimizer})
+    for name, optimizer in OPTIMIZERS.items()
+}
+EACH = pytest.mark.parametrize("settings", SETTINGS.values(), ids=SETTINGS)
+
+
+def engine(settings, dtype=torch.float32):
+    return FirstOrder(Problem(mixed_closed(), cube(), settings, 9, torch.device("cpu"), dtype))
+
+
+def through_a_file(checkpoint):
+    buffer = io.BytesIO()
+    torch.save(checkpoint, buffer)
+    buffer.seek(0)
+    return torch.load(buffer, weights_only=True)
+
+
+def outcome(fit_or_engine):
+    return fit_or_engine.mesh.verts.tobytes(), fit_or_engine.trace.to_csv()
+
+
+def uninterrupted(settings, dtype=torch.float32):
+    whole = engine(settings, dtype)
+    run(whole)
+    return outcome(whole)
+
+
+@EACH
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_restored_after_any_step_it_ends_at_the_same_bytes(settings, dtype):
+    expected, moving = uninterrupted(settings, dtype), engine(settings, dtype)
+    for done in range(STEPS + 1):
+        resumed = engine(settings, dtype)
+        resumed.restore(through_a_file(moving.checkpoint()))
+        assert resumed.done == done
+        run(resumed)
+        assert outcome(resumed) == expected, f"after step {done}"
+        if done < STEPS:
+            moving.step()
+
+
+@EACH
+def test_a_checkpoint_that_is_held_does_not_change_as_the_fit_goes_on(settings):
+    moving = engine(settings)
+    for _ in range(3):
+        moving.step()
+    held = moving.checkpoint()
+    run(moving)
+    for _ in range(2):  # nor is it used up by the first that goes on from it
+        resumed = engine(settings)
+        resumed.restore(held)
+        run(resumed)
+        assert outcome(resumed) == outcome(moving)
+
+
+@EACH
+@pytest.mark.parametrize("stop", [1, 6, STEPS])
+def test_a_fit_that_is_interrupted_saves_and_goes_on_from_there(settings, stop):
+    saved, seen = [], []
+
+    def interrupt(step):
+        seen.append(step.done)
+        if step.done == stop:
+            raise Interrupted
+
+    options = {"seed": 9, "device": "cpu"}
+    with pytest.raises(Interrupted):
+        fit(mixed_closed(), cube(), settings, on_step=interrupt, save=saved.append, **options)
+    assert [checkpoint["done"] for checkpoint in saved] == [stop]
+    result = fit(
+        mixed_closed(),
+        cube(),
+        settings,
+        resume=through_a_file(saved[0]),
+        on_step=lambda step: seen.append(step.done),
+        **options,
+    )
+    assert outcome(result) == uninterrupted(settings)
+    assert seen == list(range(1, STEPS + 1))
+
+
+def test_an_interruption_without_a_place_to_save_to_is_let_through():
+    def interrupt(step):
+        raise Interrupted
+
+    with pytest.raises(Interrupted):
+        fit(mixed_closed(), cube(), SETTINGS["sgd"], on_step=interrupt, device="cpu")
+
+
+def test_a_finished_fit_has_no_step_left():
+    finished = engine(SETTINGS["adam"])
+    run(finished)
+    resumed = engine(SETTINGS["adam"])
+    resumed.restore(through_a_file(finished.checkpoint()))
+    run(resumed, on_step=pytest.fail)
+    assert outcome(resumed) == outcome(finished)
+
+
+def test_a_checkpoint_is_saved_each_time_the_interval_is_over(monkeypatch):
+    clock = iter(range(1000))
+    monkeypatch.setattr(first_order.time, "monotonic", lambda: next(clock))
+    monkeypatch.setattr(first_order, "SECONDS_BETWEEN_CHECKPOINTS", 2.5)
+    saved = []
+    fit(mixed_closed(), cube(), SETTINGS["sgd"], seed=9, save=saved.append, device="cpu")
+    assert [checkpoint["done"] for checkpoint in saved] == [3, 6, 9]
+    for checkpoint in saved:
+        result = fit(mixed_closed(), cube(), SETTINGS["sgd"], seed=9, resume=checkpoint, device="cpu")
+        assert outcome(result) == uninterrupted(SETTINGS["sgd"])
+
+
+def test_quick_fits_save_nothing():
+    fit(mixed_closed(), cube(), SETTINGS["sgd"], save=pytest.fail, device="cpu")
+
+
+def test_a_fit_that_diverges_right_after_it_went_on_has_the_last_good_mesh_of_one_that_was_not_stopped():
+    settings = build(FitSettings, {"steps": 9, "samples": 40, "optimizer": {"lr": 3e4}})
+    moving, checkpoints = engine(settings), []
+    with pytest.raises(Diverged) as whole:
+        run(moving, on_step=lambda step: checkpoints.append(moving.checkpoint()))
+    assert whole.value.step == len(checkpoints) > 1
+    resumed = engine(settings)
+    resumed.restore(through_a_file(checkpoints[-1]))
+    with pytest.raises(Diverged) as parts:
+        run(resumed)
+    np.testing.assert_array_equal(parts.value.last_good.verts, whole.value.last_good.verts)
+    assert str(parts.value) == str(whole.value)
+    assert parts.value.trace == whole.value.trace

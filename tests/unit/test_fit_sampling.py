@@ -1,0 +1,121 @@
+"""Sampling by area: points on their faces, uniform over and within them, from a generator and nothing else."""
+
+import numpy as np
+import pytest
+import torch
+from scipy.stats import chi2
+
+from meshfit.fitting.sampling import sample
+from meshfit.loss.surface import FaceGeometry, Surface
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.solids import SOLIDS
+from tests.shapes import mixed_open
+
+
+def geometry(mesh, dtype=torch.float64):
+    surface = Surface.of(mesh, dtype, torch.device("cpu"))
+    return FaceGeometry.of(surface, torch.tensor(mesh.verts, dtype=dtype))
+
+
+def drawn(mesh, count, seed=0, dtype=torch.float64):
+    return sample(geometry(mesh, dtype), count, torch.Generator().manual_seed(seed))
+
+
+def storeys(areas, *, scale=1.0):
+    """Right triangles one above the other, so that a point's height tells its face; of area 0 where two verts meet."""
+    verts = [[(x * a, y, f) for x, y in ((0, 0), (1, 0), (0, 2))] for f, a in enumerate(areas)]
+    return Mesh(scale * np.array(verts, dtype=float), np.arange(3 * len(areas)))
+
+
+def test_points_lie_on_the_face_whose_normal_they_have():
+    mesh = mixed_open()
+    corners = mesh.verts[mesh.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    samples = drawn(mesh, 2000)
+    face = np.argmax(samples.normals.numpy() @ normals.T, axis=1)
+    np.testing.assert_allclose(samples.normals.numpy(), normals[face], atol=1e-12)
+    offsets = samples.points.numpy() - corners[face, 0]
+    sides = np.stack([corners[face, 1] - corners[face, 0], corners[face, 2] - corners[face, 0], normals[face]], axis=2)
+    u, v, height = np.linalg.solve(sides, offsets[:, :, None])[:, :, 0].T
+    assert np.abs(height).max() < 1e-12
+    assert min(u.min(), v.min(), (1 - u - v).min()) > -1e-12
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_faces_are_picked_in_proportion_to_their_area(seed, dtype):
+    areas, count = np.geomspace(0.1, 10, 20), 40_000
+    heights = drawn(storeys(areas), count, seed, dtype).points[:, 2].numpy().round().astype(int)
+    expected = count * areas / areas.sum()
+    statistic = ((np.bincount(heights, minlength=20) - expected) ** 2 / expected).sum()
+    assert chi2.ppf(0.001, 19) < statistic < chi2.ppf(0.999, 19)
+
+
+def test_points_are_uniform_within_a_triangle():
+    """Moments of the uniform density on the triangle (0, 0), (1, 0), (0, 1), each within 5 standard errors."""
+    count = 100_000
+    x, y, _ = (drawn(storeys([1.0]), count).points * torch.tensor([1, 0.5, 1])).numpy().T
+    for power, moment in {(1, 0): 1 / 3, (0, 1): 1 / 3, (2, 0): 1 / 6, (0, 2): 1 / 6, (1, 1): 1 / 12}.items():
+        values = x ** power[0] * y ** power[1]
+        assert abs(values.mean() - moment) < 5 * values.std() / np.sqrt(count), power
+    counts = np.histogram2d(x, y, bins=4, range=[[0, 1], [0, 1]])[0]
+    inside = counts[np.add.outer(np.arange(4), np.arange(4)) < 3]  # squares wholly within the triangle
+    np.testing.assert_allclose(inside, count / 8, rtol=0.05)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-7, 1e7])
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_faces_without_area_are_never_picked(dtype, scale):
+    areas = [0, 0, 1, 0, 2, 0, 0]
+    heights = drawn(storeys(areas, scale=scale), 5000, dtype=dtype).points[:, 2] / scale
+    assert set(heights.round().int().tolist()) == {2, 4}
+
+
+def test_even_the_smallest_draw_does_not_pick_a_face_without_area(monkeypatch):
+    monkeypatch.setattr(torch, "rand", lambda *size, **_: torch.zeros(size, dtype=torch.float64))
+    assert drawn(storeys([0, 0, 1, 0]), 5).points[:, 2].tolist() == [2.0] * 5
+
+
+def test_the_same_points_are_drawn_whatever_the_scale():
+    mesh = mixed_open()
+    small = drawn(Mesh(1e-6 * mesh.verts, mesh.faces), 500)
+    torch.testing.assert_close(small.points * 1e6, drawn(mesh, 500).points)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_the_generator_advances_by_three_numbers_a_point_whatever_the_mesh(dtype):
+    reference = torch.Generator().manual_seed(4)
+    torch.rand(3, 77, generator=reference, dtype=dtype)
+    for make in (*SOLIDS.values(), mixed_open):
+        generator = torch.Generator().manual_seed(4)
+        sample(geometry(make(), dtype), 77, generator)
+        assert torch.equal(generator.get_state(), reference.get_state())
+
+
+def test_a_seed_draws_the_same_points_again_and_a_used_generator_others():
+    faces, generator = geometry(mixed_open()), torch.Generator().manual_seed(3)
+    first, second = sample(faces, 100, generator), sample(faces, 100, generator)
+    again = drawn(mixed_open(), 100, seed=3)
+    assert torch.equal(first.points, again.points)
+    assert torch.equal(first.normals, again.normals)
+    assert not (first.points == second.points).all(dim=1).any()
+
+
+def test_draws_of_different_seeds_are_not_correlated():
+    """Of 28 pairs of seeds, each correlation within 5 standard errors of 0, each of 3 coordinates."""
+    count = 4000
+    points = np.stack([drawn(SOLIDS["cube"](), count, seed).points.numpy() for seed in range(8)])
+    for axis in range(3):
+        correlations = np.corrcoef(points[:, :, axis])
+        assert np.abs(correlations - np.eye(8)).max() < 5 / np.sqrt(count)
+
+
+def test_a_draw_is_constant_in_the_backward_pass_and_points_move_with_their_corners():
+    mesh = mixed_open()
+    surface = Surface.of(mesh, torch.float64, torch.device("cpu"))
+    verts = torch.tensor(mesh.verts, requires_grad=True)
+    points = sample(FaceGeometry.of(surface, verts), 50, torch.Generator().manual_seed(0)).points
+    (gradient,) = torch.autograd.grad(points[:, 0].sum(), verts)
+    assert float(gradient[:, 0].sum()) == pytest.approx(50)
+    assert not gradient[:, 1:].any()

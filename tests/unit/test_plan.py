@@ -1,0 +1,68 @@
+from pathlib import Path
+
+import pytest
+
+from meshfit.errors import MeshError
+from meshfit.experiment.plan import plan
+from tests.small import ellipsoid, experiment
+
+
+def only(folder: Path, **changes: object):
+    (trial,) = plan([experiment(folder, **changes)])
+    return trial
+
+
+def test_a_plan_is_the_product_of_targets_schemes_and_seeds(tmp_path):
+    trials = plan([experiment(tmp_path, schemes=["loop", "midpoint"], seeds=[3, 1, 2])])
+    assert [(trial.scheme, trial.seed) for trial in trials] == [
+        (scheme, seed) for scheme in ("loop", "midpoint") for seed in (3, 1, 2)
+    ]
+    assert len({trial.identity for trial in trials}) == len({trial.folder for trial in trials}) == 6
+
+
+def test_a_trial_listed_twice_is_planned_once(tmp_path):
+    one = experiment(tmp_path, seeds=[0, 1])
+    assert len(plan([one, experiment(tmp_path, seeds=[1, 2])])) == 3
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"seeds": [1]},
+        {"schemes": ["midpoint"]},
+        {"schemes": ["interp-loop:alpha=0.5"]},
+        {"fit": {"steps": 21}},
+        {"fit": {"losses": {"edge": 0.5}}},
+        {"normalise": "box"},
+        {"dtype": "float64"},
+        {"measure": {"samples": 501}},
+        {"source": {"levels": 1}},
+    ],
+)
+def test_any_setting_changes_the_identity(tmp_path, change):
+    assert only(tmp_path, **change).identity != only(tmp_path).identity
+
+
+def test_the_content_of_the_target_enters_the_identity_and_its_place_does_not(tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    here, there = only(tmp_path), only(tmp_path / "elsewhere")
+    assert here.settings.targets != there.settings.targets
+    assert here.identity == there.identity
+    other = ellipsoid(tmp_path, "other.off")
+    renamed = other.rename(tmp_path / "elsewhere" / "ellipsoid.off")
+    assert only(tmp_path, targets=[str(renamed)]).identity != here.identity
+
+
+@pytest.mark.filterwarnings("ignore::meshfit.errors.MeshfitWarning")
+def test_bad_input_is_refused_before_anything_runs(tmp_path):
+    with pytest.raises(MeshError, match="no such file"):
+        plan([experiment(tmp_path, targets=["missing.obj"])])
+    broken = tmp_path / "fan.off"
+    broken.write_text("OFF\n5 3 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n0 -1 0\n3 0 1 2\n3 0 1 3\n3 0 1 4\n")
+    with pytest.raises(MeshError, match=r"edge \(0, 1\) has 3 faces"):
+        plan([experiment(tmp_path, source={"mesh": str(broken)})])
+
+
+def test_folders_have_no_characters_that_file_systems_refuse(tmp_path):
+    folder = only(tmp_path, schemes=["interp-loop:alpha=0.5,valence3=zorin"]).folder
+    assert not set(':=,<>"|?*') & set(str(folder))

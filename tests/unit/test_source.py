@@ -1,0 +1,52 @@
+import numpy as np
+import pytest
+
+from meshfit.config.experiment import SourceSettings
+from meshfit.errors import ConfigError
+from meshfit.experiment.source import build_source
+from meshfit.mesh.manifold import is_watertight
+from meshfit.mesh.solids import icosahedron
+from meshfit.mesh.topology import Topology
+from meshfit.subdivision.refine import subdivide
+
+
+def radii(mesh, centre=(0, 0, 0)):
+    return np.linalg.norm(mesh.verts - np.asarray(centre), axis=1)
+
+
+def test_the_default_source_is_the_refined_unit_icosahedron():
+    mesh = build_source(SourceSettings(levels=2), "loop")
+    np.testing.assert_allclose(mesh.verts, subdivide(icosahedron(), "loop", 2).verts, atol=1e-15)
+
+
+def test_projection_gives_the_icosphere_of_the_tutorial():
+    mesh = build_source(SourceSettings(levels=4, project="sphere"), "midpoint")
+    assert (mesh.num_verts, mesh.num_faces) == (2562, 5120)
+    np.testing.assert_allclose(radii(mesh), 1.0, atol=1e-14)
+    base = build_source(SourceSettings(mesh="icosphere:level=4", levels=0), "loop")
+    np.testing.assert_allclose(base.verts, mesh.verts, atol=1e-14)
+
+
+def test_radius_and_centre_place_the_control_mesh():
+    mesh = build_source(SourceSettings(mesh="cube", levels=0, radius=2.5, centre=(1, 2, 3)), "loop")
+    np.testing.assert_allclose(radii(mesh, (1, 2, 3)), 2.5, atol=1e-14)
+    kept = build_source(SourceSettings(mesh="bone", levels=0, radius=None, centre=None), "loop")
+    assert kept.num_verts == 1513
+    assert np.abs(kept.verts).max() > 0
+
+
+def test_projection_keeps_centre_and_radius():
+    settings = SourceSettings(mesh="octahedron", levels=3, radius=0.5, centre=(1, 0, 0), project="sphere")
+    np.testing.assert_allclose(radii(build_source(settings, "interp-loop"), (1, 0, 0)), 0.5, atol=1e-14)
+
+
+def test_a_target_can_be_decimated_into_a_control_mesh():
+    mesh = build_source(SourceSettings(mesh="bone", decimate=200, levels=1), "loop")
+    assert mesh.num_faces == pytest.approx(800, abs=16)
+    assert is_watertight(Topology.of(mesh))
+
+
+@pytest.mark.parametrize("name", ["icosahedrn", "icosphere:level=x", "icosphere:level=-1", "icosphere:depth=2"])
+def test_an_unknown_base_is_refused_with_what_is_allowed(name):
+    with pytest.raises(ConfigError, match=r"source\.mesh: .*(icosahedron|level)"):
+        build_source(SourceSettings(mesh=name), "loop")

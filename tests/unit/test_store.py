@@ -1,0 +1,61 @@
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from meshfit.errors import StoreError
+from meshfit.experiment.store import make_folder, read_results, write_atomically, write_json
+
+
+def test_a_file_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    path = tmp_path / "result.json"
+    write_atomically(path, "old")
+
+    def full(_descriptor):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(StoreError, match=r"result\.json: cannot be written: No space left on device"):
+        write_atomically(path, "new")
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_place_that_cannot_hold_runs_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(StoreError, match=r"cannot be made: .*; choose another place with --runs"):
+        make_folder(tmp_path / "file" / "runs")
+
+
+def test_results_are_found_below_any_folder_and_name_where_they_lie(tmp_path):
+    for name in ("b/two", "a/one"):
+        (tmp_path / name).mkdir(parents=True)
+        (tmp_path / name / "result.json").write_text(json.dumps({"seed": name}))
+        (tmp_path / name / ".result.json.x1").write_text("half")
+    found = read_results([tmp_path])
+    assert [result["seed"] for result in found] == ["a/one", "b/two"]
+    assert [Path(result["folder"]) for result in found] == [tmp_path / "a/one", tmp_path / "b/two"]
+    assert len(read_results([tmp_path / "a", tmp_path])) == 2
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [("{", "not valid JSON"), ("[]", "found a list, a JSON object is needed"), ("", "not valid JSON")],
+)
+def test_a_damaged_result_is_named(tmp_path, content, message):
+    (tmp_path / "result.json").write_text(content)
+    with pytest.raises(StoreError, match=f"result.json: {message}"):
+        read_results([tmp_path])
+
+
+def test_missing_and_empty_run_directories_are_told_apart(tmp_path):
+    with pytest.raises(StoreError, match="no such run directory"):
+        read_results([tmp_path / "missing"])
+    with pytest.raises(StoreError, match="no complete trial under"):
+        read_results([tmp_path])
+
+
+def test_json_holds_no_nan():
+    with pytest.raises(ValueError, match="Out of range"):
+        write_json({"x": float("nan")})

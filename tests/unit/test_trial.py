@@ -1,0 +1,162 @@
+import json
+
+import numpy as np
+import pytest
+
+from meshfit.config.load import load_experiment
+from meshfit.errors import StoreError
+from meshfit.experiment import trial as trial_module
+from meshfit.experiment.plan import plan
+from meshfit.experiment.progress import Phase
+from meshfit.experiment.store import RunDirectory
+from meshfit.experiment.trial import run_trial
+from meshfit.fitting import first_order
+from meshfit.fitting.progress import Interrupted
+from meshfit.measuring.measure import measure
+from meshfit.mesh.files import load_mesh
+from tests.small import experiment
+
+FILES = ["config.yaml", "result.json", "result.ply", "source.ply", "trace.csv"]
+
+
+def prepared(folder, **changes):
+    (trial,) = plan([experiment(folder, **changes)])
+    store = RunDirectory(folder / "runs")
+    return trial, store, store.folder(trial)
+
+
+def visible(folder):
+    return sorted(path.name for path in folder.iterdir() if not path.name.startswith("."))
+
+
+def test_a_complete_trial_leaves_its_files_and_nothing_else(tmp_path):
+    trial, store, folder = prepared(tmp_path)
+    assert run_trial(trial, store, lambda _: None).phase is Phase.COMPLETE
+    assert visible(folder) == FILES
+    result = store.result(trial)
+    assert result["hausdorff"].keys() >= {"forward", "backward", "symmetric", "samples"}
+    assert result["distance"].keys() >= {"mean", "rms"}
+    assert result["seconds"].keys() == {"fit", "measure"}
+    assert (result["target"], result["scheme"], result["seed"]) == ("ellipsoid", "loop", 0)
+    assert {"python", "meshfit", "torch", "pymeshlab"} <= result["versions"].keys()
+
+
+def test_the_figures_are_those_of_the_files(tmp_path):
+    trial, store, folder = prepared(tmp_path, write_frame="target")
+    run_trial(trial, store, lambda _: None)
+    result = store.result(trial)
+    scale = result["frame"]["scale"]
+    found = measure(load_mesh(folder / "result.ply"), load_mesh(trial.target), trial.settings.measure).to_dict()
+    assert found["hausdorff"]["symmetric"] / scale == pytest.approx(result["hausdorff"]["symmetric"], rel=1e-5)
+    assert found["quality"]["faces"] == result["quality"]["faces"]
+
+
+def test_the_written_config_runs_the_same_trial_again(tmp_path):
+    trial, store, folder = prepared(tmp_path, schemes=["interp-loop:alpha=0.5"])
+    run_trial(trial, store, lambda _: None)
+    (again,) = plan([load_experiment(str(folder / "config.yaml"))])
+    assert again.identity == trial.identity
+
+
+def test_a_complete_trial_is_left_alone_unless_forced(tmp_path):
+    trial, store, folder = prepared(tmp_path)
+    run_trial(trial, store, lambda _: None)
+    before = (folder / "result.json").read_bytes()
+    ply = (folder / "result.ply").read_bytes()
+    run_trial(trial, store, lambda _: None)
+    assert (folder / "result.json").read_bytes() == before
+    run_trial(trial, store, lambda _: None, force=True)
+    assert (folder / "result.json").read_bytes() != before
+    assert (folder / "result.ply").read_bytes() == ply
+
+
+def test_an_interrupted_trial_goes_on_and_ends_in_the_same_bytes(tmp_path):
+    trial, store, folder = prepared(tmp_path)
+    run_trial(trial, store, lambda _: None)
+    whole = {name: (folder / name).read_bytes() for name in ("result.ply", "trace.csv")}
+    figures = store.result(trial)["hausdorff"]
+    stopping = RunDirectory(tmp_path / "stopped")
+
+    def stop_at_seven(progress):
+        if progress.step is not None and progress.step.done == 7:
+            raise Interrupted
+
+    assert run_trial(trial, stopping, stop_at_seven).phase is Phase.INTERRUPTED
+    assert stopping.result(trial) is None
+    assert "checkpoint.pt" in visible(stopping.folder(trial))
+    steps = []
+    run_trial(trial, stopping, lambda progress: steps.append(progress.step and progress.step.done))
+    assert steps[0] == 8
+    assert {name: (stopping.folder(trial) / name).read_bytes() for name in whole} == whole
+    assert stopping.result(trial)["hausdorff"] == figures
+    assert visible(stopping.folder(trial)) == FILES
+
+
+@pytest.mark.parametrize("damage", [b"", b"garbage", b"PK\x03\x04"])
+def test_a_damaged_checkpoint_is_not_trusted_and_the_trial_starts_over(tmp_path, damage):
+    trial, store, folder = prepared(tmp_path)
+    folder.mkdir(parents=True)
+    (folder / "checkpoint.pt").write_bytes(damage)
+    assert run_trial(trial, store, lambda _: None).phase is Phase.COMPLETE
+
+
+def test_a_checkpoint_is_never_executed(tmp_path):
+    import pickle
+
+    class Payload:
+        def __reduce__(self):
+            return (open, (str(tmp_path / "executed"), "w"))
+
+    trial, store, folder = prepared(tmp_path)
+    folder.mkdir(parents=True)
+    (folder / "checkpoint.pt").write_bytes(pickle.dumps(Payload()))
+    assert run_trial(trial, store, lambda _: None).phase is Phase.COMPLETE
+    assert not (tmp_path / "executed").exists()
+
+
+def test_a_diverging_trial_is_recorded_with_step_term_and_last_good_mesh(tmp_path):
+    trial, store, folder = prepared(tmp_path, fit={"optimizer": {"lr": 1e30}})
+    outcome = run_trial(trial, store, lambda _: None)
+    record = store.failure(trial)
+    assert outcome.phase is Phase.FAILED
+    assert outcome.message.startswith("Diverged: the fit diverged at step")
+    assert record["kind"] == "Diverged"
+    assert record["step"] >= 1
+    assert record["term"]
+    assert np.isfinite(load_mesh(folder / record["last_good"]).verts).all()
+    assert "trace.csv" in visible(folder)
+    assert "result.json" not in visible(folder)
+
+
+def test_an_unforeseen_error_is_recorded_with_its_traceback(tmp_path, monkeypatch):
+    trial, store, folder = prepared(tmp_path)
+
+    def broken(*_args):
+        raise RuntimeError("out of luck")
+
+    monkeypatch.setattr(trial_module, "measure", broken)
+    assert run_trial(trial, store, lambda _: None).message == "RuntimeError: out of luck"
+    assert "out of luck" in "".join(store.failure(trial)["traceback"])
+    monkeypatch.undo()
+    assert run_trial(trial, store, lambda _: None).phase is Phase.COMPLETE
+    assert visible(folder) == FILES
+
+
+def test_a_store_that_cannot_be_written_is_not_a_failure_of_the_trial(tmp_path, monkeypatch):
+    trial, store, _ = prepared(tmp_path)
+
+    def full(*_args):
+        raise StoreError("no space left")
+
+    monkeypatch.setattr(RunDirectory, "write", full)
+    with pytest.raises(StoreError, match="no space left"):
+        run_trial(trial, store, lambda _: None)
+
+
+def test_checkpoints_are_written_while_the_fit_runs(tmp_path, monkeypatch):
+    monkeypatch.setattr(first_order, "SECONDS_BETWEEN_CHECKPOINTS", 0.0)
+    trial, store, folder = prepared(tmp_path)
+    seen = []
+    run_trial(trial, store, lambda progress: seen.append((folder / "checkpoint.pt").is_file()))
+    assert any(seen)
+    assert json.loads((folder / "result.json").read_text())["identity"] == trial.identity
