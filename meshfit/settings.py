@@ -1,6 +1,7 @@
 """The base of every settings model: frozen, strict about its keys; and errors that name key, finding and remedy."""
 
 import json
+import textwrap
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
@@ -74,19 +75,23 @@ def dotted(key: Key) -> str:
 
 
 def _describe(model: type[Settings], error: ErrorDetails) -> str:
-    key = dotted(error["loc"])
+    key = " ".join(dotted(error["loc"]).split())
+    if error["type"] == "json_invalid":
+        return f"settings that JSON cannot hold: {error['ctx']['error'].partition(' at line')[0]}"
     if error["type"] == "extra_forbidden":
         allowed = _keys_beside(model, error["loc"])
         return f"{key}: no such key: {suggest(str(error['loc'][-1]), allowed)}"
     if error["type"] == "value_error":
         return f"{key}: {error['ctx']['error']}" if key else str(error["ctx"]["error"])
-    found = json.dumps(error["input"], default=str)
+    found = textwrap.shorten(json.dumps(error["input"], default=str), _LONGEST_SHOWN, placeholder=" …")
     if error["type"] == "literal_error":
         return f"{key}: found {found}; {suggest(str(error['input']), _literals(error['ctx']['expected']))}"
     kind = next((need for prefix, need in _NEEDS.items() if error["type"].startswith(prefix)), None)
     reason = kind or error["msg"].removeprefix("Input should be ")
     return f"{key}: found {found}; {reason} is needed"
 
+
+_LONGEST_SHOWN = 100
 
 # By the start of pydantic's error type, in words that do not presuppose Python.
 _NEEDS = {
@@ -97,6 +102,7 @@ _NEEDS = {
     "tuple": "a list",
     "model": "a mapping of keys to values",
     "too_short": "at least one entry",
+    "too_long": "a shorter list",
     "missing": "an entry",
 }
 

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 from typer.exceptions import TyperException
 
-from meshfit.cli import compare, expect, init, measure, run, schema, schemes, subdivide, table, targets
+from meshfit.cli import compare, expect, init, measure, render, run, schema, schemes, subdivide, table, targets
 from meshfit.cli.console import EXIT_INTERRUPTED, exit_code_of, out, say_error
 
 USAGE_ERROR = 2
@@ -28,6 +28,7 @@ for panel, name, command in (
     (EXPERIMENTS, "init", init.init),
     (MESHES, "subdivide", subdivide.subdivide),
     (MESHES, "measure", measure.measure),
+    (MESHES, "render", render.render),
     (LOOK_UP, "schemes", schemes.schemes),
     (LOOK_UP, "targets", targets.targets),
     (LOOK_UP, "schema", schema.schema),

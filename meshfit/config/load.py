@@ -91,8 +91,8 @@ def _parse_overrides(overrides: Sequence[str]) -> dict[str, Any]:
         key, equals, value = text.partition("=")
         parts = key.strip().split(".")
         if not equals or not all(parts):
-            raise ConfigError(f"--set {text}: 'key=value' is needed, such as fit.steps=500")
-        change = parse_value(value, f"--set {text}")
+            raise ConfigError(f"--set {_shown(text)}: 'key=value' is needed, such as fit.steps=500")
+        change = parse_value(value, f"--set {_shown(text)}")
         for part in reversed(parts):
             change = {part: change}
         changes = merged(changes, change)
@@ -100,11 +100,23 @@ def _parse_overrides(overrides: Sequence[str]) -> dict[str, Any]:
 
 
 def _where(key: Key, document: Document, path: Path, changes: dict[str, Any]) -> str:
-    inner: Any = changes
-    for part in key:
-        inner = inner.get(part) if isinstance(inner, dict) else None
-        if inner is not None and not isinstance(inner, dict):
-            return "--set: "
+    if _is_within(key, changes):
+        return "--set: "
     while key and key not in document.lines:
         key = key[:-1]
     return f"{path}, line {document.lines[key]}: " if key else f"{path}: "
+
+
+def _is_within(key: Key, changes: Any) -> bool:  # noqa: ANN401  any YAML value
+    """Whether the value at this key, or one that holds it, comes from the changes."""
+    for part in key:
+        if not isinstance(changes, dict):
+            return True
+        if part not in changes:
+            return False
+        changes = changes[part]
+    return bool(key)
+
+
+def _shown(text: str) -> str:
+    return " ".join(text.split())

@@ -17,20 +17,30 @@ class _Loader(yaml.SafeLoader):
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012  PyYAML's own attribute
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        """Refuse aliases: a few lines of them can stand for a document without end."""
-        if self.check_event(yaml.AliasEvent):
-            raise yaml.composer.ComposerError(problem="aliases (*name) are not allowed; write the value out")
+        """Refuse what plain settings have no use for; a few lines of aliases can stand for a document without end."""
+        event = self.peek_event()  # type: ignore[no-untyped-call]
+        what = None
+        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
+            what = "anchors and aliases (&name, *name)"
+        elif getattr(event, "tag", None) not in (None, "!"):
+            what = "tags (!name)"
+        if what is not None:
+            raise yaml.composer.ComposerError(
+                problem=f"{what} are not allowed; write the value out", problem_mark=event.start_mark
+            )
         return super().compose_node(parent, index)
 
 
-_Loader.add_implicit_resolver("tag:yaml.org,2002:null", re.compile(r"~|null|Null|NULL|$"), ["~", "n", "N", ""])
-_Loader.add_implicit_resolver("tag:yaml.org,2002:bool", re.compile(r"true|True|false|False"), list("tTfF"))
-_Loader.add_implicit_resolver("tag:yaml.org,2002:int", re.compile(r"[-+]?(0|[1-9][0-9]*)$"), list("-+0123456789"))
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?$|[-+]?\.(inf|Inf)$|\.(nan|NaN)$"),
-    list("-+.0123456789"),
-)
+# A number such as 012 stays a word: to some it is twelve, to others ten.
+_INT = r"[-+]?(0|[1-9][0-9]*)"
+_FLOAT = r"(?![-+]?0[0-9])[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"
+for _tag, _pattern, _first in (
+    ("null", "~|null|Null|NULL|", ["~", "n", "N", ""]),
+    ("bool", "true|True|TRUE|false|False|FALSE", list("tTfF")),
+    ("int", _INT, list("-+0123456789")),
+    ("float", _FLOAT, list("-+.0123456789")),
+):
+    _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(rf"(?:{_pattern})\Z"), _first)
 
 
 class _Dumper(yaml.SafeDumper):
@@ -46,6 +56,11 @@ class _Dumper(yaml.SafeDumper):
 
 
 _Dumper.add_representer(list, _Dumper.represent_list)
+# Words that either reading of YAML would take for something else are written in quotes.
+_Dumper.yaml_implicit_resolvers = {
+    first: yaml.SafeDumper.yaml_implicit_resolvers.get(first, []) + _Loader.yaml_implicit_resolvers.get(first, [])
+    for first in {*yaml.SafeDumper.yaml_implicit_resolvers, *_Loader.yaml_implicit_resolvers}
+}
 
 
 _KINDS: dict[type[yaml.Node], str] = {yaml.ScalarNode: "single value", yaml.SequenceNode: "list"}
@@ -65,11 +80,7 @@ def parse_document(text: str, origin: str) -> Document:
     Raises:
         ConfigError: not YAML, not a mapping, or a key that stands twice; with the line.
     """
-    try:
-        loader = _Loader(text)
-        node = loader.get_single_node()
-    except (yaml.YAMLError, RecursionError) as error:
-        raise ConfigError(f"{origin}: {_reason(error)}") from None
+    loader, node = _compose(text, origin)
     if node is None:
         raise ConfigError(f"{origin}: the file is empty; a mapping of settings is needed")
     if not isinstance(node, yaml.MappingNode):
@@ -77,29 +88,40 @@ def parse_document(text: str, origin: str) -> Document:
             f"{origin}: found a {_KINDS[type(node)]}, a mapping of settings ('key: value' lines) is needed"
         )
     lines: dict[Key, int] = {}
-    _walk(node, (), lines, origin)
-    try:
-        data = loader.construct_document(node)
-    except (yaml.YAMLError, ValueError) as error:
-        raise ConfigError(f"{origin}: {_reason(error)}") from None
-    return Document(data, lines)
+    return Document(_construct(loader, node, lines, origin), lines)
 
 
 def parse_value(text: str, origin: str) -> Any:  # noqa: ANN401  any YAML value
     """Read one YAML value, as `--set key=value` gives it.
 
     Raises:
-        ConfigError: it is not YAML.
+        ConfigError: it is not YAML, or a key stands twice in it.
     """
-    try:
-        return yaml.load(text, Loader=_Loader)  # noqa: S506  a SafeLoader
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise ConfigError(f"{origin}: {_reason(error)}") from None
+    loader, node = _compose(text, origin)
+    return None if node is None else _construct(loader, node, {}, origin)
 
 
 def dump(data: dict[str, Any]) -> str:
     """YAML text of plain data: keys in their order, one a line, lists on one line."""
     return yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, default_flow_style=False, width=120)
+
+
+def _compose(text: str, origin: str) -> tuple[_Loader, yaml.Node | None]:
+    try:
+        loader = _Loader(text)
+        return loader, loader.get_single_node()
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{origin}: {_reason(error)}") from None
+    except RecursionError:
+        raise ConfigError(f"{origin}: nested too deeply") from None
+
+
+def _construct(loader: _Loader, node: yaml.Node, lines: dict[Key, int], origin: str) -> Any:  # noqa: ANN401
+    _walk(node, (), lines, origin)
+    try:
+        return loader.construct_document(node)
+    except (yaml.YAMLError, ValueError) as error:
+        raise ConfigError(f"{origin}: {_reason(error)}") from None
 
 
 def _walk(node: yaml.Node, key: Key, lines: dict[Key, int], origin: str) -> None:
@@ -113,9 +135,8 @@ def _walk(node: yaml.Node, key: Key, lines: dict[Key, int], origin: str) -> None
         inner = (*key, str(name.value))
         line = name.start_mark.line + 1
         if inner in lines:
-            raise ConfigError(
-                f"{origin}, line {line}: the key '{name.value}' stands twice, first in line {lines[inner]}"
-            )
+            shown = " ".join(str(name.value).split())
+            raise ConfigError(f"{origin}, line {line}: the key '{shown}' stands twice, first in line {lines[inner]}")
         lines[inner] = line
         _walk(child, inner, lines, origin)
 

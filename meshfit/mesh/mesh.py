@@ -4,26 +4,36 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64, Int64
+from numpy.typing import ArrayLike
+
+from meshfit.errors import MeshError
 
 Verts = Float64[np.ndarray, "V 3"]
 Faces = Int64[np.ndarray, "F 3"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class Mesh:
-    """A triangle mesh. Both arrays are made read-only.
+    """A triangle mesh. Both arrays are copies, and read-only.
 
     Attributes:
         verts: (V, 3) float64, positions.
         faces: (F, 3) int64, rows of vertex indices, counter-clockwise seen from outside.
+
+    Raises:
+        MeshError: an array that has no such shape.
     """
 
     verts: Verts
     faces: Faces
 
-    def __post_init__(self) -> None:
-        for name, dtype in (("verts", np.float64), ("faces", np.int64)):
-            array = np.array(getattr(self, name), dtype=dtype).reshape(-1, 3)
+    def __init__(self, verts: ArrayLike, faces: ArrayLike) -> None:
+        for name, given, dtype in (("verts", verts, np.float64), ("faces", faces, np.int64)):
+            array = np.array(given, dtype=dtype)
+            if array.size == 0:
+                array = array.reshape(0, 3)
+            if array.ndim != 2 or array.shape[1] != 3:
+                raise MeshError(f"{name} has shape {array.shape}; rows of three are needed")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
 

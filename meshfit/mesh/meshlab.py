@@ -91,7 +91,7 @@ def decimate(mesh: Mesh, num_faces: int) -> Mesh:
     reduced = meshes.current_mesh()
     if not reduced.face_number():
         raise MeshError(f"decimation to {num_faces} faces left nothing of a mesh of {mesh.num_faces}")
-    return Mesh(reduced.vertex_matrix(), reduced.face_matrix())
+    return Mesh(reduced.vertex_matrix(), reduced.face_matrix().astype(np.int64))
 
 
 def _to_meshlab(mesh: Mesh) -> pymeshlab.Mesh:

@@ -35,7 +35,7 @@ class _Text:
     def __init__(self, body: bytes) -> None:
         self._words = iter(body.split())
 
-    def take(self, code: str, count: int) -> list[float]:
+    def take(self, code: str, count: int) -> list[int] | list[float]:
         """The next numbers, all of the kind of that code."""
         words = list(itertools.islice(self._words, count))
         if len(words) < count:
@@ -53,7 +53,7 @@ class _Binary:
     def __init__(self, body: bytes, order: str) -> None:
         self._body, self._order, self._at = body, order, 0
 
-    def take(self, code: str, count: int) -> list[float]:
+    def take(self, code: str, count: int) -> list[int] | list[float]:
         """The next numbers, all of the kind of that code."""
         shape = f"{self._order}{count}{code}"
         end = self._at + struct.calcsize(shape)
@@ -145,5 +145,5 @@ def _read_row(element: _Element, numbers: _Text | _Binary) -> dict[str, list[flo
     return row
 
 
-def _corners(row: dict[str, list[float]]) -> list[float]:
+def _corners(row: dict[str, list[float]]) -> list[int] | list[float]:
     return row["vertex_index"] if "vertex_index" in row else row["vertex_indices"]

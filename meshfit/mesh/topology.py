@@ -12,8 +12,8 @@ from jaxtyping import Bool, Int64
 from meshfit.mesh.mesh import Faces, Mesh
 
 NONE = -1
-Indices = Int64[np.ndarray, " N"]
-Mask = Bool[np.ndarray, " N"]
+Indices = Int64[np.ndarray, "_"]
+Mask = Bool[np.ndarray, "_"]
 
 
 def next_in_face(halfedge: Indices) -> Indices:

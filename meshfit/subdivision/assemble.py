@@ -1,6 +1,7 @@
 """The one assembler: it lays masks down on a topology as a sparse operator, and never asks which scheme they are of."""
 
 import numpy as np
+from jaxtyping import Bool, Int64
 from scipy.sparse import csr_array, diags_array, eye_array, vstack
 
 from meshfit.mesh.topology import Indices, Topology, next_in_face, previous_in_face
@@ -65,14 +66,14 @@ def _new_verts(topology: Topology, scheme: Scheme, division: Division) -> csr_ar
     return stencils.operator(division.num_new)
 
 
-def _tips(topology: Topology, mask: EdgeMask | FaceMask, halfedge: Indices) -> Indices:
+def _tips(topology: Topology, mask: EdgeMask | FaceMask, halfedge: Indices) -> Int64[np.ndarray, "K N"]:
     """(K, N) the half-edges whose tails are the ends of each edge (K = 2), or the corners of each face (K = 3)."""
     if isinstance(mask, EdgeMask):
         return np.stack([halfedge, topology.twin[halfedge]])
     return np.stack([halfedge, next_in_face(halfedge), previous_in_face(halfedge)])
 
 
-def _is_extraordinary(topology: Topology, verts: Indices) -> np.ndarray:
+def _is_extraordinary(topology: Topology, verts: Int64[np.ndarray, "K N"]) -> Bool[np.ndarray, "K N"]:
     return np.asarray((topology.valence[verts] != REGULAR_VALENCE) & ~topology.boundary_verts[verts])
 
 

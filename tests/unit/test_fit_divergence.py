@@ -123,3 +123,10 @@ def test_a_target_too_far_off_for_squared_distances_names_the_term():
     with pytest.raises(Diverged) as caught:
         fit(icosahedron(), far, steps=3, samples=40, device="cpu")
     assert (caught.value.step, caught.value.term) == (0, "chamfer")
+
+
+def test_a_term_of_weight_0_does_not_act_even_where_it_is_not_finite(monkeypatch):
+    monkeypatch.setitem(first_order.TERMS, "normal", lambda state: state.verts.sum() * torch.nan)
+    result = fit(icosahedron(), cube(), steps=2, samples=40, device="cpu")
+    assert np.isfinite(result.mesh.verts).all()
+    assert [np.isnan(row).nonzero()[0].tolist() for row in result.trace.rows] == [[COLUMNS.index("normal")]] * 2

@@ -24,7 +24,7 @@ def drawn(mesh, count, seed=0, dtype=torch.float64):
 def storeys(areas, *, scale=1.0):
     """Right triangles one above the other, so that a point's height tells its face; of area 0 where two verts meet."""
     verts = [[(x * a, y, f) for x, y in ((0, 0), (1, 0), (0, 2))] for f, a in enumerate(areas)]
-    return Mesh(scale * np.array(verts, dtype=float), np.arange(3 * len(areas)))
+    return Mesh(scale * np.array(verts, dtype=float).reshape(-1, 3), np.arange(3 * len(areas)).reshape(-1, 3))
 
 
 def test_points_lie_on_the_face_whose_normal_they_have():

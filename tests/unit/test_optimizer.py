@@ -1,5 +1,6 @@
 """Optimisers against their recurrences by hand, schedules at known steps, and the rate that the engine uses."""
 
+from itertools import pairwise
 from math import cos, pi, sqrt
 
 import numpy as np
@@ -65,7 +66,7 @@ def test_the_cosine_schedule_falls_from_the_rate_to_its_final_fraction():
     assert rates(100, [0, 50, 100], name="cosine", final=0.5) == pytest.approx([2, 1.5, 1])
     assert rates(100, [25], name="cosine") == pytest.approx([1 + sqrt(0.5)])
     falling = rates(100, range(100), name="cosine", final=0.1)
-    assert all(later < earlier for earlier, later in zip(falling, falling[1:], strict=False))
+    assert all(later < earlier for earlier, later in pairwise(falling))
     assert falling[-1] > 0.2
 
 

@@ -84,7 +84,7 @@ def test_open_surfaces_are_told_with_their_boundary():
 
 
 def test_edges_with_three_faces_are_told_and_kept():
-    fin = np.concatenate([SOLID.faces, [[0, 2, 6], [0, 4, 6]]])
+    fin = np.concatenate([SOLID.faces, [[0, 2, 6], [4, 0, 6]]])
     found, said = cleaned(np.concatenate([SOLID.verts, [[2.0, 2, 2]]]), fin)
     assert found.num_faces == 10
     assert said == ["2 non-manifold edges (three faces or more)", "2 boundary edges: the surface is open"]

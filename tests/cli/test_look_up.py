@@ -1,0 +1,152 @@
+"""The commands that answer at once: help, version, schemes, targets, schema, init."""
+
+import json
+import re
+import subprocess
+import sys
+from importlib.metadata import version
+
+import pytest
+
+from meshfit.config.experiment import ExperimentSettings
+from meshfit.config.load import load_experiment
+from meshfit.mesh.targets import NAMED_TARGETS
+from meshfit.subdivision.table import SCHEMES
+from tests.cli import invoke, refused
+
+COMMANDS = ("run", "compare", "table", "expect", "init", "subdivide", "measure", "schemes", "targets", "schema")
+
+
+def answered(*arguments):
+    ran = invoke(*arguments)
+    assert (ran.code, ran.err) == (0, "")
+    return ran.out
+
+
+@pytest.mark.parametrize("arguments", [(), ("--help",), ("-h",)])
+def test_help_names_every_command(arguments):
+    out = answered(*arguments)
+    assert "Usage: meshfit" in out
+    for command in COMMANDS:
+        assert re.search(rf"│ {command} ", out), command
+    assert out.index("Experiments") < out.index("Single meshes") < out.index("Look up")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_help(command):
+    out = answered(command, "--help")
+    assert f"Usage: meshfit {command}" in out
+    assert answered(command, "-h") == out
+
+
+def test_version():
+    assert answered("--version") == f"meshfit {version('meshfit')}\n"
+
+
+def test_schemes_lists_all():
+    out = answered("schemes")
+    for name, entry in SCHEMES.items():
+        assert re.search(rf"^{name} +{entry.kind}", out, re.MULTILINE), name
+
+
+def test_schemes_as_json():
+    rows = json.loads(answered("schemes", "--json"))
+    assert [row["name"] for row in rows] == list(SCHEMES)
+    for row in rows:
+        entry = SCHEMES[row["name"]]
+        assert (row["title"], row["kind"], row["continuity"]) == (entry.title, entry.kind, entry.continuity)
+        assert {key: parameter["default"] for key, parameter in row["parameters"].items()} == {
+            key: parameter.default for key, parameter in entry.parameters.items()
+        }
+
+
+@pytest.mark.parametrize("name", SCHEMES)
+def test_one_scheme_with_its_masks(name):
+    out = answered("schemes", name)
+    assert out.startswith(f"{name}  {SCHEMES[name].title}, {SCHEMES[name].kind}\n")
+    row = json.loads(answered("schemes", name, "--json"))
+    assert row["masks"]
+    for mask in row["masks"]:
+        assert mask["where"] in out
+
+
+def test_masks_are_those_of_the_parameters_given():
+    assert "3/8 each end (2), 1/8 each opposite (2)" in answered("schemes", "loop")
+    half, whole = (answered("schemes", f"interp-loop:alpha={alpha}") for alpha in ("0.5", "1"))
+    assert half.startswith("interp-loop:alpha=0.5  ")
+    assert whole.startswith("interp-loop  ")
+    assert half != whole
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("lop", "error: 'lop' is not a scheme: did you mean 'loop'? allowed: midpoint, loop, "),
+        ("xyz", "error: 'xyz' is not a scheme: allowed: midpoint, loop, "),
+        ("loop:weight=loop", "error: scheme 'loop' has no parameter 'weight': did you mean 'weights'?"),
+        ("interp-loop:alpha=2", "error: interp-loop: alpha=2 is not allowed: a number from 0 to 1 is"),
+        ("interp-loop:alpha", "error: scheme 'interp-loop:alpha': 'alpha' is not 'key=value'"),
+    ],
+)
+@pytest.mark.parametrize("option", [(), ("--json",)])
+def test_schemes_that_do_not_exist(name, said, option):
+    assert refused("schemes", name, *option).startswith(said)
+
+
+def test_targets_lists_all_with_their_counts():
+    out = answered("targets")
+    rows = json.loads(answered("targets", "--json"))
+    assert [row["name"] for row in rows] == list(NAMED_TARGETS)
+    for row in rows:
+        assert re.search(rf"^{row['name']} +{row['verts']:,} +{row['faces']:,} ", out, re.MULTILINE)
+        assert row["sha256"] == NAMED_TARGETS[row["name"]].sha256
+    assert {row["name"]: row["faces"] for row in rows}["bunny"] == 56172
+
+
+def test_schema_is_that_of_the_settings():
+    assert json.loads(answered("schema")) == json.loads(json.dumps(ExperimentSettings.model_json_schema()))
+
+
+def test_init_writes_a_config_once(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert answered("init") == "wrote experiment.yaml; now: meshfit run experiment.yaml\n"
+    assert load_experiment("experiment.yaml").settings == ExperimentSettings()
+    (tmp_path / "experiment.yaml").write_text("mine")
+    said = "error: experiment.yaml: is there already; give another name, or --force to write over it"
+    assert refused("init") == said
+    assert (tmp_path / "experiment.yaml").read_text() == "mine"
+    answered("init", "--force")
+    assert load_experiment("experiment.yaml").settings == ExperimentSettings()
+
+
+def test_init_where_nothing_can_be_written(tmp_path):
+    path = tmp_path / "gone" / "a.yaml"
+    assert refused("init", path) == f"error: {path}: cannot be written: No such file or directory"
+
+
+USAGE = {
+    ("--bad",): "error: No such option: --bad See 'meshfit --help'.",
+    ("bad",): "error: No such command 'bad'. See 'meshfit --help'.",
+    ("scheme",): "error: No such command 'scheme'. Did you mean",
+    ("schemes", "--bad"): "error: No such option: --bad See 'meshfit schemes --help'.",
+    ("schemes", "a", "b"): "error: Got unexpected extra argument",
+    ("schema", "a"): "error: Got unexpected extra argument",
+    ("subdivide", "cow"): "error: Missing argument 'OUT'. See 'meshfit subdivide --help'.",
+    ("measure", "cow", "cow", "--samples", "many"): "error: Invalid value for '--samples': ",
+    ("measure", "cow", "cow", "--normalise", "Box"): "error: Invalid value for '--normalise': ",
+}
+
+
+@pytest.mark.parametrize("arguments", USAGE, ids=" ".join)
+def test_wrong_usage_is_answered_in_one_line_that_points_to_help(arguments):
+    said = refused(*arguments)
+    assert said.startswith(USAGE[arguments])
+    assert said.endswith("--help'.")
+
+
+@pytest.mark.parametrize("module", ["meshfit", "meshfit.cli.main"])
+def test_importing_loads_no_heavy_library(module):
+    heavy = "{'torch', 'trimesh', 'pymeshlab', 'scipy', 'pykdtree', 'pyvista', 'igl'}"
+    code = f"import sys, {module}; print(sorted({heavy} & sys.modules.keys()))"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout == "[]\n"

@@ -1,0 +1,143 @@
+"""From a name or a file and some overrides to settings; and what is wrong is said with its line."""
+
+from pathlib import Path
+
+import pytest
+
+from meshfit.config.experiment import ExperimentSettings
+from meshfit.config.load import bundled_configs, config_path, load_experiment
+from meshfit.config.strict_yaml import dump, parse_document
+from meshfit.errors import ConfigError
+from meshfit.mesh.files import save_mesh
+from meshfit.mesh.solids import cube
+from meshfit.settings import build
+
+
+@pytest.fixture
+def config(tmp_path):
+    """Load a config of this text."""
+
+    def load(text, *overrides):
+        (tmp_path / "c.yaml").write_text(text, encoding="utf-8")
+        return load_experiment(str(tmp_path / "c.yaml"), overrides).settings
+
+    return load
+
+
+def refusal(*arguments):
+    with pytest.raises(ConfigError) as caught:
+        load_experiment(*arguments)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("name", bundled_configs())
+def test_bundled_configs_load_by_name_and_by_path(name):
+    experiment = load_experiment(name)
+    assert experiment.name == name
+    assert load_experiment(str(bundled_configs()[name])) == experiment
+
+
+def test_table1_is_the_papers_comparison():
+    settings = load_experiment("table1").settings
+    assert settings.targets == ("bunny", "mousehead")
+    assert settings.schemes == ("loop", "interp-loop")
+    assert len(settings.seeds) >= 3
+    assert settings.fit.losses.normal > 0
+
+
+def test_a_bundled_name_comes_before_a_file_of_that_name_and_a_path_before_both(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("quickstart", "mine"):
+        Path(name).write_text("seeds: [77]\n")
+    assert config_path("quickstart") == bundled_configs()["quickstart"]
+    assert load_experiment("./quickstart").settings.seeds == (77,)
+    assert load_experiment("mine").settings.seeds == (77,)
+
+
+def test_what_is_not_there_is_said(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert refusal("gone.yaml") == "gone.yaml: no such file"
+    assert refusal("gone/quickstart") == "gone/quickstart: no such file"
+    said = "'quikstart' is no config and no file: did you mean 'quickstart'? allowed: quickstart"
+    assert refusal("quikstart").startswith(said.removesuffix("allowed: quickstart"))
+    assert refusal(str(tmp_path)) == f"{tmp_path}: a directory; the path of a YAML file is needed"
+
+
+def test_a_file_that_is_no_text(tmp_path):
+    (tmp_path / "a.yaml").write_bytes(b"seeds: [\xff]\n")
+    assert refusal(str(tmp_path / "a.yaml")) == f"{tmp_path / 'a.yaml'}: not a text file in UTF-8"
+
+
+def test_mesh_files_lie_relative_to_the_config(tmp_path, monkeypatch):
+    folder = tmp_path / "project"
+    (folder / "meshes").mkdir(parents=True)
+    save_mesh(cube(), folder / "meshes" / "box.off")
+    (folder / "c.yaml").write_text("targets: [bunny, meshes/box.off]\nsource: {mesh: meshes/../meshes/box.off}\n")
+    monkeypatch.chdir(tmp_path)
+    settings = load_experiment("project/c.yaml").settings
+    assert settings.targets == ("bunny", str(folder / "meshes" / "box.off"))
+    assert settings.source.mesh == str(folder / "meshes" / "box.off")
+
+
+OVERRIDES = [
+    (["fit.steps=7"], lambda s: s.fit.steps, 7),
+    (["fit.losses.edge=0.5"], lambda s: (s.fit.losses.edge, s.fit.losses.chamfer), (0.5, 4)),
+    (["fit.losses={edge: 0.5}"], lambda s: (s.fit.losses.edge, s.fit.losses.chamfer), (0.5, 4)),
+    (["seeds=[1, 2]"], lambda s: s.seeds, (1, 2)),
+    (["targets=[cow]"], lambda s: s.targets, ("cow",)),
+    (["fit.steps=1", "fit.steps=2"], lambda s: s.fit.steps, 2),
+    (["fit.steps=bad", "fit.steps=2"], lambda s: s.fit.steps, 2),
+    (["fit.optimizer.schedule.name=cosine"], lambda s: s.fit.optimizer.schedule.name, "cosine"),
+    (["fit.optimizer.lr=1e-3", "fit.optimizer.name=adam"], lambda s: (s.fit.optimizer.lr, s.fit.steps), (1e-3, 9)),
+    (["source.radius=null", "source.centre=null"], lambda s: (s.source.radius, s.source.centre), (None, None)),
+    (["source.decimate=40"], lambda s: s.source.decimate, 40),
+    ([" fit.steps = 7 "], lambda s: s.fit.steps, 7),
+    (["schemes=['interp-loop:alpha=0.5,weights=loop']"], lambda s: s.schemes, ("interp-loop:alpha=0.5",)),
+]
+TEXT = "seeds: [0]\nfit:\n  steps: 9\n  losses: {edge: 3, chamfer: 4}\n"
+
+
+@pytest.mark.parametrize(("overrides", "value", "expected"), OVERRIDES, ids=lambda item: str(item)[:40])
+def test_overrides(config, overrides, value, expected):
+    assert value(config(TEXT, *overrides)) == expected
+
+
+LISTED = "targets, schemes, seeds, normalise, write_frame, source, fit, measure, device, dtype"
+BAD_OVERRIDES = {
+    "fit.steps": "--set fit.steps: 'key=value' is needed, such as fit.steps=500",
+    "=5": "--set =5: 'key=value' is needed",
+    "fit..steps=5": "--set fit..steps=5: 'key=value' is needed",
+    "fit.stps=5": "--set: fit.stps: no such key: did you mean 'steps'? allowed: method, steps",
+    "stps=5": f"--set: stps: no such key: allowed: {LISTED}",
+    "fit.steps=x": '--set: fit.steps: found "x"; an integer is needed',
+    "fit.steps=": "--set: fit.steps: found null; an integer is needed",
+    "fit.steps.a=3": '--set: fit.steps: found {"a": 3}; an integer is needed',
+    "fit=3": "--set: fit: found 3; a mapping of keys to values is needed",
+    "fit.losses=null": "--set: fit.losses: found null; a mapping of keys to values is needed",
+    "seeds=[1, x]": '--set: seeds[1]: found "x"; an integer is needed',
+    "seeds=[1, 1]": "--set: seeds: 1 is listed twice",
+    "seeds=[": "--set seeds=[: line 1: not valid YAML: ",
+    "fit.losses={edge: 1, edge: 2}": "--set fit.losses={edge: 1, edge: 2}, line 1: the key 'edge' stands twice",
+    "a\nb=1": "--set: a b: no such key",
+    "a\nb": "--set a b: 'key=value' is needed",
+}
+
+
+@pytest.mark.parametrize("text", BAD_OVERRIDES)
+def test_overrides_at_fault_are_named(tmp_path, text):
+    (tmp_path / "c.yaml").write_text(TEXT)
+    assert refusal(str(tmp_path / "c.yaml"), [text]).startswith(BAD_OVERRIDES[text])
+
+
+def test_faults_of_the_file_are_not_blamed_on_overrides(tmp_path):
+    (tmp_path / "c.yaml").write_text(TEXT.replace("steps: 9", "steps: nine"))
+    assert refusal(str(tmp_path / "c.yaml"), ["fit.samples=10"]) == (
+        f'{tmp_path / "c.yaml"}, line 3: fit.steps: found "nine"; an integer is needed'
+    )
+
+
+@pytest.mark.parametrize("name", bundled_configs())
+def test_resolved_settings_are_written_and_read_back(name):
+    settings = load_experiment(name, ["fit.optimizer.lr=1e-7", "source.radius=null"]).settings
+    assert build(ExperimentSettings, parse_document(dump(settings.model_dump(mode="json")), "it").data) == settings

@@ -1,0 +1,139 @@
+"""Every constrained key refuses what lies outside, names line, key, finding and need, and takes what lies inside."""
+
+import pytest
+
+from meshfit.config.experiment import ExperimentSettings
+from meshfit.config.load import load_experiment
+from meshfit.config.strict_yaml import parse_document
+from meshfit.errors import ConfigError
+from meshfit.settings import build
+
+RANGES = {
+    "source.decimate": (["4", "100"], ["3", "-1", "4.5"]),
+    "source.levels": (["0", "8"], ["-1", "9", "1.0", "null"]),
+    "source.radius": (["1e-9", "2", "null"], ["0", "-1"]),
+    "source.centre": (["[0, 1, 2.5]", "null"], ["[0, 0]", "[0, 0, 0, 0]", "0", "[0, 0, x]"]),
+    "source.project": (["none", "sphere"], ["Sphere", "null"]),
+    "source.mesh": (["cube"], ["5", "null"]),
+    "targets": (["[cow]"], ["[]", "cow", "[1]", "[cow, cow]", "null"]),
+    "schemes": (["[loop, 'loop:weights=warren']"], ["[]", "[lop]", "[loop, loop]", "['interp-loop:alpha=2']", "[3]"]),
+    "seeds": (["[0, 1]", "[9223372036854775807]"], ["[]", "[-1]", "[9223372036854775808]", "[0, 0]", "0", "[1.0]"]),
+    "normalise": (["tutorial", "box", "none"], ["Box", "null"]),
+    "write_frame": (["normalised", "target"], ["own"]),
+    "dtype": (["float32", "float64"], ["float16"]),
+    "fit.method": (["first-order"], ["second-order"]),
+    "fit.steps": (["0", "5"], ["-1", "1.5", "1e3"]),
+    "fit.samples": (["1"], ["0", "-5"]),
+    **{
+        f"fit.losses.{term}": (["0", "2.5"], ["-0.1", ".inf", ".nan", "1e400"])
+        for term in ("chamfer", "normal", "edge", "laplacian", "consistency")
+    },
+    "fit.laplacian": (["uniform", "cotangent"], ["mean"]),
+    "fit.optimizer.name": (["sgd", "adam"], ["lbfgs"]),
+    "fit.optimizer.lr": (["1e-9", "1"], ["0", "-1", ".inf"]),
+    "fit.optimizer.momentum": (["0", "0.999"], ["1", "-0.1"]),
+    "fit.optimizer.schedule.name": (["constant", "cosine", "step"], ["linear"]),
+    "fit.optimizer.schedule.final": (["0", "1"], ["-0.1", "1.1"]),
+    "fit.optimizer.schedule.every": (["1"], ["0"]),
+    "fit.optimizer.schedule.factor": (["1", "0.1"], ["0", "1.1"]),
+    "fit.trace_every": (["1"], ["0"]),
+    "measure.samples": (["100"], ["99"]),
+    "measure.points": (["100"], ["99"]),
+    "measure.f_score_tau": (["0.1"], ["0", "-1"]),
+    "measure.seed": (["0"], ["-1"]),
+}
+INSIDE = [(key, value) for key, (inside, _) in RANGES.items() for value in inside]
+OUTSIDE = [(key, value) for key, (_, outside) in RANGES.items() for value in outside]
+NUMBERS = [
+    key for key, (inside, _) in RANGES.items() if inside[0].lstrip("-").replace(".", "").replace("e", "").isdigit()
+]
+
+
+def nested(key, value):
+    """A document whose last line holds the key."""
+    parts = key.split(".")
+    lines = [f"{'  ' * depth}{part}:" for depth, part in enumerate(parts)]
+    return "\n".join(lines) + f" {value}\n", len(lines)
+
+
+def keys_of(settings, before=""):
+    for name in type(settings).model_fields:
+        value = getattr(settings, name)
+        yield from keys_of(value, f"{before}{name}.") if hasattr(value, "model_fields_set") else [before + name]
+
+
+def test_every_key_is_tested_here():
+    assert set(keys_of(ExperimentSettings())) - {"device"} <= RANGES.keys()
+
+
+@pytest.mark.parametrize(("key", "value"), INSIDE)
+def test_what_lies_inside_is_taken(key, value):
+    text, _ = nested(key, value)
+    assert build(ExperimentSettings, parse_document(text, "it").data) is not None
+
+
+def refused(tmp_path, key, value):
+    text, line = nested(key, value)
+    path = tmp_path / "c.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        load_experiment(str(path))
+    said = str(caught.value)
+    assert "\n" not in said
+    assert said.startswith(f"{path}, line {line}: {key}")
+    return said.removeprefix(f"{path}, line {line}: {key}")
+
+
+@pytest.mark.parametrize(("key", "value"), OUTSIDE)
+def test_what_lies_outside_is_refused_with_its_line(tmp_path, key, value):
+    said = refused(tmp_path, key, value)
+    assert "found" in said or "listed twice" in said or "allowed" in said
+
+
+@pytest.mark.parametrize("value", ["true", "false", "'1'", "[1]", "{a: 1}"])
+@pytest.mark.parametrize("key", NUMBERS)
+def test_truth_texts_and_collections_are_no_numbers(tmp_path, key, value):
+    assert refused(tmp_path, key, value).startswith(": found ")
+
+
+SAID = [
+    ("fit.steps", "1.5", ": found 1.5; an integer is needed"),
+    ("fit.optimizer.lr", "'1'", ': found "1"; a number is needed'),
+    ("fit.optimizer.lr", ".nan", ": found NaN; a finite number is needed"),
+    ("fit.optimizer.lr", "0", ": found 0; greater than 0 is needed"),
+    ("source.levels", "9", ": found 9; less than or equal to 8 is needed"),
+    ("normalise", "Box", ": found \"Box\"; did you mean 'box'? allowed: tutorial, box, none"),
+    ("seeds", "[]", ": found []; at least one entry is needed"),
+    ("seeds", "[3, x]", '[1]: found "x"; an integer is needed'),
+    ("seeds", "[5, 1, 5]", ": 5 is listed twice"),
+    ("schemes", "[lop]", "[0]: 'lop' is not a scheme: did you mean 'loop'? allowed: midpoint, loop"),
+    ("schemes", "['interp-loop:alpha=1,weights=loop', interp-loop]", ": interp-loop is listed twice"),
+    ("source.centre", "[0, 0, 0, 0]", ": found [0, 0, 0, 0]; a shorter list is needed"),
+    ("fit", "3", ": found 3; a mapping of keys to values is needed"),
+    ("fit.stps", "3", ": no such key: did you mean 'steps'? allowed: method, steps"),
+    ("fit.losses.egde", "3", ": no such key: did you mean 'edge'? allowed: chamfer, normal, edge"),
+    ("seed", "3", ": no such key: did you mean 'seeds'? allowed: targets, schemes"),
+    ("1", "3", ": no such key: allowed: targets"),
+]
+
+
+@pytest.mark.parametrize(("key", "value", "expected"), SAID)
+def test_what_is_said(tmp_path, key, value, expected):
+    assert refused(tmp_path, key, value).startswith(expected)
+
+
+def test_unknown_keys_in_flow_mappings_have_the_line_they_stand_on(tmp_path):
+    (tmp_path / "c.yaml").write_text("seeds: [0]\nfit: {steps: 3,\n  losses: {edge: 1,\n    chamfr: 2}}\n")
+    with pytest.raises(ConfigError, match=r"c\.yaml, line 4: fit\.losses\.chamfr: no such key: did you mean 'chamfer'"):
+        load_experiment(str(tmp_path / "c.yaml"))
+
+
+def test_schemes_are_kept_in_their_one_canonical_form():
+    data = {"schemes": ["interp-loop:weights=loop,alpha=0.5", "loop:weights=loop", "butterfly:tension=0.0625"]}
+    assert build(ExperimentSettings, data).schemes == ("interp-loop:alpha=0.5", "loop", "butterfly")
+
+
+def test_settings_nested_beyond_what_json_can_hold(tmp_path):
+    (tmp_path / "c.yaml").write_text("seeds: " + "[" * 250 + "]" * 250)
+    with pytest.raises(ConfigError, match=r"c\.yaml: settings that JSON cannot hold: recursion limit exceeded$"):
+        load_experiment(str(tmp_path / "c.yaml"))
