@@ -54,7 +54,7 @@ class ExperimentSettings(Settings):
     """Named targets (see `meshfit targets`) or paths of mesh files, relative to this file."""
     schemes: Annotated[tuple[SchemeSpec, ...], *Listed] = ("loop", "interp-loop")
     """Subdivision schemes (see `meshfit schemes`), with parameters as in `interp-loop:alpha=0.5`."""
-    seeds: Annotated[tuple[Annotated[int, Field(ge=0, lt=2**63)], ...], *Listed] = (0,)
+    seeds: Annotated[tuple[Annotated[int, Field(ge=0, lt=2**32)], ...], *Listed] = (0,)
     """Seeds of the samples; table cells are means over them."""
     normalise: Literal["tutorial", "box", "none"] = "tutorial"
     """Frame of all lengths. `tutorial`: target's mean at 0, largest |coordinate| 1. `box`: box centred, diagonal 1."""

@@ -5,6 +5,7 @@ import struct
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import Arrays, arrays, fan
@@ -27,6 +28,9 @@ class _Element:
     name: str
     length: int
     properties: list[_Property]
+
+
+_Rows = NDArray[np.void] | list[dict[str, list[int] | list[float]]]
 
 
 class _Text:
@@ -63,6 +67,27 @@ class _Binary:
         self._at = end
         return list(found)
 
+    def take_alike(self, element: _Element) -> NDArray[np.void] | None:
+        """All rows of an element at once, if they are alike: its lists as long in every row as in the first."""
+        start = self._at
+        first = _read_row(element, self)
+        self._at = start
+        shape = [field for one in element.properties for field in self._fields(one, len(first[one.name]))]
+        table = np.dtype(shape)
+        if start + table.itemsize * element.length > len(self._body):
+            return None
+        rows = np.frombuffer(self._body, table, element.length, start)
+        if any(
+            (rows[f"{one.name} count"] != len(first[one.name])).any() for one in element.properties if one.count_code
+        ):
+            return None
+        self._at += table.itemsize * element.length
+        return rows
+
+    def _fields(self, one: _Property, length: int) -> list[tuple[str, str, tuple[int, ...]]]:
+        fields: list[tuple[str, str, tuple[int, ...]]] = [(one.name, self._order + one.code, (length,))]
+        return [(f"{one.name} count", self._order + one.count_code, ()), *fields] if one.count_code else fields
+
     def rest(self) -> bytes:
         """What is left."""
         return self._body[self._at :].strip()
@@ -83,23 +108,19 @@ def read_ply(content: bytes) -> Arrays:
     line_end = b"\r\n" if body.startswith(b"\r\n") else body[:1]
     body = body[len(line_end) :]
     numbers = _Binary(body, order) if order else _Text(body)
-    verts: list[list[float]] = []
-    faces: list[list[int]] = []
+    verts, faces = arrays([], [])
     for element in elements:
         try:
-            for _ in range(element.length if element.properties else 0):
-                row = _read_row(element, numbers)
-                if element.name == "vertex":
-                    verts.append([row[axis][0] for axis in "xyz"])
-                elif element.name == "face":
-                    faces += fan([int(corner) for corner in _corners(row)])
+            rows = _read_rows(element, numbers)
         except EOFError:
             raise ValueError(f"the file ends within '{element.name}', of which it announces {element.length}") from None
-        except KeyError as error:
-            raise ValueError(f"'{element.name}' has no property {error}") from None
+        if element.name == "vertex":
+            verts = _points(element, rows)
+        elif element.name == "face":
+            faces = _triangles(element, rows)
     if numbers.rest():
         raise ValueError("more data than its header announces")
-    return arrays(verts, faces)
+    return verts, faces
 
 
 def write_ply(mesh: Mesh) -> bytes:
@@ -135,7 +156,14 @@ def _parse_header(head: bytes) -> tuple[str, list[_Element]]:
     return order, elements
 
 
-def _read_row(element: _Element, numbers: _Text | _Binary) -> dict[str, list[float]]:
+def _read_rows(element: _Element, numbers: _Text | _Binary) -> _Rows:
+    if not element.properties or not element.length:
+        return []
+    table = numbers.take_alike(element) if isinstance(numbers, _Binary) else None
+    return table if table is not None else [_read_row(element, numbers) for _ in range(element.length)]
+
+
+def _read_row(element: _Element, numbers: _Text | _Binary) -> dict[str, list[int] | list[float]]:
     row = {}
     for one in element.properties:
         count = int(numbers.take(one.count_code, 1)[0]) if one.count_code else 1
@@ -145,5 +173,22 @@ def _read_row(element: _Element, numbers: _Text | _Binary) -> dict[str, list[flo
     return row
 
 
-def _corners(row: dict[str, list[float]]) -> list[int] | list[float]:
-    return row["vertex_index"] if "vertex_index" in row else row["vertex_indices"]
+def _points(element: _Element, rows: _Rows) -> NDArray[np.float64]:
+    names = [_property(element, axis) for axis in "xyz"]
+    if isinstance(rows, np.ndarray):
+        return np.concatenate([rows[name] for name in names], axis=1).astype(np.float64)
+    return arrays([[float(row[name][0]) for name in names] for row in rows], [])[0]
+
+
+def _triangles(element: _Element, rows: _Rows) -> NDArray[np.int64]:
+    name = _property(element, "vertex_indices", "vertex_index")
+    if isinstance(rows, np.ndarray) and rows[name].shape[1] == 3:
+        return rows[name].astype(np.int64)
+    return arrays([], [triangle for row in rows for triangle in fan([int(corner) for corner in row[name]])])[1]
+
+
+def _property(element: _Element, *names: str) -> str:
+    found = [one.name for one in element.properties if one.name in names]
+    if not found and element.length:
+        raise ValueError(f"'{element.name}' has no property '{names[0]}'")
+    return found[0] if found else names[0]

@@ -9,7 +9,7 @@ from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.manifold import misoriented_edges, nonmanifold_edges, num_components
 from meshfit.mesh.mesh import Faces, Mesh
-from meshfit.mesh.topology import Topology
+from meshfit.mesh.topology import Indices, Topology
 
 # Areas and their squares stay finite up to here.
 _LARGEST = 1e60
@@ -35,10 +35,9 @@ def clean(verts: NDArray[np.floating], faces: NDArray[np.integer], origin: str) 
     kept, dropped = _sound_faces(mesh)
     if not len(kept):
         raise MeshError(f"{origin}: all {mesh.num_faces} faces are degenerate (no area)")
-    used = np.unique(kept)
-    unused = len(np.setdiff1d(np.arange(len(verts)), np.unique(faces)))
-    dropped["unreferenced verts"] = unused
-    result = Mesh(mesh.verts[used], np.searchsorted(used, kept))
+    dropped["unreferenced verts"] = int((~_marked(faces, len(verts))).sum())
+    used = _marked(kept, len(verts))
+    result = Mesh(mesh.verts[used], (np.cumsum(used) - 1)[kept])
     for what, count in dropped.items():
         if count:
             _warn(f"{origin}: dropped {count} {what}")
@@ -53,9 +52,8 @@ def weld_seams(mesh: Mesh) -> Mesh:
     """
     topology = Topology.of(mesh)
     seam = np.flatnonzero(topology.boundary_verts)
-    _, first, group = np.unique(mesh.verts[seam] + 0.0, axis=0, return_index=True, return_inverse=True)
     target = np.arange(mesh.num_verts)
-    target[seam] = seam[first[group.reshape(-1)]]
+    target[seam] = seam[_first_equal(mesh.verts[seam])]
     return Mesh(mesh.verts, target[mesh.faces])
 
 
@@ -81,9 +79,25 @@ def _require_sound(verts: NDArray[np.floating], faces: NDArray[np.integer], orig
 def _sound_faces(mesh: Mesh) -> tuple[Faces, dict[str, int]]:
     degenerate = face_areas(mesh) == 0.0
     faces = mesh.faces[~degenerate]
-    _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
-    kept = faces[np.sort(first)]
+    kept = faces[_first_equal(np.sort(faces, axis=1)) == np.arange(len(faces))]
     return kept, {"degenerate faces": int(degenerate.sum()), "duplicate faces": len(faces) - len(kept)}
+
+
+def _marked(faces: NDArray[np.integer], num_verts: int) -> NDArray[np.bool_]:
+    mark = np.zeros(num_verts, dtype=bool)
+    mark[faces] = True
+    return mark
+
+
+def _first_equal(rows: NDArray[np.generic]) -> Indices:
+    """(N,) for each row of three, the first row that equals it. Faster than `np.unique` by rows, and 0.0 is -0.0."""
+    order = np.lexsort(rows.T)
+    ordered = rows[order]
+    starts = np.ones(len(rows), dtype=bool)
+    starts[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+    first = np.empty(len(rows), dtype=np.int64)
+    first[order] = order[np.flatnonzero(starts)][np.cumsum(starts) - 1]
+    return first
 
 
 def _warn_of_shape(topology: Topology, origin: str) -> None:

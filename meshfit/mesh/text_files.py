@@ -1,11 +1,18 @@
 """OBJ and OFF, the two formats that are text: every line is accounted for, and a double comes back to the last bit."""
 
+import re
 from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import Arrays, arrays, fan
 
 _Lines = Iterator[tuple[int, list[bytes]]]
+_PASSED_OVER = (b"#", b"vn ", b"vt ", b"g ", b"o ", b"s ", b"usemtl ", b"mtllib ")
+_AFTER_SLASH = re.compile(rb"/\S*")
 _MARK = b"\xef\xbb\xbf"
 
 
@@ -15,6 +22,8 @@ def read_obj(content: bytes) -> Arrays:
     Raises:
         ValueError: naming the line at fault.
     """
+    if (plain := _plain_obj(content)) is not None:
+        return plain
     verts: list[list[float]] = []
     faces: list[list[int]] = []
     for number, words in _lines(content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")):
@@ -53,6 +62,32 @@ def read_off(content: bytes) -> Arrays:
     for number, _ in lines:
         raise ValueError(f"line {number}: more lines than the {counts[0]} verts and {counts[1]} faces announced")
     return arrays(verts, faces)
+
+
+def _plain_obj(content: bytes) -> Arrays | None:
+    """The same, all at once, where verts and faces are plain `v x y z` and `f a b c`, slashes or not; else None."""
+    lines = content.split(b"\n")
+    verts = [line[2:] for line in lines if line.startswith(b"v ")]
+    faces = [line[2:] for line in lines if line.startswith(b"f ")]
+    if len(verts) + len(faces) + sum(line.startswith(_PASSED_OVER) or not line for line in lines) != len(lines):
+        return None
+    points, corners = _table(verts, np.float64), _table(faces, np.int64)
+    if points is None or corners is None or not (corners > 0).all():
+        return None
+    return points, corners - 1
+
+
+def _table(lines: list[bytes], dtype: type[np.generic]) -> NDArray[Any] | None:
+    """(N, 3) the numbers of lines of three words each, or None."""
+    # A separator in every fourth place, and nowhere else, says that each line has three words.
+    words = _AFTER_SLASH.sub(b"", b" ; ".join([*lines, b""])).split()
+    if len(words) != 4 * len(lines) or words[3::4] != [b";"] * len(lines):
+        return None
+    del words[3::4]
+    try:
+        return np.array(words, dtype=bytes).astype(dtype).reshape(-1, 3)
+    except ValueError:
+        return None
 
 
 def write_obj(mesh: Mesh) -> bytes:

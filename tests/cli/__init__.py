@@ -25,6 +25,7 @@ def invoke(*arguments: object) -> Ran:
     out, err = io.StringIO(), io.StringIO()
     with (
         mock.patch.object(sys, "argv", ["meshfit", *map(str, arguments)]),
+        mock.patch.object(sys.modules["__main__"], "__package__", None, create=True),  # not `python -m pytest`
         mock.patch.object(console.out, "_width", WIDTH),
         mock.patch.object(console.err, "_width", WIDTH),
         contextlib.redirect_stdout(out),

@@ -17,7 +17,7 @@ RANGES = {
     "source.mesh": (["cube"], ["5", "null"]),
     "targets": (["[cow]"], ["[]", "cow", "[1]", "[cow, cow]", "null"]),
     "schemes": (["[loop, 'loop:weights=warren']"], ["[]", "[lop]", "[loop, loop]", "['interp-loop:alpha=2']", "[3]"]),
-    "seeds": (["[0, 1]", "[9223372036854775807]"], ["[]", "[-1]", "[9223372036854775808]", "[0, 0]", "0", "[1.0]"]),
+    "seeds": (["[0, 1]", "[4294967295]"], ["[]", "[-1]", "[4294967296]", "[0, 0]", "0", "[1.0]"]),
     "normalise": (["tutorial", "box", "none"], ["Box", "null"]),
     "write_frame": (["normalised", "target"], ["own"]),
     "dtype": (["float32", "float64"], ["float16"]),

@@ -58,68 +58,67 @@ def test_lines_are_short_enough_to_read():
 SCHEMA = json.loads(json.dumps(ExperimentSettings.model_json_schema()))
 
 
-def faults(value, schema, where="it"):
-    """A small checker of the words of JSON Schema that pydantic uses; any other word is an error of the test."""
+KINDS = {"object": dict, "array": list, "string": str, "integer": int, "number": (int, float), "null": type(None)}
+
+
+def is_number(value):
+    return isinstance(value, int | float)
+
+
+# Whether a value breaks a rule, by the rule's word; words that pydantic does not use yet are missing on purpose.
+BREAKS = {
+    "type": lambda value, rule, _: not isinstance(value, KINDS[rule]) or isinstance(value, bool),
+    "properties": lambda value, rule, _: any(faulty(value[key], rule.get(key, {})) for key in value),
+    "additionalProperties": lambda value, rule, beside: (
+        rule is False and not value.keys() <= beside["properties"].keys()
+    ),
+    "items": lambda value, rule, _: any(faulty(entry, rule) for entry in value),
+    "anyOf": lambda value, rule, _: all(faulty(value, option) for option in rule),
+    "enum": lambda value, rule, _: value not in rule,
+    "const": lambda value, rule, _: value != rule,
+    "minItems": lambda value, rule, _: isinstance(value, list) and len(value) < rule,
+    "maxItems": lambda value, rule, _: isinstance(value, list) and len(value) > rule,
+    "minimum": lambda value, rule, _: is_number(value) and value < rule,
+    "maximum": lambda value, rule, _: is_number(value) and value > rule,
+    "exclusiveMinimum": lambda value, rule, _: is_number(value) and value <= rule,
+    "exclusiveMaximum": lambda value, rule, _: is_number(value) and value >= rule,
+}
+SILENT = {"title", "description", "default", "$defs", "prefixItems", "$ref"}
+
+
+def faulty(value, schema):
     if "$ref" in schema:
-        schema = SCHEMA["$defs"][schema["$ref"].removeprefix("#/$defs/")] | {
-            k: v for k, v in schema.items() if k != "$ref"
-        }
-    kinds = {"object": dict, "array": list, "string": str, "integer": int, "number": (int, float), "null": type(None)}
-    for word, rule in schema.items():
-        match word:
-            case "title" | "description" | "default" | "$defs" | "prefixItems":
-                bad = False
-            case "type":
-                bad = not isinstance(value, kinds[rule]) or isinstance(value, bool)
-            case "properties":
-                bad = any(
-                    [*(fault for key in value for fault in faults(value[key], rule.get(key, {}), f"{where}.{key}"))]
-                )
-            case "additionalProperties":
-                bad = rule is False and not value.keys() <= schema["properties"].keys()
-            case "items":
-                bad = any(fault for entry in value for fault in faults(entry, rule, where))
-            case "anyOf":
-                bad = all(list(faults(value, option, where)) for option in rule)
-            case "enum":
-                bad = value not in rule
-            case "const":
-                bad = value != rule
-            case "minItems":
-                bad = len(value) < rule
-            case "maxItems":
-                bad = len(value) > rule
-            case "minimum":
-                bad = isinstance(value, int | float) and value < rule
-            case "maximum":
-                bad = isinstance(value, int | float) and value > rule
-            case "exclusiveMinimum":
-                bad = isinstance(value, int | float) and value <= rule
-            case "exclusiveMaximum":
-                bad = isinstance(value, int | float) and value >= rule
-            case _:
-                raise AssertionError(f"{where}: the schema has the word {word}, which this test does not know")
-        if bad:
-            yield f"{where}: {word} {rule}"
+        schema = SCHEMA["$defs"][schema["$ref"].removeprefix("#/$defs/")] | schema
+    return any(BREAKS[word](value, rule, schema) for word, rule in schema.items() if word not in SILENT)
 
 
 @pytest.mark.parametrize("name", bundled_configs())
 def test_the_schema_lets_bundled_configs_through(name):
     data = parse_document(bundled_configs()[name].read_text(encoding="utf-8"), name).data
-    assert list(faults(data, SCHEMA)) == []
+    assert not faulty(data, SCHEMA)
 
 
 def test_the_schema_lets_the_starter_through():
-    assert list(faults(parse_document(starter_config(), "it").data, SCHEMA)) == []
+    assert not faulty(parse_document(starter_config(), "it").data, SCHEMA)
 
 
 @pytest.mark.parametrize(
     "data",
-    [{"seed": 1}, {"seeds": []}, {"seeds": [-1]}, {"fit": {"steps": "x"}}, {"fit": {"losses": {"egde": 1}}}]
-    + [{"normalise": "Box"}, {"source": {"levels": 9}}, {"source": {"radius": 0}}, {"measure": {"samples": 99}}],
+    [
+        {"seed": 1},
+        {"seeds": []},
+        {"seeds": [-1]},
+        {"seeds": [True]},
+        {"fit": {"steps": "x"}},
+        {"fit": {"losses": {"egde": 1}}},
+        {"normalise": "Box"},
+        {"source": {"levels": 9}},
+        {"source": {"radius": 0}},
+        {"measure": {"samples": 99}},
+    ],
 )
 def test_the_schema_refuses_what_the_models_refuse(data):
-    assert list(faults(data, SCHEMA))
+    assert faulty(data, SCHEMA)
 
 
 def test_the_schema_describes_every_key():

@@ -1,6 +1,7 @@
 """The grammar of OBJ, OFF, PLY and STL as people write them."""
 
 import struct
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -111,7 +112,7 @@ def test_polygons_become_a_fan_of_triangles(tmp_path, suffix, polygon):
     (tmp_path / f"a{suffix}").write_text(text)
     with pytest.warns(MeshfitWarning):
         found = load_mesh(tmp_path / f"a{suffix}")
-    expected = [[polygon[0], a, b] for a, b in zip(polygon[1:], polygon[2:], strict=False)]
+    expected = [[polygon[0], a, b] for a, b in pairwise(polygon[1:])]
     assert found.verts[found.faces].tolist() == [[PENTAGON[v] for v in face] for face in expected]
 
 

@@ -94,13 +94,16 @@ def test_welding_takes_equal_positions_only():
 
 def test_two_closed_surfaces_that_touch_at_a_vertex_or_an_edge_stay_apart():
     mesh = octahedron()
-    touching = Mesh(np.concatenate([mesh.verts, mesh.verts + [2, 0, 0]]), np.concatenate([mesh.faces, mesh.faces + 6]))
+    touching = Mesh(
+        np.concatenate([mesh.verts, mesh.verts + np.array([2, 0, 0])]), np.concatenate([mesh.faces, mesh.faces + 6])
+    )
     assert len(np.unique(touching.verts + 0.0, axis=0)) == 11
     assert np.array_equal(weld_seams(touching).faces, touching.faces)
     box = cube()
     length = box.verts[:, 0].max() - box.verts[:, 0].min()
     beside = Mesh(
-        np.concatenate([box.verts, box.verts + [length, length, 0]]), np.concatenate([box.faces, box.faces + 8])
+        np.concatenate([box.verts, box.verts + np.array([length, length, 0])]),
+        np.concatenate([box.faces, box.faces + 8]),
     )
     assert np.array_equal(weld_seams(beside).faces, beside.faces)
 
@@ -116,7 +119,9 @@ def test_the_cow_which_touches_itself_is_not_torn():
 
 def test_coincident_verts_of_two_boundaries_are_joined_in_one_place_each():
     left, right = patch(3, 4), patch(3, 4)
-    both = Mesh(np.concatenate([left.verts, right.verts + [2, 0, 0]]), np.concatenate([left.faces, right.faces + 12]))
+    both = Mesh(
+        np.concatenate([left.verts, right.verts + np.array([2, 0, 0])]), np.concatenate([left.faces, right.faces + 12])
+    )
     assert len(np.unique(weld_seams(both).faces)) == patch(5, 4).num_verts
 
 

@@ -99,14 +99,14 @@ def test_faces_turned_over_are_told_with_the_edges_that_disagree():
 
 
 def test_pieces_are_counted():
-    pieces = [icosahedron().verts + [5.0 * i, 0, 0] for i in range(3)]
+    pieces = [icosahedron().verts + np.array([5.0 * i, 0, 0]) for i in range(3)]
     faces = [icosahedron().faces + 12 * i for i in range(3)]
     assert cleaned(np.concatenate(pieces), np.concatenate(faces))[1] == ["3 separate components"]
 
 
 def test_everything_at_once_is_told_in_a_line_each():
     mesh = mixed_open()
-    away = mesh.verts + [9.0, 0, 0]
+    away = mesh.verts + np.array([9.0, 0, 0])
     faces = np.concatenate([mesh.faces, mesh.faces[:2], [[1, 1, 2]], mesh.faces + mesh.num_verts])
     found, said = cleaned(np.concatenate([mesh.verts, away, [[0.0, 0, 0]]]), faces)
     assert found.num_faces == 2 * mesh.num_faces

@@ -66,8 +66,13 @@ def test_numpy_scalars_are_as_good_as_pythons():
 
 @pytest.mark.parametrize(
     ("key", "text"),
-    [((), ""), (("fit",), "fit"), (("fit", "losses", "edge"), "fit.losses.edge"), (("seeds", 2), "seeds[2]")]
-    + [(("a", 0, "b"), "a[0].b")],
+    [
+        ((), ""),
+        (("fit",), "fit"),
+        (("fit", "losses", "edge"), "fit.losses.edge"),
+        (("seeds", 2), "seeds[2]"),
+        (("a", 0, "b"), "a[0].b"),
+    ],
 )
 def test_keys_are_written_with_dots_and_brackets(key, text):
     assert dotted(key) == text

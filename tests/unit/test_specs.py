@@ -85,7 +85,7 @@ def test_parameters_without_key_or_value_are_refused(text, pair):
 
 
 def test_a_parameter_that_stands_twice_is_refused():
-    with pytest.raises(ConfigError, match="^'a:b=1,b=2': a parameter stands twice$"):
+    with pytest.raises(ConfigError, match=r"^'a:b=1,b=2': a parameter stands twice$"):
         parse_spec("a:b=1,b=2")
 
 
