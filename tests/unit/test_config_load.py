@@ -98,7 +98,7 @@ OVERRIDES = [
 TEXT = "seeds: [0]\nfit:\n  steps: 9\n  losses: {edge: 3, chamfer: 4}\n"
 
 
-@pytest.mark.parametrize(("overrides", "value", "expected"), OVERRIDES, ids=lambda item: str(item)[:40])
+@pytest.mark.parametrize(("overrides", "value", "expected"), OVERRIDES, ids=[" ".join(case[0]) for case in OVERRIDES])
 def test_overrides(config, overrides, value, expected):
     assert value(config(TEXT, *overrides)) == expected
 
