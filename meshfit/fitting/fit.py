@@ -43,7 +43,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     *,
     seed: int = 0,
     device: str = "auto",
-    dtype: Dtype = "float32",
+    dtype: str = "float32",
     on_step: Callable[[Step], None] | None = None,
     resume: Checkpoint | None = None,
     save: Callable[[Checkpoint], None] | None = None,
@@ -59,7 +59,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         settings: of the fit; defaults are those of PyTorch3D's tutorial.
         seed: of the samples. The same seed, settings and machine give the same bytes on the CPU.
         device: `auto`, `cpu`, `cuda`, `cuda:N` or `mps`.
-        dtype: of the computation; meshes are float64 on both sides of it.
+        dtype: of the computation, `float32` or `float64`; meshes are float64 on both sides of it.
         on_step: called after every step.
         resume: a checkpoint of the same fit to go on from.
         save: called with a checkpoint every few seconds, and if `on_step` raises `Interrupted`.

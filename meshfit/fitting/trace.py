@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 COLUMNS = ("step", "loss", "chamfer", "normal", "edge", "laplacian", "consistency", "lr")
 
-Row = tuple[float, ...]
+Row = tuple[int | float, ...]
 
 
 @dataclass

@@ -5,7 +5,6 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from meshfit.errors import MeshError
@@ -63,6 +62,8 @@ def encode_mesh(mesh: Mesh, suffix: str) -> bytes:
     """The bytes of a mesh file of that suffix; the same mesh gives the same bytes."""
     if suffix in _WRITERS:
         return _WRITERS[suffix](mesh)
+    import trimesh  # most files need it not, and it takes as long to import as all the rest
+
     content = trimesh.Trimesh(mesh.verts, mesh.faces, process=False).export(file_type=suffix[1:])
     return content if isinstance(content, bytes) else str(content).encode()
 
@@ -96,6 +97,8 @@ def _read(path: Path, suffix: str) -> tuple[NDArray[np.floating], NDArray[np.int
 
 
 def _parse(content: bytes, suffix: str) -> tuple[NDArray[np.floating], NDArray[np.integer]]:
+    import trimesh
+
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         scene = trimesh.load_scene(

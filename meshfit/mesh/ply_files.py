@@ -3,6 +3,7 @@
 import itertools
 import struct
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,7 @@ class _Element:
     properties: list[_Property]
 
 
-_Rows = NDArray[np.void] | list[dict[str, list[int] | list[float]]]
+_Rows = NDArray[Any] | list[dict[str, list[int] | list[float]]]
 
 
 class _Text:
@@ -67,7 +68,7 @@ class _Binary:
         self._at = end
         return list(found)
 
-    def take_alike(self, element: _Element) -> NDArray[np.void] | None:
+    def take_alike(self, element: _Element) -> NDArray[Any] | None:
         """All rows of an element at once, if they are alike: its lists as long in every row as in the first."""
         start = self._at
         first = _read_row(element, self)

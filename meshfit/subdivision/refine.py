@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import torch
 
 Values = TypeVar("Values", np.ndarray, "torch.Tensor")
-ParameterValue = Value | NDArray[np.float64]
+ParameterValue = Value | NDArray[Any]
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,6 +5,7 @@ import shutil
 
 import pytest
 
+from tests.cli import refused
 from tests.cli.processes import contents, meshfit
 from tests.small import config_file
 
@@ -95,25 +96,23 @@ def test_check_is_green_on_its_own_numbers_and_red_on_others(copied):
     assert "give or take" in err
 
 
-def test_bad_targets_and_settings_are_refused_before_anything_runs(tmp_path):
-    config = config_file(tmp_path)
-    for override, message in (
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
         ("targets=[buny]", "did you mean 'bunny'?"),
         ("targets=[missing.obj]", "missing.obj: no such file"),
         ("fit.stepz=3", "did you mean 'steps'?"),
         ("device=cuda:99", "is not available"),
         ("device=gpu", "is not a device"),
         ("source.mesh=icosahedrn", "did you mean 'icosahedron'?"),
-    ):
-        _, err = meshfit("run", config, "--set", override, folder=tmp_path, code=2)
-        assert message in err
-        assert len(err.strip().splitlines()) == 1
+    ],
+)
+def test_bad_targets_and_settings_are_refused_before_anything_runs(tmp_path, monkeypatch, override, message):
+    monkeypatch.chdir(tmp_path)
+    assert message in refused("run", config_file(tmp_path), "--set", override)
     assert not (tmp_path / "runs").exists()
 
 
 def test_a_place_that_cannot_be_written_is_one_clear_line(tmp_path):
-    config = config_file(tmp_path)
     (tmp_path / "file").write_text("")
-    _, err = meshfit("run", config, "--runs", "file", folder=tmp_path, code=2)
-    assert "cannot be made" in err
-    assert len(err.strip().splitlines()) == 1
+    assert "cannot be made" in refused("run", config_file(tmp_path), "--runs", tmp_path / "file")
