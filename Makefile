@@ -51,12 +51,13 @@ reproduce: $(STAMP)  ## The short reproduction that CI runs, checked against its
 	$(BIN)/python -m pytest -m slow
 
 bench: $(STAMP)  ## Measure speed: ratios against plain twins in the same run
-	$(BIN)/python -m tests.benchmarks
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks
 
-figures: $(STAMP)  ## Draw the README's picture from real runs
+figures: $(STAMP)  ## Draw the README's pictures from real runs
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[report]'
-	$(BIN)/meshfit run table1 --runs $(RUNS) --set seeds=[0] --set targets=[bunny] --quiet
-	$(BIN)/python -m tests.figures $(RUNS)
+	$(BIN)/meshfit run table1 --runs $(RUNS) --set seeds=[0] --quiet
+	$(BIN)/meshfit render $(RUNS)/table1/bunny/loop/seed-0-* -o data/pictures/fit.png
+	$(BIN)/meshfit render bunny mousehead cow bone airplane -o data/pictures/targets.png
 
 mousehead: $(STAMP)  ## Make the mousehead target anew
 	$(BIN)/python data/mousehead.py

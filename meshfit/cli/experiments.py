@@ -104,5 +104,6 @@ def run_and_report(
         typer.echo(json.dumps(results, indent=2))
     elif results:
         show_tables(results, metric, planned=True)
-        out.print(f"\nResults: {runs / trials[0].experiment}", style="dim", soft_wrap=True, markup=False)
+        folders = dict.fromkeys(str(runs / trial.experiment) for trial in trials)
+        out.print(f"\nResults: {', '.join(folders)}", style="dim", soft_wrap=True, markup=False)
     return print_failures(trials, outcomes, runs)
