@@ -3,7 +3,8 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
-STAMP  := $(VENV)/.installed
+RUN    := $(VENV)/.run-installed
+DEV    := $(VENV)/.dev-installed
 RUNS   ?= runs
 
 .DEFAULT_GOAL := help
@@ -12,57 +13,60 @@ RUNS   ?= runs
 help:  ## List the targets
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-setup: $(STAMP)  ## Make .venv and install meshfit into it, with what its tests need
+setup: $(DEV)  ## Make .venv and install meshfit into it, with what its tests need
 
 # torch first and by its exact version: a range would let pip take a build with CUDA, which is gigabytes larger.
-$(STAMP): pyproject.toml constraints.txt
+$(RUN): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 	  || { echo "meshfit needs Python 3.11 or newer; found $$($(PYTHON) --version). Set PYTHON=..."; exit 2; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet "$$(grep '^torch==' constraints.txt)"
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable .
+	@touch $@
+
+$(DEV): $(RUN)
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
 	@touch $@
 
-quickstart: $(STAMP)  ## Run the paper's comparison, short, and print its table (under 2 minutes)
+quickstart: $(RUN)  ## Run the paper's comparison, short, and print its table (under 2 minutes)
 	$(BIN)/meshfit run quickstart --runs $(RUNS)
 
-test: $(STAMP)  ## Run the fast tests
-	$(BIN)/python -m pytest -n auto --dist loadfile -m "not slow"
+test: $(DEV)  ## Run the fast tests
+	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder -m "not slow"
 
 check: lint types layers test  ## Everything that has to pass: ruff, mypy --strict, layers, tests
 
-lint: $(STAMP)
+lint: $(DEV)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-types: $(STAMP)
+types: $(DEV)
 	$(BIN)/mypy
 
-layers: $(STAMP)
+layers: $(DEV)
 	$(BIN)/lint-imports
 
-table1: $(STAMP)  ## Reproduce the paper's Table 1 in full: 5 seeds (under 15 minutes on 2 cores)
+table1: $(RUN)  ## Reproduce the paper's Table 1 in full: 5 seeds (under 15 minutes on 2 cores)
 	$(BIN)/meshfit run table1 --runs $(RUNS)
 	$(BIN)/meshfit table $(RUNS)/table1 --check configs/expected/table1.json
 
-reproduce: $(STAMP)  ## The short reproduction that CI runs, checked against its expected numbers
+reproduce: $(DEV)  ## The short reproduction that CI runs, checked against its expected numbers
 	$(BIN)/meshfit run reproduce --runs $(RUNS)
 	$(BIN)/meshfit table $(RUNS)/reproduce --check configs/expected/reproduce.json
 	$(BIN)/python -m pytest -m slow
 
-bench: $(STAMP)  ## Measure speed: ratios against plain twins in the same run
+bench: $(DEV)  ## Measure speed: ratios against plain twins in the same run
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks
 
-figures: $(STAMP)  ## Draw the README's pictures from real runs
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[report]'
+figures: $(DEV)  ## Draw the README's pictures from real runs
 	$(BIN)/meshfit run table1 --runs $(RUNS) --set seeds=[0] --quiet
 	$(BIN)/meshfit render $(RUNS)/table1/bunny/loop/seed-0-* -o data/pictures/fit.png
 	$(BIN)/meshfit render bunny mousehead cow bone airplane -o data/pictures/targets.png
 
-mousehead: $(STAMP)  ## Make the mousehead target anew
+mousehead: $(RUN)  ## Make the mousehead target anew
 	$(BIN)/python data/mousehead.py
 
-wheel: $(STAMP)  ## Build the wheel
+wheel: $(RUN)  ## Build the wheel
 	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
 
 clean:  ## Remove .venv, caches and builds; runs stay

@@ -16,6 +16,7 @@ from meshfit.cli.options import (
     Runs,
     Sets,
 )
+from meshfit.errors import ConfigError
 
 
 def compare(
@@ -52,6 +53,8 @@ def compare(
     from meshfit.experiment.plan import plan
     from meshfit.settings import override
 
+    if len(schemes) < 2:
+        raise ConfigError(f"found one scheme, {schemes[0]}; two or more are needed to compare")
     experiment = load_experiment(config, overrides or ())
     changes: dict[str, object] = {"schemes": schemes}
     if targets is not None:

@@ -17,7 +17,7 @@ err = Console(stderr=True, highlight=False)
 
 def say_error(message: str) -> None:
     """One line on stderr: what is wrong."""
-    err.print(f"[bold red]error:[/] {escape(message)}", soft_wrap=True)
+    err.print(f"[bold red]error:[/] {escape(' '.join(message.split()))}", soft_wrap=True)
 
 
 def say_warning(message: str) -> None:
@@ -44,7 +44,7 @@ def shown_warnings() -> Iterator[None]:
 
 
 def exit_code_of(command: Callable[[], int]) -> int:
-    """Run a command; foreseen errors become one line and an exit code, never a traceback."""
+    """Run a command; foreseen errors, and those of the file system, become one line and an exit code."""
     try:
         with shown_warnings():
             return command()
@@ -56,3 +56,6 @@ def exit_code_of(command: Callable[[], int]) -> int:
         return EXIT_INTERRUPTED
     except BrokenPipeError:
         return 0
+    except OSError as error:
+        say_error(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+        return MeshfitError.exit_code

@@ -89,10 +89,17 @@ OPTIMIZERS = {
 }
 
 
-@pytest.mark.parametrize("source", [mixed_closed(inserted=6), mixed_open()], ids=["closed", "open"])
-@pytest.mark.parametrize("kind", ["uniform", "cotangent"])
-@pytest.mark.parametrize("optimizer", OPTIMIZERS)
-def test_losses_and_verts_are_those_of_the_twin(source, kind, optimizer):
+@pytest.mark.parametrize(
+    ("optimizer", "kind", "surface"),
+    [
+        ("sgd", "uniform", "closed"),
+        ("sgd", "cotangent", "open"),
+        ("adam", "uniform", "open"),
+        ("adam", "cotangent", "closed"),
+    ],
+)
+def test_losses_and_verts_are_those_of_the_twin(optimizer, kind, surface):
+    source = mixed_closed(inserted=6) if surface == "closed" else mixed_open()
     setting, constructor = OPTIMIZERS[optimizer]
     settings = build(
         FitSettings,
