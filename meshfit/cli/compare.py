@@ -48,7 +48,7 @@ def compare(
 
         meshfit compare interp-loop:alpha=0.5 interp-loop --config quickstart
     """
-    from meshfit.cli.experiments import print_plan, run_and_report
+    from meshfit.cli.experiments import run_and_report
     from meshfit.config.load import Experiment, load_experiment
     from meshfit.experiment.plan import plan
     from meshfit.settings import override
@@ -62,7 +62,4 @@ def compare(
     if seeds is not None:
         changes["seeds"] = list(range(seeds))
     trials = plan([Experiment(experiment.name, override(experiment.settings, changes))])
-    if dry_run:
-        print_plan(trials, runs, as_json=as_json)
-        return 0
-    return run_and_report(trials, runs, metric, jobs=jobs, force=force, quiet=quiet, as_json=as_json)
+    return run_and_report(trials, runs, metric, jobs=jobs, force=force, dry_run=dry_run, quiet=quiet, as_json=as_json)

@@ -95,9 +95,23 @@ def show_tables(
 
 
 def run_and_report(
-    trials: Sequence["Trial"], runs: Path, metric: str, *, jobs: int, force: bool, quiet: bool, as_json: bool
+    trials: Sequence["Trial"],
+    runs: Path,
+    metric: str,
+    *,
+    jobs: int,
+    force: bool,
+    dry_run: bool,
+    quiet: bool,
+    as_json: bool,
 ) -> int:
-    """Run what is missing, print the table of all trials, name those that failed; the exit code is returned."""
+    """Run what is missing, print the table of all trials, name those that failed; the exit code is returned.
+
+    A dry run only says what would be run.
+    """
+    if dry_run:
+        print_plan(trials, runs, as_json=as_json)
+        return 0
     outcomes = run_missing(trials, runs, jobs=jobs, force=force, quiet=quiet)
     results = results_of(trials, runs)
     if as_json:

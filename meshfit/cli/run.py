@@ -41,12 +41,9 @@ def run(
 
         meshfit run table1 --dry-run
     """
-    from meshfit.cli.experiments import print_plan, run_and_report
+    from meshfit.cli.experiments import run_and_report
     from meshfit.config.load import load_experiment
     from meshfit.experiment.plan import plan
 
     trials = plan([load_experiment(config, overrides or ()) for config in configs])
-    if dry_run:
-        print_plan(trials, runs, as_json=as_json)
-        return 0
-    return run_and_report(trials, runs, metric, jobs=jobs, force=force, quiet=quiet, as_json=as_json)
+    return run_and_report(trials, runs, metric, jobs=jobs, force=force, dry_run=dry_run, quiet=quiet, as_json=as_json)

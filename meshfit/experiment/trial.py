@@ -93,9 +93,7 @@ def _run(trial: Trial, store: RunDirectory, on_progress: Callable[[Progress], No
         source = build_source(settings.source, trial.scheme)
     store.write(trial, "config.yaml", dump(settings.model_dump(mode="json")))
     _write_mesh(trial, store, "source.ply", source, frame)
-    start = time.perf_counter()
-    fitted = _fit(trial, store, source, target, on_progress)
-    fit_seconds = time.perf_counter() - start
+    fitted, fit_seconds = _fit(trial, store, source, target, on_progress)
     _write_mesh(trial, store, "result.ply", fitted.mesh, frame)
     store.write(trial, "trace.csv", fitted.trace.to_csv())
     on_progress(Progress(Phase.MEASURING))
@@ -103,14 +101,21 @@ def _run(trial: Trial, store: RunDirectory, on_progress: Callable[[Progress], No
     measured = measure(fitted.mesh, target, settings.measure)
     seconds = {"fit": fit_seconds, "measure": time.perf_counter() - start}
     notes = [str(warning.message) for warning in caught if issubclass(warning.category, MeshfitWarning)]
-    return _result(trial, frame, fitted, measured) | {"seconds": seconds, "warnings": notes} | _provenance()
+    work = {"seconds": seconds, "peak_memory_mb": _peak_memory_mb(), "warnings": notes}
+    return _result(trial, frame, fitted, measured) | work | _provenance()
 
 
 def _fit(
     trial: Trial, store: RunDirectory, source: Mesh, target: Mesh, on_progress: Callable[[Progress], None]
-) -> FitResult:
-    settings = trial.settings
-    return fit(
+) -> tuple[FitResult, float]:
+    """The fit, and the seconds it took, those before an interruption included."""
+    settings, checkpoint, start = trial.settings, _read_checkpoint(trial, store), time.perf_counter()
+    before = checkpoint.get("seconds", 0.0) if checkpoint is not None else 0.0
+
+    def seconds() -> float:
+        return before + time.perf_counter() - start
+
+    fitted = fit(
         source,
         target,
         settings.fit,
@@ -118,9 +123,10 @@ def _fit(
         device=settings.device,
         dtype=settings.dtype,
         on_step=lambda step: on_progress(Progress(Phase.FITTING, step)),
-        resume=_read_checkpoint(trial, store),
-        save=lambda checkpoint: store.write(trial, CHECKPOINT, _pack(checkpoint)),
+        resume=checkpoint,
+        save=lambda state: store.write(trial, CHECKPOINT, _pack(state | {"seconds": seconds()})),
     )
+    return fitted, seconds()
 
 
 def _pack(checkpoint: Checkpoint) -> bytes:
@@ -168,6 +174,16 @@ def _provenance() -> Result:
     packages = {name: version(name) for name in _PACKAGES}
     machine: dict[str, Any] = {"system": platform.platform(), "machine": platform.machine()}
     return {"versions": {"python": platform.python_version()} | packages, "platform": machine}
+
+
+def _peak_memory_mb() -> float | None:
+    """The most memory that this process has held so far, in MB; None where the system does not tell."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    unit = 1 if platform.system() == "Darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
 
 
 def _record_failure(trial: Trial, store: RunDirectory, error: Exception) -> Outcome:

@@ -37,6 +37,7 @@ def test_a_complete_trial_leaves_its_files_and_nothing_else(tmp_path):
     assert result["hausdorff"].keys() >= {"forward", "backward", "symmetric", "samples"}
     assert result["distance"].keys() >= {"mean", "rms"}
     assert result["seconds"].keys() == {"fit", "measure"}
+    assert result["peak_memory_mb"] is None or 50 < result["peak_memory_mb"] < 100_000
     assert (result["target"], result["scheme"], result["seed"]) == ("ellipsoid", "loop", 0)
     assert {"python", "meshfit", "torch", "pymeshlab"} <= result["versions"].keys()
 
