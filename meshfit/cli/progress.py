@@ -4,7 +4,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+from rich.table import Column
 
 from meshfit.cli.console import err
 from meshfit.experiment.board import Board
@@ -30,12 +31,11 @@ def shown_progress(trials: Sequence["Trial"], *, quiet: bool) -> Iterator[Watch]
 
 def _bars() -> Progress:
     return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(bar_width=None),
-        TextColumn("{task.fields[state]}"),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(compact=True),
+        TextColumn("{task.description}", table_column=Column(no_wrap=True, ratio=1)),
+        BarColumn(bar_width=10),
+        TextColumn("{task.fields[state]}", table_column=Column(no_wrap=True)),
+        TextColumn("ETA"),
+        TimeRemainingColumn(compact=True, elapsed_when_finished=False),
         console=err,
         transient=True,
         expand=True,
@@ -53,7 +53,8 @@ class _Bars:
     def update(self, board: Board, outcomes: Mapping[int, Outcome]) -> None:
         failed = sum(outcome.phase is Phase.FAILED for outcome in outcomes.values())
         state = f"{len(outcomes)}/{len(self._trials)}" + (f" [red]{failed} failed[/]" if failed else "")
-        self._bars.update(self._total, completed=len(outcomes), state=state)
+        parts = sum(board.step(i).done / max(self._trials[i].settings.fit.steps, 1) for i in self._tasks)
+        self._bars.update(self._total, completed=min(len(outcomes) + parts, len(self._trials)), state=state)
         for i, trial in enumerate(self._trials):
             phase = Phase.COMPLETE if i in outcomes else board.phase(i)
             if phase in (Phase.FITTING, Phase.MEASURING):
@@ -66,7 +67,7 @@ class _Bars:
         if i not in self._tasks:
             self._tasks[i] = self._bars.add_task(trial.label, total=steps, state="")
         step = board.step(i)
-        fitting = f"step {step.done}/{steps} loss {step.loss:.3g}" if step.done else "loading"
+        fitting = f"{step.done}/{steps} loss {step.loss:.1e}" if step.done else "loading"
         state = "measuring" if phase is Phase.MEASURING else fitting
         self._bars.update(self._tasks[i], completed=step.done, state=state)
 
