@@ -7,9 +7,9 @@ import numpy as np
 
 from meshfit.config.experiment import SourceSettings
 from meshfit.errors import ConfigError, MeshError
-from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.meshlab import decimate
-from meshfit.mesh.solids import SOLIDS, icosahedron
+from meshfit.mesh.solids import SOLIDS
 from meshfit.mesh.targets import NAMED_TARGETS, load_target, target_path
 from meshfit.mesh.topology import Topology
 from meshfit.specs import parse_spec, suggest
@@ -27,10 +27,10 @@ class _Ball:
     centre: tuple[float, float, float]
     radius: float
 
-    def put(self, mesh: Mesh) -> Mesh:
-        offset = mesh.verts - np.asarray(self.centre)
+    def put(self, verts: Verts) -> Verts:
+        offset = verts - np.asarray(self.centre)
         length = np.linalg.norm(offset, axis=1, keepdims=True)
-        return Mesh(self.centre + offset * (self.radius / length), mesh.faces)
+        return np.asarray(self.centre + offset * (self.radius / length))
 
 
 def build_source(settings: SourceSettings, scheme: str) -> Mesh:
@@ -48,13 +48,11 @@ def build_source(settings: SourceSettings, scheme: str) -> Mesh:
     mesh = control_mesh(settings)
     if settings.project == "none":
         return subdivide(mesh, scheme, settings.levels)
-    declared = scheme_of(scheme)
-    ball = _ball_about(mesh)
-    mesh = ball.put(mesh)
-    for _ in range(settings.levels):
-        refinement = refine(Topology.of(mesh), declared)
-        mesh = ball.put(Mesh(refinement(mesh.verts), refinement.faces))
-    return mesh
+    ball, refinement = _ball_about(mesh), refine(Topology.of(mesh), scheme_of(scheme), settings.levels)
+    verts = ball.put(mesh.verts)
+    for operator in refinement.operators:
+        verts = ball.put(operator @ verts)
+    return Mesh(verts, refinement.faces)
 
 
 def control_mesh(settings: SourceSettings) -> Mesh:
@@ -106,10 +104,7 @@ def _base(name: str) -> Mesh | None:
     level = parameters.pop("level", _ICOSPHERE_LEVEL)
     if parameters or not isinstance(level, int) or not 0 <= level <= _MOST_LEVELS:
         raise ConfigError(f"source.mesh: '{name}': icosphere takes one parameter, level, from 0 to {_MOST_LEVELS}")
-    mesh = icosahedron()
-    for _ in range(level):
-        mesh = _Ball((0.0, 0.0, 0.0), 1.0).put(subdivide(mesh, "midpoint"))
-    return mesh
+    return build_source(SourceSettings(levels=level, project="sphere"), "midpoint")
 
 
 def _ball_about(mesh: Mesh) -> _Ball:

@@ -102,7 +102,8 @@ def subdivide(mesh: Mesh, scheme: str | Scheme, levels: int = 1, **parameters: P
     Args:
         mesh: an oriented manifold, closed or with boundary.
         scheme: a spec such as `loop` or `interp-loop:alpha=0.5`, or a declared scheme.
-        levels: how many times; each makes 4 faces of one (√3 schemes: 3).
+        levels: how many times; each makes 4 faces of one (√3 schemes: 3, and they refine the boundary at every second
+            level, so that two levels at once differ from one and one more where there is a boundary).
         **parameters: of the scheme, in place of those in the spec. `alpha` may be a (V,) array of one value a vertex.
 
     Example:

@@ -2,9 +2,11 @@ import numpy as np
 import pytest
 
 from meshfit.config.experiment import SourceSettings
-from meshfit.errors import ConfigError
+from meshfit.errors import ConfigError, MeshfitWarning
 from meshfit.experiment.source import build_source
+from meshfit.mesh.files import save_mesh
 from meshfit.mesh.manifold import is_watertight
+from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.refine import subdivide
@@ -44,6 +46,19 @@ def test_a_target_can_be_decimated_into_a_control_mesh():
     mesh = build_source(SourceSettings(mesh="bone", decimate=200, levels=1), "loop")
     assert mesh.num_faces == pytest.approx(800, abs=16)
     assert is_watertight(Topology.of(mesh))
+
+
+def test_projection_counts_levels_as_the_scheme_does(tmp_path):
+    """√3 schemes refine the boundary at every second level, and so they must under projection."""
+    half = icosahedron()
+    kept = half.faces[(half.verts[half.faces][:, :, 2] > -0.6).all(axis=1)]
+    save_mesh(Mesh(half.verts, kept), tmp_path / "open.off")
+    settings = SourceSettings(mesh=str(tmp_path / "open.off"), levels=2)
+    with pytest.warns(MeshfitWarning):
+        plain = build_source(settings, "sqrt3")
+    with pytest.warns(MeshfitWarning):
+        projected = build_source(settings.model_copy(update={"project": "sphere"}), "sqrt3")
+    assert np.array_equal(plain.faces, projected.faces)
 
 
 @pytest.mark.parametrize("name", ["icosahedrn", "icosphere:level=x", "icosphere:level=-1", "icosphere:depth=2"])
