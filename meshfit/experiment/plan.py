@@ -10,7 +10,6 @@ from typing import Any
 
 from meshfit.config.experiment import ExperimentSettings, SourceSettings
 from meshfit.config.load import Experiment
-from meshfit.errors import MeshError
 from meshfit.experiment.source import build_source, source_file
 from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path
 
@@ -103,10 +102,7 @@ def _check_target(target: str) -> str:
 def _check_source(settings: SourceSettings, schemes: Sequence[str]) -> tuple[tuple[str, str], ...]:
     file = source_file(settings)
     for scheme in schemes:
-        try:
-            build_source(settings.model_copy(update={"levels": min(settings.levels, 1)}), scheme)
-        except MeshError as error:
-            raise MeshError(f"source.mesh: {settings.mesh}: {error}") from None
+        build_source(settings.model_copy(update={"levels": min(settings.levels, 1)}), scheme)
     return () if file is None else (("source", file_sha256(file)),)
 
 

@@ -46,6 +46,13 @@ def build_source(settings: SourceSettings, scheme: str) -> Mesh:
         SchemeError: no such scheme.
     """
     mesh = control_mesh(settings)
+    try:
+        return _refined(mesh, settings, scheme)
+    except MeshError as error:
+        raise MeshError(f"{settings.mesh}: {error}") from None
+
+
+def _refined(mesh: Mesh, settings: SourceSettings, scheme: str) -> Mesh:
     if settings.project == "none":
         return subdivide(mesh, scheme, settings.levels)
     ball, refinement = _ball_about(mesh), refine(Topology.of(mesh), scheme_of(scheme), settings.levels)
