@@ -9,6 +9,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from typing import Any
 
 from meshfit.errors import TrialError
@@ -89,7 +90,8 @@ def _run_pool(
         min(jobs, len(work)), mp_context=context, initializer=_start_worker, initargs=(board.shared,)
     )
     try:
-        futures = {pool.submit(_work, job): i for i, job in work.items()}
+        with _interrupts_held():
+            futures = {pool.submit(_work, job): i for i, job in work.items()}
         _collect(futures, board, outcomes, watch)
     except BrokenProcessPool:
         return [i for i in work if i not in outcomes and board.phase(i) in _RUNNING]
@@ -120,6 +122,20 @@ def _record_death(job: Job, board: Board) -> Outcome:
     job.store.write(job.trial, FAILURE, write_json(record))
     board.post(job.index, Progress(Phase.FAILED))
     return Outcome(Phase.FAILED, f"killed: {message}")
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back while processes start: they inherit that, and leave it to the parent from their first instant."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    resource_tracker.ensure_running()  # it lets go of the signal whenever it starts, so it starts before
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

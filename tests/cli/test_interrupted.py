@@ -47,6 +47,15 @@ def test_ctrl_c_exits_130_and_the_next_run_goes_on_from_the_checkpoint(tmp_path,
     assert contents(tmp_path / "runs", "result.ply", "trace.csv") == undisturbed
 
 
+def test_ctrl_c_while_workers_start_is_as_quiet(tmp_path):
+    process = start("run", config_file(tmp_path, LONG), "-j", 2, folder=tmp_path)
+    wait_until(lambda: len(workers_of(process.pid)) > 1, process)
+    os.killpg(process.pid, signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in err
+
+
 def test_kill_9_loses_no_finished_trial_and_leaves_no_process_behind(tmp_path, undisturbed):
     config = config_file(tmp_path, LONG)
     process = start("run", config, "-j", 1, folder=tmp_path)
