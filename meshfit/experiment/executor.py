@@ -126,7 +126,7 @@ def _record_death(job: Job, board: Board) -> Outcome:
 
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back while processes start: they inherit that, and leave it to the parent from their first instant."""
+    """Hold Ctrl-C back while processes start: they inherit that, and leave it to the parent from the first instant."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return

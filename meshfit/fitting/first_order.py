@@ -52,7 +52,7 @@ class Problem:
 
 
 Checkpoint = dict[str, Any]
-SECONDS_BETWEEN_CHECKPOINTS = 5.0
+SECONDS_BETWEEN_CHECKPOINTS = 2.0
 
 
 @dataclass(eq=False)
