@@ -82,11 +82,12 @@ def show_tables(
     """Print the tables of some results to stdout."""
     from meshfit.report.formats import FORMATS
     from meshfit.report.formats.rich_text import TablesView
+    from meshfit.report.gather import target_key
     from meshfit.report.table import build_tables
 
     # The config's order, which is the order that trials were planned in.
     schemes = dict.fromkeys(result["scheme"] for result in results) if planned else ()
-    targets = dict.fromkeys(Path(result["settings"]["targets"][0]).name for result in results) if planned else ()
+    targets = dict.fromkeys(map(target_key, results)) if planned else ()
     tables = build_tables(results, metric, baseline=baseline, schemes=list(schemes), targets=list(targets))
     if format_name == "rich":
         out.print(TablesView(tables))
@@ -109,9 +110,12 @@ def run_and_report(
 
     A dry run only says what would be run.
     """
+    from meshfit.report.table import require_metric
+
     if dry_run:
         print_plan(trials, runs, as_json=as_json)
         return 0
+    require_metric(metric)  # now, and not when all has been run
     outcomes = run_missing(trials, runs, jobs=jobs, force=force, quiet=quiet)
     results = results_of(trials, runs)
     if as_json:

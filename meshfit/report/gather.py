@@ -47,7 +47,7 @@ def gather(results: Sequence[Result], metric: str) -> list[Group]:
     for result in results:
         settings = shared_settings(result)
         key = json.dumps(settings, sort_keys=True)
-        cell, seed, value = (_target(result), result["scheme"]), result["seed"], _value(result, metric)
+        cell, seed, value = (target_key(result), result["scheme"]), result["seed"], _value(result, metric)
         earlier, known = kept.setdefault((key, cell, seed), (result, value))
         if known != value:
             raise StoreError(_disagreement(metric, (earlier, known), (result, value)))
@@ -73,8 +73,8 @@ def shared_settings(result: Result) -> dict[str, Any]:
     return settings | ({"source.sha256": source_hash[:12]} if source_hash else {})
 
 
-def _target(result: Result) -> str:
-    """The target's name, or that of its file: a user's own `bunny.ply` is not the named bunny."""
+def target_key(result: Result) -> str:
+    """The column of a result: the target's name, or its file's, since a user's `bunny.ply` is not the named bunny."""
     return Path(result["settings"]["targets"][0]).name
 
 

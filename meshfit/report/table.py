@@ -83,13 +83,22 @@ def build_tables(
         SchemeError: the baseline is not a scheme.
         StoreError: results that contradict each other.
     """
-    if metric not in METRICS:
-        raise ConfigError(f"'{metric}' is not a metric: {suggest(metric, METRICS)}")
+    require_metric(metric)
     groups = gather(results, metric)
     if baseline is not None:
         baseline = _check_baseline(canonical(baseline), groups)
     differing = _differing_keys(groups)
     return [_table(group, metric, differing, baseline, (schemes, targets)) for group in groups]
+
+
+def require_metric(name: str) -> None:
+    """Refuse a name that no metric has.
+
+    Raises:
+        ConfigError: suggesting the nearest.
+    """
+    if name not in METRICS:
+        raise ConfigError(f"'{name}' is not a metric: {suggest(name, METRICS)}")
 
 
 def _table(

@@ -113,6 +113,13 @@ def test_bad_targets_and_settings_are_refused_before_anything_runs(tmp_path, mon
     assert not (tmp_path / "runs").exists()
 
 
+def test_an_unknown_metric_is_refused_before_anything_runs(tmp_path):
+    assert "did you mean 'distance.mean'?" in refused(
+        "run", config_file(tmp_path), "--runs", tmp_path / "runs", "--metric", "distance.meen"
+    )
+    assert not (tmp_path / "runs").exists()
+
+
 def test_a_place_that_cannot_be_written_is_one_clear_line(tmp_path):
     (tmp_path / "file").write_text("")
     assert "cannot be made" in refused("run", config_file(tmp_path), "--runs", tmp_path / "file")
