@@ -33,12 +33,6 @@ class MeasureError(MeshfitError):
     """A measurement whose figures would not be what they claim to be."""
 
 
-class CheckError(MeshfitError):
-    """Results that leave the tolerance they are checked against."""
-
-    exit_code: ClassVar[int] = 1
-
-
 class TrialError(MeshfitError):
     """A trial that failed while it ran."""
 

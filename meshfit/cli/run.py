@@ -32,7 +32,7 @@ def run(
     """Run experiments: every target with every scheme and every seed, then the table.
 
     Complete trials are kept, an interrupted one goes on from its last checkpoint.
-    Bundled configs: quickstart, table1, tutorial, schemes.
+    Bundled configs: quickstart, table1, tutorial, schemes, reproduce.
 
     Examples:
         meshfit run quickstart

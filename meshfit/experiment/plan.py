@@ -4,7 +4,7 @@ import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +46,7 @@ class Trial:
         """The seed."""
         return self.settings.seeds[0]
 
-    @property
+    @cached_property
     def identity(self) -> str:
         """SHA-256 over the settings, the inputs and the schema version; where a mesh file lies does not enter."""
         settings = _without_paths(self.settings.model_dump(mode="json"))

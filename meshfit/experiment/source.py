@@ -86,7 +86,7 @@ def source_file(settings: SourceSettings) -> Path | None:
     Raises:
         ConfigError: neither a base, nor a target, nor a file.
     """
-    if _base(settings.mesh) is not None:
+    if _is_base(settings.mesh):
         return None
     if settings.mesh in NAMED_TARGETS or Path(settings.mesh).is_file():
         return target_path(settings.mesh)
@@ -95,18 +95,17 @@ def source_file(settings: SourceSettings) -> Path | None:
 
 
 def _named_or_file(name: str) -> Mesh:
-    base = _base(name)
-    if base is not None:
-        return base
+    if _is_base(name):
+        return SOLIDS[name]() if name in SOLIDS else _icosphere(name)
     source_file(SourceSettings(mesh=name))
     return load_target(name)
 
 
-def _base(name: str) -> Mesh | None:
-    if name in SOLIDS:
-        return SOLIDS[name]()
-    if name.partition(":")[0] != "icosphere":
-        return None
+def _is_base(name: str) -> bool:
+    return name in SOLIDS or name.partition(":")[0] == "icosphere"
+
+
+def _icosphere(name: str) -> Mesh:
     parameters = dict(parse_spec(name).parameters)
     level = parameters.pop("level", _ICOSPHERE_LEVEL)
     if parameters or not isinstance(level, int) or not 0 <= level <= _MOST_LEVELS:

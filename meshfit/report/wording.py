@@ -15,6 +15,9 @@ _FRAMES = {
 }
 _STAND_IN = "stand-in"
 
+# What follows the mark of the best, whichever mark a format has for it.
+BEST = "best of its column, and significantly so against each other scheme"
+
 
 def metric_line(table: ResultTable) -> str:
     """The metric, and what a cell is: `Hausdorff distance (smaller is better): mean ± …`."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from meshfit.report.grid import columns, entry
 from meshfit.report.numbers import MINUS
 from meshfit.report.table import ResultTable
-from meshfit.report.wording import difference_lines, metric_line, notes, setting_lines
+from meshfit.report.wording import BEST, difference_lines, metric_line, notes, setting_lines
 
 _ESCAPES = {
     **{character: f"\\{character}" for character in "&%$#_{}"},
@@ -46,7 +46,7 @@ def _float(table: ResultTable, place: int) -> str:
         texts = [rf"\textbf{{{escape(found.text)}}}" if found.best else escape(found.text) for found in entries]
         rows.append(" & ".join([escape(scheme), *texts]))
     head, *body = (rf"    {row} \\" for row in rows)
-    best = ["Bold: best of its column, and significantly so against each other scheme"] if table.best else []
+    best = [f"Bold: {BEST}"] if table.best else []
     caption = ". ".join([table.title, metric_line(table), *setting_lines(table), *best, *notes(table)]) + "."
     lines = [
         r"\begin{table}",

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from meshfit.report.grid import columns, entry
 from meshfit.report.table import ResultTable
-from meshfit.report.wording import difference_lines, metric_line, notes, setting_lines
+from meshfit.report.wording import BEST, difference_lines, metric_line, notes, setting_lines
 
 _SPECIAL = re.compile(r"([\\`*_\[\]<>|~#])")
 
@@ -22,7 +22,7 @@ def _section(table: ResultTable) -> str:
         entries = [entry(table, scheme, column) for column in shown]
         texts = [f"**{found.text}**" if found.best else found.text for found in entries]
         rows.append([escape(scheme), *texts])
-    best = ["Bold: best of its column, and significantly so against each other scheme"] if table.best else []
+    best = [f"Bold: {BEST}"] if table.best else []
     parts = [
         f"### {escape(table.title)}",
         escape(". ".join([metric_line(table), *setting_lines(table)]) + "."),

@@ -14,7 +14,7 @@ from rich.text import Text
 from meshfit.report.grid import Column, Entry, columns, entry
 from meshfit.report.numbers import difference_and_interval
 from meshfit.report.table import ResultTable
-from meshfit.report.wording import difference_lines, metric_line, notes, setting_lines, verdict
+from meshfit.report.wording import BEST, difference_lines, metric_line, notes, setting_lines, verdict
 
 _UNBOUNDED = 10_000
 _BEST, _NOT_BEST = " *", "  "
@@ -116,7 +116,7 @@ def _differences(table: ResultTable) -> Iterator[RenderableType]:
 def _notes(table: ResultTable) -> Table:
     grid = Table.grid(padding=(0, 1, 0, 0))
     if table.best:
-        grid.add_row(Text("*"), Text("best of its column, and significantly so against each other scheme", "dim"))
+        grid.add_row(Text("*"), Text(BEST, "dim"))
     for note in notes(table):
         grid.add_row(Text("-", "dim"), Text(note, "dim"))
     return grid
