@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from meshfit.errors import MeshfitError, MeshfitWarning
-    from meshfit.fitting.fit import FitResult, fit
+    from meshfit.fitting.fit import fit, fit_batch
+    from meshfit.fitting.problem import Diverged, Problem
+    from meshfit.fitting.run import FitResult
     from meshfit.measuring.measure import Measurement, measure
     from meshfit.mesh.files import load_mesh, save_mesh
     from meshfit.mesh.frames import Frame, frame_of
@@ -20,8 +22,11 @@ if TYPE_CHECKING:
 _HOMES = {
     "MeshfitError": "meshfit.errors",
     "MeshfitWarning": "meshfit.errors",
-    "FitResult": "meshfit.fitting.fit",
+    "Diverged": "meshfit.fitting.problem",
+    "FitResult": "meshfit.fitting.run",
+    "Problem": "meshfit.fitting.problem",
     "fit": "meshfit.fitting.fit",
+    "fit_batch": "meshfit.fitting.fit",
     "Measurement": "meshfit.measuring.measure",
     "measure": "meshfit.measuring.measure",
     "load_mesh": "meshfit.mesh.files",
@@ -36,14 +41,17 @@ _HOMES = {
 }
 
 __all__ = [
+    "Diverged",
     "FitResult",
     "Frame",
     "Measurement",
     "Mesh",
     "MeshfitError",
     "MeshfitWarning",
+    "Problem",
     "Refinement",
     "fit",
+    "fit_batch",
     "frame_of",
     "load_mesh",
     "load_target",

@@ -1,208 +1,196 @@
 """The first-order engine: minimise the weighted loss terms over per-vertex offsets, with fresh samples every step."""
 
-import copy
-import math
-import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from math import isfinite, sqrt
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from meshfit.errors import TrialError
+from meshfit.fitting.capture import captured
 from meshfit.fitting.matching import match
-from meshfit.fitting.optimizer import learning_rate, make_optimizer
-from meshfit.fitting.progress import Interrupted, Step
-from meshfit.fitting.sampling import sample
+from meshfit.fitting.optimizer import OPTIMIZERS, learning_rate
+from meshfit.fitting.problem import Checkpoint, Diverged, Problem
+from meshfit.fitting.sampling import AreaTable, sample
 from meshfit.fitting.settings import FitSettings
 from meshfit.fitting.trace import Trace
-from meshfit.loss.surface import FaceGeometry, Surface
+from meshfit.loss.surface import FaceGeometry, Faces, Surface
 from meshfit.loss.terms import LAPLACIANS, TERMS, State, Term
 from meshfit.mesh.mesh import Mesh
-
-
-class Diverged(TrialError):  # noqa: N818  an outcome of a fit, named as the field names it
-    """A step of the fit was not finite.
-
-    Attributes:
-        step: which one, counted from 0.
-        term: the loss term at fault, or `gradient of TERM`.
-        last_good: the mesh before it.
-        trace: the rows until then.
-    """
-
-    def __init__(self, step: int, term: str, last_good: Mesh, trace: Trace) -> None:
-        super().__init__(
-            f"the fit diverged at step {step}: {term} is not finite; lower fit.optimizer.lr or the term's weight"
-        )
-        self.step, self.term, self.last_good, self.trace = step, term, last_good, trace
+from meshfit.mesh.nearest import in_spatial_order, renumbered_by_faces
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
-    """One fit: a source that moves, a target that does not, how, and from which seed."""
+class Evaluation:
+    """The objective of K problems at one step.
 
-    source: Mesh
-    target: Mesh
-    settings: FitSettings
-    seed: int
-    device: torch.device
-    dtype: torch.dtype
+    Attributes:
+        state: what it was computed from.
+        weighted: (K,) each acting term times its weight.
+        loss: (K,) their sum.
+        gradient: (V, 3) of the loss.
+    """
+
+    state: State
+    weighted: dict[str, Tensor]
+    loss: Tensor
+    gradient: Tensor
 
 
-Checkpoint = dict[str, Any]
-SECONDS_BETWEEN_CHECKPOINTS = 2.0
-
-
-@dataclass(eq=False)
 class FirstOrder:
-    """A fit in progress: `step` advances it by one, `checkpoint` holds all that the next step depends on."""
+    """Fits in progress, K problems of the same settings side by side: `step` advances all of them by one.
 
-    problem: Problem
-    done: int = 0
-    trace: Trace = field(default_factory=Trace)
+    They are one mesh of K pieces that have nothing in common. What becomes of one does not depend on the others: on
+    the CPU, to the byte.
 
-    def __post_init__(self) -> None:
-        problem = self.problem
-        place: Mapping[str, Any] = {"dtype": problem.dtype, "device": problem.device}
-        self._surface = Surface.of(problem.source, **place)
-        self._start = torch.tensor(problem.source.verts, **place)
-        target_verts = torch.tensor(problem.target.verts, **place)
-        self._target = FaceGeometry.of(Surface.of(problem.target, **place), target_verts)
+    Attributes:
+        problems: the K problems.
+        settings: of all of them.
+        device: what they run on.
+        done: how many steps have been made.
+        traces: of each problem.
+        failed: those that have diverged, by their place among the problems; they are not to be stepped further.
+    """
+
+    def __init__(
+        self,
+        problems: Sequence[Problem],
+        settings: FitSettings,
+        device: torch.device,
+        dtype: torch.dtype,
+        pool: Executor | None = None,
+    ) -> None:
+        place: Mapping[str, Any] = {"dtype": dtype, "device": device}
+        self.problems, self.settings, self.device, self.done = tuple(problems), settings, device, 0
+        self._pool = pool
+        self.traces, self.failed = [Trace() for _ in problems], dict[int, Diverged]()
+        sources = [in_spatial_order(problem.source) for problem in problems]
+        targets = [renumbered_by_faces(in_spatial_order(problem.target)) for problem in problems]
+        self._surface = Surface.of(sources, **place)
+        self._start = torch.cat([torch.tensor(mesh.verts, **place) for mesh in sources])
+        target_verts = torch.cat([torch.tensor(mesh.verts, **place) for mesh in targets])
+        self._target = FaceGeometry.of(Faces.of(targets, **place), target_verts)
+        self._target_table = AreaTable.of(self._target)
         self._offsets = torch.zeros_like(self._start, requires_grad=True)
-        self._optimizer = make_optimizer(self._offsets, problem.settings.optimizer)
-        self._generator = torch.Generator(problem.device).manual_seed(problem.seed)
+        self._optimizer = OPTIMIZERS[settings.optimizer.name](self._offsets, settings.optimizer)
+        self._generators = [torch.Generator(device).manual_seed(problem.seed) for problem in problems]
         self._last_good = self._start
-        weights = problem.settings.losses.model_dump()
-        terms: dict[str, Term] = TERMS | {"laplacian": LAPLACIANS[problem.settings.laplacian]}
-        self._acting = {name: (weights[name], term) for name, term in terms.items() if weights[name] > 0}
-        self._silent = {name: term for name, term in terms.items() if name not in self._acting}
+        weights = settings.losses.model_dump()
+        self._terms: dict[str, Term] = TERMS | {"laplacian": LAPLACIANS[settings.laplacian]}
+        self._weights = {name: weights[name] for name in self._terms if weights[name] > 0}
+        self._evaluate = captured(self._evaluate_eagerly, self._generators, device)
+        self._find_lost_positions()
 
-    @property
-    def mesh(self) -> Mesh:
-        """The source as it lies now, in float64."""
-        return self._as_mesh(self._start + self._offsets.detach())
+    def mesh(self, member: int) -> Mesh:
+        """A source as it lies now, in float64."""
+        return self._as_mesh(member, self._start + self._offsets.detach())
 
-    def step(self) -> float:
-        """Make one step; the loss before it is returned.
-
-        Raises:
-            Diverged: the loss or its gradient is not finite.
-        """
-        settings = self.problem.settings
-        state = self._observe()
-        terms = {name: term(state) for name, (_, term) in self._acting.items()}
-        weighted = {name: self._acting[name][0] * value for name, value in terms.items()}
-        total = sum(weighted.values(), state.verts.new_zeros(()))
-        loss = total.item()
-        if not math.isfinite(loss):
-            raise self._diverged(next((name for name, value in weighted.items() if not value.isfinite()), "loss"))
-        lr = learning_rate(settings.optimizer, self.done, settings.steps)
-        if self.done % settings.trace_every == 0 or self.done == settings.steps - 1:
-            self._record(state, loss, terms, lr)
-        self._last_good = state.verts.detach()
-        self._descend(total, weighted, lr)
+    def step(self) -> list[float]:
+        """Make one step; the loss of each problem before it is returned. `failed` is brought up to date."""
+        now = self._evaluate()
+        losses: list[float] = now.loss.tolist()
+        for member in (k for k, loss in enumerate(losses) if not isfinite(loss)):
+            term = next((name for name, value in now.weighted.items() if not value[member].isfinite()), "loss")
+            self._fail(member, term)
+        lr = learning_rate(self.settings.optimizer, self.done, self.settings.steps)
+        if self.done % self.settings.trace_every == 0 or self.done == self.settings.steps - 1:
+            self._record(now.state, losses, lr)
+        self._last_good = now.state.verts.detach().clone()  # a captured step has the next positions in the same place
+        if not bool(now.gradient.isfinite().all()):
+            self._find_lost_gradients(now)
+        self._optimizer.step(now.gradient, lr)
         self.done += 1
-        return loss
+        self._find_lost_positions()
+        return losses
 
-    def require_finite(self) -> None:
-        """Check the positions that the last step led to.
-
-        Raises:
-            Diverged: one of them is not finite.
-        """
-        if not bool(self._offsets.isfinite().all()):
-            raise self._diverged("vertex position")
-
-    def checkpoint(self) -> Checkpoint:
-        """Everything that the next step depends on, in types that `torch.load(weights_only=True)` reads.
-
-        It is a copy: steps made later do not change it.
-        """
+    def checkpoint(self, member: int) -> Checkpoint:
+        """Everything that the next step of one problem depends on, as a copy: steps made later do not change it."""
+        rows = self._rows(member)
         return {
             "done": self.done,
-            "offsets": self._offsets.detach().clone(),
-            "last_good": self._last_good.clone(),
-            "optimizer": copy.deepcopy(self._optimizer.state_dict()),
-            "generator": self._generator.get_state(),
-            "trace": list(self.trace.rows),
+            "offsets": self._offsets.detach()[rows].clone(),
+            "last_good": self._last_good[rows].clone(),
+            "optimizer": self._optimizer.state_of(rows),
+            "generator": self._generators[member].get_state(),
+            "trace": list(self.traces[member].rows),
         }
 
-    def restore(self, checkpoint: Checkpoint) -> None:
-        """Go back, or on, to where a checkpoint of the same problem was taken."""
+    def restore(self, checkpoints: Sequence[Checkpoint]) -> None:
+        """Go back, or on, to where checkpoints of the same problems were taken, all after as many steps."""
         with torch.no_grad():
-            self._offsets.copy_(checkpoint["offsets"])
-        self._last_good = checkpoint["last_good"].to(self._start)
-        # Copied, as torch keeps the tensors it is given where dtype and device are right.
-        self._optimizer.load_state_dict(copy.deepcopy(checkpoint["optimizer"]))
-        self._generator.set_state(checkpoint["generator"].cpu())
-        self.done, self.trace = checkpoint["done"], Trace([tuple(row) for row in checkpoint["trace"]])
+            self._offsets.copy_(torch.cat([checkpoint["offsets"] for checkpoint in checkpoints]))
+        self._last_good = torch.cat([checkpoint["last_good"] for checkpoint in checkpoints]).to(self._start)
+        self._optimizer.put([checkpoint["optimizer"] for checkpoint in checkpoints])
+        for generator, checkpoint in zip(self._generators, checkpoints, strict=True):
+            generator.set_state(checkpoint["generator"].cpu())
+        self.traces = [Trace([tuple(row) for row in checkpoint["trace"]]) for checkpoint in checkpoints]
+        self.done = checkpoints[0]["done"]
+        self._find_lost_positions()
 
-    def _observe(self) -> State:
-        verts = self._start + self._offsets
-        faces = FaceGeometry.of(self._surface, verts)
-        # Not only where a vertex is not finite: also where it is too far off for areas, and so for samples.
-        if not bool(faces.double_area.sum().isfinite()):
-            raise self._diverged("vertex position")
-        source = sample(faces, self.problem.settings.samples, self._generator)
-        target = sample(self._target, self.problem.settings.samples, self._generator)
-        return State(verts, self._surface, faces, source, target, match(source.points, target.points))
+    def without_failed(self) -> "FirstOrder":
+        """The same fits without those that have failed."""
+        left = [member for member in range(len(self.problems)) if member not in self.failed]
+        problems = [self.problems[member] for member in left]
+        others = FirstOrder(problems, self.settings, self.device, self._start.dtype, self._pool)
+        others.restore([self.checkpoint(member) for member in left])
+        return others
 
-    def _record(self, state: State, loss: float, terms: dict[str, Tensor], lr: float) -> None:
+    def _evaluate_eagerly(self) -> Evaluation:
+        verts, count = self._start + self._offsets, self.settings.samples
+        geometry = FaceGeometry.of(self._surface.faces, verts)
+        source = sample(geometry, count, self._generators)
+        target = sample(self._target, count, self._generators, self._target_table)
+        matches = match(source.points, target.points, len(self.problems), self._pool)
+        state = State(verts, self._surface, geometry, source, target, matches)
+        weighted = {name: weight * self._terms[name](state) for name, weight in self._weights.items()}
+        loss = sum(weighted.values(), verts.new_zeros(len(self.problems)))
+        return Evaluation(state, weighted, loss, self._gradient(loss))
+
+    def _gradient(self, value: Tensor) -> Tensor:
+        if not value.requires_grad:
+            return torch.zeros_like(self._offsets)
+        return torch.autograd.grad(value.sum(), self._offsets, retain_graph=True)[0]
+
+    def _record(self, state: State, losses: list[float], lr: float) -> None:
         with torch.no_grad():
-            values = terms | {name: term(state) for name, term in self._silent.items()}
-        self.trace.append(self.done, loss, {name: value.item() for name, value in values.items()}, lr)
+            # Without what they have worked out before: a captured step does not renew that.
+            fresh = replace(state, source=replace(state.source), target=replace(state.target))
+            values = {name: term(fresh).tolist() for name, term in self._terms.items()}
+        for member, loss in enumerate(losses):
+            if member not in self.failed:
+                row = {name: value[member] for name, value in values.items()}
+                self.traces[member].append(self.done, loss, row, lr)
 
-    def _descend(self, total: Tensor, weighted: dict[str, Tensor], lr: float) -> None:
-        self._optimizer.zero_grad()
-        if total.requires_grad:
-            (self._offsets.grad,) = torch.autograd.grad(total, [self._offsets], retain_graph=True)
-            if not bool(self._offsets.grad.isfinite().all()):
-                raise self._diverged(f"gradient of {self._term_without_gradient(weighted)}")
-        for group in self._optimizer.param_groups:
-            group["lr"] = lr
-        self._optimizer.step()
+    def _find_lost_gradients(self, now: Evaluation) -> None:
+        terms = {name: self._gradient(value) for name, value in now.weighted.items()}
+        for member in range(len(self.problems)):
+            rows = self._rows(member)
+            if not bool(now.gradient[rows].isfinite().all()):
+                lost = (name for name, gradient in terms.items() if not gradient[rows].isfinite().all())
+                self._fail(member, f"gradient of {next(lost, 'loss')}")
 
-    def _term_without_gradient(self, weighted: dict[str, Tensor]) -> str:
-        for name, value in weighted.items():
-            (gradient,) = torch.autograd.grad(value, [self._offsets], retain_graph=True)
-            if not bool(gradient.isfinite().all()):
-                return name
-        return "loss"
+    def _find_lost_positions(self) -> None:
+        """Find verts that are not finite, and those too far off for areas and squared distances to be."""
+        distance, limit = (self._start + self._offsets.detach()).abs(), _farthest(self._start.dtype)
+        if not float(distance.max()) < limit:
+            for member in range(len(self.problems)):
+                if not float(distance[self._rows(member)].max()) < limit:
+                    self._fail(member, "vertex position")
 
-    def _diverged(self, term: str) -> Diverged:
-        return Diverged(self.done, term, self._as_mesh(self._last_good), self.trace)
+    def _fail(self, member: int, term: str) -> None:
+        last_good = self._as_mesh(member, self._last_good)
+        self.failed.setdefault(member, Diverged(self.done, term, last_good, self.traces[member]))
 
-    def _as_mesh(self, verts: Tensor) -> Mesh:
-        return Mesh(verts.detach().cpu().double().numpy(), self.problem.source.faces)
+    def _rows(self, member: int) -> slice:
+        before = sum(problem.source.num_verts for problem in self.problems[:member])
+        return slice(before, before + self.problems[member].source.num_verts)
+
+    def _as_mesh(self, member: int, verts: Tensor) -> Mesh:
+        return Mesh(verts[self._rows(member)].cpu().double().numpy(), self.problems[member].source.faces)
 
 
-def run(
-    fit: FirstOrder, on_step: Callable[[Step], None] | None = None, save: Callable[[Checkpoint], None] | None = None
-) -> None:
-    """Make all the steps that are left.
-
-    Args:
-        fit: where to start from.
-        on_step: called after every step; it may raise `Interrupted`.
-        save: called with a checkpoint every few seconds, and when the fit is interrupted.
-
-    Raises:
-        Diverged: a step was not finite.
-        Interrupted: `on_step` asked for it.
-    """
-    steps, saved = fit.problem.settings.steps, time.monotonic()
-    while fit.done < steps:
-        loss = fit.step()
-        if save is not None and time.monotonic() - saved > SECONDS_BETWEEN_CHECKPOINTS:
-            save(fit.checkpoint())
-            saved = time.monotonic()
-        try:
-            if on_step is not None:
-                on_step(Step(fit.done, steps, loss))
-        except Interrupted:
-            if save is not None:
-                save(fit.checkpoint())
-            raise
-    fit.require_finite()
+def _farthest(dtype: torch.dtype) -> float:
+    """Coordinates up to which the fourth powers that squared areas are made of do not overflow."""
+    return sqrt(sqrt(torch.finfo(dtype).max)) / 8

@@ -1,7 +1,6 @@
-"""Fit one source to one target."""
+"""Fit one source to one target, or a batch of them."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from typing import Any, get_args
 
 import numpy as np
@@ -9,31 +8,19 @@ import torch
 
 from meshfit.errors import ConfigError, MeshError
 from meshfit.fitting.device import resolve_device, single_thread
-from meshfit.fitting.first_order import Checkpoint, FirstOrder, Problem, run
+from meshfit.fitting.first_order import FirstOrder
+from meshfit.fitting.matching import searching_with
+from meshfit.fitting.packs import done_before, packs
+from meshfit.fitting.problem import Checkpoint, Diverged, Problem
 from meshfit.fitting.progress import Step
+from meshfit.fitting.run import FitResult, run
 from meshfit.fitting.settings import Dtype, FitSettings
-from meshfit.fitting.trace import Trace
 from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.mesh import Mesh
 from meshfit.settings import override
 from meshfit.specs import suggest
 
 ENGINES = {"first-order": FirstOrder}
-
-
-@dataclass(frozen=True, eq=False)
-class FitResult:
-    """What a fit leaves.
-
-    Attributes:
-        mesh: the deformed source, with the source's own faces.
-        trace: the objective and its terms by step.
-        device: what it ran on.
-    """
-
-    mesh: Mesh
-    trace: Trace
-    device: str
 
 
 def fit(  # noqa: PLR0913  all but two are optional, by name
@@ -44,6 +31,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     seed: int = 0,
     device: str = "auto",
     dtype: str = "float32",
+    threads: int = 1,
     on_step: Callable[[Step], None] | None = None,
     resume: Checkpoint | None = None,
     save: Callable[[Checkpoint], None] | None = None,
@@ -60,6 +48,8 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         seed: of the samples. The same seed, settings and machine give the same bytes on the CPU.
         device: `auto`, `cpu`, `cuda`, `cuda:N` or `mps`.
         dtype: of the computation, `float32` or `float64`; meshes are float64 on both sides of it.
+        threads: to search nearest points with on the CPU, of which each problem keeps two busy; all else is done on
+            one. The result does not depend on it.
         on_step: called after every step.
         resume: a checkpoint of the same fit to go on from.
         save: called with a checkpoint every few seconds, and if `on_step` raises `Interrupted`.
@@ -74,20 +64,64 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         MeshError: a mesh that has no area or coordinates that are not finite.
         Diverged: a step was not finite.
     """
+    problem = Problem(source, target, seed, on_step, resume, save)
+    (outcome,) = fit_batch([problem], settings, device=device, dtype=dtype, threads=threads, **overrides)
+    if isinstance(outcome, Diverged):
+        raise outcome
+    return outcome
+
+
+def fit_batch(
+    problems: Sequence[Problem],
+    settings: FitSettings | None = None,
+    *,
+    device: str = "auto",
+    dtype: str = "float32",
+    threads: int = 1,
+    **overrides: Any,  # noqa: ANN401  any key of FitSettings
+) -> list[FitResult | Diverged]:
+    """Fit many problems of any sizes, with the same settings; as many side by side as the device has room for.
+
+    What becomes of a problem does not depend on its company: on the CPU to the byte, elsewhere to rounding.
+
+    Args:
+        problems: what to fit to what.
+        settings: of all fits.
+        device: as for `fit`.
+        dtype: as for `fit`.
+        threads: as for `fit`.
+        **overrides: as for `fit`.
+
+    Returns:
+        For each problem its result, or why it diverged.
+
+    Example:
+        >>> outcomes = fit_batch([Problem(source, target) for target in targets], steps=500)  # doctest: +SKIP
+
+    Raises:
+        ConfigError, DeviceError, MeshError: as `fit`, before anything is fitted.
+    """
     settings = override(settings or FitSettings(), overrides)
     if dtype not in get_args(Dtype):
         raise ConfigError(f"dtype: found '{dtype}'; {suggest(str(dtype), get_args(Dtype))}")
-    for name, mesh in (("source", source), ("target", target)):
-        _require_surface(mesh, name)
+    if threads < 1:
+        raise ConfigError(f"threads: found {threads}; at least 1 is needed")
+    for number, problem in enumerate(problems):
+        where = f"problem {number}: " if len(problems) > 1 else ""
+        for name, mesh in (("source", problem.source), ("target", problem.target)):
+            _require_surface(mesh, where + name)
     place = resolve_device(device, dtype)
-    problem = Problem(source, target, settings, seed, place, getattr(torch, dtype))
+    outcomes: dict[Problem, FitResult | Diverged] = {}
     # Gradients are needed here, whatever mode the caller is in.
-    with single_thread(), torch.inference_mode(mode=False):
-        engine = ENGINES[settings.method](problem)
-        if resume is not None:
-            engine.restore(resume)
-        run(engine, on_step, save)
-    return FitResult(engine.mesh, engine.trace, str(place))
+    with single_thread(), torch.inference_mode(mode=False), searching_with(threads) as pool:
+        groups = packs(problems, settings, place)
+        for group in groups:
+            together = [problems[i] for i in group]
+            engine = ENGINES[settings.method](together, settings, place, getattr(torch, dtype), pool)
+            if done_before(together[0]):
+                engine.restore([problem.resume for problem in together if problem.resume is not None])
+            outcomes |= run(engine, save_end=group is not groups[-1])
+    return [outcomes[problem] for problem in problems]
 
 
 def _require_surface(mesh: Mesh, name: str) -> None:

@@ -1,5 +1,9 @@
 """Nearest neighbours between two point sets: a k-d tree on the CPU, brute force by blocks on other devices."""
 
+from collections.abc import Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import contextmanager
+
 import torch
 from torch import Tensor
 
@@ -9,29 +13,62 @@ from meshfit.mesh.nearest import nearest_in
 _BLOCK = 1 << 25
 
 
+@contextmanager
+def searching_with(threads: int) -> Iterator[Executor | None]:
+    """Threads for `match`, if more than one is wanted; a problem keeps two of them busy."""
+    if threads == 1:
+        yield None
+        return
+    # Each thread tells OpenMP anew that it is to stay by itself.
+    with ThreadPoolExecutor(threads, initializer=torch.set_num_threads, initargs=(1,)) as pool:
+        yield pool
+
+
 @torch.no_grad()
-def match(p: Tensor, q: Tensor) -> Matches:
-    """Match each point of (P, 3) with its nearest of (Q, 3), and the other way round."""
+def match(p: Tensor, q: Tensor, members: int = 1, pool: Executor | None = None) -> Matches:
+    """Match each point of a member with the nearest of the same member's others, and the other way round.
+
+    Args:
+        p: (K P, 3), P points of each of K members.
+        q: (K Q, 3), Q of each.
+        members: K.
+        pool: threads to search with, on the CPU; what is found does not depend on it.
+    """
+    ps, qs = p.detach().view(members, -1, 3), q.detach().view(members, -1, 3)
     if p.device.type == "cpu":
-        return Matches(_by_tree(p, q), _by_tree(q, p))
-    return Matches(by_blocks(p, q), by_blocks(q, p))
+        found = list((pool.map if pool else map)(_by_tree, [*ps, *qs], [*qs, *ps]))
+        forward, backward = torch.stack(found[:members]), torch.stack(found[members:])
+    else:
+        forward, backward = by_blocks(ps, qs)
+    first = torch.arange(members, device=p.device)[:, None]
+    return Matches((forward + first * qs.shape[1]).view(-1), (backward + first * ps.shape[1]).view(-1), members)
 
 
 def _by_tree(queries: Tensor, points: Tensor) -> Tensor:
-    found = torch.from_numpy(nearest_in(points.detach().numpy())(queries.detach().numpy()))
+    found = torch.from_numpy(nearest_in(points.numpy())(queries.numpy()))
     # Where squared distances overflow, the tree finds nothing and says so by an index that is out of range.
     return found.clamp_(max=len(points) - 1)
 
 
-def by_blocks(queries: Tensor, points: Tensor) -> Tensor:
-    """Nearest by comparing all pairs, a block of queries at a time so that memory stays bounded.
+def by_blocks(p: Tensor, q: Tensor) -> tuple[Tensor, Tensor]:
+    """Nearest by comparing all pairs, both ways at once, a block of p at a time so that memory stays bounded.
 
     Distances come from differences, not from inner products, whose cancellation picks wrong neighbours in float32.
+
+    Args:
+        p: (K, P, 3).
+        q: (K, Q, 3).
+
+    Returns:
+        (K, P) the nearest of q, and (K, Q) the nearest of p.
     """
-    rows = max(1, _BLOCK // len(points))
-    return torch.cat(
-        [
-            torch.cdist(block, points, compute_mode="donot_use_mm_for_euclid_dist").argmin(1)
-            for block in torch.split(queries, rows)
-        ]
-    )
+    rows = max(1, _BLOCK // (len(q) * q.shape[1]))
+    least = q.new_full(q.shape[:2], torch.inf)
+    forward, backward = [], torch.zeros(q.shape[:2], dtype=torch.int64, device=q.device)
+    for start in range(0, p.shape[1], rows):
+        distances = torch.cdist(p[:, start : start + rows], q, compute_mode="donot_use_mm_for_euclid_dist")
+        forward.append(distances.argmin(2))
+        nearest = distances.min(1)
+        backward = torch.where(nearest.values < least, nearest.indices + start, backward)
+        least = torch.minimum(least, nearest.values)
+    return torch.cat(forward, 1), backward

@@ -1,32 +1,95 @@
-"""Points on a surface, uniform by area, that gradients flow through."""
+"""Points on surfaces, uniform by area, that gradients flow through."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 import torch
-from torch import Tensor
+from jaxtyping import Float, Int64
+from torch import Generator, Tensor
+from torch.autograd.function import Function, once_differentiable
+from torch.nn.functional import embedding_bag
 
+from meshfit.loss.autograd import apply
+from meshfit.loss.members import Members
 from meshfit.loss.surface import FaceGeometry
 from meshfit.loss.terms import Samples
 
 
-def sample(faces: FaceGeometry, count: int, generator: torch.Generator) -> Samples:
+@dataclass(frozen=True, eq=False)
+class AreaTable:
+    """Running sums of the areas of each member's faces, by which faces are picked in proportion to their area."""
+
+    sums: tuple[Tensor, ...] | Tensor
+    members: Members
+
+    @classmethod
+    def of(cls, geometry: FaceGeometry) -> "AreaTable":
+        """The table of faces where they are now."""
+        area, members = geometry.double_area, geometry.faces.members
+        if area.device.type == "cpu":
+            return cls(tuple(part.cumsum(0) for part in members.parts(area)), members)
+        return cls(members.padded(area).cumsum(1), members)
+
+    def pick(self, uniform: Float[Tensor, "K N"]) -> Int64[Tensor, " KN"]:
+        """The face that each number from 0 to 1 falls on, N of each member."""
+        if isinstance(self.sums, Tensor):
+            found = torch.searchsorted(self.sums, uniform * self.sums[:, -1:], right=True)
+        else:
+            # numpy's search goes on from the last place found; with sorted numbers it takes half the time of torch's.
+            rows = ((sums, u * sums[-1]) for sums, u in zip(self.sums, uniform, strict=True))
+            found = torch.from_numpy(np.stack([sums.numpy().searchsorted(u.numpy(), "right") for sums, u in rows]))
+        return (found.minimum(self.members.counts[:, None] - 1) + self.members.first[:, None]).view(-1)
+
+
+def sample(
+    geometry: FaceGeometry, count: int, generators: Sequence[Generator], table: AreaTable | None = None
+) -> Samples:
     """Draw points uniformly by area; each is a fixed convex combination of the corners of its face.
 
-    Within a triangle the square-root map is used (Osada et al. 2002, Shape Distributions, eq. 1).
-
     Args:
-        faces: the surface, as it lies now.
-        count: N, how many points.
-        generator: of the device of `faces`; it is advanced by exactly 3 N numbers.
+        geometry: the faces of K meshes, as they lie now.
+        count: N, how many points on each of them.
+        generators: one for each mesh, of the same device; each is advanced by exactly 3 N numbers.
+        table: the areas, if they are known already.
     """
-    picked, weights = _draw(faces.double_area, count, generator)
-    corners = faces.corners.index_select(0, picked)
-    return Samples((weights[:, :, None] * corners).sum(1), faces.normals.index_select(0, picked))
+    with torch.no_grad():
+        picked, weights = _draw(table or AreaTable.of(geometry), count, generators, geometry.double_area)
+        corners = geometry.faces.verts.index_select(0, picked)
+    points: Tensor = apply(_Points, geometry.verts, corners, weights)
+    return Samples(points, picked, geometry)
 
 
-@torch.no_grad()
-def _draw(double_area: Tensor, count: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-    uniform = torch.rand(3, count, generator=generator, dtype=double_area.dtype, device=double_area.device)
-    cumulative = double_area.cumsum(0)
-    picked = torch.searchsorted(cumulative, uniform[0] * cumulative[-1], right=True)
-    root = uniform[1].sqrt()
-    weights = torch.stack([1 - root, root * (1 - uniform[2]), root * uniform[2]], dim=1)
-    return picked.clamp_(max=len(double_area) - 1), weights
+def _draw(table: AreaTable, count: int, generators: Sequence[Generator], like: Tensor) -> tuple[Tensor, Tensor]:
+    """Faces, (K N,), and weights of their corners, (K N, 3), by the square-root map (Osada et al. 2002, eq. 1)."""
+    uniform = like.new_empty(len(generators), 3, count)
+    for numbers, generator in zip(uniform, generators, strict=True):
+        numbers.uniform_(generator=generator)
+    if like.device.type == "cpu":
+        # Points in the order of their faces are the same points, and k-d trees answer neighbouring queries faster.
+        uniform[:, 0].numpy().sort(axis=1)
+    root = uniform[:, 1].sqrt()
+    third = root * uniform[:, 2]
+    return table.pick(uniform[:, 0]), torch.stack([1 - root, root - third, third], 2).view(-1, 3)
+
+
+class _Points(Function):
+    """Weighted sums of three verts each."""
+
+    @staticmethod
+    def forward(ctx: Any, verts: Tensor, corners: Tensor, weights: Tensor) -> Tensor:  # noqa: ANN401  torch's context
+        ctx.save_for_backward(corners, weights)
+        ctx.num_verts = len(verts)
+        if verts.device.type == "cpu":
+            return embedding_bag(corners, verts.detach(), per_sample_weights=weights, mode="sum")
+        return (weights[:, :, None] * verts[corners]).sum(1)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None, None]:  # noqa: ANN401  likewise
+        corners, weights = ctx.saved_tensors
+        at_verts = gradient.new_zeros(ctx.num_verts, 3)
+        for corner, weight in zip(corners.unbind(1), weights.split(1, dim=1), strict=True):
+            at_verts.index_add_(0, corner, weight * gradient)
+        return at_verts, None, None

@@ -1,29 +1,65 @@
 """The chamfer distance between two point sets."""
 
 from dataclasses import dataclass
+from typing import Any
 
 from jaxtyping import Float, Int64
 from torch import Tensor
+from torch.autograd.function import Function, once_differentiable
+
+from meshfit.loss.autograd import apply
 
 
 @dataclass(frozen=True, eq=False)
 class Matches:
     """Nearest neighbours, constant in the backward pass.
 
+    Points of K members lie one member after the other, P of each on one side and Q of each on the other.
+
     Attributes:
-        forward: (P,) for each p, the index of the nearest q.
-        backward: (Q,) for each q, the index of the nearest p.
+        forward: (K P,) for each p, the row of the nearest q of the same member.
+        backward: (K Q,) for each q, the row of the nearest p of the same member.
+        members: K.
     """
 
-    forward: Int64[Tensor, " P"]
-    backward: Int64[Tensor, " Q"]
+    forward: Int64[Tensor, " KP"]
+    backward: Int64[Tensor, " KQ"]
+    members: int = 1
+
+    def means(self, values: Float[Tensor, "N *C"]) -> Float[Tensor, " K"]:
+        """The mean over the points of each member; columns, where there are some, are added up."""
+        return values.reshape(self.members, -1).sum(1) / (len(values) // self.members)
 
 
-def chamfer(p: Float[Tensor, "P 3"], q: Float[Tensor, "Q 3"], matches: Matches) -> Float[Tensor, ""]:
+def chamfer(p: Float[Tensor, "KP 3"], q: Float[Tensor, "KQ 3"], matches: Matches) -> Float[Tensor, " K"]:
     """Mean squared distance to the nearest point of the other set, both ways added (Fan et al. 2017, eq. 1).
 
     Differences are taken before they are squared: |p|² + |q|² - 2p·q would lose all digits where p is near q.
     """
-    forward = (p - q.index_select(0, matches.forward)).square().sum(1).mean()
-    backward = (q - p.index_select(0, matches.backward)).square().sum(1).mean()
-    return forward + backward
+    value: Tensor = apply(_Chamfer, p, q, matches)
+    return value
+
+
+class _Chamfer(Function):
+    """A difference d of two matched points adds 2 d / P to the gradient at one, and its negative at the other."""
+
+    @staticmethod
+    def forward(ctx: Any, p: Tensor, q: Tensor, matches: Matches) -> Tensor:  # noqa: ANN401  torch's context
+        forward = p - q.index_select(0, matches.forward)
+        backward = q - p.index_select(0, matches.backward)
+        ctx.save_for_backward(forward, backward)
+        ctx.matches = matches
+        return matches.means(forward.square()) + matches.means(backward.square())
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, Tensor | None, None]:  # noqa: ANN401  likewise
+        matches, members = ctx.matches, ctx.matches.members
+        scaled = [
+            ((2 * gradient / (len(part) // members))[:, None, None] * part.view(members, -1, 3)).view(-1, 3)
+            for part in ctx.saved_tensors
+        ]
+        needs_p, needs_q, _ = ctx.needs_input_grad
+        at_p = scaled[0].index_add(0, matches.backward, -scaled[1]) if needs_p else None
+        at_q = scaled[1].index_add(0, matches.forward, -scaled[0]) if needs_q else None
+        return at_p, at_q, None

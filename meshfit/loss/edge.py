@@ -1,12 +1,36 @@
 """The squared length of edges."""
 
+from typing import Any
+
 from jaxtyping import Float
 from torch import Tensor
+from torch.autograd.function import Function, once_differentiable
 
+from meshfit.loss.autograd import apply
+from meshfit.loss.members import Members
 from meshfit.loss.surface import Surface
 
 
-def edge(verts: Float[Tensor, "V 3"], surface: Surface) -> Float[Tensor, ""]:
-    """Mean over edges of the squared length, in squared units of length (Gkioxari, Malik and Johnson 2019)."""
-    tail, head = surface.edges
-    return (verts.index_select(0, tail) - verts.index_select(0, head)).square().sum(1).mean()
+def edge(edges: Float[Tensor, "E 3"], surface: Surface) -> Float[Tensor, " K"]:
+    """Mean over edges of the squared length, in squared units of length (Gkioxari, Malik and Johnson 2019).
+
+    Args:
+        edges: `surface.edges @ verts`.
+        surface: whose edges they are.
+    """
+    value: Tensor = apply(_MeanSquare, edges, surface.of_edge)
+    return value
+
+
+class _MeanSquare(Function):
+    @staticmethod
+    def forward(ctx: Any, vectors: Tensor, members: Members) -> Tensor:  # noqa: ANN401  torch's context
+        ctx.save_for_backward(vectors)
+        ctx.members = members
+        return members.means(vectors.square().sum(1))
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:  # noqa: ANN401  likewise
+        (vectors,) = ctx.saved_tensors
+        return vectors * ctx.members.spread(2 * gradient), None

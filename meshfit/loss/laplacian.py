@@ -1,49 +1,71 @@
 """The length of the Laplacian of the vertex positions, uniform or by cotangents."""
 
+from typing import Any
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
+from torch.autograd.function import Function, once_differentiable
 
-from meshfit.loss.surface import LEAST_DOUBLE_AREA, FaceGeometry, Surface
+from meshfit.loss.autograd import apply
+from meshfit.loss.members import Members
+from meshfit.loss.surface import LEAST_DOUBLE_AREA, Surface
 
 
-def laplacian_uniform(verts: Float[Tensor, "V 3"], surface: Surface) -> Float[Tensor, ""]:
+def laplacian_uniform(edges: Float[Tensor, "E 3"], surface: Surface) -> Float[Tensor, " K"]:
     """Mean over verts of the distance from the mean of the neighbours (Desbrun et al. 1999, umbrella operator).
 
-    A vertex without neighbours counts as 0.
+    A vertex without neighbours counts as 0. Differences are summed, not positions, which would lose digits.
+
+    Args:
+        edges: `surface.edges @ verts`.
+        surface: whose edges they are.
     """
-    tail, head = surface.edges
-    sums = torch.zeros_like(verts).index_add(0, tail, verts.index_select(0, head))
-    sums = sums.index_add(0, head, verts.index_select(0, tail))
-    return _length(sums / surface.valence - surface.joined * verts).mean()
+    value: Tensor = apply(_MeanLength, surface.edges.T @ edges / surface.valence, surface.of_vert)
+    return value
 
 
-def laplacian_cotangent(verts: Float[Tensor, "V 3"], surface: Surface) -> Float[Tensor, ""]:
+def laplacian_cotangent(verts: Float[Tensor, "V 3"], surface: Surface) -> Float[Tensor, " K"]:
     """Mean over verts of the distance from the cotangent-weighted mean of the neighbours (Desbrun et al. 1999).
 
     The weights are constants in the backward pass. Where they sum to nothing positive, they are not normalised, as in
     PyTorch3D. A vertex without neighbours counts as 0.
     """
     with torch.no_grad():
-        cotangents = corner_cotangents(FaceGeometry.of(surface, verts)).reshape(-1)
+        cotangents = corner_cotangents(verts, surface).reshape(-1)
         # The cotangent at a corner belongs to the edge opposite to it: corner k to the edge of corners k+1 and k+2.
-        start, end = surface.faces.roll(-1, 1).reshape(-1), surface.faces.roll(-2, 1).reshape(-1)
+        start, end = (surface.faces.verts.roll(-shift, 1).reshape(-1) for shift in (1, 2))
         total = torch.zeros_like(verts[:, 0]).index_add(0, start, cotangents).index_add(0, end, cotangents)
         scale = torch.where(total > 0, 1 / total, total)[:, None]
     weight = cotangents[:, None]
     sums = torch.zeros_like(verts).index_add(0, start, weight * verts.index_select(0, end))
     sums = sums.index_add(0, end, weight * verts.index_select(0, start))
-    return _length(scale * sums - surface.joined * verts).mean()
+    value: Tensor = apply(_MeanLength, scale * sums - surface.joined * verts, surface.of_vert)
+    return value
 
 
-def corner_cotangents(faces: FaceGeometry) -> Float[Tensor, "F 3"]:
+def corner_cotangents(verts: Float[Tensor, "V 3"], surface: Surface) -> Float[Tensor, "F 3"]:
     """Cotangent of the angle at each corner of each face."""
-    ahead = faces.corners.roll(-1, 1) - faces.corners
-    behind = faces.corners.roll(1, 1) - faces.corners
-    dot = (ahead * behind).sum(2)
-    return dot / faces.double_area.clamp_min(LEAST_DOUBLE_AREA)[:, None]
+    corners = verts.index_select(0, surface.faces.verts.reshape(-1)).reshape(-1, 3, 3)
+    ahead, behind = corners.roll(-1, 1) - corners, corners.roll(1, 1) - corners
+    double_area = torch.linalg.cross(ahead[:, 0], behind[:, 0]).square().sum(1).sqrt()
+    cotangents: Tensor = (ahead * behind).sum(2) / double_area.clamp_min(LEAST_DOUBLE_AREA)[:, None]
+    return cotangents
 
 
-def _length(vectors: Float[Tensor, "N 3"]) -> Float[Tensor, " N"]:
-    length: Tensor = torch.linalg.vector_norm(vectors, dim=1)
-    return length
+class _MeanLength(Function):
+    """The gradient of a length is the unit vector, and 0 where the length is."""
+
+    @staticmethod
+    def forward(ctx: Any, vectors: Tensor, members: Members) -> Tensor:  # noqa: ANN401  torch's context
+        lengths = vectors.square().sum(1).sqrt()
+        ctx.save_for_backward(vectors, lengths)
+        ctx.members = members
+        return members.means(lengths)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:  # noqa: ANN401  likewise
+        vectors, lengths = ctx.saved_tensors
+        scale = ctx.members.spread(gradient) / lengths[:, None]
+        return vectors * scale.masked_fill(lengths[:, None] == 0, 0), None

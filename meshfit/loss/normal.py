@@ -9,7 +9,7 @@ from meshfit.loss.chamfer import Matches
 _EPS = 1e-6
 
 
-def normal(p_normals: Float[Tensor, "P 3"], q_normals: Float[Tensor, "Q 3"], matches: Matches) -> Float[Tensor, ""]:
+def normal(p_normals: Float[Tensor, "KP 3"], q_normals: Float[Tensor, "KQ 3"], matches: Matches) -> Float[Tensor, " K"]:
     """Mean of 1 - |cos| between the normals of matched points, both ways added; 0 where all agree up to sign.
 
     This is the normal distance of Mesh R-CNN (Gkioxari, Malik and Johnson 2019, eq. 2), raised by 2 so as not to be
@@ -17,4 +17,4 @@ def normal(p_normals: Float[Tensor, "P 3"], q_normals: Float[Tensor, "Q 3"], mat
     """
     forward = cosine_similarity(p_normals, q_normals.index_select(0, matches.forward), dim=1, eps=_EPS)
     backward = cosine_similarity(q_normals, p_normals.index_select(0, matches.backward), dim=1, eps=_EPS)
-    return (1 - forward.abs()).mean() + (1 - backward.abs()).mean()
+    return matches.means(1 - forward.abs()) + matches.means(1 - backward.abs())

@@ -1,12 +1,19 @@
-"""What of a mesh stays the same while its verts move: index tensors and operators, made once before the first step."""
+"""What of some meshes stays the same while their verts move: indices and operators, made once before the first step."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
 from jaxtyping import Float, Int64
+from scipy.sparse import coo_array
 from torch import Tensor
+from torch.autograd.function import Function, once_differentiable
 
+from meshfit.loss.autograd import apply
+from meshfit.loss.members import Members
+from meshfit.loss.sparse import Sparse
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
 
@@ -14,43 +21,98 @@ LEAST_DOUBLE_AREA = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
-    """The constant part of a moving mesh, on one device.
+class Faces:
+    """The faces of K meshes, as one mesh of K pieces that have nothing in common.
 
     Attributes:
-        faces: (F, 3) vertex indices.
-        edges: (2, E) the ends of each edge, each edge once.
-        valence: (V, 1) number of edges at each vertex, at least 1.
-        joined: (V, 1) 1 where a vertex has edges, 0 where it has none.
-        face_pairs: (2, P) the faces of every two that share an edge.
-        pair_sign: (P,) 1 where the two are oriented alike, -1 where they are not.
+        verts: (F, 3) the verts at the corners of each face.
+        members: which of the meshes each face belongs to.
+        sides: (2 F, V) takes positions to the sides of faces from their first corner, all first ones before all second.
     """
 
-    faces: Int64[Tensor, "F 3"]
-    edges: Int64[Tensor, "2 E"]
-    valence: Float[Tensor, "V 1"]
-    joined: Float[Tensor, "V 1"]
-    face_pairs: Int64[Tensor, "2 P"]
-    pair_sign: Float[Tensor, " P"]
+    verts: Int64[Tensor, "F 3"]
+    members: Members
+    sides: Sparse
 
     @classmethod
-    def of(cls, mesh: Mesh, dtype: torch.dtype, device: torch.device) -> "Surface":
-        """The surface of a mesh; edges with three faces or more count every pair of them."""
-        topology = Topology.of(mesh)
-        pairs = topology.face_pairs
-        alike = np.where(topology.tail[pairs[:, 0]] == topology.tail[pairs[:, 1]], -1.0, 1.0)
+    def of(cls, meshes: Sequence[Mesh], dtype: torch.dtype, device: torch.device) -> "Faces":
+        """The faces of some meshes."""
+        faces = _shifted([mesh.faces for mesh in meshes], [mesh.num_verts for mesh in meshes])
+        sides = np.concatenate([faces[:, [0, 1]], faces[:, [0, 2]]])
         return cls(
-            faces=torch.tensor(mesh.faces, device=device),
-            edges=torch.tensor(topology.edges.T.copy(), device=device),
-            valence=torch.tensor(topology.valence.clip(min=1)[:, None], dtype=dtype, device=device),
-            joined=torch.tensor(topology.valence.clip(max=1)[:, None], dtype=dtype, device=device),
-            face_pairs=torch.tensor((pairs // 3).T.copy(), device=device),
-            pair_sign=torch.tensor(alike, dtype=dtype, device=device),
+            verts=torch.tensor(faces, device=device),
+            members=Members.of([mesh.num_faces for mesh in meshes], device),
+            sides=Sparse.of(_differences(sides, sum(mesh.num_verts for mesh in meshes)), dtype, device),
         )
 
-    def corners(self, verts: Float[Tensor, "V 3"]) -> Float[Tensor, "F 3 3"]:
-        """The three corners of every face."""
-        return verts.index_select(0, self.faces.reshape(-1)).reshape(-1, 3, 3)
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """The constant part of K moving meshes, on one device.
+
+    Attributes:
+        faces: their faces.
+        of_vert, of_edge: which of the meshes each vertex and each edge belongs to.
+        edges: (E, V) takes positions to edges, head minus tail.
+        valence: (V, 1) number of edges at each vertex, at least 1.
+        joined: (V, 1) 1 where a vertex has edges, 0 where it has none.
+        neighbours: (F, F) sums over the faces across each edge, with -1 for those that are oriented the other way.
+        valence_of_face: (F,) the number of those faces.
+        face_pairs: (K,) the pairs of faces with a common edge, at least 1.
+    """
+
+    faces: Faces
+    of_vert: Members
+    of_edge: Members
+    edges: Sparse
+    valence: Float[Tensor, "V 1"]
+    joined: Float[Tensor, "V 1"]
+    neighbours: Sparse
+    valence_of_face: Float[Tensor, " F"]
+    face_pairs: Float[Tensor, " K"]
+
+    @classmethod
+    def of(cls, meshes: Sequence[Mesh], dtype: torch.dtype, device: torch.device) -> "Surface":
+        """The surface of some meshes; edges with three faces or more count every pair of them."""
+        place: dict[str, Any] = {"dtype": dtype, "device": device}
+        topologies, faces = [Topology.of(mesh) for mesh in meshes], Faces.of(meshes, **place)
+        of_vert = Members.of([mesh.num_verts for mesh in meshes], device)
+        edges = _shifted([topology.edges for topology in topologies], of_vert.sizes)
+        pairs = _shifted([topology.face_pairs // 3 for topology in topologies], faces.members.sizes)
+        alike = np.concatenate([_alike(topology) for topology in topologies])
+        valence = np.bincount(edges.reshape(-1), minlength=len(of_vert.index))[:, None]
+        return cls(
+            faces=faces,
+            of_vert=of_vert,
+            of_edge=Members.of([len(topology.edges) for topology in topologies], device),
+            edges=Sparse.of(_differences(edges, len(valence)), **place),
+            valence=torch.tensor(valence.clip(min=1), **place),
+            joined=torch.tensor(valence.clip(max=1), **place),
+            neighbours=Sparse.of(_across(pairs, alike, len(faces.members.index)), **place),
+            valence_of_face=torch.tensor(np.bincount(pairs.reshape(-1), minlength=len(faces.members.index)), **place),
+            face_pairs=torch.tensor([max(len(topology.face_pairs), 1) for topology in topologies], **place),
+        )
+
+
+def _shifted(indices: Sequence[np.ndarray], sizes: Sequence[int]) -> np.ndarray:
+    offsets = np.cumsum([0, *sizes[:-1]])
+    return np.concatenate([part + offset for part, offset in zip(indices, offsets, strict=True)])
+
+
+def _alike(topology: Topology) -> np.ndarray:
+    """1 for pairs of faces that run through their common edge opposite ways, as they ought to; -1 for others."""
+    one, other = topology.face_pairs.T
+    return np.where(topology.tail[one] == topology.tail[other], -1.0, 1.0)
+
+
+def _differences(edges: np.ndarray, num_verts: int) -> coo_array:
+    rows = np.tile(np.arange(len(edges)), 2)
+    return coo_array((np.repeat([-1.0, 1.0], len(edges)), (rows, edges.T.reshape(-1))), shape=(len(edges), num_verts))
+
+
+def _across(pairs: np.ndarray, alike: np.ndarray, num_faces: int) -> coo_array:
+    there, back = pairs.T.reshape(-1), pairs[:, ::-1].T.reshape(-1)
+    return coo_array((np.tile(alike, 2), (there, back)), shape=(num_faces, num_faces))
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,21 +120,46 @@ class FaceGeometry:
     """Where the faces are now.
 
     Attributes:
-        corners: (F, 3, 3).
+        faces: which they are.
+        verts: (V, 3) the positions.
         double_area: (F,) twice the area of each face, constant in the backward pass.
         normals: (F, 3) unit normals, shorter where a face has next to no area.
     """
 
-    corners: Float[Tensor, "F 3 3"]
+    faces: Faces
+    verts: Float[Tensor, "V 3"]
     double_area: Float[Tensor, " F"]
     normals: Float[Tensor, "F 3"]
 
     @classmethod
-    def of(cls, surface: Surface, verts: Float[Tensor, "V 3"]) -> "FaceGeometry":
-        """The faces of a surface with its verts at these places."""
-        corners = surface.corners(verts)
-        cross = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        squared = cross.square().sum(1)
-        # Clamped from below, the length has a finite gradient where a face collapses.
-        length = squared.clamp_min(LEAST_DOUBLE_AREA**2).sqrt()
-        return cls(corners, squared.detach().sqrt(), cross / length[:, None])
+    def of(cls, faces: Faces, verts: Float[Tensor, "V 3"]) -> "FaceGeometry":
+        """The faces with their verts at these places."""
+        normals, double_area = apply(_Normals, faces.sides @ verts)
+        return cls(faces, verts, double_area, normals)
+
+
+class _Normals(Function):
+    """With sides u and v, n = u × v / max(|u × v|, ε).
+
+    Its gradient is dL/du = v × g, dL/dv = g × u, with g = (dL/dn - n (n · dL/dn)) / |u × v|, or dL/dn / ε where ε acts.
+    """
+
+    @staticmethod
+    def forward(ctx: Any, sides: Tensor) -> tuple[Tensor, Tensor]:  # noqa: ANN401  torch's context
+        u, v = sides.view(2, -1, 3)
+        cross = torch.linalg.cross(u, v)
+        double_area = cross.square().sum(1).sqrt()
+        scale = 1 / double_area.clamp_min(LEAST_DOUBLE_AREA)
+        normals = cross * scale[:, None]
+        ctx.save_for_backward(sides, normals, scale)
+        ctx.mark_non_differentiable(double_area)
+        return normals, double_area
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, gradient: Tensor, _: Tensor) -> Tensor:  # noqa: ANN401  likewise
+        sides, normals, scale = ctx.saved_tensors
+        u, v = sides.view(2, -1, 3)
+        along = (normals * gradient).sum(1).masked_fill(scale >= 1 / LEAST_DOUBLE_AREA, 0)
+        g = (gradient - normals * along[:, None]) * scale[:, None]
+        return torch.cat([torch.linalg.cross(v, g), torch.linalg.cross(g, u)])

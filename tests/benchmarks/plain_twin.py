@@ -1,28 +1,29 @@
 """The plain twin of the first-order engine: what a tutorial's loop does, written straight down in torch.
 
-Nearest neighbours by comparing all pairs, topology worked out anew at every step, autograd throughout. With the same
-generator it draws the same samples and has the same losses as the engine.
+Nearest neighbours by comparing all pairs, topology worked out anew at every step, autograd throughout. Faces and draws
+are in the order that the engine has them in, so that with the same generator the same samples give the same losses.
 """
 
 import torch
 from torch import Tensor
 from torch.nn.functional import cosine_similarity, normalize
 
-from meshfit.fitting.first_order import Problem
+from meshfit.fitting.problem import Problem
+from meshfit.fitting.settings import FitSettings
+from meshfit.mesh.nearest import in_spatial_order
 
 _BLOCK = 500
 
 
 class PlainTwin:
-    """A fit in progress, as `FirstOrder` is one; uniform Laplacian and constant rate only."""
+    """A fit in progress on the CPU, as `FirstOrder` is one; uniform Laplacian and constant rate only."""
 
-    def __init__(self, problem: Problem) -> None:
-        settings = problem.settings
+    def __init__(self, problem: Problem, settings: FitSettings, dtype: torch.dtype) -> None:
         self.weights = settings.losses.model_dump()
         self.samples = settings.samples
-        self.start = torch.tensor(problem.source.verts, dtype=problem.dtype)
-        self.faces = torch.tensor(problem.source.faces)
-        self.target = torch.tensor(problem.target.verts, dtype=problem.dtype), torch.tensor(problem.target.faces)
+        source, target = in_spatial_order(problem.source), in_spatial_order(problem.target)
+        self.start, self.faces = torch.tensor(source.verts, dtype=dtype), torch.tensor(source.faces)
+        self.target = torch.tensor(target.verts, dtype=dtype), torch.tensor(target.faces)
         self.offsets = torch.zeros_like(self.start, requires_grad=True)
         self.optimizer = torch.optim.SGD([self.offsets], lr=settings.optimizer.lr, momentum=settings.optimizer.momentum)
         self.generator = torch.Generator().manual_seed(problem.seed)
@@ -40,6 +41,7 @@ class PlainTwin:
         a, b, c = verts[faces[:, 0]], verts[faces[:, 1]], verts[faces[:, 2]]
         cross = torch.linalg.cross(b - a, c - a)
         uniform = torch.rand(3, self.samples, generator=self.generator, dtype=verts.dtype)
+        uniform[0] = uniform[0].sort().values
         cumulative = cross.detach().norm(dim=1).cumsum(0)
         picked = torch.searchsorted(cumulative, uniform[0] * cumulative[-1], right=True).clamp(max=len(faces) - 1)
         root, second = uniform[1].sqrt()[:, None], uniform[2][:, None]

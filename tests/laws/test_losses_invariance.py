@@ -23,10 +23,10 @@ SOURCES = pytest.mark.parametrize(
 
 def values(source, target):
     place = {"dtype": torch.float64, "device": torch.device("cpu")}
-    surfaces = [Surface.of(mesh, **place) for mesh in (source, target)]
-    faces = [FaceGeometry.of(s, torch.tensor(m.verts)) for s, m in zip(surfaces, (source, target), strict=True)]
+    surfaces = [Surface.of([mesh], **place) for mesh in (source, target)]
+    faces = [FaceGeometry.of(s.faces, torch.tensor(m.verts)) for s, m in zip(surfaces, (source, target), strict=True)]
     generator = torch.Generator().manual_seed(1)
-    p, q = (sample(part, 200, generator) for part in faces)
+    p, q = (sample(part, 200, [generator]) for part in faces)
     state = State(torch.tensor(source.verts), surfaces[0], faces[0], p, q, match(p.points, q.points))
     return {name: float(term(state)) for name, term in ALL_TERMS.items()}
 

@@ -117,18 +117,32 @@ def naive_consistency(verts, faces):
 
 
 TERMS = {
-    "edge": (edge, naive_edge),
-    "laplacian, uniform": (laplacian_uniform, naive_uniform),
+    "edge": (lambda verts, surface: edge(surface.edges @ verts, surface), naive_edge),
+    "laplacian, uniform": (lambda verts, surface: laplacian_uniform(surface.edges @ verts, surface), naive_uniform),
     "laplacian, cotangent": (laplacian_cotangent, naive_cotangent),
-    "consistency": (lambda verts, surface: consistency(FaceGeometry.of(surface, verts), surface), naive_consistency),
+    "consistency": (
+        lambda verts, surface: consistency(FaceGeometry.of(surface.faces, verts), surface),
+        naive_consistency,
+    ),
 }
+
+
+def values(term, meshes):
+    verts = torch.tensor(np.concatenate([mesh.verts for mesh in meshes]))
+    return term(verts, Surface.of(meshes, torch.float64, torch.device("cpu"))).tolist()
 
 
 @pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES)
 @pytest.mark.parametrize(("term", "naive"), TERMS.values(), ids=TERMS)
 def test_a_mesh_term_equals_its_definition(mesh, term, naive):
-    found = term(torch.tensor(mesh.verts), Surface.of(mesh, torch.float64, torch.device("cpu")))
-    assert float(found) == pytest.approx(naive(mesh.verts.tolist(), mesh.faces.tolist()), rel=1e-10, abs=1e-14)
+    (found,) = values(term, [mesh])
+    assert found == pytest.approx(naive(mesh.verts.tolist(), mesh.faces.tolist()), rel=1e-10, abs=1e-14)
+
+
+@pytest.mark.parametrize(("term", "naive"), TERMS.values(), ids=TERMS)
+def test_a_term_of_meshes_side_by_side_equals_the_definition_for_each(term, naive):
+    expected = [naive(mesh.verts.tolist(), mesh.faces.tolist()) for mesh in MESHES.values()]
+    assert values(term, list(MESHES.values())) == pytest.approx(expected, rel=1e-10, abs=1e-14)
 
 
 def nearest(points, others):
@@ -157,3 +171,17 @@ def test_a_term_of_points_equals_its_definition(p_count, q_count):
     assert float(chamfer(torch.tensor(p), torch.tensor(q), matches)) == pytest.approx(naive_chamfer(p_list, q_list))
     found = float(normal(torch.tensor(p_normals), torch.tensor(q_normals), matches))
     assert found == pytest.approx(naive_normal(p_list, q_list, p_normals.tolist(), q_normals.tolist()))
+
+
+def test_terms_of_points_side_by_side_equal_their_definitions_for_each():
+    generator = np.random.default_rng(0)
+    p, q, p_normals, q_normals = (generator.normal(size=(3, n, 3)) for n in (20, 30) * 2)
+    there = [[30 * k + j for j in nearest(p[k].tolist(), q[k].tolist())] for k in range(3)]
+    back = [[20 * k + i for i in nearest(q[k].tolist(), p[k].tolist())] for k in range(3)]
+    matches = Matches(torch.tensor(there).view(-1), torch.tensor(back).view(-1), members=3)
+    rows = [torch.tensor(part).view(-1, 3) for part in (p, q, p_normals, q_normals)]
+    members = [[part[k].tolist() for part in (p, q, p_normals, q_normals)] for k in range(3)]
+    found = chamfer(rows[0], rows[1], matches)
+    assert found.tolist() == pytest.approx([naive_chamfer(p, q) for p, q, _, _ in members])
+    found = normal(rows[2], rows[3], matches)
+    assert found.tolist() == pytest.approx([naive_normal(*member) for member in members])

@@ -57,6 +57,10 @@ def test_the_callers_threads_change_no_byte_and_are_given_back():
     assert len(results) == 1
 
 
+def test_threads_to_search_with_change_no_byte():
+    assert len({fitted(threads=count) for count in (1, 2, 3)}) == 1
+
+
 @pytest.mark.usefixtures("threads")
 def test_one_thread_is_in_use_during_a_fit_and_the_callers_after_it_was_stopped():
     def stop(step):

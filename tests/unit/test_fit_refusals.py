@@ -74,6 +74,11 @@ def test_a_dtype_that_is_not_allowed_is_refused(dtype):
     assert "allowed: float32, float64" in text
 
 
+@pytest.mark.parametrize("threads", [0, -1])
+def test_fewer_than_one_thread_is_refused(threads):
+    assert refusal(ConfigError, threads=threads) == f"threads: found {threads}; at least 1 is needed"
+
+
 def test_a_device_that_does_not_exist_is_refused_with_what_is_allowed():
     assert "allowed: auto, cpu, cuda, cuda:N, mps" in refusal(DeviceError, device="gpu")
 

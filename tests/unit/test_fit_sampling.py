@@ -5,20 +5,20 @@ import pytest
 import torch
 from scipy.stats import chi2
 
-from meshfit.fitting.sampling import sample
-from meshfit.loss.surface import FaceGeometry, Surface
+from meshfit.fitting.sampling import AreaTable, sample
+from meshfit.loss.surface import FaceGeometry, Faces
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import SOLIDS
-from tests.shapes import mixed_open
+from tests.shapes import mixed_closed, mixed_open, patch
 
 
 def geometry(mesh, dtype=torch.float64):
-    surface = Surface.of(mesh, dtype, torch.device("cpu"))
-    return FaceGeometry.of(surface, torch.tensor(mesh.verts, dtype=dtype))
+    faces = Faces.of([mesh], dtype, torch.device("cpu"))
+    return FaceGeometry.of(faces, torch.tensor(mesh.verts, dtype=dtype))
 
 
 def drawn(mesh, count, seed=0, dtype=torch.float64):
-    return sample(geometry(mesh, dtype), count, torch.Generator().manual_seed(seed))
+    return sample(geometry(mesh, dtype), count, [torch.Generator().manual_seed(seed)])
 
 
 def storeys(areas, *, scale=1.0):
@@ -73,7 +73,7 @@ def test_faces_without_area_are_never_picked(dtype, scale):
 
 
 def test_even_the_smallest_draw_does_not_pick_a_face_without_area(monkeypatch):
-    monkeypatch.setattr(torch, "rand", lambda *size, **_: torch.zeros(size, dtype=torch.float64))
+    monkeypatch.setattr(torch.Tensor, "uniform_", lambda numbers, **_: numbers.zero_())
     assert drawn(storeys([0, 0, 1, 0]), 5).points[:, 2].tolist() == [2.0] * 5
 
 
@@ -89,13 +89,13 @@ def test_the_generator_advances_by_three_numbers_a_point_whatever_the_mesh(dtype
     torch.rand(3, 77, generator=reference, dtype=dtype)
     for make in (*SOLIDS.values(), mixed_open):
         generator = torch.Generator().manual_seed(4)
-        sample(geometry(make(), dtype), 77, generator)
+        sample(geometry(make(), dtype), 77, [generator])
         assert torch.equal(generator.get_state(), reference.get_state())
 
 
 def test_a_seed_draws_the_same_points_again_and_a_used_generator_others():
     faces, generator = geometry(mixed_open()), torch.Generator().manual_seed(3)
-    first, second = sample(faces, 100, generator), sample(faces, 100, generator)
+    first, second = sample(faces, 100, [generator]), sample(faces, 100, [generator])
     again = drawn(mixed_open(), 100, seed=3)
     assert torch.equal(first.points, again.points)
     assert torch.equal(first.normals, again.normals)
@@ -103,19 +103,65 @@ def test_a_seed_draws_the_same_points_again_and_a_used_generator_others():
 
 
 def test_draws_of_different_seeds_are_not_correlated():
-    """Of 28 pairs of seeds, each correlation within 5 standard errors of 0, each of 3 coordinates."""
-    count = 4000
-    points = np.stack([drawn(SOLIDS["cube"](), count, seed).points.numpy() for seed in range(8)])
-    for axis in range(3):
-        correlations = np.corrcoef(points[:, :, axis])
-        assert np.abs(correlations - np.eye(8)).max() < 5 / np.sqrt(count)
+    """Of 28 pairs of seeds, each correlation within 5 standard errors of 0.
+
+    Points come in the order of their faces, so what is correlated is where on its face each lies, and how many lie on
+    each face.
+    """
+    mesh = patch(41, 41)
+    draws = [drawn(mesh, 4000, seed) for seed in range(8)]
+    centres = mesh.verts[mesh.faces].mean(axis=1)
+    within = np.stack([samples.points.numpy() - centres[samples.picked.numpy()] for samples in draws])
+    on_face = np.stack([np.bincount(samples.picked.numpy(), minlength=mesh.num_faces) for samples in draws])
+    for values in (within[:, :, 0], within[:, :, 1], on_face):
+        correlations = np.corrcoef(values)
+        assert np.abs(correlations - np.eye(8)).max() < 5 / np.sqrt(values.shape[1])
 
 
 def test_a_draw_is_constant_in_the_backward_pass_and_points_move_with_their_corners():
     mesh = mixed_open()
-    surface = Surface.of(mesh, torch.float64, torch.device("cpu"))
+    faces = Faces.of([mesh], torch.float64, torch.device("cpu"))
     verts = torch.tensor(mesh.verts, requires_grad=True)
-    points = sample(FaceGeometry.of(surface, verts), 50, torch.Generator().manual_seed(0)).points
+    points = sample(FaceGeometry.of(faces, verts), 50, [torch.Generator().manual_seed(0)]).points
     (gradient,) = torch.autograd.grad(points[:, 0].sum(), verts)
     assert float(gradient[:, 0].sum()) == pytest.approx(50)
     assert not gradient[:, 1:].any()
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_meshes_side_by_side_are_sampled_as_each_would_be_alone(dtype):
+    meshes = [mixed_open(), SOLIDS["tetrahedron"](), storeys([0, 2, 1])]
+    verts = torch.cat([torch.tensor(mesh.verts, dtype=dtype) for mesh in meshes])
+    faces = FaceGeometry.of(Faces.of(meshes, dtype, torch.device("cpu")), verts)
+    together = sample(faces, 70, [torch.Generator().manual_seed(seed) for seed in range(3)])
+    alone = [drawn(mesh, 70, seed, dtype) for seed, mesh in enumerate(meshes)]
+    assert torch.equal(together.points, torch.cat([samples.points for samples in alone]))
+    assert torch.equal(together.normals, torch.cat([samples.normals for samples in alone]))
+
+
+def test_points_come_in_the_order_of_their_faces():
+    picked = drawn(mixed_open(), 500).picked
+    assert torch.equal(picked, picked.sort().values)
+
+
+def test_the_table_for_other_devices_picks_the_faces_that_the_one_for_the_cpu_picks():
+    meshes = [mixed_open(), SOLIDS["tetrahedron"](), storeys([0, 2, 1, 0]), mixed_closed()]
+    geometry = FaceGeometry.of(
+        Faces.of(meshes, torch.float64, torch.device("cpu")), torch.cat([torch.tensor(mesh.verts) for mesh in meshes])
+    )
+    table, members = AreaTable.of(geometry), geometry.faces.members
+    padded = AreaTable(members.padded(geometry.double_area).cumsum(1), members)
+    uniform = torch.rand(4, 400, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    assert torch.equal(padded.pick(uniform), table.pick(uniform))
+    ends = torch.tensor([0.0, 1.0], dtype=torch.float64).repeat(4, 1)
+    assert torch.equal(padded.pick(ends), table.pick(ends))
+
+
+def test_points_combine_the_corners_of_their_faces_by_the_square_root_map():
+    mesh = mixed_open()
+    samples = drawn(mesh, 300)
+    corners = mesh.verts[mesh.faces[samples.picked.numpy()]]
+    numbers = torch.rand(3, 300, generator=torch.Generator().manual_seed(0), dtype=torch.float64).numpy()
+    root, third = np.sqrt(numbers[1]), numbers[2]
+    weights = np.stack([1 - root, root * (1 - third), root * third], axis=1)
+    np.testing.assert_allclose(samples.points.numpy(), (weights[:, :, None] * corners).sum(axis=1), rtol=0, atol=1e-14)

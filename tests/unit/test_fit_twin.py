@@ -8,8 +8,9 @@ from torch.nn.functional import normalize
 from meshfit.fitting.fit import fit
 from meshfit.fitting.sampling import sample
 from meshfit.fitting.settings import FitSettings
-from meshfit.loss.surface import FaceGeometry, Surface
+from meshfit.loss.surface import FaceGeometry, Faces
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.nearest import in_spatial_order
 from meshfit.mesh.solids import cube
 from meshfit.settings import build
 from tests.shapes import mixed_closed, mixed_open
@@ -21,8 +22,8 @@ TARGET = Mesh(1.5 * cube().verts + 0.1, cube().faces)
 
 def draw(verts, faces, generator):
     """The one thing that is taken over: which points are drawn."""
-    surface = Surface.of(Mesh(verts.detach().numpy(), faces), torch.float64, torch.device("cpu"))
-    drawn = sample(FaceGeometry.of(surface, verts), SAMPLES, generator)
+    where = Faces.of([Mesh(verts.detach().numpy(), faces)], torch.float64, torch.device("cpu"))
+    drawn = sample(FaceGeometry.of(where, verts), SAMPLES, [generator])
     return drawn.points, drawn.normals
 
 
@@ -69,6 +70,7 @@ def losses(verts, faces, samples, kind):
 def twin(source, target, *, kind, optimizer):
     """Rows of step, loss and terms, and where the verts end up."""
     generator = torch.Generator().manual_seed(SEED)
+    source, target = in_spatial_order(source), in_spatial_order(target)
     verts = torch.tensor(source.verts, requires_grad=True)
     engine = optimizer([verts])
     rows = []

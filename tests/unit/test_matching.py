@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from meshfit.fitting import matching
-from meshfit.fitting.matching import by_blocks, match
+from meshfit.fitting.matching import by_blocks, match, searching_with
 from meshfit.loss.chamfer import Matches
 
 GENERATOR = np.random.default_rng(0)
@@ -51,11 +51,45 @@ def test_the_tree_finds_the_nearest_in_both_directions(cloud, dtype):
 @CASES
 @DTYPES
 @pytest.mark.parametrize("block", [1, 700, 1 << 25])
-def test_blocks_of_any_size_find_the_nearest(cloud, dtype, block, monkeypatch):
+def test_blocks_of_any_size_find_the_nearest_in_both_directions(cloud, dtype, block, monkeypatch):
     monkeypatch.setattr(matching, "_BLOCK", block)
     p, q = tensors(cloud, dtype)
-    assert_nearest(p, q, by_blocks(p, q))
-    assert_nearest(q, p, by_blocks(q, p))
+    for a, b in ((p, q), (q, p)):
+        forward, backward = by_blocks(a[None], b[None])
+        assert_nearest(a, b, forward[0])
+        assert_nearest(b, a, backward[0])
+
+
+def nearest_by_loops(p, q):
+    """Squared lengths of small whole numbers are exact, and `min` takes the first of equal ones."""
+    return [
+        min(range(len(q)), key=lambda j: sum((a - b) ** 2 for a, b in zip(point, q[j], strict=True))) for point in p
+    ]
+
+
+@pytest.mark.parametrize("block", [1, 60, 700, 1000, 1 << 25])
+def test_blocks_take_the_first_of_equally_near_points_of_each_member(block, monkeypatch):
+    """At most 1, 2, 23, 33 or all of 41 rows are compared at once, so that the last block may be shorter."""
+    monkeypatch.setattr(matching, "_BLOCK", block)
+    generator = np.random.default_rng(1)
+    p, q = (generator.integers(3, size=(3, count, 3)) for count in (41, 10))
+    forward, backward = by_blocks(torch.tensor(p, dtype=torch.float32), torch.tensor(q, dtype=torch.float32))
+    for k in range(3):
+        assert forward[k].tolist() == nearest_by_loops(p[k].tolist(), q[k].tolist())
+        assert backward[k].tolist() == nearest_by_loops(q[k].tolist(), p[k].tolist())
+
+
+@DTYPES
+@pytest.mark.parametrize("threads", [1, 3])
+def test_points_are_matched_with_those_of_the_same_member(dtype, threads):
+    generator = torch.Generator().manual_seed(0)
+    p, q = (torch.randn(4, count, 3, generator=generator, dtype=dtype) for count in (50, 70))
+    with searching_with(threads) as pool:
+        found = match(p.view(-1, 3), q.view(-1, 3), 4, pool)
+    assert found.members == 4
+    alone = [match(ours, theirs) for ours, theirs in zip(p, q, strict=True)]
+    assert found.forward.tolist() == [70 * k + j for k, part in enumerate(alone) for j in part.forward.tolist()]
+    assert found.backward.tolist() == [50 * k + i for k, part in enumerate(alone) for i in part.backward.tolist()]
 
 
 def test_blocks_bound_the_pairs_that_are_compared_at_once(monkeypatch):
@@ -63,14 +97,16 @@ def test_blocks_bound_the_pairs_that_are_compared_at_once(monkeypatch):
     distances = torch.cdist
 
     def spy(block, points, **options):
-        seen.append(len(block) * len(points))
+        seen.append(block.shape[0] * block.shape[1] * points.shape[1])
         return distances(block, points, **options)
 
     monkeypatch.setattr(matching, "_BLOCK", 1000)
     monkeypatch.setattr(torch, "cdist", spy)
     p, q = tensors(CLOUDS["random"], torch.float32)
-    by_blocks(p, q)
+    by_blocks(p[None], q[None])
     assert len(seen) == 60
+    by_blocks(p.view(2, 150, 3), q.view(2, 100, 3))
+    assert len(seen) == 60 + 30
     assert max(seen) <= 1000
 
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import torch
 
-from meshfit.fitting.first_order import FirstOrder, Problem
-from meshfit.fitting.optimizer import learning_rate, make_optimizer
+from meshfit.fitting.first_order import FirstOrder
+from meshfit.fitting.optimizer import OPTIMIZERS, learning_rate
+from meshfit.fitting.problem import Problem
 from meshfit.fitting.settings import FitSettings, OptimizerSettings, Schedule
 from meshfit.mesh.solids import cube, icosahedron
 from meshfit.settings import build
@@ -17,15 +18,17 @@ RATES = [0.3, 0.3, 0.1, 0.2, 0.05, 0.3]
 GRADIENTS = np.random.default_rng(0).normal(size=(len(RATES), 4, 3))
 
 
+def optimizer_of(variable, settings):
+    return OPTIMIZERS[settings.name](variable, settings)
+
+
 def path_of(settings):
     """Where a variable goes under those gradients and rates."""
     variable = torch.zeros(4, 3, dtype=torch.float64, requires_grad=True)
-    optimizer = make_optimizer(variable, settings)
+    optimizer = optimizer_of(variable, settings)
     places = []
     for rate, gradient in zip(RATES, GRADIENTS, strict=True):
-        variable.grad = torch.tensor(gradient)
-        optimizer.param_groups[0]["lr"] = rate
-        optimizer.step()
+        optimizer.step(torch.tensor(gradient), rate)
         places.append(variable.detach().numpy().copy())
     return np.array(places)
 
@@ -50,6 +53,27 @@ def test_adam_follows_its_recurrence(beta):
         place = place - rate * first / (1 - beta**count) / size
         places.append(place)
     np.testing.assert_allclose(path_of(OptimizerSettings(name="adam", momentum=beta)), places, rtol=1e-9)
+
+
+@pytest.mark.parametrize("settings", [{}, {"momentum": 0}, {"name": "adam"}], ids=["sgd", "no momentum", "adam"])
+@pytest.mark.parametrize("steps", [0, 3])
+def test_the_state_of_some_rows_is_put_back_among_the_rows_of_others(settings, steps):
+    """Rows 2, 3 and then 0, 1 of one variable go on as rows 0 to 3 of another, which so far saw none of them."""
+
+    def moved(variable, optimizer, gradients):
+        for gradient in gradients:
+            optimizer.step(torch.tensor(gradient), 0.1)
+        return variable.detach()
+
+    made = [torch.zeros(4, 3, dtype=torch.float64, requires_grad=True) for _ in range(2)]
+    (whole, first), (other, second) = ((v, optimizer_of(v, OptimizerSettings(**settings))) for v in made)
+    before = moved(whole, first, GRADIENTS[:steps]).clone()
+    states = [first.state_of(slice(2, 4)), first.state_of(slice(0, 2))]
+    with torch.no_grad():
+        other.copy_(before.roll(2, 0))
+    second.put(states)
+    expected = moved(whole, first, GRADIENTS[steps:])
+    assert torch.equal(moved(other, second, np.roll(GRADIENTS[steps:], 2, axis=1)), expected.roll(2, 0))
 
 
 def rates(steps, at, **schedule):
@@ -88,17 +112,17 @@ def test_the_engine_uses_the_rate_that_its_trace_tells(schedule):
         },
     )
     source = icosahedron()
-    engine = FirstOrder(Problem(source, cube(), settings, 0, torch.device("cpu"), torch.float64))
+    engine = FirstOrder([Problem(source, cube())], settings, torch.device("cpu"), torch.float64)
     ends = np.array(sorted({tuple(sorted((f[k], f[k - 1]))) for f in source.faces.tolist() for k in range(3)}))
     for step in range(7):
-        before = engine.mesh.verts
+        before = engine.mesh(0).verts
         engine.step()
         gradient = np.zeros_like(before)
         along = 2 * (before[ends[:, 0]] - before[ends[:, 1]]) / len(ends)
         np.add.at(gradient, ends[:, 0], along)
         np.add.at(gradient, ends[:, 1], -along)
-        used = -((engine.mesh.verts - before) * gradient).sum() / (gradient**2).sum()
-        assert used == pytest.approx(engine.trace.rows[step][-1], rel=1e-9)
+        used = -((engine.mesh(0).verts - before) * gradient).sum() / (gradient**2).sum()
+        assert used == pytest.approx(engine.traces[0].rows[step][-1], rel=1e-9)
     decay = {"cosine": lambda k: 0.2 + 0.8 * (1 + cos(pi * k / 7)) / 2, "step": lambda k: 0.5 ** (k // 2)}
     factor = decay.get(schedule.get("name"), lambda _: 1)
-    assert [row[-1] for row in engine.trace.rows] == pytest.approx([0.3 * factor(k) for k in range(7)])
+    assert [row[-1] for row in engine.traces[0].rows] == pytest.approx([0.3 * factor(k) for k in range(7)])

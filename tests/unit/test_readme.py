@@ -23,10 +23,15 @@ def blocks(language):
 
 def test_the_python_example_runs_and_writes_a_result(tmp_path, monkeypatch, capsys):
     (example,) = (text for text in blocks("python") if text.startswith("import meshfit"))
-    small = example.replace('"bunny"', '"bone"').replace("levels=4", "levels=2").replace("steps=500", "steps=5")
-    assert small.count("bone") == small.count("levels=2") == small.count("steps=5") == 1
+    (batch,) = (text for text in blocks("python") if text.startswith("problems ="))
+    small = (
+        (example + batch).replace('"bunny"', '"bone"').replace("levels=4", "levels=2").replace("steps=500", "steps=5")
+    )
+    assert (small.count("bone"), small.count("levels=2"), small.count("steps=5")) == (1, 1, 2)
     monkeypatch.chdir(tmp_path)
-    exec(compile(small, "README.md", "exec"), {})
+    names = {}
+    exec(compile(small, "README.md", "exec"), names)
+    assert names["outcomes"][0].mesh.verts.tobytes() == names["result"].mesh.verts.tobytes()
     distance, crossings = capsys.readouterr().out.split()
     assert float(distance) > 0
     assert int(crossings) >= 0

@@ -1,0 +1,51 @@
+"""What a fit is given, and what may come of it besides a result."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from meshfit.errors import TrialError
+from meshfit.fitting.progress import Step
+from meshfit.fitting.trace import Trace
+from meshfit.mesh.mesh import Mesh
+
+Checkpoint = dict[str, Any]
+"""All that the next step of a fit depends on, in types that `torch.load(weights_only=True)` reads."""
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A source to be fitted to a target.
+
+    Attributes:
+        source: where to start; its faces are kept.
+        target: what to reach.
+        seed: of the samples.
+        on_step: called after every step; it may raise `Interrupted`.
+        resume: a checkpoint of the same problem to go on from.
+        save: called with a checkpoint every few seconds, and if an `on_step` raises `Interrupted`.
+    """
+
+    source: Mesh
+    target: Mesh
+    seed: int = 0
+    on_step: Callable[[Step], None] | None = None
+    resume: Checkpoint | None = None
+    save: Callable[[Checkpoint], None] | None = None
+
+
+class Diverged(TrialError):  # noqa: N818  an outcome of a fit, named as the field names it
+    """A step of the fit was not finite.
+
+    Attributes:
+        step: which one, counted from 0.
+        term: the loss term at fault, or `gradient of TERM`.
+        last_good: the mesh before it.
+        trace: the rows until then.
+    """
+
+    def __init__(self, step: int, term: str, last_good: Mesh, trace: Trace) -> None:
+        super().__init__(
+            f"the fit diverged at step {step}: {term} is not finite; lower fit.optimizer.lr or the term's weight"
+        )
+        self.step, self.term, self.last_good, self.trace = step, term, last_good, trace

@@ -1,0 +1,77 @@
+"""Constant sparse matrices that act on the rows of a tensor, forwards and in the backward pass."""
+
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from jaxtyping import Float, Int64
+from scipy.sparse import coo_array
+from torch import Tensor
+from torch.autograd.function import Function, once_differentiable
+
+from meshfit.loss.autograd import apply
+
+
+@dataclass(frozen=True, eq=False)
+class Gather:
+    """A sparse matrix as its entries, for devices whose torch has no compressed rows."""
+
+    rows: Int64[Tensor, " N"]
+    columns: Int64[Tensor, " N"]
+    values: Float[Tensor, "N 1"]
+    height: int
+
+    def __matmul__(self, dense: Float[Tensor, "C 3"]) -> Float[Tensor, "R 3"]:
+        products = self.values * dense.index_select(0, self.columns)
+        return products.new_zeros(self.height, 3).index_add(0, self.rows, products)
+
+
+@dataclass(frozen=True, eq=False)
+class Sparse:
+    """A matrix of R rows and C columns: `matrix @ x` maps (C, 3) to (R, 3), and gradients flow back through it."""
+
+    forward: Any
+    backward: Any
+
+    @classmethod
+    def of(cls, entries: coo_array, dtype: torch.dtype, device: torch.device) -> "Sparse":
+        """The matrix of these entries; those at the same place add up."""
+        return cls(_matrix(entries, dtype, device), _matrix(entries.T, dtype, device))
+
+    @property
+    def T(self) -> "Sparse":  # noqa: N802  as tensors and arrays name it
+        """The transpose."""
+        return Sparse(self.backward, self.forward)
+
+    def __matmul__(self, dense: Float[Tensor, "C 3"]) -> Float[Tensor, "R 3"]:
+        product: Tensor = apply(_Product, dense, self.forward, self.backward)
+        return product
+
+
+class _Product(Function):
+    @staticmethod
+    def forward(ctx: Any, dense: Tensor, matrix: Any, transposed: Any) -> Tensor:  # noqa: ANN401  torch's context
+        ctx.transposed = transposed
+        product: Tensor = matrix @ dense
+        return product
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None, None]:  # noqa: ANN401  likewise
+        return ctx.transposed @ gradient, None, None
+
+
+def _matrix(entries: coo_array, dtype: torch.dtype, device: torch.device) -> Any:  # noqa: ANN401  a tensor or a Gather
+    rows = entries.tocsr()
+    rows.sort_indices()
+    if device.type != "cpu":
+        entries = rows.tocoo()
+        row, column = (torch.tensor(part, dtype=torch.int64, device=device) for part in (entries.row, entries.col))
+        return Gather(row, column, torch.tensor(entries.data, dtype=dtype, device=device)[:, None], rows.shape[0])
+    start, columns = (torch.tensor(part, dtype=torch.int32) for part in (rows.indptr, rows.indices))
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Sparse CSR tensor support is in beta", UserWarning)
+        return torch.sparse_csr_tensor(
+            start, columns, torch.tensor(rows.data, dtype=dtype), rows.shape, check_invariants=False
+        )

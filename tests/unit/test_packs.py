@@ -1,0 +1,83 @@
+"""Which problems are computed together: all of them once, as many as there is room for, and alike in steps done."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from meshfit.fitting import packs as packing
+from meshfit.fitting.packs import done_before, packs
+from meshfit.fitting.problem import Problem
+from meshfit.fitting.settings import FitSettings
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.solids import cube
+from meshfit.settings import build
+
+SETTINGS = build(FitSettings, {"samples": 10})
+CPU = torch.device("cpu")
+
+
+def problem(faces, done=None):
+    """With a source of so many faces."""
+    source = Mesh(cube().verts, np.resize(cube().faces, (faces, 3)))
+    return Problem(source, cube(), resume=None if done is None else {"done": done})
+
+
+def bytes_needed(problem):
+    """600 for each vertex and face of the source, face of the target, and sample on both."""
+    return 600 * (problem.source.num_verts + problem.source.num_faces + problem.target.num_faces + 20)
+
+
+PROBLEMS = st.lists(st.builds(problem, st.integers(1, 3000), st.none() | st.integers(0, 3)), max_size=12)
+
+
+@given(PROBLEMS, st.floats(1, 4e6))
+def test_every_problem_has_one_place_and_no_pack_is_too_large_or_mixed(problems, room):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(packing, "_CPU_BYTES", room)
+        found = packs(problems, SETTINGS, CPU)
+    assert sorted(place for pack in found for place in pack) == list(range(len(problems)))
+    for pack in found:
+        assert pack == sorted(pack)
+        assert len({done_before(problems[place]) for place in pack}) == 1
+        assert len(pack) == 1 or sum(bytes_needed(problems[place]) for place in pack) <= room
+
+
+@given(PROBLEMS, st.floats(1, 4e6))
+def test_no_pack_ends_while_the_next_problem_would_fit_in(problems, room):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(packing, "_CPU_BYTES", room)
+        found = packs(problems, SETTINGS, CPU)
+    for pack, following in pairwise(found):
+        alike = done_before(problems[pack[0]]) == done_before(problems[following[0]])
+        filled = sum(bytes_needed(problems[place]) for place in (*pack, following[0]))
+        assert not alike or filled > room
+
+
+def test_a_problem_that_is_larger_than_the_room_has_a_pack_of_its_own(monkeypatch):
+    monkeypatch.setattr(packing, "_CPU_BYTES", 1e6)
+    assert packs([problem(n) for n in (10, 10, 3000, 10, 10)], SETTINGS, CPU) == [[0, 1], [2], [3, 4]]
+    assert packs([problem(3000)] * 3, SETTINGS, CPU) == [[0], [1], [2]]
+
+
+def test_problems_that_go_on_are_together_with_those_as_far_as_they():
+    problems = [problem(10, done) for done in (5, None, 3, 5, 0, 3)]
+    assert packs(problems, SETTINGS, CPU) == [[1, 4], [2, 5], [0, 3]]
+
+
+def test_no_problems_make_no_packs():
+    assert packs([], SETTINGS, CPU) == []
+
+
+@pytest.mark.parametrize(
+    ("device", "places"), [("cuda", [[0, 1], [2]]), ("mps", [[0, 1, 2]]), ("cpu", [[0], [1], [2]])]
+)
+def test_the_room_is_half_the_memory_of_the_device(device, places, monkeypatch):
+    size = bytes_needed(problem(100))
+    monkeypatch.setattr(packing, "_CPU_BYTES", 1.0 * size)
+    monkeypatch.setattr(torch.cuda, "mem_get_info", lambda _: (4 * size, 99 * size))
+    monkeypatch.setattr(torch.mps, "recommended_max_memory", lambda: 6 * size)
+    assert packs([problem(100)] * 3, SETTINGS, torch.device(device)) == places
