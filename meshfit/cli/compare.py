@@ -32,7 +32,7 @@ def compare(
     ] = None,
     runs: Runs = DEFAULT_RUNS,
     overrides: Sets = None,
-    jobs: Jobs = 0,
+    jobs: Jobs = None,
     metric: Metric = DEFAULT_METRIC,
     force: Force = False,
     dry_run: DryRun = False,

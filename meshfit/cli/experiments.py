@@ -1,7 +1,6 @@
 """What `run` and `compare` share: run the trials that are missing, say what failed, and print tables."""
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,18 +19,15 @@ if TYPE_CHECKING:
 FAILED = 1
 
 
-def run_missing(trials: Sequence["Trial"], runs: Path, *, jobs: int, force: bool, quiet: bool) -> dict[int, Outcome]:
+def run_missing(
+    trials: Sequence["Trial"], runs: Path, *, jobs: int | None, force: bool, quiet: bool
+) -> dict[int, Outcome]:
     """Run what is not complete, with progress shown."""
     from meshfit.experiment.executor import run_trials
 
     make_folder(runs)
     with shown_progress(trials, quiet=quiet) as watch:
-        return run_trials(trials, RunDirectory(runs), jobs=jobs or available_cores(), force=force, watch=watch)
-
-
-def available_cores() -> int:
-    """The cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        return run_trials(trials, RunDirectory(runs), jobs=jobs, force=force, watch=watch)
 
 
 def print_plan(trials: Sequence["Trial"], runs: Path, *, as_json: bool) -> None:
@@ -100,7 +96,7 @@ def run_and_report(
     runs: Path,
     metric: str,
     *,
-    jobs: int,
+    jobs: int | None,
     force: bool,
     dry_run: bool,
     quiet: bool,

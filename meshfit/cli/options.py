@@ -16,7 +16,8 @@ DryRun = Annotated[bool, typer.Option("--dry-run", help="Print the plan, and wha
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress; errors and the table only.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON to stdout, and nothing else there.")]
 Jobs = Annotated[
-    int, typer.Option("--jobs", "-j", min=0, help="Trials side by side, each on one core; 0: as many as cores.")
+    int | None,
+    typer.Option("--jobs", "-j", min=1, help="Trials side by side on the CPU, in place of the config's `jobs`."),
 ]
 Metric = Annotated[
     str, typer.Option("--metric", help="What cells hold, such as distance.mean or quality.self_intersecting_faces.")

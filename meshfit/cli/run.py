@@ -22,7 +22,7 @@ def run(
     configs: Annotated[list[str], typer.Argument(help="Config files, or names of bundled ones.", metavar="CONFIG...")],
     runs: Runs = DEFAULT_RUNS,
     overrides: Sets = None,
-    jobs: Jobs = 0,
+    jobs: Jobs = None,
     metric: Metric = DEFAULT_METRIC,
     force: Force = False,
     dry_run: DryRun = False,

@@ -26,6 +26,7 @@ def _canonical_scheme(text: str) -> str:
 
 
 SchemeSpec = Annotated[str, AfterValidator(_canonical_scheme)]
+Count = Literal["auto"] | Annotated[int, Field(ge=1)]
 Listed = (Field(min_length=1), AfterValidator(_unique))
 
 
@@ -70,3 +71,8 @@ class ExperimentSettings(Settings):
     """`auto` (CUDA where there is one, else the CPU), `cpu`, `cuda`, `cuda:N` or `mps`."""
     dtype: Dtype = "float32"
     """Precision of the fit."""
+    jobs: Count = "auto"
+    """Trials side by side on the CPU; `auto`: one for each core. Results do not depend on it."""
+    threads: Count = "auto"
+    """Threads to search nearest points with in each trial on the CPU; `auto`: two where cores are left over, else one.
+    Results do not depend on it."""

@@ -5,51 +5,60 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing import resource_tracker
 from typing import Any
 
 from meshfit.errors import TrialError
 from meshfit.experiment.board import Board
+from meshfit.experiment.placement import place, workers_and_threads
 from meshfit.experiment.plan import Trial
+from meshfit.experiment.pools import Pools
 from meshfit.experiment.progress import Outcome, Phase, Progress
-from meshfit.experiment.store import FAILURE, RunDirectory, write_json
+from meshfit.experiment.store import FAILURE, Result, RunDirectory, write_json
 from meshfit.fitting.progress import Interrupted
 
 _POLL_SECONDS = 0.1
 _RUNNING = (Phase.FITTING, Phase.MEASURING)
 _MOST_IDLE_DEATHS = 3
+_MAY_BE_GPU = ("auto", "cuda")
 
-# A worker computes on one thread: two threads of two workers on two cores spin while they wait for each other.
-_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+# Threads of numerical libraries spin while they wait for each other, and two workers' on two cores spin for long.
+_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "IGL_NUM_THREADS"), "1")
 
 Watcher = Callable[[Board, Mapping[int, Outcome]], None]
 
 
 @dataclass(frozen=True)
 class Job:
-    """What a worker is given: a trial, its place on the board, and where its files go."""
+    """What a worker is given: trials to fit together, their places on the board, and where their files go."""
 
-    index: int
-    trial: Trial
+    trials: Mapping[int, Trial]
     store: RunDirectory
+    device: str
+    threads: int
     force: bool
 
 
 def run_trials(
-    trials: Sequence[Trial], store: RunDirectory, *, jobs: int, force: bool = False, watch: Watcher = lambda *_: None
+    trials: Sequence[Trial],
+    store: RunDirectory,
+    *,
+    jobs: int | None = None,
+    force: bool = False,
+    watch: Watcher = lambda *_: None,
 ) -> dict[int, Outcome]:
-    """Run trials and wait for them.
+    """Run trials and wait for them: side by side on the CPU, in batches on other devices.
 
     A trial whose process dies is run once more, alone, so that the guilt is certain; if it dies again, it has failed.
 
     Args:
         trials: what to run; those that are complete are left as they are.
         store: where their files go.
-        jobs: how many processes.
+        jobs: how many processes on the CPU; None leaves it to the trials' settings.
         force: run complete ones too.
         watch: called many times a second with the board of progress and the outcomes so far.
 
@@ -61,67 +70,81 @@ def run_trials(
         StoreError: the run directory cannot be written to.
         TrialError: worker processes die without having started a trial.
     """
-    board = Board.of(len(trials))
-    work = {i: Job(i, trial, store, force) for i, trial in enumerate(trials)}
-    outcomes: dict[int, Outcome] = {}
+    session = _Session(trials, store, force, Board.of(len(trials)), watch)
     if not force:
-        outcomes |= {i: Outcome(Phase.COMPLETE) for i, trial in enumerate(trials) if store.result(trial) is not None}
+        complete = (i for i, trial in enumerate(trials) if store.result(trial) is not None)
+        session.outcomes |= dict.fromkeys(complete, Outcome(Phase.COMPLETE))
     with _environment(_ONE_THREAD):
         idle_deaths = 0
-        while len(outcomes) < len(work):
-            before = len(outcomes)
-            left = {i: job for i, job in work.items() if i not in outcomes}
-            for i in _run_pool(left, board, outcomes, jobs, watch):
-                board.reset(i)
-                if _run_pool({i: work[i]}, board, outcomes, 1, watch):
-                    outcomes[i] = _record_death(work[i], board)
-            idle_deaths = 0 if len(outcomes) > before else idle_deaths + 1
+        while left := [i for i in range(len(trials)) if i not in session.outcomes]:
+            workers, threads = workers_and_threads([trials[i] for i in left], jobs)
+            for i in session.run(left, workers, threads):
+                session.board.reset(i)
+                if session.run([i], 1, threads):
+                    session.record_death(i)
+            idle_deaths = idle_deaths + 1 if all(i not in session.outcomes for i in left) else 0
             if idle_deaths > _MOST_IDLE_DEATHS:
                 raise TrialError("worker processes die before they start a trial; perhaps there is not enough memory")
-    return outcomes
+    return session.outcomes
 
 
-def _run_pool(
-    work: Mapping[int, Job], board: Board, outcomes: dict[int, Outcome], jobs: int, watch: Watcher
-) -> list[int]:
-    """Run jobs in a fresh pool until all are done or a worker dies; the trials that were running then are returned."""
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(
-        min(jobs, len(work)), mp_context=context, initializer=_start_worker, initargs=(board.shared,)
-    )
-    try:
-        with _interrupts_held():
-            futures = {pool.submit(_work, job): i for i, job in work.items()}
-        _collect(futures, board, outcomes, watch)
-    except BrokenProcessPool:
-        return [i for i in work if i not in outcomes and board.phase(i) in _RUNNING]
-    except BaseException:
-        board.stop()
-        raise
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-    return []
+@dataclass
+class _Session:
+    """Trials that are being run, and how those ended that have."""
+
+    trials: Sequence[Trial]
+    store: RunDirectory
+    force: bool
+    board: Board
+    watch: Watcher
+    outcomes: dict[int, Outcome] = field(default_factory=dict)
+
+    def run(self, numbers: Sequence[int], workers: int, threads: int) -> list[int]:
+        """Run trials in fresh processes until all are done or one dies; those that were running then are returned."""
+        pools = Pools(workers, _start_worker, self.board.shared)
+        trials = {i: self.trials[i] for i in numbers}
+        try:
+            gpus = _gpus(pools) if any(trial.settings.device in _MAY_BE_GPU for trial in trials.values()) else 0
+            with _interrupts_held():
+                futures = [
+                    pools.submit(
+                        device, _work, Job({i: trials[i] for i in batch}, self.store, device, threads, self.force)
+                    )
+                    for device, batch in place(trials, gpus)
+                ]
+            self._collect(futures)
+        except BrokenProcessPool:
+            return [i for i in numbers if i not in self.outcomes and self.board.phase(i) in _RUNNING]
+        except BaseException:
+            self.board.stop()
+            raise
+        finally:
+            pools.shutdown()
+        return []
+
+    def record_death(self, i: int) -> None:
+        """Record that a trial's process died when it was alone, too."""
+        message = "the process that ran it was killed, twice; perhaps there was not enough memory"
+        trial, step = self.trials[i], self.board.step(i).done
+        record: Result = {"kind": "killed", "message": message, "step": step, "identity": trial.identity}
+        self.store.write(trial, FAILURE, write_json(record))
+        self.board.post(i, Progress(Phase.FAILED))
+        self.outcomes[i] = Outcome(Phase.FAILED, f"killed: {message}")
+
+    def _collect(self, futures: Sequence[Future[dict[int, Outcome]]]) -> None:
+        pending = set(futures)
+        while pending:
+            done, pending = wait(pending, timeout=_POLL_SECONDS, return_when=FIRST_COMPLETED)
+            # Outcomes first, then the exception of a worker that died: what was finished beside it counts.
+            for future in sorted(done, key=lambda future: future.exception() is not None):
+                self.outcomes |= future.result()
+            self.watch(self.board, self.outcomes)
 
 
-def _collect(
-    futures: Mapping[Future[Outcome], int], board: Board, outcomes: dict[int, Outcome], watch: Watcher
-) -> None:
-    pending = set(futures)
-    while pending:
-        done, pending = wait(pending, timeout=_POLL_SECONDS, return_when=FIRST_COMPLETED)
-        # Outcomes first, then the exception of a worker that died: what was finished beside it counts.
-        for future in sorted(done, key=lambda future: future.exception() is not None):
-            outcomes[futures[future]] = future.result()
-        watch(board, outcomes)
-
-
-def _record_death(job: Job, board: Board) -> Outcome:
-    step = board.step(job.index)
-    message = "the process that ran it was killed, twice; perhaps there was not enough memory"
-    record: dict[str, Any] = {"kind": "killed", "message": message, "step": step.done, "identity": job.trial.identity}
-    job.store.write(job.trial, FAILURE, write_json(record))
-    board.post(job.index, Progress(Phase.FAILED))
-    return Outcome(Phase.FAILED, f"killed: {message}")
+def _gpus(pools: Pools) -> int:
+    with _interrupts_held():
+        counted = pools.count_gpus()
+    return counted.result()
 
 
 @contextmanager
@@ -170,21 +193,24 @@ def _exit_with_parent() -> None:
         os._exit(1)
 
 
-def _work(job: Job) -> Outcome:
-    board = _board
+def _work(job: Job) -> dict[int, Outcome]:
+    board, numbers = _board, list(job.trials)
     if board is None:
         raise RuntimeError("the worker was not started by _start_worker")
 
-    def on_progress(progress: Progress) -> None:
-        board.post(job.index, progress)
+    def on_progress(at: int, progress: Progress) -> None:
+        board.post(numbers[at], progress)
         if board.stopped and progress.phase is not Phase.MEASURING:
             raise Interrupted
 
     if board.stopped:
-        return Outcome(Phase.INTERRUPTED)
-    from meshfit.experiment.trial import run_trial
+        return dict.fromkeys(numbers, Outcome(Phase.INTERRUPTED))
+    from meshfit.experiment.trial import run_together
 
-    on_progress(Progress(Phase.FITTING))
-    outcome = run_trial(job.trial, job.store, on_progress, force=job.force)
-    board.post(job.index, Progress(outcome.phase))
-    return outcome
+    for at in range(len(numbers)):
+        on_progress(at, Progress(Phase.FITTING))
+    trials = list(job.trials.values())
+    found = run_together(trials, job.store, on_progress, device=job.device, threads=job.threads, force=job.force)
+    for number, outcome in zip(numbers, found, strict=True):
+        board.post(number, Progress(outcome.phase))
+    return dict(zip(numbers, found, strict=True))

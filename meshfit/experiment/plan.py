@@ -14,7 +14,7 @@ from meshfit.experiment.source import build_source, source_file
 from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path
 
 # Raised whenever the same settings would give other numbers, so that older results are not taken for newer ones.
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 
 @dataclass(frozen=True)
@@ -46,10 +46,15 @@ class Trial:
         """The seed."""
         return self.settings.seeds[0]
 
+    @property
+    def plain_settings(self) -> dict[str, Any]:
+        """The settings as plain data, without those that no result depends on."""
+        return self.settings.model_dump(mode="json", exclude={"jobs", "threads"})
+
     @cached_property
     def identity(self) -> str:
         """SHA-256 over the settings, the inputs and the schema version; where a mesh file lies does not enter."""
-        settings = _without_paths(self.settings.model_dump(mode="json"))
+        settings = _without_paths(self.plain_settings)
         content = {"settings": settings, "inputs": dict(self.inputs), "schema_version": SCHEMA_VERSION}
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 

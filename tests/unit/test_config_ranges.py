@@ -21,6 +21,8 @@ RANGES = {
     "normalise": (["tutorial", "box", "none"], ["Box", "null"]),
     "write_frame": (["normalised", "target"], ["own"]),
     "dtype": (["float32", "float64"], ["float16"]),
+    "jobs": (["auto", "1", "64"], ["0", "-1", "many", "2.5", "null"]),
+    "threads": (["auto", "2"], ["0", "all"]),
     "fit.method": (["first-order"], ["second-order"]),
     "fit.steps": (["0", "5"], ["-1", "1.5", "1e3"]),
     "fit.samples": (["1"], ["0", "-5"]),

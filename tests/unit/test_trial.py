@@ -5,12 +5,12 @@ import pytest
 
 from meshfit.config.load import load_experiment
 from meshfit.errors import StoreError
-from meshfit.experiment import trial as trial_module
+from meshfit.experiment import attempt
 from meshfit.experiment.plan import plan
 from meshfit.experiment.progress import Phase
 from meshfit.experiment.store import RunDirectory
-from meshfit.experiment.trial import run_trial
-from meshfit.fitting import first_order
+from meshfit.experiment.trial import run_together
+from meshfit.fitting import run
 from meshfit.fitting.progress import Interrupted
 from meshfit.measuring.measure import measure
 from meshfit.mesh.files import load_mesh
@@ -23,6 +23,11 @@ def prepared(folder, **changes):
     (trial,) = plan([experiment(folder, **changes)])
     store = RunDirectory(folder / "runs")
     return trial, store, store.folder(trial)
+
+
+def run_trial(trial, store, on_progress, **options):
+    (outcome,) = run_together([trial], store, lambda _, progress: on_progress(progress), **options)
+    return outcome
 
 
 def visible(folder):
@@ -135,7 +140,7 @@ def test_an_unforeseen_error_is_recorded_with_its_traceback(tmp_path, monkeypatc
     def broken(*_args):
         raise RuntimeError("out of luck")
 
-    monkeypatch.setattr(trial_module, "measure", broken)
+    monkeypatch.setattr(attempt, "measure", broken)
     assert run_trial(trial, store, lambda _: None).message == "RuntimeError: out of luck"
     assert "out of luck" in "".join(store.failure(trial)["traceback"])
     monkeypatch.undo()
@@ -155,7 +160,7 @@ def test_a_store_that_cannot_be_written_is_not_a_failure_of_the_trial(tmp_path, 
 
 
 def test_checkpoints_are_written_while_the_fit_runs(tmp_path, monkeypatch):
-    monkeypatch.setattr(first_order, "SECONDS_BETWEEN_CHECKPOINTS", 0.0)
+    monkeypatch.setattr(run, "SECONDS_BETWEEN_CHECKPOINTS", 0.0)
     trial, store, folder = prepared(tmp_path)
     seen = []
     run_trial(trial, store, lambda progress: seen.append((folder / "checkpoint.pt").is_file()))

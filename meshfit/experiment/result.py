@@ -1,0 +1,66 @@
+"""What `result.json` and `failure.json` say of a trial."""
+
+import platform
+import traceback
+from dataclasses import asdict
+from importlib.metadata import version
+from typing import Any
+
+from meshfit.errors import MeshfitError
+from meshfit.experiment.plan import SCHEMA_VERSION, Trial, target_label
+from meshfit.experiment.store import Result
+from meshfit.fitting.problem import Diverged
+from meshfit.fitting.run import FitResult
+from meshfit.measuring.measure import Measurement
+from meshfit.mesh.frames import Frame
+from meshfit.mesh.targets import target_title
+
+LAST_GOOD = "last_good.ply"
+_PACKAGES = ("meshfit", "torch", "numpy", "scipy", "trimesh", "pymeshlab", "pykdtree")
+
+
+def result_of(trial: Trial, frame: Frame, fitted: FitResult, measured: Measurement, work: Result) -> Result:
+    """The record of a complete trial; `work` is what it took."""
+    last = fitted.trace.rows[-1] if fitted.trace.rows else ()
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "identity": trial.identity,
+        "experiment": trial.experiment,
+        "target": target_label(trial.target),
+        "target_title": target_title(trial.target),
+        "scheme": trial.scheme,
+        "seed": trial.seed,
+        **measured.to_dict(),
+        "fit": {"steps": trial.settings.fit.steps, "device": fitted.device, "final_loss": last[1] if last else None},
+        "frame": asdict(frame) | {"normalise": trial.settings.normalise},
+        "inputs": dict(trial.inputs),
+        "settings": trial.plain_settings,
+        **work,
+        **_provenance(),
+    }
+
+
+def failure_of(trial: Trial, error: Exception) -> Result:
+    """The record of a trial that failed."""
+    record: Result = {"kind": type(error).__name__, "message": str(error), "identity": trial.identity}
+    if isinstance(error, Diverged):
+        return record | {"step": error.step, "term": error.term, "last_good": LAST_GOOD}
+    if isinstance(error, MeshfitError):
+        return record
+    return record | {"traceback": traceback.format_exception(error)}
+
+
+def peak_memory_mb() -> float | None:
+    """The most memory that this process has held so far, in MB; None where the system does not tell."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    unit = 1 if platform.system() == "Darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
+
+
+def _provenance() -> Result:
+    packages = {name: version(name) for name in _PACKAGES}
+    machine: dict[str, Any] = {"system": platform.platform(), "machine": platform.machine()}
+    return {"versions": {"python": platform.python_version()} | packages, "platform": machine}
