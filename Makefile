@@ -6,12 +6,15 @@ BIN    := $(VENV)/bin
 RUN    := $(VENV)/.run-installed
 DEV    := $(VENV)/.dev-installed
 RUNS   ?= runs
+BENCH  ?= bench.json
+OLD    ?= bench.json
+NEW    ?= bench.json
 
 .DEFAULT_GOAL := help
-.PHONY: help setup quickstart test check lint types layers table1 reproduce bench figures mousehead wheel clean
+.PHONY: help setup quickstart test check lint types layers table1 reproduce bench bench-compare figures mousehead wheel clean
 
 help:  ## List the targets
-	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: $(DEV)  ## Make .venv and install meshfit into it, with what its tests need
 
@@ -55,8 +58,11 @@ reproduce: $(DEV)  ## The short reproduction that CI runs, checked against its e
 	$(BIN)/meshfit table $(RUNS)/reproduce --check configs/expected/reproduce.json
 	$(BIN)/python -m pytest -m slow
 
-bench: $(DEV)  ## Measure speed: ratios against plain twins in the same run
-	OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks
+bench: $(DEV)  ## Measure speed and memory, against plain twins in the same run; writes $(BENCH) (8 minutes)
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks --json $(BENCH)
+
+bench-compare: $(DEV)  ## Set two such files side by side: make bench-compare OLD=a.json NEW=b.json
+	$(BIN)/python -m tests.benchmarks.compare $(OLD) $(NEW)
 
 figures: $(DEV)  ## Draw the README's pictures from real runs
 	$(BIN)/meshfit run table1 --runs $(RUNS) --set seeds=[0] --quiet

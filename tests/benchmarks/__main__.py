@@ -1,41 +1,31 @@
-"""`make bench`: print a table of timings, and exit 1 where a ratio falls short of its target."""
+"""`make bench`: print a table of timings, write it to a file, and exit 1 where one falls short of what is asked."""
 
+import argparse
 import sys
+from pathlib import Path
 
-import torch
 from rich.console import Console
-from rich.table import Table
+from rich.progress import track
 
-from tests.benchmarks.cases import cases
-from tests.benchmarks.timing import Outcome, run
+from tests.benchmarks.apart import names, outcome_of
+from tests.benchmarks.report import machine, table_of, write
+from tests.benchmarks.timing import Outcome
 
 
 def main() -> int:
-    torch.set_num_threads(1)
-    outcomes = [run(case) for case in cases()]
-    table = Table(box=None, pad_edge=False)
-    for column in ("what", "wall", "±", "CPU", "twin", "twin's CPU", "times faster"):
-        table.add_column(column, justify="left" if column in ("what", "twin") else "right")
-    for outcome in outcomes:
-        table.add_row(*_row(outcome))
-    Console(width=150).print(table)
-    return int(any(_falls_short(outcome) for outcome in outcomes))
-
-
-def _falls_short(outcome: Outcome) -> bool:
-    target, ratio = outcome.benchmark.target, outcome.ratio
-    return target is not None and ratio is not None and ratio < target
-
-
-def _row(outcome: Outcome) -> tuple[str, ...]:
-    twin = outcome.twin
-    ratio = "" if outcome.ratio is None else f"{outcome.ratio:.1f}" + (" short" if _falls_short(outcome) else "")
-    times = (_time(outcome.ours.wall), _time(outcome.ours.spread), _time(outcome.ours.cpu))
-    return (outcome.benchmark.name, *times, outcome.benchmark.twin_name, _time(twin.cpu) if twin else "", ratio)
-
-
-def _time(seconds: float) -> str:
-    return f"{seconds:.2f} s" if seconds >= 1 else f"{seconds * 1000:.1f} ms"
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", type=Path, default=Path("bench.json"), help="file for the figures")
+    parser.add_argument("--only", default="", help="part of the names of the benchmarks to run")
+    options = parser.parse_args()
+    chosen = [name for name in names() if options.only in name]
+    outcomes: dict[str, Outcome] = {}
+    for name in track(chosen, "timing", console=Console(stderr=True)):
+        outcomes[name] = outcome_of(name)
+        write(options.json, outcomes)
+    console = Console(width=170)
+    console.print(table_of(outcomes))
+    console.print(f"[dim]{', '.join(f'{key} {value}' for key, value in machine().items())}[/]")
+    return int(any(outcome.short for outcome in outcomes.values()))
 
 
 if __name__ == "__main__":

@@ -1,9 +1,40 @@
 """How benchmarks are timed: medians over repetitions, wall time beside CPU time, against a twin in the same run."""
 
+import resource
 import statistics
+import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """What is timed, what it is set against, and what is asked of it.
+
+    Attributes:
+        ours: what is timed.
+        repeat: how often.
+        other: what is timed in turns with it, if anything.
+        other_name: what that is.
+        ratio: `faster`: the time of the other over ours, to be at least the target; `growth`: ours over the other's, to
+            be at most the target.
+        target: of the ratio.
+        clock: which time the ratio is of.
+        limit: most seconds of wall time that are allowed.
+        memory_limit_mb: most memory that is allowed.
+    """
+
+    ours: Callable[[], object]
+    repeat: int
+    other: Callable[[], object] | None = None
+    other_name: str = ""
+    ratio: Literal["faster", "growth"] = "faster"
+    target: float | None = None
+    clock: Literal["wall", "cpu"] = "cpu"
+    limit: float | None = None
+    memory_limit_mb: float | None = None
 
 
 @dataclass(frozen=True)
@@ -16,46 +47,90 @@ class Timing:
 
 
 @dataclass(frozen=True)
-class Benchmark:
-    """One line: what was timed, and what it is compared with, if anything; a target is a ratio of twin to ours."""
-
-    name: str
-    ours: Callable[[], object]
-    repeat: int
-    twin: Callable[[], object] | None = None
-    twin_name: str = ""
-    target: float | None = None
-
-
-@dataclass(frozen=True)
 class Outcome:
-    """A benchmark and its timings."""
+    """The timings of a benchmark, in plain values that can be written to a file.
 
-    benchmark: Benchmark
+    Attributes:
+        ours, other: the timings; None where there is no other.
+        ratio: as the benchmark defines it.
+        asked: the target of the ratio and the limits, in words.
+        short: whether it falls short of one of them.
+        memory_limit_mb: most memory that is allowed.
+        memory_mb: the most memory of a process that does nothing else but this, once.
+    """
+
     ours: Timing
-    twin: Timing | None
+    other: Timing | None
+    other_name: str
+    ratio: float | None
+    asked: str
+    short: bool
+    memory_limit_mb: float | None
+    memory_mb: float = 0.0
 
-    @property
-    def ratio(self) -> float | None:
-        """How many times faster than the twin."""
-        return None if self.twin is None else self.twin.cpu / self.ours.cpu
+    def with_memory(self, memory_mb: float) -> "Outcome":
+        """The same with its memory, which counts too."""
+        fat = self.memory_limit_mb is not None and memory_mb > self.memory_limit_mb
+        return replace(self, memory_mb=memory_mb, short=self.short or fat)
 
 
 def run(benchmark: Benchmark) -> Outcome:
     """Time a benchmark and its twin in turns, so that a busy machine slows both."""
     benchmark.ours()
-    ours, twin = [], []
+    ours, other = [], []
     for _ in range(benchmark.repeat):
         ours.append(_once(benchmark.ours))
-        if benchmark.twin is not None:
-            twin.append(_once(benchmark.twin))
-    return Outcome(benchmark, _median(ours), _median(twin) if twin else None)
+        if benchmark.other is not None:
+            other.append(_once(benchmark.other))
+    mine, theirs = _median(ours), _median(other) if other else None
+    ratio = None if theirs is None else _ratio(benchmark, mine, theirs)
+    late = benchmark.limit is not None and mine.wall > benchmark.limit
+    short = ratio is not None and benchmark.target is not None and not _reached(benchmark, ratio)
+    return Outcome(
+        mine, theirs, benchmark.other_name, ratio, _asked(benchmark), late or short, benchmark.memory_limit_mb
+    )
+
+
+def peak_memory_mb() -> float:
+    """The most memory that the largest of its children has held, or, if it has had none, this process; in MB."""
+    unit = 1 if sys.platform == "darwin" else 1024
+    children, self = (resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_CHILDREN, resource.RUSAGE_SELF))
+    return (children or self) * unit / 1e6
+
+
+def _ratio(benchmark: Benchmark, ours: Timing, other: Timing) -> float:
+    mine, theirs = (timing.wall if benchmark.clock == "wall" else timing.cpu for timing in (ours, other))
+    return theirs / mine if benchmark.ratio == "faster" else mine / theirs
+
+
+def _reached(benchmark: Benchmark, ratio: float) -> bool:
+    return ratio >= benchmark.target if benchmark.ratio == "faster" else ratio <= benchmark.target
+
+
+def _asked(benchmark: Benchmark) -> str:
+    sign = "≥" if benchmark.ratio == "faster" else "≤"
+    parts = {
+        f"{sign} {benchmark.target} ×": benchmark.target,
+        f"≤ {seconds(benchmark.limit or 0)}": benchmark.limit,
+        f"≤ {benchmark.memory_limit_mb} MB": benchmark.memory_limit_mb,
+    }
+    return ", ".join(text for text, value in parts.items() if value is not None)
+
+
+def seconds(value: float) -> str:
+    """A time for a person to read."""
+    return f"{value:.2f} s" if value >= 1 else f"{value * 1000:.1f} ms"
 
 
 def _once(function: Callable[[], object]) -> tuple[float, float]:
-    wall, cpu = time.perf_counter(), time.process_time()
+    wall, cpu = time.perf_counter(), _cpu()
     function()
-    return time.perf_counter() - wall, time.process_time() - cpu
+    return time.perf_counter() - wall, _cpu() - cpu
+
+
+def _cpu() -> float:
+    """CPU time of this process and of the children that it has waited for."""
+    return time.process_time() + sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2])
 
 
 def _median(times: list[tuple[float, float]]) -> Timing:

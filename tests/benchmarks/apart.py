@@ -1,0 +1,47 @@
+"""Benchmarks in processes of their own, so that none has the memory, the caches or the threads of another."""
+
+import multiprocessing
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from typing import TypeVar
+
+from tests.benchmarks.timing import Outcome, peak_memory_mb, run
+
+_Result = TypeVar("_Result")
+
+
+def names() -> list[str]:
+    """The names of all benchmarks."""
+    return _apart(_names)
+
+
+def outcome_of(name: str) -> Outcome:
+    """Time a benchmark, and then once more see how much memory it takes."""
+    return _apart(_time, name).with_memory(_apart(_memory, name))
+
+
+def _apart(function: Callable[..., _Result], *args: object) -> _Result:
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        return pool.submit(function, *args).result()
+
+
+def _names() -> list[str]:
+    from tests.benchmarks.cases import CASES
+
+    return list(CASES)
+
+
+def _time(name: str) -> Outcome:
+    import torch
+
+    from tests.benchmarks.cases import CASES
+
+    torch.set_num_threads(1)
+    return run(CASES[name]())
+
+
+def _memory(name: str) -> float:
+    from tests.benchmarks.cases import CASES
+
+    CASES[name]().ours()
+    return peak_memory_mb()
