@@ -28,13 +28,13 @@ class Evaluation:
 
     Attributes:
         state: what it was computed from.
-        weighted: (K,) each acting term times its weight.
-        loss: (K,) their sum.
+        terms: (K,) each acting term.
+        loss: (K,) their weighted sum.
         gradient: (V, 3) of the loss.
     """
 
     state: State
-    weighted: dict[str, Tensor]
+    terms: dict[str, Tensor]
     loss: Tensor
     gradient: Tensor
 
@@ -73,32 +73,32 @@ class FirstOrder:
         target_verts = torch.cat([torch.tensor(mesh.verts, **place) for mesh in targets])
         self._target = FaceGeometry.of(Faces.of(targets, **place), target_verts)
         self._target_table = AreaTable.of(self._target)
-        self._offsets = torch.zeros_like(self._start, requires_grad=True)
+        self._offsets = torch.zeros_like(self._start)
         self._optimizer = OPTIMIZERS[settings.optimizer.name](self._offsets, settings.optimizer)
         self._generators = [torch.Generator(device).manual_seed(problem.seed) for problem in problems]
         self._last_good = self._start
         weights = settings.losses.model_dump()
         self._terms: dict[str, Term] = TERMS | {"laplacian": LAPLACIANS[settings.laplacian]}
-        self._weights = {name: weights[name] for name in self._terms if weights[name] > 0}
+        each = torch.ones(len(problems), **place)
+        self._weights = {name: weights[name] * each for name in self._terms if weights[name] > 0}
         self._evaluate = captured(self._evaluate_eagerly, self._generators, device)
         self._find_lost_positions()
 
     def mesh(self, member: int) -> Mesh:
         """A source as it lies now, in float64."""
-        return self._as_mesh(member, self._start + self._offsets.detach())
+        return self._as_mesh(member, self._start + self._offsets)
 
     def step(self) -> list[float]:
         """Make one step; the loss of each problem before it is returned. `failed` is brought up to date."""
         now = self._evaluate()
         losses: list[float] = now.loss.tolist()
         for member in (k for k, loss in enumerate(losses) if not isfinite(loss)):
-            term = next((name for name, value in now.weighted.items() if not value[member].isfinite()), "loss")
-            self._fail(member, term)
+            self._fail(member, self._lost_term(now, member))
         lr = learning_rate(self.settings.optimizer, self.done, self.settings.steps)
         if self.done % self.settings.trace_every == 0 or self.done == self.settings.steps - 1:
             self._record(now.state, losses, lr)
         self._last_good = now.state.verts.detach().clone()  # a captured step has the next positions in the same place
-        if not bool(now.gradient.isfinite().all()):
+        if not isfinite(float(now.gradient.sum())):
             self._find_lost_gradients(now)
         self._optimizer.step(now.gradient, lr)
         self.done += 1
@@ -110,7 +110,7 @@ class FirstOrder:
         rows = self._rows(member)
         return {
             "done": self.done,
-            "offsets": self._offsets.detach()[rows].clone(),
+            "offsets": self._offsets[rows].clone(),
             "last_good": self._last_good[rows].clone(),
             "optimizer": self._optimizer.state_of(rows),
             "generator": self._generators[member].get_state(),
@@ -138,20 +138,25 @@ class FirstOrder:
         return others
 
     def _evaluate_eagerly(self) -> Evaluation:
-        verts, count = self._start + self._offsets, self.settings.samples
+        verts, count = (self._start + self._offsets).requires_grad_(), self.settings.samples
         geometry = FaceGeometry.of(self._surface.faces, verts)
         source = sample(geometry, count, self._generators)
         target = sample(self._target, count, self._generators, self._target_table)
         matches = match(source.points, target.points, len(self.problems), self._pool)
         state = State(verts, self._surface, geometry, source, target, matches)
-        weighted = {name: weight * self._terms[name](state) for name, weight in self._weights.items()}
-        loss = sum(weighted.values(), verts.new_zeros(len(self.problems)))
-        return Evaluation(state, weighted, loss, self._gradient(loss))
+        terms = {name: self._terms[name](state) for name in self._weights}
+        loss = verts.new_zeros(len(self.problems))
+        for name, value in terms.items():
+            loss += self._weights[name] * value.detach()
+        return Evaluation(state, terms, loss, self._gradient(verts, terms))
 
-    def _gradient(self, value: Tensor) -> Tensor:
-        if not value.requires_grad:
-            return torch.zeros_like(self._offsets)
-        return torch.autograd.grad(value.sum(), self._offsets, retain_graph=True)[0]
+    def _gradient(self, verts: Tensor, terms: Mapping[str, Tensor]) -> Tensor:
+        """Of the weighted sum of some terms."""
+        acting = [name for name, value in terms.items() if value.requires_grad]
+        if not acting:
+            return torch.zeros_like(verts)
+        values, weights = [terms[name] for name in acting], [self._weights[name] for name in acting]
+        return torch.autograd.grad(values, verts, weights, retain_graph=True)[0]
 
     def _record(self, state: State, losses: list[float], lr: float) -> None:
         with torch.no_grad():
@@ -163,8 +168,12 @@ class FirstOrder:
                 row = {name: value[member] for name, value in values.items()}
                 self.traces[member].append(self.done, loss, row, lr)
 
+    def _lost_term(self, now: Evaluation, member: int) -> str:
+        weighted = ((name, self._weights[name] * value) for name, value in now.terms.items())
+        return next((name for name, value in weighted if not value[member].isfinite()), "loss")
+
     def _find_lost_gradients(self, now: Evaluation) -> None:
-        terms = {name: self._gradient(value) for name, value in now.weighted.items()}
+        terms = {name: self._gradient(now.state.verts, {name: value}) for name, value in now.terms.items()}
         for member in range(len(self.problems)):
             rows = self._rows(member)
             if not bool(now.gradient[rows].isfinite().all()):
@@ -173,7 +182,7 @@ class FirstOrder:
 
     def _find_lost_positions(self) -> None:
         """Find verts that are not finite, and those too far off for areas and squared distances to be."""
-        distance, limit = (self._start + self._offsets.detach()).abs(), _farthest(self._start.dtype)
+        distance, limit = (self._start + self._offsets).abs(), _farthest(self._start.dtype)
         if not float(distance.max()) < limit:
             for member in range(len(self.problems)):
                 if not float(distance[self._rows(member)].max()) < limit:
