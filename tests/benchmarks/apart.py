@@ -5,7 +5,8 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from typing import TypeVar
 
-from tests.benchmarks.timing import Outcome, peak_memory_mb, run
+from tests.benchmarks.commands import COMMANDS
+from tests.benchmarks.timing import Benchmark, Outcome, peak_memory_mb, run
 
 _Result = TypeVar("_Result")
 
@@ -28,20 +29,24 @@ def _apart(function: Callable[..., _Result], *args: object) -> _Result:
 def _names() -> list[str]:
     from tests.benchmarks.cases import CASES
 
-    return list(CASES)
+    return [*CASES, *COMMANDS]
 
 
-def _time(name: str) -> Outcome:
+def _benchmark(name: str) -> Benchmark:
+    if name in COMMANDS:
+        return COMMANDS[name]()
     import torch
 
     from tests.benchmarks.cases import CASES
 
     torch.set_num_threads(1)
-    return run(CASES[name]())
+    return CASES[name]()
+
+
+def _time(name: str) -> Outcome:
+    return run(_benchmark(name))
 
 
 def _memory(name: str) -> float:
-    from tests.benchmarks.cases import CASES
-
-    CASES[name]().ours()
+    _benchmark(name).ours()
     return peak_memory_mb()

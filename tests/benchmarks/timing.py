@@ -24,6 +24,7 @@ class Benchmark:
         clock: which time the ratio is of.
         limit: most seconds of wall time that are allowed.
         memory_limit_mb: most memory that is allowed.
+        calls, other_calls: how often each is called in a row at its turn; times are those of one call.
     """
 
     ours: Callable[[], object]
@@ -35,6 +36,8 @@ class Benchmark:
     clock: Literal["wall", "cpu"] = "cpu"
     limit: float | None = None
     memory_limit_mb: float | None = None
+    calls: int = 1
+    other_calls: int = 1
 
 
 @dataclass(frozen=True)
@@ -79,9 +82,9 @@ def run(benchmark: Benchmark) -> Outcome:
     benchmark.ours()
     ours, other = [], []
     for _ in range(benchmark.repeat):
-        ours.append(_once(benchmark.ours))
+        ours.append(_once(benchmark.ours, benchmark.calls))
         if benchmark.other is not None:
-            other.append(_once(benchmark.other))
+            other.append(_once(benchmark.other, benchmark.other_calls))
     mine, theirs = _median(ours), _median(other) if other else None
     ratio = None if theirs is None else _ratio(benchmark, mine, theirs)
     late = benchmark.limit is not None and mine.wall > benchmark.limit
@@ -122,10 +125,11 @@ def seconds(value: float) -> str:
     return f"{value:.2f} s" if value >= 1 else f"{value * 1000:.1f} ms"
 
 
-def _once(function: Callable[[], object]) -> tuple[float, float]:
+def _once(function: Callable[[], object], calls: int) -> tuple[float, float]:
     wall, cpu = time.perf_counter(), _cpu()
-    function()
-    return time.perf_counter() - wall, _cpu() - cpu
+    for _ in range(calls):
+        function()
+    return (time.perf_counter() - wall) / calls, (_cpu() - cpu) / calls
 
 
 def _cpu() -> float:

@@ -40,9 +40,10 @@ def test_the_environment_of_workers_is_put_back(monkeypatch):
 
 def test_results_do_not_depend_on_workers_or_companions_and_a_failing_trial_takes_none_with_it(tmp_path):
     good = experiment(tmp_path, schemes=["loop", "interp-loop"])
+    anywhere = experiment(tmp_path, schemes=["loop", "interp-loop"], device="auto")
     bad = experiment(tmp_path, fit={"optimizer": {"lr": 1e30}})
     contents = []
-    for jobs, experiments in ((1, [good]), (2, [bad, good])):
+    for jobs, experiments in ((1, [good]), (2, [bad, anywhere])):
         store = RunDirectory(tmp_path / str(jobs))
         trials = plan(experiments)
         outcomes = run_trials(trials, store, jobs=jobs)
