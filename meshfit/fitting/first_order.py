@@ -29,13 +29,13 @@ class Evaluation:
     Attributes:
         state: what it was computed from.
         terms: (K,) each acting term.
-        loss: (K,) their weighted sum.
-        gradient: (V, 3) of the loss.
+        values: (T, K) the same, without what they came from.
+        gradient: (V, 3) of their weighted sum.
     """
 
     state: State
     terms: dict[str, Tensor]
-    loss: Tensor
+    values: Tensor
     gradient: Tensor
 
 
@@ -79,8 +79,10 @@ class FirstOrder:
         self._last_good = self._start
         weights = settings.losses.model_dump()
         self._terms: dict[str, Term] = TERMS | {"laplacian": LAPLACIANS[settings.laplacian]}
+        acting = [name for name in self._terms if weights[name] > 0]
+        self._weights = {name: float(torch.tensor(weights[name], dtype=dtype)) for name in acting}
         each = torch.ones(len(problems), **place)
-        self._weights = {name: weights[name] * each for name in self._terms if weights[name] > 0}
+        self._output_gradients = {name: weight * each for name, weight in self._weights.items()}
         self._evaluate = captured(self._evaluate_eagerly, self._generators, device)
         self._find_lost_positions()
 
@@ -91,12 +93,12 @@ class FirstOrder:
     def step(self) -> list[float]:
         """Make one step; the loss of each problem before it is returned. `failed` is brought up to date."""
         now = self._evaluate()
-        losses: list[float] = now.loss.tolist()
-        for member in (k for k, loss in enumerate(losses) if not isfinite(loss)):
-            self._fail(member, self._lost_term(now, member))
+        values: dict[str, list[float]] = dict(zip(now.terms, now.values.tolist(), strict=True))
+        losses = [sum(self._weighted(values, k).values(), 0.0) for k in range(len(self.problems))]
+        self._find_lost_losses(values, losses)
         lr = learning_rate(self.settings.optimizer, self.done, self.settings.steps)
         if self.done % self.settings.trace_every == 0 or self.done == self.settings.steps - 1:
-            self._record(now.state, losses, lr)
+            self._record(now.state, values, losses, lr)
         self._last_good = now.state.verts.detach().clone()  # a captured step has the next positions in the same place
         if not isfinite(float(now.gradient.sum())):
             self._find_lost_gradients(now)
@@ -145,32 +147,36 @@ class FirstOrder:
         matches = match(source.points, target.points, len(self.problems), self._pool)
         state = State(verts, self._surface, geometry, source, target, matches)
         terms = {name: self._terms[name](state) for name in self._weights}
-        loss = verts.new_zeros(len(self.problems))
-        for name, value in terms.items():
-            loss += self._weights[name] * value.detach()
-        return Evaluation(state, terms, loss, self._gradient(verts, terms))
+        values = torch.stack([value.detach() for value in terms.values()]) if terms else verts.new_empty(0, 0)
+        return Evaluation(state, terms, values, self._gradient(verts, terms))
 
     def _gradient(self, verts: Tensor, terms: Mapping[str, Tensor]) -> Tensor:
         """Of the weighted sum of some terms."""
         acting = [name for name, value in terms.items() if value.requires_grad]
         if not acting:
             return torch.zeros_like(verts)
-        values, weights = [terms[name] for name in acting], [self._weights[name] for name in acting]
-        return torch.autograd.grad(values, verts, weights, retain_graph=True)[0]
+        outputs, weights = [terms[name] for name in acting], [self._output_gradients[name] for name in acting]
+        return torch.autograd.grad(outputs, verts, weights, retain_graph=True)[0]
 
-    def _record(self, state: State, losses: list[float], lr: float) -> None:
+    def _weighted(self, values: Mapping[str, list[float]], member: int) -> dict[str, float]:
+        return {name: self._weights[name] * value[member] for name, value in values.items()}
+
+    def _record(self, state: State, values: dict[str, list[float]], losses: list[float], lr: float) -> None:
         with torch.no_grad():
             # Without what they have worked out before: a captured step does not renew that.
             fresh = replace(state, source=replace(state.source), target=replace(state.target))
-            values = {name: term(fresh).tolist() for name, term in self._terms.items()}
+            silent = {name: term(fresh).tolist() for name, term in self._terms.items() if name not in values}
         for member, loss in enumerate(losses):
             if member not in self.failed:
-                row = {name: value[member] for name, value in values.items()}
+                row = {name: value[member] for name, value in (silent | values).items()}
                 self.traces[member].append(self.done, loss, row, lr)
 
-    def _lost_term(self, now: Evaluation, member: int) -> str:
-        weighted = ((name, self._weights[name] * value) for name, value in now.terms.items())
-        return next((name for name, value in weighted if not value[member].isfinite()), "loss")
+    def _find_lost_losses(self, values: Mapping[str, list[float]], losses: list[float]) -> None:
+        """Find losses that are not finite, or would not be in the precision of the fit."""
+        largest = torch.finfo(self._start.dtype).max
+        for member in (k for k, loss in enumerate(losses) if not abs(loss) <= largest):
+            weighted = self._weighted(values, member)
+            self._fail(member, next((name for name, value in weighted.items() if not abs(value) <= largest), "loss"))
 
     def _find_lost_gradients(self, now: Evaluation) -> None:
         terms = {name: self._gradient(now.state.verts, {name: value}) for name, value in now.terms.items()}

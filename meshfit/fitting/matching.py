@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -36,18 +37,17 @@ def match(p: Tensor, q: Tensor, members: int = 1, pool: Executor | None = None) 
     """
     ps, qs = p.detach().view(members, -1, 3), q.detach().view(members, -1, 3)
     if p.device.type == "cpu":
-        found = list((pool.map if pool else map)(_by_tree, [*ps, *qs], [*qs, *ps]))
-        forward, backward = torch.stack(found[:members]), torch.stack(found[members:])
-    else:
-        forward, backward = by_blocks(ps, qs)
+        found = list((pool.map if pool else map)(_by_tree, [*ps, *qs], [*qs, *ps], [*range(members)] * 2))
+        return Matches(torch.cat(found[:members]), torch.cat(found[members:]), members)
+    forward, backward = by_blocks(ps, qs)
     first = torch.arange(members, device=p.device)[:, None]
     return Matches((forward + first * qs.shape[1]).view(-1), (backward + first * ps.shape[1]).view(-1), members)
 
 
-def _by_tree(queries: Tensor, points: Tensor) -> Tensor:
-    found = torch.from_numpy(nearest_in(points.numpy())(queries.numpy()))
+def _by_tree(queries: Tensor, points: Tensor, member: int) -> Tensor:
+    found = nearest_in(points.numpy())(queries.numpy())
     # Where squared distances overflow, the tree finds nothing and says so by an index that is out of range.
-    return found.clamp_(max=len(points) - 1)
+    return torch.from_numpy(np.minimum(found, len(points) - 1) + member * len(points))
 
 
 def by_blocks(p: Tensor, q: Tensor) -> tuple[Tensor, Tensor]:

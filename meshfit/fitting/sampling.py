@@ -21,7 +21,7 @@ from meshfit.loss.terms import Samples
 class AreaTable:
     """Running sums of the areas of each member's faces, by which faces are picked in proportion to their area."""
 
-    sums: tuple[Tensor, ...] | Tensor
+    sums: tuple[np.ndarray, ...] | Tensor
     members: Members
 
     @classmethod
@@ -29,18 +29,20 @@ class AreaTable:
         """The table of faces where they are now."""
         area, members = geometry.double_area, geometry.faces.members
         if area.device.type == "cpu":
-            return cls(tuple(part.cumsum(0) for part in members.parts(area)), members)
+            return cls(tuple(part.cumsum(0).numpy() for part in members.parts(area)), members)
         return cls(members.padded(area).cumsum(1), members)
 
     def pick(self, uniform: Float[Tensor, "K N"]) -> Int64[Tensor, " KN"]:
         """The face that each number from 0 to 1 falls on, N of each member."""
         if isinstance(self.sums, Tensor):
             found = torch.searchsorted(self.sums, uniform * self.sums[:, -1:], right=True)
-        else:
-            # numpy's search goes on from the last place found; with sorted numbers it takes half the time of torch's.
-            rows = ((sums, u * sums[-1]) for sums, u in zip(self.sums, uniform, strict=True))
-            found = torch.from_numpy(np.stack([sums.numpy().searchsorted(u.numpy(), "right") for sums, u in rows]))
-        return (found.minimum(self.members.counts[:, None] - 1) + self.members.first[:, None]).view(-1)
+            return (found.minimum(self.members.counts[:, None] - 1) + self.members.first[:, None]).view(-1)
+        # numpy's search goes on from the last place found: with sorted numbers it takes half the time of torch's.
+        picked, first = [], 0
+        for sums, numbers in zip(self.sums, uniform.numpy(), strict=True):
+            picked.append(np.minimum(sums.searchsorted(numbers * sums[-1], "right"), len(sums) - 1) + first)
+            first += len(sums)
+        return torch.from_numpy(np.concatenate(picked))
 
 
 def sample(

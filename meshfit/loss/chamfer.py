@@ -30,6 +30,11 @@ class Matches:
         """The mean over the points of each member; columns, where there are some, are added up."""
         return values.reshape(self.members, -1).sum(1) / (len(values) // self.members)
 
+    def spread(self, values: Float[Tensor, "N 3"], factors: Float[Tensor, " K"]) -> Float[Tensor, "N 3"]:
+        """Values times the factor of their member over the number of its points, as the gradient of `means` is."""
+        scale = (factors / (len(values) // self.members))[:, None, None]
+        return (values.view(self.members, -1, 3) * scale).view(-1, 3)
+
 
 def chamfer(p: Float[Tensor, "KP 3"], q: Float[Tensor, "KQ 3"], matches: Matches) -> Float[Tensor, " K"]:
     """Mean squared distance to the nearest point of the other set, both ways added (Fan et al. 2017, eq. 1).
@@ -54,12 +59,12 @@ class _Chamfer(Function):
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, Tensor | None, None]:  # noqa: ANN401  likewise
-        matches, members = ctx.matches, ctx.matches.members
-        scaled = [
-            ((2 * gradient / (len(part) // members))[:, None, None] * part.view(members, -1, 3)).view(-1, 3)
-            for part in ctx.saved_tensors
-        ]
+        (forward, backward), matches = ctx.saved_tensors, ctx.matches
         needs_p, needs_q, _ = ctx.needs_input_grad
-        at_p = scaled[0].index_add(0, matches.backward, -scaled[1]) if needs_p else None
-        at_q = scaled[1].index_add(0, matches.forward, -scaled[0]) if needs_q else None
+        twice = 2 * gradient
+        at_p = at_q = None
+        if needs_p:
+            at_p = matches.spread(forward, twice).index_add(0, matches.backward, matches.spread(backward, -twice))
+        if needs_q:
+            at_q = matches.spread(backward, twice).index_add(0, matches.forward, matches.spread(forward, -twice))
         return at_p, at_q, None

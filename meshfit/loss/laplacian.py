@@ -21,7 +21,7 @@ def laplacian_uniform(edges: Float[Tensor, "E 3"], surface: Surface) -> Float[Te
         edges: `surface.edges @ verts`.
         surface: whose edges they are.
     """
-    value: Tensor = apply(_MeanLength, surface.edges.T @ edges / surface.valence, surface.of_vert)
+    value: Tensor = apply(_MeanLength, surface.umbrella @ edges, surface.of_vert)
     return value
 
 
@@ -67,5 +67,5 @@ class _MeanLength(Function):
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:  # noqa: ANN401  likewise
         vectors, lengths = ctx.saved_tensors
-        scale = ctx.members.spread(gradient) / lengths[:, None]
-        return vectors * scale.masked_fill(lengths[:, None] == 0, 0), None
+        units = vectors / lengths.clamp_min(torch.finfo(lengths.dtype).tiny)[:, None]
+        return units * ctx.members.spread(gradient), None

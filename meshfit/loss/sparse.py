@@ -6,7 +6,7 @@ from typing import Any
 
 import torch
 from jaxtyping import Float, Int64
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array
 from torch import Tensor
 from torch.autograd.function import Function, once_differentiable
 
@@ -35,9 +35,9 @@ class Sparse:
     backward: Any
 
     @classmethod
-    def of(cls, entries: coo_array, dtype: torch.dtype, device: torch.device) -> "Sparse":
+    def of(cls, entries: coo_array | csr_array, dtype: torch.dtype, device: torch.device) -> "Sparse":
         """The matrix of these entries; those at the same place add up."""
-        return cls(_matrix(entries, dtype, device), _matrix(entries.T, dtype, device))
+        return cls(_matrix(entries.tocsr(), dtype, device), _matrix(entries.T.tocsr(), dtype, device))
 
     @property
     def T(self) -> "Sparse":  # noqa: N802  as tensors and arrays name it
@@ -62,13 +62,12 @@ class _Product(Function):
         return ctx.transposed @ gradient, None, None
 
 
-def _matrix(entries: coo_array, dtype: torch.dtype, device: torch.device) -> Any:  # noqa: ANN401  a tensor or a Gather
-    rows = entries.tocsr()
+def _matrix(rows: csr_array, dtype: torch.dtype, device: torch.device) -> Any:  # noqa: ANN401  a tensor or a Gather
     rows.sort_indices()
     if device.type != "cpu":
-        entries = rows.tocoo()
-        row, column = (torch.tensor(part, dtype=torch.int64, device=device) for part in (entries.row, entries.col))
-        return Gather(row, column, torch.tensor(entries.data, dtype=dtype, device=device)[:, None], rows.shape[0])
+        found = rows.tocoo()
+        row, column = (torch.tensor(part, dtype=torch.int64, device=device) for part in (found.row, found.col))
+        return Gather(row, column, torch.tensor(found.data, dtype=dtype, device=device)[:, None], rows.shape[0])
     start, columns = (torch.tensor(part, dtype=torch.int32) for part in (rows.indptr, rows.indices))
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Sparse CSR tensor support is in beta", UserWarning)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import torch
 from jaxtyping import Float, Int64
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, diags_array
 from torch import Tensor
 from torch.autograd.function import Function, once_differentiable
 
@@ -54,7 +54,7 @@ class Surface:
         faces: their faces.
         of_vert, of_edge: which of the meshes each vertex and each edge belongs to.
         edges: (E, V) takes positions to edges, head minus tail.
-        valence: (V, 1) number of edges at each vertex, at least 1.
+        umbrella: (V, E) takes edges to the mean, at each vertex, of itself minus its neighbours.
         joined: (V, 1) 1 where a vertex has edges, 0 where it has none.
         neighbours: (F, F) sums over the faces across each edge, with -1 for those that are oriented the other way.
         valence_of_face: (F,) the number of those faces.
@@ -65,7 +65,7 @@ class Surface:
     of_vert: Members
     of_edge: Members
     edges: Sparse
-    valence: Float[Tensor, "V 1"]
+    umbrella: Sparse
     joined: Float[Tensor, "V 1"]
     neighbours: Sparse
     valence_of_face: Float[Tensor, " F"]
@@ -80,14 +80,15 @@ class Surface:
         edges = _shifted([topology.edges for topology in topologies], of_vert.sizes)
         pairs = _shifted([topology.face_pairs // 3 for topology in topologies], faces.members.sizes)
         alike = np.concatenate([_alike(topology) for topology in topologies])
-        valence = np.bincount(edges.reshape(-1), minlength=len(of_vert.index))[:, None]
+        valence = np.bincount(edges.reshape(-1), minlength=len(of_vert.index))
+        differences = _differences(edges, len(valence))
         return cls(
             faces=faces,
             of_vert=of_vert,
             of_edge=Members.of([len(topology.edges) for topology in topologies], device),
-            edges=Sparse.of(_differences(edges, len(valence)), **place),
-            valence=torch.tensor(valence.clip(min=1), **place),
-            joined=torch.tensor(valence.clip(max=1), **place),
+            edges=Sparse.of(differences, **place),
+            umbrella=Sparse.of(diags_array(1 / valence.clip(min=1)) @ differences.T, **place),
+            joined=torch.tensor(valence.clip(max=1)[:, None], **place),
             neighbours=Sparse.of(_across(pairs, alike, len(faces.members.index)), **place),
             valence_of_face=torch.tensor(np.bincount(pairs.reshape(-1), minlength=len(faces.members.index)), **place),
             face_pairs=torch.tensor([max(len(topology.face_pairs), 1) for topology in topologies], **place),
