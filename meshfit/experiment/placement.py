@@ -2,6 +2,8 @@
 
 import os
 from collections.abc import Mapping, Sequence
+from itertools import cycle
+from math import ceil
 from pathlib import Path
 from typing import NamedTuple
 
@@ -34,12 +36,13 @@ def place(trials: Mapping[int, Trial], gpus: int) -> list[Batch]:
     alike: dict[tuple[str, ...], list[int]] = {}
     for number, trial in trials.items():
         alike.setdefault(_likeness(trial, gpus, number), []).append(number)
-    turn, batches = 0, list[Batch]()
+    shares, batches = max(gpus, 1), list[Batch]()
+    devices = cycle(f"cuda:{i}" for i in range(shares))
     for (device, *_), numbers in alike.items():
-        most = _MOST_TOGETHER if device != "cuda" else min(_MOST_TOGETHER, -(-len(numbers) // gpus))
+        fair = ceil(len(numbers) / shares) if device == "cuda" else len(numbers)
+        most = min(_MOST_TOGETHER, fair)
         for start in range(0, len(numbers), most):
-            chosen = f"cuda:{turn % gpus}" if device == "cuda" else device
-            turn += device == "cuda"
+            chosen = next(devices) if device == "cuda" else device
             batches.append(Batch(chosen, tuple(numbers[start : start + most])))
     return batches
 
