@@ -1,6 +1,6 @@
 """The first-order engine: minimise the weighted loss terms over per-vertex offsets, with fresh samples every step."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from math import isfinite, sqrt
@@ -66,8 +66,8 @@ class FirstOrder:
         self.problems, self.settings, self.device, self.done = tuple(problems), settings, device, 0
         self._pool = pool
         self.traces, self.failed = [Trace() for _ in problems], dict[int, Diverged]()
-        sources = [in_spatial_order(problem.source) for problem in problems]
-        targets = [renumbered_by_faces(in_spatial_order(problem.target)) for problem in problems]
+        sources = _each_once(in_spatial_order, [problem.source for problem in problems])
+        targets = _each_once(_in_order_throughout, [problem.target for problem in problems])
         self._surface = Surface.of(sources, **place)
         self._start = torch.cat([torch.tensor(mesh.verts, **place) for mesh in sources])
         target_verts = torch.cat([torch.tensor(mesh.verts, **place) for mesh in targets])
@@ -204,6 +204,16 @@ class FirstOrder:
 
     def _as_mesh(self, member: int, verts: Tensor) -> Mesh:
         return Mesh(verts[self._rows(member)].cpu().double().numpy(), self.problems[member].source.faces)
+
+
+def _each_once(prepare: Callable[[Mesh], Mesh], meshes: Sequence[Mesh]) -> list[Mesh]:
+    """Every mesh prepared; one that several problems share, once."""
+    prepared = {mesh: prepare(mesh) for mesh in dict.fromkeys(meshes)}
+    return [prepared[mesh] for mesh in meshes]
+
+
+def _in_order_throughout(mesh: Mesh) -> Mesh:
+    return renumbered_by_faces(in_spatial_order(mesh))
 
 
 def _farthest(dtype: torch.dtype) -> float:

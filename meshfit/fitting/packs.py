@@ -7,7 +7,7 @@ import torch
 from meshfit.fitting.problem import Problem
 from meshfit.fitting.settings import FitSettings
 
-# Per row: a step holds some hundred numbers for each face, vertex and sample of a problem.
+# For each face, vertex and sample: twice what is held on the CPU, as other allocators leave gaps.
 _BYTES_PER_ROW = 600
 # Enough for the calls of a step to cost little beside its numbers.
 _CPU_BYTES = 200e6

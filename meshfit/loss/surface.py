@@ -75,7 +75,8 @@ class Surface:
     def of(cls, meshes: Sequence[Mesh], dtype: torch.dtype, device: torch.device) -> "Surface":
         """The surface of some meshes; edges with three faces or more count every pair of them."""
         place: dict[str, Any] = {"dtype": dtype, "device": device}
-        topologies, faces = [Topology.of(mesh) for mesh in meshes], Faces.of(meshes, **place)
+        of_mesh = {mesh: Topology.of(mesh) for mesh in dict.fromkeys(meshes)}
+        topologies, faces = [of_mesh[mesh] for mesh in meshes], Faces.of(meshes, **place)
         of_vert = Members.of([mesh.num_verts for mesh in meshes], device)
         edges = _shifted([topology.edges for topology in topologies], of_vert.sizes)
         pairs = _shifted([topology.face_pairs // 3 for topology in topologies], faces.members.sizes)
