@@ -1,8 +1,9 @@
 """The settings of an experiment: targets × schemes × seeds over one set of everything else."""
 
-from typing import Annotated, Literal
+import json
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, ValidationError, ValidatorFunctionWrapHandler, WrapValidator
 
 from meshfit.errors import SchemeError
 from meshfit.fitting.settings import Dtype, FitSettings
@@ -18,6 +19,14 @@ def _unique(values: tuple[object, ...]) -> tuple[object, ...]:
     return values
 
 
+def _count(value: Any, validate: ValidatorFunctionWrapHandler) -> Any:  # noqa: ANN401  whatever was written
+    """One message in place of one for each of the two that are allowed."""
+    try:
+        return validate(value)
+    except ValidationError:
+        raise ValueError(f"found {json.dumps(value, default=str)}; auto or an integer from 1 on is needed") from None
+
+
 def _canonical_scheme(text: str) -> str:
     try:
         return canonical(text)
@@ -26,7 +35,7 @@ def _canonical_scheme(text: str) -> str:
 
 
 SchemeSpec = Annotated[str, AfterValidator(_canonical_scheme)]
-Count = Literal["auto"] | Annotated[int, Field(ge=1)]
+Count = Annotated[Literal["auto"] | Annotated[int, Field(ge=1)], WrapValidator(_count)]
 Listed = (Field(min_length=1), AfterValidator(_unique))
 
 

@@ -139,3 +139,10 @@ def test_settings_nested_beyond_what_json_can_hold(tmp_path):
     (tmp_path / "c.yaml").write_text("seeds: " + "[" * 250 + "]" * 250)
     with pytest.raises(ConfigError, match=r"c\.yaml: settings that JSON cannot hold: recursion limit exceeded$"):
         load_experiment(str(tmp_path / "c.yaml"))
+
+
+@pytest.mark.parametrize("value", ["0", "many", "2.5", "[1]"])
+def test_a_count_that_is_refused_says_both_things_that_are_allowed(tmp_path, value):
+    (tmp_path / "a.yaml").write_text(f"jobs: {value}\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match="a.yaml:1: jobs: found .*; auto or an integer from 1 on is needed"):
+        load_experiment(str(tmp_path / "a.yaml"))
