@@ -1,16 +1,15 @@
 """Batches that are interrupted: all problems are saved, and end at the same bytes in whatever company they go on."""
 
-import io
 from functools import cache
 
 import pytest
-import torch
 
 from meshfit.fitting import packs
 from meshfit.fitting import run as running
 from meshfit.fitting.fit import fit_batch
 from meshfit.fitting.problem import Problem
 from meshfit.fitting.progress import Interrupted
+from tests.checkpoints import through_a_file
 from tests.ragged import LATE, PROBLEMS, SHAKY, alone, bytes_of
 
 pytestmark = pytest.mark.usefixtures("one_pack")
@@ -20,13 +19,6 @@ QUICK = {"samples": 40, "trace_every": 2, "device": "cpu"}
 @pytest.fixture
 def one_pack(monkeypatch):
     monkeypatch.setattr(packs, "_CPU_BYTES", 1e18)
-
-
-def through_a_file(checkpoint):
-    buffer = io.BytesIO()
-    torch.save(checkpoint, buffer)
-    buffer.seek(0)
-    return torch.load(buffer, weights_only=True)
 
 
 def stopping_at(stop):

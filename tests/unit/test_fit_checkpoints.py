@@ -1,7 +1,5 @@
 """Checkpoints: a fit stopped at any step and gone on with ends at the bytes of one that was never stopped."""
 
-import io
-
 import numpy as np
 import pytest
 import torch
@@ -15,6 +13,7 @@ from meshfit.fitting.run import run
 from meshfit.fitting.settings import FitSettings
 from meshfit.mesh.solids import cube
 from meshfit.settings import build
+from tests.checkpoints import through_a_file
 from tests.shapes import mixed_closed
 
 STEPS = 8
@@ -34,13 +33,6 @@ EACH = pytest.mark.parametrize("settings", SETTINGS.values(), ids=SETTINGS)
 
 def engine(settings, dtype=torch.float32, on_step=None):
     return FirstOrder([Problem(mixed_closed(), cube(), 9, on_step)], settings, torch.device("cpu"), dtype)
-
-
-def through_a_file(checkpoint):
-    buffer = io.BytesIO()
-    torch.save(checkpoint, buffer)
-    buffer.seek(0)
-    return torch.load(buffer, weights_only=True)
 
 
 def outcome(result):
