@@ -7,9 +7,10 @@ from collections.abc import Callable
 from meshfit.config.strict_yaml import dump
 from meshfit.errors import MeshfitWarning
 from meshfit.experiment.checkpoints import read_checkpoint, write_checkpoint
+from meshfit.experiment.memory import peak_memory_mb
 from meshfit.experiment.plan import Trial
 from meshfit.experiment.progress import Outcome, Phase, Progress
-from meshfit.experiment.result import LAST_GOOD, failure_of, peak_memory_mb, result_of
+from meshfit.experiment.result import LAST_GOOD, failure_of, result_of
 from meshfit.experiment.source import build_source
 from meshfit.experiment.store import CHECKPOINT, FAILURE, RESULT, RunDirectory, write_json
 from meshfit.fitting.problem import Diverged, Problem

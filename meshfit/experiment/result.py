@@ -50,16 +50,6 @@ def failure_of(trial: Trial, error: Exception) -> Result:
     return record | {"traceback": traceback.format_exception(error)}
 
 
-def peak_memory_mb() -> float | None:
-    """The most memory that this process has held so far, in MB; None where the system does not tell."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return None
-    unit = 1 if platform.system() == "Darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
-
-
 def _provenance() -> Result:
     packages = {name: version(name) for name in _PACKAGES}
     machine: dict[str, Any] = {"system": platform.platform(), "machine": platform.machine()}

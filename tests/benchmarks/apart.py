@@ -5,8 +5,9 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from typing import TypeVar
 
+from meshfit.experiment.memory import peak_memory_mb
 from tests.benchmarks.commands import COMMANDS
-from tests.benchmarks.timing import Benchmark, Outcome, peak_memory_mb, run
+from tests.benchmarks.timing import Benchmark, Outcome, run
 
 _Result = TypeVar("_Result")
 
@@ -49,4 +50,4 @@ def _time(name: str) -> Outcome:
 
 def _memory(name: str) -> float:
     _benchmark(name).ours()
-    return peak_memory_mb()
+    return peak_memory_mb(of_children=True) or peak_memory_mb() or 0.0

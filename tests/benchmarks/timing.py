@@ -2,7 +2,6 @@
 
 import resource
 import statistics
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -92,13 +91,6 @@ def run(benchmark: Benchmark) -> Outcome:
     return Outcome(
         mine, theirs, benchmark.other_name, ratio, _asked(benchmark), late or short, benchmark.memory_limit_mb
     )
-
-
-def peak_memory_mb() -> float:
-    """The most memory that the largest of its children has held, or, if it has had none, this process; in MB."""
-    unit = 1 if sys.platform == "darwin" else 1024
-    children, self = (resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_CHILDREN, resource.RUSAGE_SELF))
-    return (children or self) * unit / 1e6
 
 
 def _ratio(benchmark: Benchmark, ours: Timing, other: Timing) -> float:
