@@ -9,7 +9,7 @@ from torch.autograd.function import Function, once_differentiable
 
 from meshfit.loss.autograd import apply
 from meshfit.loss.members import Members
-from meshfit.loss.surface import LEAST_DOUBLE_AREA, Surface
+from meshfit.loss.surface import LEAST_DOUBLE_AREA, FaceGeometry, Surface
 
 
 def laplacian_uniform(edges: Float[Tensor, "E 3"], surface: Surface) -> Float[Tensor, " K"]:
@@ -48,7 +48,7 @@ def corner_cotangents(verts: Float[Tensor, "V 3"], surface: Surface) -> Float[Te
     """Cotangent of the angle at each corner of each face."""
     corners = verts.index_select(0, surface.faces.verts.reshape(-1)).reshape(-1, 3, 3)
     ahead, behind = corners.roll(-1, 1) - corners, corners.roll(1, 1) - corners
-    double_area = torch.linalg.cross(ahead[:, 0], behind[:, 0]).square().sum(1).sqrt()
+    double_area = FaceGeometry.of(surface.faces, verts).double_area
     cotangents: Tensor = (ahead * behind).sum(2) / double_area.clamp_min(LEAST_DOUBLE_AREA)[:, None]
     return cotangents
 
