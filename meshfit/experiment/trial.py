@@ -1,5 +1,6 @@
 """Run trials in one process, alone or as one batch: what is complete is left, what fails is recorded."""
 
+import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -80,10 +81,15 @@ class _Clock:
     """The seconds of a fit: those of the batch, shared out among its members."""
 
     def start(self, members: int) -> None:
-        self._start, self._members = time.perf_counter(), members
+        """Begin to count."""
+        self._start, self._end, self._members = time.perf_counter(), math.inf, members
+
+    def stop(self) -> None:
+        """Count no further: what follows is no part of the fit."""
+        self._end = time.perf_counter()
 
     def __call__(self) -> float:
-        return (time.perf_counter() - self._start) / self._members
+        return (min(time.perf_counter(), self._end) - self._start) / self._members
 
 
 def _run(attempts: Sequence[Attempt], device: str | None, threads: int) -> None:
@@ -108,6 +114,7 @@ def _run(attempts: Sequence[Attempt], device: str | None, threads: int) -> None:
     except Exception as error:  # noqa: BLE001  whatever it is, it concerns one of them
         _settle(list(problems), error, device, threads)
         return
+    clock.stop()
     for attempt, outcome in zip(problems, outcomes, strict=True):
         with _failures_recorded(attempt):
             if isinstance(outcome, Diverged):
