@@ -148,3 +148,9 @@ def test_a_member_that_diverges_is_recorded_and_the_others_complete(tmp_path, tr
     assert outcomes[2].phase is Phase.FAILED
     assert store.failure(wild[0])["term"] == "chamfer"
     assert contents(store, trials) == contents(alone, trials)
+
+
+def test_every_member_of_a_batch_has_an_equal_share_of_the_fit_and_none_of_what_follows(tmp_path, trials):
+    store = RunDirectory(tmp_path / "runs")
+    run_together(trials, store, quiet)
+    assert len({store.result(one)["seconds"]["fit"] for one in trials}) == 1
