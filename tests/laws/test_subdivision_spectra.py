@@ -150,7 +150,8 @@ def test_sqrt3_two_steps_in_closed_form(n):
 @pytest.mark.parametrize("n", VALENCES)
 def test_modified_butterfly_was_made_for_these_eigenvalues(n):
     found = moduli(local_matrix(n, "modified-butterfly"))
-    np.testing.assert_allclose(found[:4], [1, 1 / 2, 1 / 2, 1 / 4], rtol=0, atol=1e-6)
+    # An eigenvalue of a Jordan block is found to the root of the rounding, which differs between processors.
+    np.testing.assert_allclose(found[:4], [1, 1 / 2, 1 / 2, 1 / 4], rtol=0, atol=1e-5)
     assert found[4] < 0.25 + 1e-4
 
 
@@ -160,7 +161,7 @@ def test_plain_butterfly_is_not_smooth_at_valence_3_and_from_8(n):
     matrix = local_matrix(n, "butterfly")
     by_mode = [moduli(mode_block(matrix, n, mode))[0] for mode in range(1, n // 2 + 1)]
     if n == 3:
-        np.testing.assert_allclose(moduli(matrix)[1:5], 0.25, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(moduli(matrix)[1:5], 0.25, rtol=0, atol=1e-5)
     else:
         assert max(by_mode[1:]) > by_mode[0]
         assert np.isclose(max(by_mode[1:]), {8: 0.4690, 9: 0.4973, 12: 0.5}.get(n, max(by_mode)), atol=1e-4)
