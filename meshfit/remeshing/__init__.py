@@ -1,0 +1,1 @@
+"""Changes of connectivity, and the soundness of moving surfaces, in torch."""

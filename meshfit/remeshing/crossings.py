@@ -1,0 +1,191 @@
+"""Faces that run through others of the same mesh, on any device: what no step of a fit is to make."""
+
+from dataclasses import dataclass
+from itertools import product
+
+import torch
+from jaxtyping import Bool, Float, Float64, Int64
+from torch import Tensor
+
+from meshfit.remeshing.fans import dot, simple_fans
+from meshfit.remeshing.overlaps import overlapping_boxes
+
+Rows = Int64[Tensor, " P"]
+
+# Of the longest edge of the smaller of two faces: what comes closer touches, and is reported. This is far above the
+# rounding of float64 and far below the gap between faces of a sound mesh that have no common vertex. Faces that have
+# one, in one plane up to rounding, have whole sectors between them, far wider again: where they meet is looked for on
+# an edge of one, which ends before the other begins.
+_TOUCH = 1e-6
+# Twice the area over the square of the longest edge: below, the normal is mere rounding, and a face has no inside.
+_NEEDLE = 1e-12
+# Coordinates beyond are taken for infinite, so that no product of them overflows.
+_LARGEST = 1e50
+
+
+@torch.no_grad()
+def crossing_pairs(
+    verts: Float[Tensor, "V 3"], faces: Int64[Tensor, "F 3"], members: Int64[Tensor, " F"] | None = None
+) -> Int64[Tensor, "P 2"]:
+    """Pairs of faces of which one runs through the other.
+
+    Faces without a common vertex cross where an edge of the one meets the other, be it at its rim; faces with one where
+    the side opposite that vertex does. Faces with two, neighbours across an edge, never cross; with three, always do.
+    These are MeshLab's rules, in float64 and with a tolerance on the side of reporting, relative to the smaller face.
+    But an edge within the tolerance of a face's plane all along does not meet it: faces in one plane may overlap.
+
+    Candidates come from `overlapping_boxes`, less the faces about one vertex that is among `simple_fans`. They are
+    tested as in Möller, A Fast Triangle-Triangle Intersection Test (1997), but that the points where edges meet planes
+    are computed, as points of the edges, which they stay where the planes are almost one.
+
+    Args:
+        verts: float32 or float64. A face with a corner that is not finite, or beyond 1e50, is in no pair.
+        faces: int64, vertex indices. Faces without area are allowed; those shrunk to a point, or that name a vertex
+            twice, are in no pair.
+        members: int64, at least 0: which mesh of a batch each face belongs to. Faces of different ones never cross.
+
+    Returns:
+        int64, each pair once, the lower face first, in lexicographic order.
+    """
+    rows = _regular(verts, faces)
+    shapes = _Faces.of(verts.double(), faces.index_select(0, rows))
+    company = torch.zeros_like(rows) if members is None else members.index_select(0, rows)
+    rough = ~simple_fans(shapes.verts, shapes.corners, shapes.normals, len(verts))[shapes.verts].all(1)
+    count, found = max(1, len(faces)), [rows.new_empty(0)]
+    for pairs in overlapping_boxes(*shapes.boxes(), company):
+        i, j = shapes.crossing(*shapes.worth_testing(*pairs, rough))
+        i, j = rows[i], rows[j]
+        found.append(torch.minimum(i, j) * count + torch.maximum(i, j))
+    codes = torch.cat(found).sort().values
+    codes = codes[codes.diff(prepend=codes.new_full((1,), -1)) > 0]
+    return torch.stack([codes.div(count, rounding_mode="floor"), codes % count], 1)
+
+
+def crossing_faces(
+    verts: Float[Tensor, "V 3"], faces: Int64[Tensor, "F 3"], members: Int64[Tensor, " F"] | None = None
+) -> Bool[Tensor, " F"]:
+    """Which faces run through another or are run through, as `crossing_pairs` has it; the arguments are the same."""
+    crossing = torch.zeros(len(faces), dtype=torch.bool, device=faces.device)
+    crossing[crossing_pairs(verts, faces, members).view(-1)] = True
+    return crossing
+
+
+@dataclass(frozen=True, eq=False)
+class _Faces:
+    """Faces, and what is computed once of each.
+
+    Attributes:
+        verts: (F, 3) the verts at the corners of each.
+        corners: (F, 3, 3) the positions of these.
+        normals: (F, 3) across each, twice its area long; 0 where a face is a needle.
+        lengths: (F,) of the longest edge of each.
+    """
+
+    verts: Int64[Tensor, "F 3"]
+    corners: Float64[Tensor, "F 3 3"]
+    normals: Float64[Tensor, "F 3"]
+    lengths: Float64[Tensor, " F"]
+
+    @classmethod
+    def of(cls, positions: Float64[Tensor, "V 3"], verts: Int64[Tensor, "F 3"]) -> "_Faces":
+        """The faces with these verts."""
+        corners = positions.index_select(0, verts.view(-1)).view(-1, 3, 3)
+        a, b, c = corners.unbind(1)
+        sides = b - a, c - b, a - c
+        normals = torch.linalg.cross(sides[0], sides[1])
+        squares = torch.stack([dot(side, side) for side in sides]).amax(0)
+        needles = dot(normals, normals).sqrt() <= _NEEDLE * squares
+        return cls(verts, corners, normals.masked_fill(needles[:, None], 0.0), squares.sqrt())
+
+    def boxes(self) -> tuple[Float64[Tensor, "F 3"], Float64[Tensor, "F 3"]]:
+        """The least and the greatest corner of a box about each, as far as it may be touched."""
+        a, b, c = self.corners.unbind(1)
+        reach = _TOUCH * self.lengths[:, None]
+        return torch.minimum(torch.minimum(a, b), c) - reach, torch.maximum(torch.maximum(a, b), c) + reach
+
+    def worth_testing(self, i: Rows, j: Rows, rough: Bool[Tensor, " F"]) -> tuple[Tensor, Tensor]:
+        """Pairs less neighbours across an edge, and less those with a common vertex unless both are `rough`."""
+        columns = self.verts.T.int().contiguous()
+        ours, theirs = ([column.index_select(0, rows) for column in columns] for rows in (i, j))
+        shared = torch.zeros_like(i, dtype=torch.uint8)
+        for mine, other in product(ours, theirs):
+            shared += mine == other
+        both = rough.index_select(0, i) & rough.index_select(0, j)
+        worth = ((shared == 0) | (shared != 2) & both).nonzero()[:, 0]
+        return i.index_select(0, worth), j.index_select(0, worth)
+
+    def crossing(self, i: Rows, j: Rows) -> tuple[Tensor, Tensor]:
+        """Which of some pairs cross."""
+        ours = self._heights(i, j)
+        i, j, ours = _at(_not_on_one_side(ours), i, j, ours)
+        theirs = self._heights(j, i)
+        i, j, ours, theirs = _at(_not_on_one_side(theirs), i, j, ours, theirs)
+        same = self.verts.index_select(0, i)[:, :, None] == self.verts.index_select(0, j)[:, None]
+        crossing = same.any(2).all(1)
+        crossing |= self._pierces(i, j, ours, ~same.any(2)) | self._pierces(j, i, theirs, ~same.any(1))
+        return i[crossing], j[crossing]
+
+    def _touch(self, i: Rows, j: Rows) -> Float64[Tensor, " P"]:
+        """How close faces i and j touch, times how long the normals of j are: 0 where a face of j has no inside."""
+        (ours,), (theirs, normals) = _at(i, self.lengths), _at(j, self.lengths, self.normals)
+        return _TOUCH * torch.minimum(ours, theirs) * dot(normals, normals).sqrt()
+
+    def _heights(self, i: Rows, j: Rows) -> Float64[Tensor, "P 3"]:
+        """The corners of faces i over the planes of faces j, in units of what touches; 0 where j has no inside."""
+        (corners,), (foot, normals) = _at(i, self.corners), _at(j, self.corners[:, 0], self.normals)
+        unit = self._touch(i, j)[:, None]
+        heights = ((corners - foot[:, None]) @ normals[:, :, None])[:, :, 0]
+        return (heights / unit).masked_fill(unit == 0, 0.0)
+
+    def _pierces(
+        self, i: Rows, j: Rows, heights: Float64[Tensor, "P 3"], free: Bool[Tensor, "P 3"]
+    ) -> Bool[Tensor, " P"]:
+        """Whether a side of a face i, between two corners that are `free`, meets its face j."""
+        ahead, near = heights.roll(-1, 1), heights.abs() <= 1
+        level, touching = near & near.roll(-1, 1), near | near.roll(-1, 1)
+        across = (((heights <= 0) != (ahead <= 0)) | touching) & ~level & free & free.roll(-1, 1)
+        pair, side = across.nonzero().unbind(1)
+        above, below = heights[pair, side], ahead[pair, side]
+        rows, others = _at(pair, i, j)
+        start, end = self.corners[rows, side], self.corners[rows, (side + 1) % 3]
+        share = (above / (above - below)).clamp(0, 1)[:, None]
+        met = self._inside(start + share * (end - start), rows, others)
+        pierces = torch.zeros_like(i, dtype=torch.bool)
+        pierces[pair[met]] = True
+        return pierces
+
+    def _inside(self, points: Float64[Tensor, "P 3"], i: Rows, j: Rows) -> Bool[Tensor, " P"]:
+        """Whether points of faces i, in the planes of faces j, lie in these or touch them."""
+        (corners, normals), touch = _at(j, self.corners, self.normals), self._touch(i, j)
+        inside = torch.ones_like(i, dtype=torch.bool)
+        for k in range(3):
+            along = corners[:, (k + 1) % 3] - corners[:, k]
+            left = dot(torch.linalg.cross(along, points - corners[:, k]), normals)
+            inside &= left >= -touch * dot(along, along).sqrt()
+        return inside
+
+
+def _regular(verts: Float[Tensor, "V 3"], faces: Int64[Tensor, "F 3"]) -> Int64[Tensor, " R"]:
+    """The faces with three corners that are finite, can be computed with, and are not one point."""
+    a, b, c = faces.unbind(1)
+    bounded = (verts.abs() <= _LARGEST).all(1)
+    regular = (a != b) & (b != c) & (c != a)
+    for corner in (a, b, c):
+        regular &= bounded.index_select(0, corner)
+    spread = torch.zeros_like(regular)
+    for values in verts.T.contiguous():
+        here = values.index_select(0, a)
+        spread |= (values.index_select(0, b) != here) | (values.index_select(0, c) != here)
+    return (regular & spread).nonzero()[:, 0]
+
+
+def _not_on_one_side(heights: Float64[Tensor, "P 3"]) -> Int64[Tensor, " K"]:
+    """Where not all corners of a face are clearly on one side of a plane."""
+    a, b, c = heights.unbind(1)
+    least, greatest = torch.minimum(torch.minimum(a, b), c), torch.maximum(torch.maximum(a, b), c)
+    return ((least <= 1) & (greatest >= -1)).nonzero()[:, 0]
+
+
+def _at(rows: Rows, *values: Tensor) -> tuple[Tensor, ...]:
+    """The same rows of some tensors."""
+    return tuple(value.index_select(0, rows) for value in values)

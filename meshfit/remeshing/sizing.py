@@ -1,0 +1,69 @@
+"""Sizing fields: the edge length wanted at each vertex."""
+
+import math
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from meshfit.remeshing.connectivity import Edges
+from meshfit.remeshing.shapes import area_vectors, length_of
+
+# Faces that `remesh` leaves, over those that equilateral ones of the lengths wanted would be; see `num_verts_for`.
+_SHARE = 0.98
+
+
+@torch.no_grad()
+def limited(
+    lengths: Float[Tensor, " V"], verts: Float[Tensor, "V 3"], faces: Int64[Tensor, "F 3"], gradation: float
+) -> Float[Tensor, " V"]:
+    """The largest field below a given one that grows along each edge by at most `gradation` times its length.
+
+    Args:
+        lengths: (V,) in the unit of the verts.
+        verts: (V, 3) positions.
+        faces: (F, 3) int64, a manifold.
+        gradation: 0 or more; 0.1 to 0.3 keeps triangles well shaped where lengths change.
+
+    Returns:
+        (V,) no larger than `lengths`; it is found by passing lengths on over edges until none changes.
+    """
+    edges = Edges.of(faces, len(verts))
+    side = verts.index_select(0, edges.head) - verts.index_select(0, edges.tail)
+    most = gradation * length_of(side)
+    while True:
+        at_tail = lengths.index_select(0, edges.head) + most
+        at_head = lengths.index_select(0, edges.tail) + most
+        less = lengths.scatter_reduce(0, edges.tail, at_tail, "amin").scatter_reduce_(0, edges.head, at_head, "amin")
+        if torch.equal(less, lengths):
+            return less
+        lengths = less
+
+
+@torch.no_grad()
+def num_verts_for(verts: Float[Tensor, "V 3"], faces: Int64[Tensor, "F 3"], lengths: Float[Tensor, " V"]) -> float:
+    """The number of verts that `remesh` is expected to give: (faces + boundary edges) / 2 + the Euler number.
+
+    The faces are 0.98 times the integral of 1 / (√3 / 4 · length²): splits at 4/3 and collapses at 4/5 of the length
+    leave edges 1.5 % longer than wanted in the mean, and triangles that are not quite equilateral. The share is what
+    5 rounds of `remesh` gave at the median, its own guidance of the number off, on bunny, bone, airplane and mousehead
+    decimated to 5,000 and 20,000 faces, with lengths alike everywhere and 4-fold different, for a ninth to six times
+    as many verts; all came within 7 % of it then, and come within 3 % with the guidance.
+
+    It does not hold for lengths that the shape has no room for, such as more than half of what is around a tube. Since
+    it is nearly as 1 / length², a field times √(expected / wanted) gives the number wanted.
+
+    Args:
+        verts: (V, 3) positions.
+        faces: (F, 3) int64, a manifold.
+        lengths: (V,) the length wanted at each vertex, in the unit of the verts.
+    """
+    edges = Edges.of(faces, len(verts))
+    density = lengths.square().reciprocal().index_select(0, faces.reshape(-1)).view(-1, 3).mean(1)
+    area = length_of(area_vectors(verts, faces)) / 2
+    num_faces = _SHARE * float((area * density).sum()) / (math.sqrt(3) / 4)
+    tail, head = edges.tail.index_select(0, edges.outer), edges.head.index_select(0, edges.outer)
+    side = length_of(verts.index_select(0, head) - verts.index_select(0, tail))
+    wanted = (lengths.index_select(0, tail) + lengths.index_select(0, head)) / 2
+    euler = int((edges.valence > 0).sum()) - len(edges.keys) + len(faces)
+    return euler + (num_faces + float((side / wanted).sum())) / 2
