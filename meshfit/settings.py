@@ -3,9 +3,9 @@
 import json
 import textwrap
 from collections.abc import Callable, Mapping
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Tag, ValidationError
 from pydantic_core import ErrorDetails
 
 from meshfit.errors import ConfigError
@@ -24,6 +24,9 @@ class Settings(BaseModel):
         use_attribute_docstrings=True,
     )
 
+
+TAG = "method"
+"""The key by which settings that may be of several kinds are told apart."""
 
 Model = TypeVar("Model", bound=Settings)
 Key = tuple[str | int, ...]
@@ -45,7 +48,10 @@ def build(model: type[Model], data: Mapping[str, Any], where: Callable[[Key], st
         return model.model_validate_json(json.dumps(data, default=_plain))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        raise ConfigError(f"{where(first['loc'])}{_describe(model, first)}") from None
+        first["loc"], keys = _followed(model, first["loc"])
+        if first["type"] == "union_tag_invalid":
+            first["loc"] = (*first["loc"], TAG)
+        raise ConfigError(f"{where(first['loc'])}{_describe(first, keys)}") from None
 
 
 def override(settings: Model, changes: Mapping[str, Any]) -> Model:
@@ -74,15 +80,17 @@ def dotted(key: Key) -> str:
     return text
 
 
-def _describe(model: type[Settings], error: ErrorDetails) -> str:
+def _describe(error: ErrorDetails, allowed: list[str]) -> str:
     key = " ".join(dotted(error["loc"]).split())
     if error["type"] == "json_invalid":
         return f"settings that JSON cannot hold: {error['ctx']['error'].partition(' at line')[0]}"
     if error["type"] == "extra_forbidden":
-        allowed = _keys_beside(model, error["loc"])
         return f"{key}: no such key: {suggest(str(error['loc'][-1]), allowed)}"
     if error["type"] == "value_error":
         return f"{key}: {error['ctx']['error']}" if key else str(error["ctx"]["error"])
+    if error["type"] == "union_tag_invalid":
+        tag = error["ctx"]["tag"]
+        return f'{key}: found "{tag}"; {suggest(tag, _literals(error["ctx"]["expected_tags"]))}'
     found = textwrap.shorten(json.dumps(error["input"], default=str), _LONGEST_SHOWN, placeholder=" …")
     if error["type"] == "literal_error":
         return f"{key}: found {found}; {suggest(str(error['input']), _literals(error['ctx']['expected']))}"
@@ -115,10 +123,27 @@ def _plain(value: Any) -> Any:  # noqa: ANN401  numpy scalars and paths, from Py
     return value.item() if hasattr(value, "item") else str(value)
 
 
-def _keys_beside(model: type[BaseModel], key: Key) -> list[str]:
-    for part in key[:-1]:
-        inner = model.model_fields[part].annotation if isinstance(part, str) and part in model.model_fields else None
-        if not (isinstance(inner, type) and issubclass(inner, BaseModel)):
-            return []
-        model = inner
-    return list(model.model_fields)
+def _followed(model: type[BaseModel], path: Key) -> tuple[Key, list[str]]:
+    """Where an error is, without the tags by which pydantic tells models apart, and the keys that may stand there."""
+    shown: list[str | int] = []
+    models: dict[str, type[BaseModel]] = {_UNTAGGED: model}
+    for part in path[:-1]:
+        if _UNTAGGED not in models and part in models:
+            models = {_UNTAGGED: models[str(part)]}
+            continue
+        shown.append(part)
+        models = _models_at(models[_UNTAGGED], part) if _UNTAGGED in models else {}
+    last = path[-1:] if _UNTAGGED in models or path[-1] not in models else ()
+    return (*shown, *last), list(models[_UNTAGGED].model_fields) if _UNTAGGED in models else []
+
+
+_UNTAGGED = ""
+
+
+def _models_at(model: type[BaseModel], key: str | int) -> dict[str, type[BaseModel]]:
+    """The models that the value of a key may be of, by tag."""
+    kind = model.model_fields[key].annotation if key in model.model_fields else None
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        return {_UNTAGGED: kind}
+    tagged = [get_args(part) for part in get_args(kind)]
+    return {part[1].tag: part[0] for part in tagged if len(part) == 2 and isinstance(part[1], Tag)}

@@ -117,6 +117,8 @@ def run_and_report(
     if as_json:
         typer.echo(json.dumps(results, indent=2))
     elif results:
+        for note in dict.fromkeys(f"{result['target']}: {text}" for result in results for text in result["warnings"]):
+            say_warning(note)
         show_tables(results, metric, planned=True)
         folders = dict.fromkeys(str(runs / trial.experiment) for trial in trials)
         out.print(f"\nResults: {', '.join(folders)}", style="dim", soft_wrap=True, markup=False)

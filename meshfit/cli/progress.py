@@ -10,6 +10,9 @@ from rich.table import Column
 from meshfit.cli.console import err
 from meshfit.experiment.board import Board
 from meshfit.experiment.progress import Outcome, Phase
+from meshfit.fitting.gauss_newton.stages import stage_at
+from meshfit.fitting.progress import Step
+from meshfit.fitting.settings import GaussNewtonSettings
 
 if TYPE_CHECKING:
     from meshfit.experiment.plan import Trial
@@ -67,9 +70,17 @@ class _Bars:
         if i not in self._tasks:
             self._tasks[i] = self._bars.add_task(trial.label, total=steps, state="")
         step = board.step(i)
-        fitting = f"{step.done}/{steps} loss {step.loss:.1e}" if step.done else "loading"
+        fitting = f"{step.done}/{steps} {_figure(trial, step)}" if step.done else "loading"
         state = "measuring" if phase is Phase.MEASURING else fitting
         self._bars.update(self._tasks[i], completed=step.done, state=state)
+
+
+def _figure(trial: "Trial", step: Step) -> str:
+    """The figure that falls, and where it has several stages, the one that a trial is in."""
+    settings = trial.settings.fit
+    if isinstance(settings, GaussNewtonSettings):
+        return f"{stage_at(settings, step.done).name}, distance {step.loss:.1e}"
+    return f"loss {step.loss:.1e}"
 
 
 class _Lines:

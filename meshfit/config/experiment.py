@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, ValidationError, ValidatorFunctionWrapHandler, WrapValidator
 
 from meshfit.errors import SchemeError
-from meshfit.fitting.settings import Dtype, FitSettings
+from meshfit.fitting.settings import Dtype, FirstOrderSettings, FitSettings
 from meshfit.measuring.settings import MeasureSettings
 from meshfit.settings import Settings
 from meshfit.subdivision.choose import canonical
@@ -53,6 +53,9 @@ class SourceSettings(Settings):
     """Scale the control mesh so that its farthest vertex is this far from its centre; null keeps its size."""
     centre: tuple[float, float, float] | None = (0.0, 0.0, 0.0)
     """Where to put the mean of the control mesh's verts, in the normalised frame; null keeps its place."""
+    align: Literal["none", "center", "pca", "icp"] = "none"
+    """How it is then placed on the target: `none`; `center`, centroid on centroid; `pca`, principal axes and size as
+    well; `icp`, by nearest points after that."""
     project: Literal["none", "sphere"] = "none"
     """`sphere` puts the verts of the control mesh and of each level on the sphere about its centre."""
 
@@ -72,7 +75,7 @@ class ExperimentSettings(Settings):
     """Frame that `source.ply` and `result.ply` are written in: the normalised one, or the target file's own."""
     source: SourceSettings = SourceSettings()
     """The source: a control mesh, and what is done to it before the fit."""
-    fit: FitSettings = FitSettings()
+    fit: FitSettings = FirstOrderSettings()
     """What is minimised, how, and for how long."""
     measure: MeasureSettings = MeasureSettings()
     """How results are measured."""

@@ -16,10 +16,13 @@ from meshfit.experiment.store import CHECKPOINT, FAILURE, RESULT, RunDirectory, 
 from meshfit.fitting.problem import Diverged, Problem
 from meshfit.fitting.run import FitResult
 from meshfit.measuring.measure import measure
+from meshfit.mesh.alignment import aligned, apart
 from meshfit.mesh.files import encode_mesh
 from meshfit.mesh.frames import frame_of
+from meshfit.mesh.manifold import topology_in_words
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.targets import load_target
+from meshfit.mesh.topology import Topology
 
 
 class Attempt:
@@ -46,7 +49,9 @@ class Attempt:
             target_file = load_target(self.trial.target)
             self._frame = frame_of(target_file.verts, settings.normalise)
             self._target = self._frame.normalise(target_file)
-            source = build_source(settings.source, self.trial.scheme)
+            built = build_source(settings.source, self.trial.scheme)
+            source = aligned(built, self._target, settings.source.align)
+            _warn_of_differences(source, self._target)
         self._notes = [str(warning.message) for warning in caught if issubclass(warning.category, MeshfitWarning)]
         self.store.write(self.trial, "config.yaml", dump(self.trial.plain_settings))
         self._write_mesh("source.ply", source)
@@ -59,6 +64,7 @@ class Attempt:
             self.trial.seed,
             on_step=lambda step: self.on_progress(Progress(Phase.FITTING, step)),
             resume=checkpoint,
+            scheme=self.trial.scheme,
             save=lambda state: write_checkpoint(self.trial, self.store, state | {"seconds": self._seconds()}),
         )
 
@@ -90,3 +96,13 @@ class Attempt:
     def _write_mesh(self, name: str, mesh: Mesh) -> None:
         own = self.trial.settings.write_frame == "target"
         self.store.write(self.trial, name, encode_mesh(self._frame.restore(mesh) if own else mesh, ".ply"))
+
+
+def _warn_of_differences(source: Mesh, target: Mesh) -> None:
+    ours, theirs = (topology_in_words(Topology.of(mesh)) for mesh in (source, target))
+    if ours != theirs:
+        text = f"source and target differ in topology ({ours}; {theirs}): the fit keeps the source's"
+        warnings.warn(text, MeshfitWarning, stacklevel=2)
+    if apart(source, target):
+        text = "source and target have nothing in common, not even their boxes; set source.align or source.centre"
+        warnings.warn(text, MeshfitWarning, stacklevel=2)

@@ -14,7 +14,7 @@ from meshfit.fitting.matching import match
 from meshfit.fitting.optimizer import OPTIMIZERS, learning_rate
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem
 from meshfit.fitting.sampling import AreaTable, sample
-from meshfit.fitting.settings import FitSettings
+from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.fitting.trace import Trace
 from meshfit.loss.surface import FaceGeometry, Faces, Surface
 from meshfit.loss.terms import LAPLACIANS, TERMS, State, Term
@@ -57,7 +57,7 @@ class FirstOrder:
     def __init__(
         self,
         problems: Sequence[Problem],
-        settings: FitSettings,
+        settings: FirstOrderSettings,
         device: torch.device,
         dtype: torch.dtype,
         pool: Executor | None = None,
@@ -85,6 +85,16 @@ class FirstOrder:
         self._output_gradients = {name: weight * each for name, weight in self._weights.items()}
         self._evaluate = captured(self._evaluate_eagerly, self._generators, device)
         self._find_lost_positions()
+
+    @property
+    def steps(self) -> int:
+        """How many steps there are to make."""
+        return self.settings.steps
+
+    @property
+    def stage(self) -> str:
+        """What the next step is a part of; there is one stage alone."""
+        return ""
 
     def mesh(self, member: int) -> Mesh:
         """A source as it lies now, in float64."""
@@ -127,7 +137,7 @@ class FirstOrder:
         self._optimizer.put([checkpoint["optimizer"] for checkpoint in checkpoints])
         for generator, checkpoint in zip(self._generators, checkpoints, strict=True):
             generator.set_state(checkpoint["generator"].cpu())
-        self.traces = [Trace([tuple(row) for row in checkpoint["trace"]]) for checkpoint in checkpoints]
+        self.traces = [Trace(rows=[tuple(row) for row in checkpoint["trace"]]) for checkpoint in checkpoints]
         self.done = checkpoints[0]["done"]
         self._find_lost_positions()
 

@@ -1,6 +1,6 @@
 """Fit one source to one target, or a batch of them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, get_args
 
 import numpy as np
@@ -9,42 +9,47 @@ import torch
 from meshfit.errors import ConfigError, MeshError
 from meshfit.fitting.device import resolve_device, single_thread
 from meshfit.fitting.first_order import FirstOrder
+from meshfit.fitting.gauss_newton.engine import GaussNewton
 from meshfit.fitting.matching import searching_with
 from meshfit.fitting.packs import done_before, packs
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem
 from meshfit.fitting.progress import Step
-from meshfit.fitting.run import FitResult, run
-from meshfit.fitting.settings import Dtype, FitSettings
+from meshfit.fitting.run import Engine, FitResult, run
+from meshfit.fitting.settings import METHODS, Dtype, FirstOrderSettings, GaussNewtonSettings
 from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.mesh import Mesh
-from meshfit.settings import override
+from meshfit.settings import build, override
 from meshfit.specs import suggest
 
-ENGINES = {"first-order": FirstOrder}
+Settings = FirstOrderSettings | GaussNewtonSettings
+
+ENGINES: dict[str, Callable[..., Engine]] = {"first-order": FirstOrder, "gauss-newton": GaussNewton}
 
 
 def fit(  # noqa: PLR0913  all but two are optional, by name
     source: Mesh,
     target: Mesh,
-    settings: FitSettings | None = None,
+    settings: Settings | None = None,
     *,
     seed: int = 0,
+    scheme: str = "loop",
     device: str = "auto",
     dtype: str = "float32",
     threads: int = 1,
     on_step: Callable[[Step], None] | None = None,
     resume: Checkpoint | None = None,
     save: Callable[[Checkpoint], None] | None = None,
-    **overrides: Any,  # noqa: ANN401  any key of FitSettings
+    **overrides: Any,  # noqa: ANN401  any key of the settings
 ) -> FitResult:
     """Deform a source mesh until it lies on a target.
 
     Lengths in the settings are those of the verts as given; normalise the target first, or use `meshfit run`.
 
     Args:
-        source: where to start; its faces are kept.
+        source: where to start; its faces are kept, refined or replaced, as the method says.
         target: what to reach.
-        settings: of the fit; defaults are those of PyTorch3D's tutorial.
+        settings: of the fit, by its method; defaults are those of PyTorch3D's tutorial.
+        scheme: the subdivision scheme that carries a Gauss–Newton fit from level to level.
         seed: of the samples. The same seed, settings and machine give the same bytes on the CPU.
         device: `auto`, `cpu`, `cuda`, `cuda:N` or `mps`.
         dtype: of the computation, `float32` or `float64`; meshes are float64 on both sides of it.
@@ -53,7 +58,8 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         on_step: called after every step.
         resume: a checkpoint of the same fit to go on from.
         save: called with a checkpoint every few seconds, and if `on_step` raises `Interrupted`.
-        **overrides: keys of `FitSettings` in place of those in `settings`, such as `steps=500, losses={"edge": 0.5}`.
+        **overrides: keys of the settings in place of those given, such as `steps=500, losses={"edge": 0.5}`, or
+            `method="gauss-newton", connectivity="fixed"`.
 
     Example:
         >>> result = fit(source, target, steps=500, seed=1)  # doctest: +SKIP
@@ -64,7 +70,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         MeshError: a mesh that has no area or coordinates that are not finite.
         Diverged: a step was not finite.
     """
-    problem = Problem(source, target, seed, on_step, resume, save)
+    problem = Problem(source, target, seed, on_step, resume, save, scheme)
     (outcome,) = fit_batch([problem], settings, device=device, dtype=dtype, threads=threads, **overrides)
     if isinstance(outcome, Diverged):
         raise outcome
@@ -73,12 +79,12 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
 
 def fit_batch(
     problems: Sequence[Problem],
-    settings: FitSettings | None = None,
+    settings: Settings | None = None,
     *,
     device: str = "auto",
     dtype: str = "float32",
     threads: int = 1,
-    **overrides: Any,  # noqa: ANN401  any key of FitSettings
+    **overrides: Any,  # noqa: ANN401  any key of the settings
 ) -> list[FitResult | Diverged]:
     """Fit many problems of any sizes, with the same settings; as many side by side as the device has room for.
 
@@ -101,7 +107,7 @@ def fit_batch(
     Raises:
         ConfigError, DeviceError, MeshError: as `fit`, before anything is fitted.
     """
-    settings = override(settings or FitSettings(), overrides)
+    settings = _settings(settings, overrides)
     if dtype not in get_args(Dtype):
         raise ConfigError(f"dtype: found '{dtype}'; {suggest(str(dtype), get_args(Dtype))}")
     if threads < 1:
@@ -122,6 +128,15 @@ def fit_batch(
                 engine.restore([problem.resume for problem in together if problem.resume is not None])
             outcomes |= run(engine, save_end=group is not groups[-1])
     return [outcomes[problem] for problem in problems]
+
+
+def _settings(settings: Settings | None, overrides: Mapping[str, Any]) -> Settings:
+    method = overrides.get("method", "first-order" if settings is None else settings.method)
+    if method not in METHODS:
+        raise ConfigError(f'method: found "{method}"; {suggest(str(method), METHODS)}')
+    if settings is None or settings.method != method:
+        return build(METHODS[method], overrides)
+    return override(settings, overrides)
 
 
 def _require_surface(mesh: Mesh, name: str) -> None:

@@ -1,6 +1,6 @@
 """Nearest neighbours between two point sets: a k-d tree on the CPU, brute force by blocks on other devices."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 
@@ -42,6 +42,25 @@ def match(p: Tensor, q: Tensor, members: int = 1, pool: Executor | None = None) 
     forward, backward = by_blocks(ps, qs)
     first = torch.arange(members, device=p.device)[:, None]
     return Matches((forward + first * qs.shape[1]).view(-1), (backward + first * ps.shape[1]).view(-1), members)
+
+
+def nearest_to(points: Tensor) -> Callable[[Tensor], Tensor]:
+    """Prepare for many queries: the function returned maps (M, 3) points to the (M,) indices of the nearest of (N, 3).
+
+    Args:
+        points: (N, 3), none of them removed later.
+    """
+    if points.device.type == "cpu":
+        query = nearest_in(points.numpy())
+        return lambda queries: torch.from_numpy(np.minimum(query(queries.numpy()), len(points) - 1))
+    return lambda queries: _nearest_by_blocks(queries, points)
+
+
+def _nearest_by_blocks(queries: Tensor, points: Tensor) -> Tensor:
+    rows = max(1, _BLOCK // len(points))
+    blocks = (queries[start : start + rows] for start in range(0, len(queries), rows))
+    found = [torch.cdist(block, points, compute_mode="donot_use_mm_for_euclid_dist").argmin(1) for block in blocks]
+    return torch.cat(found) if found else torch.zeros(0, dtype=torch.int64, device=points.device)
 
 
 def _by_tree(queries: Tensor, points: Tensor, member: int) -> Tensor:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import torch
 
 from meshfit.fitting.problem import Problem
-from meshfit.fitting.settings import FitSettings
+from meshfit.fitting.settings import FirstOrderSettings, GaussNewtonSettings
 
 # For each face, vertex and sample: twice what is held on the CPU, as other allocators leave gaps.
 _BYTES_PER_ROW = 600
@@ -15,7 +15,9 @@ _MPS_BYTES = 2e9
 _SHARE_OF_DEVICE = 0.5
 
 
-def packs(problems: Sequence[Problem], settings: FitSettings, device: torch.device) -> list[list[int]]:
+def packs(
+    problems: Sequence[Problem], settings: FirstOrderSettings | GaussNewtonSettings, device: torch.device
+) -> list[list[int]]:
     """Split problems into groups that are stepped together, of as many as the device has room for.
 
     Problems of a group have made as many steps before: those that go on from checkpoints may not all have.
@@ -23,6 +25,8 @@ def packs(problems: Sequence[Problem], settings: FitSettings, device: torch.devi
     Returns:
         Places in `problems`, group by group.
     """
+    if isinstance(settings, GaussNewtonSettings):  # which takes them one after the other, whatever their company
+        return [[place] for place in range(len(problems))]
     room, groups = _room(device), list[list[int]]()
     filled, last = room, -1
     for place in sorted(range(len(problems)), key=lambda i: done_before(problems[i])):
@@ -40,7 +44,7 @@ def done_before(problem: Problem) -> int:
     return 0 if problem.resume is None else int(problem.resume["done"])
 
 
-def _size(problem: Problem, settings: FitSettings) -> int:
+def _size(problem: Problem, settings: FirstOrderSettings) -> int:
     meshes = problem.source.num_verts + problem.source.num_faces + problem.target.num_faces
     return _BYTES_PER_ROW * (meshes + 2 * settings.samples)
 

@@ -12,6 +12,8 @@ from meshfit.mesh.mesh import Mesh
 Checkpoint = dict[str, Any]
 """All that the next step of a fit depends on, in types that `torch.load(weights_only=True)` reads."""
 
+_REMEDY = "lower fit.optimizer.lr or the term's weight"
+
 
 @dataclass(frozen=True, eq=False)
 class Problem:
@@ -21,6 +23,7 @@ class Problem:
         source: where to start; its faces are kept.
         target: what to reach.
         seed: of the samples.
+        scheme: the subdivision scheme that carries the fit from level to level, where the method has levels.
         on_step: called after every step; it may raise `Interrupted`.
         resume: a checkpoint of the same problem to go on from.
         save: called with a checkpoint every few seconds, and if an `on_step` raises `Interrupted`.
@@ -32,6 +35,7 @@ class Problem:
     on_step: Callable[[Step], None] | None = None
     resume: Checkpoint | None = None
     save: Callable[[Checkpoint], None] | None = None
+    scheme: str = "loop"
 
 
 class Diverged(TrialError):  # noqa: N818  an outcome of a fit, named as the field names it
@@ -39,13 +43,11 @@ class Diverged(TrialError):  # noqa: N818  an outcome of a fit, named as the fie
 
     Attributes:
         step: which one, counted from 0.
-        term: the loss term at fault, or `gradient of TERM`.
+        term: what was not finite: a loss term, `gradient of TERM`, `vertex position` or `the step`.
         last_good: the mesh before it.
         trace: the rows until then.
     """
 
-    def __init__(self, step: int, term: str, last_good: Mesh, trace: Trace) -> None:
-        super().__init__(
-            f"the fit diverged at step {step}: {term} is not finite; lower fit.optimizer.lr or the term's weight"
-        )
+    def __init__(self, step: int, term: str, last_good: Mesh, trace: Trace, remedy: str = _REMEDY) -> None:
+        super().__init__(f"the fit diverged at step {step}: {term} is not finite; {remedy}")
         self.step, self.term, self.last_good, self.trace = step, term, last_good, trace

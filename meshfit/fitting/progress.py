@@ -9,8 +9,16 @@ class Interrupted(Exception):  # noqa: N818  a request, not an error
 
 @dataclass(frozen=True)
 class Step:
-    """What `on_step` is told after each step: how many are done, of how many, and the loss before the last one."""
+    """What `on_step` is told after each step.
+
+    Attributes:
+        done: how many steps have been made.
+        steps: of how many.
+        loss: before the last one: of the first-order engine its objective, of the other the distance.
+        stage: what the next one is a part of, such as `level 1`; empty where there are no stages.
+    """
 
     done: int
     steps: int
     loss: float
+    stage: str = ""

@@ -1,10 +1,13 @@
 """Take an engine through its steps: progress, checkpoints, and members that diverge."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
-from meshfit.fitting.first_order import FirstOrder
-from meshfit.fitting.problem import Diverged, Problem
+import torch
+
+from meshfit.fitting.problem import Checkpoint, Diverged, Problem
 from meshfit.fitting.progress import Interrupted, Step
 from meshfit.fitting.trace import Trace
 from meshfit.mesh.mesh import Mesh
@@ -12,13 +15,47 @@ from meshfit.mesh.mesh import Mesh
 SECONDS_BETWEEN_CHECKPOINTS = 2.0
 
 
+@runtime_checkable
+class Engine(Protocol):
+    """What makes the steps of some problems side by side."""
+
+    problems: tuple[Problem, ...]
+    device: torch.device
+    done: int
+    traces: list[Trace]
+    failed: dict[int, Diverged]
+
+    @property
+    def steps(self) -> int:
+        """How many steps there are to make."""
+
+    @property
+    def stage(self) -> str:
+        """What the next step is a part of."""
+
+    def mesh(self, member: int) -> Mesh:
+        """The surface of a problem as it lies now."""
+
+    def step(self) -> list[float]:
+        """Make one step; the loss of each problem before it is returned."""
+
+    def checkpoint(self, member: int) -> Checkpoint:
+        """All that the next step of one problem depends on."""
+
+    def restore(self, checkpoints: Sequence[Checkpoint]) -> None:
+        """Go back, or on, to where checkpoints were taken."""
+
+    def without_failed(self) -> "Engine":
+        """The same fits without those that have failed."""
+
+
 @dataclass(frozen=True, eq=False)
 class FitResult:
     """What a fit leaves.
 
     Attributes:
-        mesh: the deformed source, with the source's own faces.
-        trace: the objective and its terms by step.
+        mesh: the deformed source, with the source's own faces, or those that the fit has refined or remeshed them to.
+        trace: what was minimised, by step.
         device: what it ran on.
     """
 
@@ -27,7 +64,7 @@ class FitResult:
     device: str
 
 
-def run(engine: FirstOrder, *, save_end: bool = False) -> dict[Problem, FitResult | Diverged]:
+def run(engine: Engine, *, save_end: bool = False) -> dict[Problem, FitResult | Diverged]:
     """Make all the steps that are left; a problem that diverges is stopped, and the others go on.
 
     Args:
@@ -45,7 +82,7 @@ def run(engine: FirstOrder, *, save_end: bool = False) -> dict[Problem, FitResul
             return outcomes
         if engine.failed:
             engine = engine.without_failed()
-        if engine.done == engine.settings.steps:
+        if engine.done == engine.steps:
             if save_end:
                 _save(engine)
             return outcomes | {
@@ -59,17 +96,17 @@ def run(engine: FirstOrder, *, save_end: bool = False) -> dict[Problem, FitResul
         _tell(engine, losses)
 
 
-def _tell(engine: FirstOrder, losses: list[float]) -> None:
+def _tell(engine: Engine, losses: list[float]) -> None:
     try:
         for member, problem in enumerate(engine.problems):
             if problem.on_step is not None and member not in engine.failed:
-                problem.on_step(Step(engine.done, engine.settings.steps, losses[member]))
+                problem.on_step(Step(engine.done, engine.steps, losses[member], engine.stage))
     except Interrupted:
         _save(engine)
         raise
 
 
-def _save(engine: FirstOrder) -> None:
+def _save(engine: Engine) -> None:
     for member, problem in enumerate(engine.problems):
         if problem.save is not None and member not in engine.failed:
             problem.save(engine.checkpoint(member))

@@ -1,10 +1,10 @@
 """The settings of a fit. Free of torch, so that configs can be read and checked without it."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import ConfigDict, Discriminator, Field, Tag
 
-from meshfit.settings import Settings
+from meshfit.settings import TAG, Settings
 
 Weight = Annotated[float, Field(ge=0)]
 Dtype = Literal["float32", "float64"]
@@ -51,11 +51,11 @@ class OptimizerSettings(Settings):
     """How the learning rate changes over the steps."""
 
 
-class FitSettings(Settings):
-    """A fit: what is minimised, how, and for how long. Lengths are in the normalised frame of the target."""
+class FirstOrderSettings(Settings):
+    """A first-order fit: what is minimised, how, and for how long. Lengths are in the target's normalised frame."""
 
     method: Literal["first-order"] = "first-order"
-    """The engine: `first-order` moves each vertex of the source along the gradient."""
+    """The engine: `first-order` moves each vertex of the source along the gradient of weighted losses."""
     steps: Annotated[int, Field(ge=0)] = 2000
     """Number of optimiser steps."""
     samples: Annotated[int, Field(ge=1)] = 5000
@@ -68,3 +68,54 @@ class FitSettings(Settings):
     """What turns gradients into steps."""
     trace_every: Annotated[int, Field(ge=1)] = 10
     """Steps between two rows of `trace.csv`; the first and the last step always have one."""
+
+
+class GaussNewtonSettings(Settings):
+    """A Gauss–Newton fit, coarse to fine: how fine it gets, how its connectivity may change, how stiff it is."""
+
+    # Without it, settings are those of the other method.
+    model_config = ConfigDict(json_schema_extra={"required": [TAG]})
+
+    method: Literal["gauss-newton"] = "gauss-newton"
+    """The engine: `gauss-newton` solves for the step of all verts at once, level by level of the scheme."""
+    connectivity: Literal["remeshed", "fixed"] = "remeshed"
+    """`remeshed` puts verts where they are needed; `fixed` keeps the source's faces, refined by the scheme."""
+    verts: Annotated[int, Field(ge=100)] = 10242
+    """For `remeshed`: the most verts that the result may have. With `fixed`, that follows from source and levels."""
+    levels: Annotated[int, Field(ge=0, le=5)] = 1
+    """Levels of the scheme that carry the fit from coarse to fine, after those of the source."""
+    coarse_steps: Annotated[int, Field(ge=0)] = 40
+    """Steps that find the rough shape."""
+    level_steps: Annotated[int, Field(ge=0)] = 8
+    """Steps at each level."""
+    last_steps: Annotated[int, Field(ge=0)] = 5
+    """Steps at the end, on the finest level."""
+    fairness: Annotated[float, Field(gt=0)] = 0.1
+    """Weight of smoothness that each level ends with."""
+    last_fairness: Annotated[float, Field(gt=0)] = 0.02
+    """Weight of smoothness that the last steps end with."""
+    trace_every: Annotated[int, Field(ge=1)] = 1
+    """Steps between two rows of `trace.csv`; the first and the last step always have one."""
+
+    @property
+    def steps(self) -> int:
+        """The number of steps in all."""
+        return self.coarse_steps + (self.levels + 1) * self.level_steps + self.last_steps
+
+
+def _method(settings: Any) -> str:  # noqa: ANN401  settings, or what is to become some
+    if isinstance(settings, dict):
+        return str(settings.get(TAG, "first-order"))
+    return str(getattr(settings, TAG, "first-order"))
+
+
+FitSettings = Annotated[
+    Annotated[FirstOrderSettings, Tag("first-order")] | Annotated[GaussNewtonSettings, Tag("gauss-newton")],
+    Discriminator(_method),
+]
+"""The settings of a fit by one engine or the other; `method` says which, and is `first-order` where it is left out."""
+
+METHODS: dict[str, type[FirstOrderSettings] | type[GaussNewtonSettings]] = {
+    "first-order": FirstOrderSettings,
+    "gauss-newton": GaussNewtonSettings,
+}

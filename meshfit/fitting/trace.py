@@ -1,4 +1,4 @@
-"""The trace of a fit: the value of the objective and of each of its terms, row by row."""
+"""The trace of a fit: what it minimises and what that is made of, row by row."""
 
 from dataclasses import dataclass, field
 
@@ -9,8 +9,15 @@ Row = tuple[int | float, ...]
 
 @dataclass
 class Trace:
-    """Rows in the order of `COLUMNS`: the step, the weighted sum, every term before its weight, the learning rate."""
+    """Rows of numbers, a step each.
 
+    Attributes:
+        columns: what each row holds, the step first. By default, that is followed by the weighted sum, every term
+            before its weight, and the learning rate.
+        rows: the numbers, in this order.
+    """
+
+    columns: tuple[str, ...] = COLUMNS
     rows: list[Row] = field(default_factory=list)
 
     def append(self, step: int, loss: float, terms: dict[str, float], lr: float) -> None:
@@ -20,4 +27,4 @@ class Trace:
     def to_csv(self) -> str:
         """The trace as CSV; numbers are written so that reading them gives the same doubles."""
         lines = (",".join([str(int(row[0])), *(repr(float(value)) for value in row[1:])]) for row in self.rows)
-        return "\n".join([",".join(COLUMNS), *lines]) + "\n"
+        return "\n".join([",".join(self.columns), *lines]) + "\n"

@@ -69,8 +69,18 @@ def _matrix(rows: csr_array, dtype: torch.dtype, device: torch.device) -> Any:  
         row, column = (torch.tensor(part, dtype=torch.int64, device=device) for part in (found.row, found.col))
         return Gather(row, column, torch.tensor(found.data, dtype=dtype, device=device)[:, None], rows.shape[0])
     start, columns = (torch.tensor(part, dtype=torch.int32) for part in (rows.indptr, rows.indices))
+    return compressed_rows(start, columns, torch.tensor(rows.data, dtype=dtype), rows.shape[1])
+
+
+def compressed_rows(start: Tensor, columns: Tensor, values: Tensor, width: int) -> Tensor:
+    """A sparse tensor by compressed rows.
+
+    Args:
+        start: (R + 1,) int32, where each row begins, and the end of the last.
+        columns: (N,) int32, rising in each row.
+        values: (N,).
+        width: the number of columns.
+    """
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Sparse CSR tensor support is in beta", UserWarning)
-        return torch.sparse_csr_tensor(
-            start, columns, torch.tensor(rows.data, dtype=dtype), rows.shape, check_invariants=False
-        )
+        return torch.sparse_csr_tensor(start, columns, values, (len(start) - 1, width), check_invariants=False)

@@ -25,6 +25,19 @@ def euler_number(topology: Topology) -> int:
     return int((topology.valence > 0).sum()) - topology.num_edges + topology.num_faces
 
 
+def topology_in_words(topology: Topology) -> str:
+    """Pieces, boundary loops and genus of an oriented manifold: `1 piece, closed, genus 0`."""
+    pieces = num_components(topology)
+    outer = topology.edges[topology.faces_per_edge == 1]
+    ends = np.unique(outer)
+    loops = _components(outer[:, 0], outer[:, 1], topology.num_verts)[0] - (topology.num_verts - len(ends))
+    genus = (2 * pieces - loops - euler_number(topology)) / 2
+    return (
+        f"{pieces} piece{'s' if pieces > 1 else ''}, "
+        f"{f'{loops} boundary loop' + ('s' if loops > 1 else '') if loops else 'closed'}, genus {genus:g}"
+    )
+
+
 def is_watertight(topology: Topology) -> bool:
     """Whether every edge has exactly two faces that run through it in opposite directions."""
     return (

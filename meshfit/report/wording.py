@@ -1,6 +1,6 @@
 """What is said above and below a table: what its numbers are, how schemes differ, and what to bear in mind."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.grid import columns, shown_paper_value
@@ -43,10 +43,15 @@ def setting_lines(table: ResultTable) -> list[str]:
         source.append(f"projected to the {get('source.project')}")
     return [
         f"Lengths in {_FRAMES.get(get('normalise'), get('normalise'))}",
-        f"Fit: {_count(get('fit.steps'), 'step')} of {get('fit.optimizer.name')}, "
-        f"{get('fit.samples')} samples a step; measured on {get('measure.samples')} samples",
+        f"Fit: {_fit(get)}; measured on {get('measure.samples')} samples",
         f"Source: {', '.join(source)}",
     ]
+
+
+def _fit(get: Callable[[str], str]) -> str:
+    if get("fit.method") == "gauss-newton":
+        return f"gauss-newton, {_count(get('fit.levels'), 'level')}, connectivity {get('fit.connectivity')}"
+    return f"{_count(get('fit.steps'), 'step')} of {get('fit.optimizer.name')}, {get('fit.samples')} samples a step"
 
 
 def difference_lines(table: ResultTable) -> list[str]:

@@ -18,7 +18,7 @@ from meshfit.fitting.first_order import FirstOrder
 from meshfit.fitting.fit import fit, fit_batch
 from meshfit.fitting.matching import match
 from meshfit.fitting.problem import Problem
-from meshfit.fitting.settings import FitSettings
+from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.measuring.measure import measure
 from meshfit.mesh.frames import frame_of
 from meshfit.mesh.mesh import Mesh
@@ -47,7 +47,7 @@ def _bunny() -> Mesh:
 def _engine(levels: int = 4, samples: int = 5000, steps: int = _STEPS_UNTIL_NEAR) -> FirstOrder:
     """The tutorial's fit, after so many steps."""
     problem = Problem(subdivide(icosahedron(), "loop", levels), _bunny())
-    engine = FirstOrder([problem], FitSettings(samples=samples), torch.device("cpu"), torch.float32)
+    engine = FirstOrder([problem], FirstOrderSettings(samples=samples), torch.device("cpu"), torch.float32)
     for _ in range(steps):
         engine.step()
     return engine

@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.nn.functional import cosine_similarity, normalize
 
 from meshfit.fitting.problem import Problem
-from meshfit.fitting.settings import FitSettings
+from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.mesh.nearest import in_spatial_order
 
 _BLOCK = 500
@@ -18,7 +18,7 @@ _BLOCK = 500
 class PlainTwin:
     """A fit in progress on the CPU, as `FirstOrder` is one; uniform Laplacian and constant rate only."""
 
-    def __init__(self, problem: Problem, settings: FitSettings, dtype: torch.dtype) -> None:
+    def __init__(self, problem: Problem, settings: FirstOrderSettings, dtype: torch.dtype) -> None:
         self.weights = settings.losses.model_dump()
         self.samples = settings.samples
         source, target = in_spatial_order(problem.source), in_spatial_order(problem.target)

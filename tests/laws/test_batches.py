@@ -12,7 +12,7 @@ from meshfit.fitting import packs
 from meshfit.fitting.first_order import FirstOrder
 from meshfit.fitting.fit import fit, fit_batch
 from meshfit.fitting.problem import Problem
-from meshfit.fitting.settings import FitSettings
+from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube
 from meshfit.settings import build
@@ -28,7 +28,7 @@ def options(kind):
     optimizer, dtype, laplacian = kind
     settings = {"steps": 5, "samples": 45, "trace_every": 2, "losses": WEIGHTS}
     settings |= {"laplacian": laplacian, "optimizer": OPTIMIZERS[optimizer]}
-    return {"settings": build(FitSettings, settings), "dtype": dtype, "device": "cpu"}
+    return {"settings": build(FirstOrderSettings, settings), "dtype": dtype, "device": "cpu"}
 
 
 @cache

@@ -9,7 +9,7 @@ from meshfit.errors import MeshfitWarning
 from meshfit.fitting import first_order
 from meshfit.fitting.capture import captured
 from meshfit.fitting.first_order import FirstOrder
-from meshfit.fitting.settings import FitSettings
+from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.settings import build
 from tests.ragged import LATE, PROBLEMS, SHAKY
 
@@ -127,7 +127,7 @@ def overwrite(old, new):
 
 def stepped(problems, changes):
     """What an engine holds when it has made its steps, or when one of its problems has diverged."""
-    settings = build(FitSettings, {"samples": 40, "trace_every": 1} | changes)
+    settings = build(FirstOrderSettings, {"samples": 40, "trace_every": 1} | changes)
     engine = FirstOrder(problems, settings, torch.device("cpu"), torch.float32)
     while not engine.failed and engine.done < engine.settings.steps:
         engine.step()

@@ -74,6 +74,8 @@ BREAKS = {
     ),
     "items": lambda value, rule, _: any(faulty(entry, rule) for entry in value),
     "anyOf": lambda value, rule, _: all(faulty(value, option) for option in rule),
+    "oneOf": lambda value, rule, _: sum(not faulty(value, option) for option in rule) != 1,
+    "required": lambda value, rule, _: isinstance(value, dict) and not set(rule) <= value.keys(),
     "enum": lambda value, rule, _: value not in rule,
     "const": lambda value, rule, _: value != rule,
     "minItems": lambda value, rule, _: isinstance(value, list) and len(value) < rule,

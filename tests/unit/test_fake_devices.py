@@ -15,7 +15,7 @@ from torch.utils._pytree import tree_leaves
 from meshfit.fitting import first_order, matching
 from meshfit.fitting.first_order import FirstOrder
 from meshfit.fitting.problem import Problem
-from meshfit.fitting.settings import FitSettings
+from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.loss import sparse
 from meshfit.mesh.solids import cube, icosahedron
 from meshfit.settings import build
@@ -29,7 +29,7 @@ LAPLACIANS = pytest.mark.parametrize("laplacian", ["uniform", "cotangent"])
 
 
 def engine_on(device, problems, dtype=torch.float32, **changes):
-    settings = build(FitSettings, {"steps": 6, "samples": 50, "trace_every": 1, "losses": WEIGHTS} | changes)
+    settings = build(FirstOrderSettings, {"steps": 6, "samples": 50, "trace_every": 1, "losses": WEIGHTS} | changes)
     return FirstOrder(problems, settings, torch.device(device), dtype)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from meshfit.fitting.fit import fit
 from meshfit.fitting.progress import Step
-from meshfit.fitting.settings import FitSettings
+from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, icosahedron, octahedron
 from meshfit.settings import build
@@ -88,9 +88,9 @@ def test_with_all_weights_0_nothing_moves_and_every_term_is_still_traced(optimiz
 
 
 def test_settings_and_single_changes_mean_the_same():
-    settings = build(FitSettings, {"steps": 4, "samples": 60, "losses": {"edge": 0.3}})
+    settings = build(FirstOrderSettings, {"steps": 4, "samples": 60, "losses": {"edge": 0.3}})
     whole = fit(icosahedron(), cube(), settings, device="cpu")
-    changed = fit(icosahedron(), cube(), FitSettings(), steps=4, samples=60, losses={"edge": 0.3}, device="cpu")
+    changed = fit(icosahedron(), cube(), FirstOrderSettings(), steps=4, samples=60, losses={"edge": 0.3}, device="cpu")
     assert whole.trace == changed.trace
 
 

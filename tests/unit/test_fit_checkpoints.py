@@ -10,7 +10,7 @@ from meshfit.fitting.fit import fit
 from meshfit.fitting.problem import Diverged, Problem
 from meshfit.fitting.progress import Interrupted
 from meshfit.fitting.run import run
-from meshfit.fitting.settings import FitSettings
+from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.mesh.solids import cube
 from meshfit.settings import build
 from tests.checkpoints import through_a_file
@@ -25,7 +25,7 @@ OPTIMIZERS = {
     "adam, step": {"name": "adam", "lr": 0.02, "schedule": {"name": "step", "every": 3}},
 }
 SETTINGS = {
-    name: build(FitSettings, {"steps": STEPS, "samples": 40, "trace_every": 4, "optimizer": optimizer})
+    name: build(FirstOrderSettings, {"steps": STEPS, "samples": 40, "trace_every": 4, "optimizer": optimizer})
     for name, optimizer in OPTIMIZERS.items()
 }
 EACH = pytest.mark.parametrize("settings", SETTINGS.values(), ids=SETTINGS)
@@ -133,7 +133,7 @@ def test_quick_fits_save_nothing():
 
 
 def test_a_fit_that_diverges_right_after_it_went_on_has_the_last_good_mesh_of_one_that_was_not_stopped():
-    settings = build(FitSettings, {"steps": 9, "samples": 40, "optimizer": {"lr": 3e4}})
+    settings = build(FirstOrderSettings, {"steps": 9, "samples": 40, "optimizer": {"lr": 3e4}})
     moving, checkpoints = engine(settings), []
     while not moving.failed:
         moving.step()

@@ -7,7 +7,7 @@ from torch.nn.functional import normalize
 
 from meshfit.fitting.fit import fit
 from meshfit.fitting.sampling import sample
-from meshfit.fitting.settings import FitSettings
+from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.loss.surface import FaceGeometry, Faces
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.nearest import in_spatial_order
@@ -104,7 +104,7 @@ def test_losses_and_verts_are_those_of_the_twin(optimizer, kind, surface):
     source = mixed_closed(inserted=6) if surface == "closed" else mixed_open()
     setting, constructor = OPTIMIZERS[optimizer]
     settings = build(
-        FitSettings,
+        FirstOrderSettings,
         {
             "steps": STEPS,
             "samples": SAMPLES,

@@ -10,7 +10,7 @@ import torch
 from meshfit.fitting.first_order import FirstOrder
 from meshfit.fitting.optimizer import OPTIMIZERS, learning_rate
 from meshfit.fitting.problem import Problem
-from meshfit.fitting.settings import FitSettings, OptimizerSettings, Schedule
+from meshfit.fitting.settings import FirstOrderSettings, OptimizerSettings, Schedule
 from meshfit.mesh.solids import cube, icosahedron
 from meshfit.settings import build
 
@@ -102,7 +102,7 @@ def test_the_step_schedule_multiplies_after_every_so_many_steps():
 def test_the_engine_uses_the_rate_that_its_trace_tells(schedule):
     """Without momentum and with the edge term alone, a step is the rate times that term's gradient."""
     settings = build(
-        FitSettings,
+        FirstOrderSettings,
         {
             "steps": 7,
             "samples": 5,

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from meshfit.fitting import packs as packing
 from meshfit.fitting.packs import done_before, packs
 from meshfit.fitting.problem import Problem
-from meshfit.fitting.settings import FitSettings
+from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube
 from meshfit.settings import build
 
-SETTINGS = build(FitSettings, {"samples": 10})
+SETTINGS = build(FirstOrderSettings, {"samples": 10})
 CPU = torch.device("cpu")
 
 

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from meshfit.config.experiment import ExperimentSettings, SourceSettings
 from meshfit.errors import ConfigError
-from meshfit.fitting.settings import FitSettings
+from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.measuring.settings import MeasureSettings
 from meshfit.settings import build, dotted, merged, override
 
@@ -21,17 +21,20 @@ def test_settings_cannot_be_changed_and_can_be_hashed():
 
 
 def test_override_changes_only_what_is_named():
-    settings = override(FitSettings(), {"losses": {"edge": 0.5}, "steps": 3})
+    settings = override(FirstOrderSettings(), {"losses": {"edge": 0.5}, "steps": 3})
     assert settings.losses.edge == 0.5
     assert settings.steps == 3
-    assert settings.model_copy(update={"losses": FitSettings().losses, "steps": FitSettings().steps}) == FitSettings()
+    assert (
+        settings.model_copy(update={"losses": FirstOrderSettings().losses, "steps": FirstOrderSettings().steps})
+        == FirstOrderSettings()
+    )
 
 
 def test_override_checks_what_it_changes():
     with pytest.raises(ConfigError, match=r'^losses\.edge: found "x"; a number is needed$'):
-        override(FitSettings(), {"losses": {"edge": "x"}})
+        override(FirstOrderSettings(), {"losses": {"edge": "x"}})
     with pytest.raises(ConfigError, match=r"^stpes: no such key: did you mean 'steps'\?"):
-        override(FitSettings(), {"stpes": 1})
+        override(FirstOrderSettings(), {"stpes": 1})
 
 
 def test_merging_goes_down_into_mappings_and_replaces_all_else():
@@ -47,7 +50,7 @@ def test_merging_goes_down_into_mappings_and_replaces_all_else():
 
 def test_where_is_asked_for_the_key_at_fault():
     with pytest.raises(ConfigError, match=r"^<\('losses', 'edge'\)>losses\.edge: found -1; "):
-        build(FitSettings, {"losses": {"edge": -1}}, lambda key: f"<{key}>")
+        build(FirstOrderSettings, {"losses": {"edge": -1}}, lambda key: f"<{key}>")
 
 
 def test_integers_are_numbers_and_lists_are_tuples_but_nothing_else_is_bent():
@@ -80,7 +83,7 @@ def test_keys_are_written_with_dots_and_brackets(key, text):
 
 def test_long_findings_are_cut_short():
     with pytest.raises(ConfigError) as caught:
-        build(FitSettings, {"steps": list(range(1000))})
+        build(FirstOrderSettings, {"steps": list(range(1000))})
     assert str(caught.value).startswith("steps: found [0, 1, 2, ")
     assert str(caught.value).endswith(" …; an integer is needed")
     assert len(str(caught.value)) < 150

@@ -1,0 +1,1 @@
+"""The second engine: Gauss–Newton steps on sparse normal equations, coarse to fine through a subdivision scheme."""

@@ -1,0 +1,177 @@
+"""The Gauss–Newton engine: problems taken through the stages of a fit, step by step."""
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from typing import Any
+
+import torch
+from torch import Generator, Tensor
+
+from meshfit.fitting.gauss_newton.moving_surface import MovingSurface, Taken
+from meshfit.fitting.gauss_newton.stages import Stage, stages
+from meshfit.fitting.gauss_newton.target import TargetCloud
+from meshfit.fitting.problem import Checkpoint, Diverged, Problem
+from meshfit.fitting.settings import GaussNewtonSettings
+from meshfit.fitting.trace import Trace
+from meshfit.mesh.manifold import euler_number, is_watertight, num_components, require_manifold
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.topology import Topology
+from meshfit.remeshing.shapes import turned_over, unit
+
+COLUMNS = ("step", "distance", "verts", "matched", "fairness", "point_weight", "held_back")
+_REMEDY = "raise fit.fairness, or place the source nearer to the target"
+
+
+class GaussNewton:
+    """Fits in progress, of the same settings: `step` advances all of them by one, each by itself.
+
+    Attributes:
+        problems: the K problems.
+        settings: of all of them.
+        device: what they run on.
+        steps: how many steps there are to make.
+        done: how many have been made.
+        traces: of each problem; distances are root mean squares of the residuals of all pairs.
+        failed: those that have diverged, by their place among the problems; they are not to be stepped further.
+    """
+
+    def __init__(
+        self,
+        problems: Sequence[Problem],
+        settings: GaussNewtonSettings,
+        device: torch.device,
+        dtype: torch.dtype,
+        _pool: Executor | None = None,
+    ) -> None:
+        self.problems, self.settings, self.device, self.done = tuple(problems), settings, device, 0
+        self.steps, self._dtype = settings.steps, dtype
+        self.traces, self.failed = [Trace(COLUMNS) for _ in problems], dict[int, Diverged]()
+        place: Mapping[str, Any] = {"dtype": dtype, "device": device}
+        clouds = {target: TargetCloud.of(target, **place) for target in dict.fromkeys(p.target for p in problems)}
+        self._targets = [clouds[problem.target] for problem in problems]
+        self._generators = [Generator().manual_seed(problem.seed) for problem in problems]
+        self._plan = [(stage, k) for stage in stages(settings) for k in range(len(stage.weights))]
+        self._surfaces = [self._start(problem) for problem in problems]
+
+    @property
+    def stage(self) -> str:
+        """What the next step is a part of."""
+        return self._plan[min(self.done, self.steps - 1)][0].name if self._plan else ""
+
+    def mesh(self, member: int) -> Mesh:
+        """A surface as it lies now, in float64."""
+        surface = self._surfaces[member]
+        return surface.pattern.connectivity.mesh(surface.verts)
+
+    @torch.no_grad()
+    def step(self) -> list[float]:
+        """Make one step; the distance of each problem before it is returned. `failed` is brought up to date."""
+        stage, number = self._plan[self.done]
+        distances = [self._step(member, stage, number) for member in range(len(self.problems))]
+        self.done += 1
+        return distances
+
+    def checkpoint(self, member: int) -> Checkpoint:
+        """Everything that the next step of one problem depends on."""
+        surface = self._surfaces[member]
+        return {
+            "done": self.done,
+            "verts": surface.verts.cpu(),
+            "faces": surface.pattern.connectivity.faces.cpu(),
+            "stiffness": surface.stiffness.cpu(),
+            "on_sphere": None if surface.on_sphere is None else surface.on_sphere.cpu(),
+            "generator": self._generators[member].get_state(),
+            "trace": list(self.traces[member].rows),
+        }
+
+    def restore(self, checkpoints: Sequence[Checkpoint]) -> None:
+        """Go back, or on, to where checkpoints of the same problems were taken, all after as many steps."""
+        self._surfaces = [self._restored(checkpoint) for checkpoint in checkpoints]
+        for generator, checkpoint in zip(self._generators, checkpoints, strict=True):
+            generator.set_state(checkpoint["generator"].cpu())
+        self.traces = [Trace(COLUMNS, [tuple(row) for row in checkpoint["trace"]]) for checkpoint in checkpoints]
+        self.done = checkpoints[0]["done"]
+
+    def without_failed(self) -> "GaussNewton":
+        """The same fits without those that have failed."""
+        left = [member for member in range(len(self.problems)) if member not in self.failed]
+        others = GaussNewton([self.problems[k] for k in left], self.settings, self.device, self._dtype)
+        others.restore([self.checkpoint(member) for member in left])
+        return others
+
+    def _start(self, problem: Problem) -> MovingSurface:
+        verts, faces = self._source(problem)
+        surface = MovingSurface.of(verts, faces)
+        if self.settings.connectivity == "fixed":
+            return MovingSurface.of(verts, faces, _on_sphere(problem.source, verts, faces))
+        return surface
+
+    def _source(self, problem: Problem) -> tuple[Tensor, Tensor]:
+        place: Mapping[str, Any] = {"device": self.device}
+        require_manifold(Topology.of(problem.source), "a Gauss–Newton fit")
+        verts = torch.tensor(problem.source.verts, dtype=self._dtype, **place)
+        return verts, torch.tensor(problem.source.faces, **place)
+
+    def _restored(self, checkpoint: Checkpoint) -> MovingSurface:
+        on_sphere = checkpoint["on_sphere"]
+        surface = MovingSurface.of(
+            checkpoint["verts"].to(self.device, self._dtype),
+            checkpoint["faces"].to(self.device),
+            None if on_sphere is None else on_sphere.to(self.device),
+        )
+        return MovingSurface(
+            surface.pattern, surface.verts, checkpoint["stiffness"].to(surface.verts), surface.on_sphere
+        )
+
+    def _step(self, member: int, stage: Stage, number: int) -> float:
+        problem, target = self.problems[member], self._targets[member]
+        before = self._surfaces[member]
+        if number == 0:
+            before = self._changed(before, problem, stage, target)
+        fairness, point_weight = stage.weights[number]
+        taken = before.step(target, fairness, point_weight, self._generators[member])
+        distance, after = taken.pairs.distance, taken.surface
+        if not bool(after.verts.isfinite().all()):
+            last_good = before.pattern.connectivity.mesh(before.verts)
+            self.failed[member] = Diverged(self.done, "the step", last_good, self.traces[member], _REMEDY)
+            return distance
+        self._surfaces[member] = after
+        if self.done % self.settings.trace_every == 0 or self.done == self.steps - 1:
+            self._record(member, taken, fairness, point_weight)
+        return distance
+
+    def _record(self, member: int, taken: Taken, fairness: float, point_weight: float) -> None:
+        pairs, verts = taken.pairs, len(taken.surface.verts)
+        row = (self.done, pairs.distance, verts, pairs.matched, fairness, point_weight, taken.held)
+        self.traces[member].rows.append(row)
+
+    def _changed(self, surface: MovingSurface, problem: Problem, stage: Stage, target: TargetCloud) -> MovingSurface:
+        """The surface after what a stage begins with."""
+        if stage.change == "refine":
+            fine = surface.refined(problem.scheme)
+            too_many = self.settings.connectivity == "remeshed" and len(fine.verts) > self.settings.verts
+            return surface if too_many else fine
+        if stage.change == "place" and surface.on_sphere is not None:
+            verts, faces = self._source(problem)
+            places = _on_sphere(problem.source, verts, faces)
+            return surface if places is None else surface.carrying(faces, places)
+        movable = self.settings.connectivity == "remeshed" or surface.on_sphere is not None
+        if stage.change == "remesh" and movable:
+            count = self._rough_verts(problem) * stage.share
+            return surface.remeshed(count, target if stage.sized else None)
+        return surface
+
+    def _rough_verts(self, problem: Problem) -> float:
+        """The number of verts at the end of the rough stage."""
+        if self.settings.connectivity == "fixed":
+            return 4.0 * problem.source.num_verts
+        return self.settings.verts / 4.0**self.settings.levels
+
+
+def _on_sphere(source: Mesh, verts: Tensor, faces: Tensor) -> Tensor | None:
+    """Where the verts of a source are on the sphere about their mean, if that is one to one; else None."""
+    topology = Topology.of(source)
+    if not (is_watertight(topology) and num_components(topology) == 1 and euler_number(topology) == 2):
+        return None
+    found = unit(verts.double() - verts.double().mean(0))
+    return None if bool(turned_over(found, faces).any()) else found

@@ -1,0 +1,82 @@
+"""Steps that leave the surface sound: no face crosses another, flips over, or shrinks to a needle."""
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
+from meshfit.remeshing.crossings import crossing_faces
+
+# The least double area of a face, in squares of its longest edge.
+_NEEDLE = 0.02
+_TRIES, _HALVINGS = 12, 4
+_UNTANGLINGS, _PATIENCE, _SMOOTHINGS = 30, 8, 2
+
+
+def unsound_faces(shape: Shape) -> Bool[Tensor, " F"]:
+    """Which faces cross others, are flipped, or are needles.
+
+    A face is flipped where n · (n₁ + n₂ + n₃) < 0, with the normals of its neighbours.
+    """
+    connectivity = shape.connectivity
+    longest = shape.edge_lengths[connectivity.edges.of_side].amax(1)
+    bad = connectivity.edges.flipped(shape.normals) | ~(shape.double_area >= _NEEDLE * longest.square())
+    return bad | crossing_faces(shape.verts, connectivity.faces)
+
+
+def guarded(
+    connectivity: Connectivity, start: Float[Tensor, "V 3"], end: Float[Tensor, "V 3"]
+) -> tuple[Float[Tensor, "V 3"], Bool[Tensor, " V"]]:
+    """Go from one place to another as far as no face becomes unsound that was not so before.
+
+    The step is halved at the verts of such faces, and then refused, in growing surroundings. In the worst case nothing
+    moves, so that a surface which was sound stays so.
+
+    Args:
+        connectivity: of the surface.
+        start: where it is.
+        end: where it is to go.
+
+    Returns:
+        Where it goes, and which verts were held back.
+    """
+    step, share = end - start, torch.ones_like(start[:, :1])
+    held = torch.zeros(len(start), dtype=torch.bool, device=start.device)
+    before: Tensor | None = None
+    for attempt in range(_TRIES):
+        verts = start + share * step
+        bad = unsound_faces(Shape(connectivity, verts))
+        if bool(bad.any()) and before is None:
+            before = unsound_faces(Shape(connectivity, start))
+        if before is not None:
+            bad &= ~before
+        if not bool(bad.any()):
+            return verts, held
+        near = connectivity.verts_of(bad)
+        for _ in range(min(attempt // 2, _HALVINGS)):
+            near = connectivity.grown(near)
+        held |= near
+        share = torch.where(near[:, None], share / 2 if attempt < _HALVINGS else 0, share)
+    return start, torch.ones_like(held)
+
+
+def untangled(connectivity: Connectivity, verts: Float[Tensor, "V 3"]) -> tuple[Float[Tensor, "V 3"], int]:
+    """Smooth the surroundings of unsound faces until there are none, or there is no progress.
+
+    Returns:
+        The places of the verts with the fewest unsound faces, and how many those are.
+    """
+    best, fewest, last = verts, len(connectivity.faces) + 1, 0
+    for attempt in range(_UNTANGLINGS):
+        bad = unsound_faces(Shape(connectivity, verts))
+        count = int(bad.sum())
+        if count < fewest:
+            best, fewest, last = verts, count, attempt
+        if not count or attempt - last > _PATIENCE:
+            break
+        near = connectivity.verts_of(bad)
+        for _ in range(1 + attempt // 6):
+            near = connectivity.grown(near)
+        for _ in range(_SMOOTHINGS):
+            verts = torch.where(near[:, None], verts - (connectivity.umbrella @ verts) / 2, verts)
+    return best, fewest

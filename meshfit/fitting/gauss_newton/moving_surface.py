@@ -1,0 +1,151 @@
+"""One surface on its way from a source to a target: its steps, and the changes of its connectivity between them."""
+
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Float, Float64
+from torch import Generator, Tensor
+
+from meshfit.fitting.gauss_newton.equations import Fairness, Pattern, solve_step
+from meshfit.fitting.gauss_newton.guard import guarded, unsound_faces, untangled
+from meshfit.fitting.gauss_newton.pairs import Pairs, find_pairs
+from meshfit.fitting.gauss_newton.sizing import lengths_for
+from meshfit.fitting.gauss_newton.sphere import SphereMap
+from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
+from meshfit.fitting.gauss_newton.target import TargetCloud
+from meshfit.mesh.topology import Topology
+from meshfit.remeshing.moving import Moving
+from meshfit.remeshing.remesh import remeshed
+from meshfit.subdivision.choose import scheme_of
+from meshfit.subdivision.refine import refine
+from meshfit.subdivision.scheme import Split
+
+_REMESH_ROUNDS = 3
+# What is asked of a remesh, of the most verts that it may have, until it has no more.
+_SHARES = (0.96, 0.9, 0.82)
+_MAP_STEPS, _LAST_MAP_STEPS = 3, 20
+# Where a step was held back, the surface is made this much stiffer, which wears off.
+_STIFFER, _STIFFEST, _WEARING = 4.0, 64.0, 0.8
+
+
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """A step that was made.
+
+    Attributes:
+        surface: after it.
+        pairs: before it.
+        held: how many verts were held back.
+    """
+
+    surface: "MovingSurface"
+    pairs: Pairs
+    held: int
+
+
+@dataclass(frozen=True, eq=False)
+class MovingSurface:
+    """A surface between two steps.
+
+    Attributes:
+        pattern: of its connectivity.
+        verts: (V, 3) positions.
+        stiffness: (V, 1) at least 1, factors of fairness.
+        on_sphere: (V, 3) where its verts are on the sphere, if it has a map to it.
+    """
+
+    pattern: Pattern
+    verts: Float[Tensor, "V 3"]
+    stiffness: Float[Tensor, "V 1"]
+    on_sphere: Float64[Tensor, "V 3"] | None = None
+
+    @classmethod
+    def of(cls, verts: Tensor, faces: Tensor, on_sphere: Tensor | None = None) -> "MovingSurface":
+        """A surface that nothing has held back."""
+        pattern = Pattern(Connectivity(faces, len(verts), verts.dtype))
+        return cls(pattern, verts, torch.ones_like(verts[:, :1]), on_sphere)
+
+    @property
+    def shape(self) -> Shape:
+        """Where its faces are."""
+        return Shape(self.pattern.connectivity, self.verts)
+
+    def step(self, target: TargetCloud, fairness: float, point_weight: float, generator: Generator) -> Taken:
+        """Take a Gauss–Newton step towards the target, as far as the surface stays sound."""
+        shape, connectivity = self.shape, self.pattern.connectivity
+        pairs = find_pairs(shape, target, generator)
+        weights = self.stiffness * (fairness / len(self.verts))
+        step, _ = solve_step(shape, self.pattern, pairs, Fairness(connectivity, weights), point_weight)
+        if not bool(step.isfinite().all()):
+            return Taken(replace(self, verts=self.verts + step), pairs, 0)
+        verts, held = guarded(connectivity, self.verts, self.verts + step)
+        relaxed = (self.stiffness * _WEARING).clamp_min(1)
+        stiffness = torch.where(held[:, None], (relaxed * _STIFFER).clamp_max(_STIFFEST), relaxed)
+        return Taken(replace(self, verts=verts, stiffness=stiffness), pairs, int(held.sum()))
+
+    def refined(self, scheme: str) -> "MovingSurface":
+        """One level of a scheme, as far as it leaves the surface sound: elsewhere verts stay nearer to its faces.
+
+        Where edges are halved, there is always such a place, since the surface itself is one.
+        """
+        declared, device = scheme_of(scheme), self.verts.device
+        topology = Topology(len(self.verts), self.pattern.connectivity.faces.cpu().numpy())
+        refinement, verts = refine(topology, declared), self.verts.cpu().double().numpy()
+        fine = MovingSurface.of(
+            torch.as_tensor(refinement(verts)).to(self.verts), torch.tensor(refinement.faces, device=device)
+        )
+        flat = refine(topology, scheme_of("midpoint"))
+        if declared.split is not Split.QUADRISECT:
+            return fine.untangled()
+        start = torch.as_tensor(flat(verts)).to(self.verts)
+        stiffness = torch.as_tensor(flat(self.stiffness.cpu().double().numpy())).to(self.verts)
+        held, _ = guarded(fine.pattern.connectivity, start, fine.verts)
+        return replace(fine, verts=held, stiffness=stiffness).untangled()
+
+    def untangled(self) -> "MovingSurface":
+        """The surface with unsound faces smoothed away, as far as that goes."""
+        return replace(self, verts=untangled(self.pattern.connectivity, self.verts)[0])
+
+    def remeshed(self, num_verts: float, target: TargetCloud | None) -> "MovingSurface":
+        """The surface with at most so many verts, if not many fewer; as it is where that cannot be had soundly.
+
+        Args:
+            num_verts: the most.
+            target: where curvature is to be taken from; None for edges of one length.
+        """
+        for share in _SHARES:
+            other = self._remeshed_once(share * num_verts, target)
+            if len(other.verts) <= num_verts:
+                break
+        unsound = int(unsound_faces(other.shape).sum())
+        if len(other.verts) > num_verts or unsound > int(unsound_faces(self.shape).sum()):
+            return self
+        return other.with_better_map(_MAP_STEPS)
+
+    def _remeshed_once(self, num_verts: float, target: TargetCloud | None) -> "MovingSurface":
+        connectivity = self.pattern.connectivity
+        lengths = lengths_for(self.shape, num_verts, target)
+        moving = remeshed(Moving(self.verts, connectivity.faces, lengths, on_sphere=self.on_sphere), _REMESH_ROUNDS)
+        other = MovingSurface.of(moving.verts, moving.faces, moving.on_sphere)
+        return other.untangled()
+
+    def with_better_map(self, steps: int) -> "MovingSurface":
+        """The surface with less distortion in its map to the sphere, if it has one."""
+        if self.on_sphere is None:
+            return self
+        improved = SphereMap(self.pattern, self.verts.double()).improved(self.on_sphere, steps)
+        return replace(self, on_sphere=improved)
+
+    def carrying(self, faces: Tensor, on_sphere: Float64[Tensor, "N 3"]) -> "MovingSurface":
+        """Another connectivity put on the surface, by where its verts are on the sphere.
+
+        Args:
+            faces: (G, 3) of that connectivity.
+            on_sphere: (N, 3) where its verts are.
+        """
+        surface = self.with_better_map(_LAST_MAP_STEPS)
+        assert surface.on_sphere is not None  # noqa: S101  only surfaces that have a map are asked
+        here, weights = SphereMap(self.pattern, self.verts.double()).located(surface.on_sphere, on_sphere)
+        corners = self.verts[self.pattern.connectivity.faces[here]]
+        verts = (weights.to(corners)[:, :, None] * corners).sum(1)
+        return MovingSurface.of(verts, faces).untangled()
