@@ -72,6 +72,8 @@ class Attempt:
         """Measure and write."""
         seconds = {"fit": self._seconds()}
         self._write_mesh("result.ply", fitted.mesh)
+        if fitted.control is not None:
+            self._write_mesh("control.ply", fitted.control)
         self.store.write(self.trial, "trace.csv", fitted.trace.to_csv())
         self.on_progress(Progress(Phase.MEASURING))
         start = time.perf_counter()

@@ -100,6 +100,10 @@ class FirstOrder:
         """A source as it lies now, in float64."""
         return self._as_mesh(member, self._start + self._offsets)
 
+    def control(self, _member: int) -> None:
+        """There is no control mesh: the verts themselves are solved for."""
+        return
+
     def step(self) -> list[float]:
         """Make one step; the loss of each problem before it is returned. `failed` is brought up to date."""
         now = self._evaluate()

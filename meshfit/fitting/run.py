@@ -36,6 +36,9 @@ class Engine(Protocol):
     def mesh(self, member: int) -> Mesh:
         """The surface of a problem as it lies now."""
 
+    def control(self, member: int) -> Mesh | None:
+        """The control mesh that this surface is the refinement of, if that was solved for."""
+
     def step(self) -> list[float]:
         """Make one step; the loss of each problem before it is returned."""
 
@@ -57,11 +60,13 @@ class FitResult:
         mesh: the deformed source, with the source's own faces, or those that the fit has refined or remeshed them to.
         trace: what was minimised, by step.
         device: what it ran on.
+        control: the control mesh that the mesh is the refinement of, if that was solved for.
     """
 
     mesh: Mesh
     trace: Trace
     device: str
+    control: Mesh | None = None
 
 
 def run(engine: Engine, *, save_end: bool = False) -> dict[Problem, FitResult | Diverged]:
@@ -86,7 +91,9 @@ def run(engine: Engine, *, save_end: bool = False) -> dict[Problem, FitResult | 
             if save_end:
                 _save(engine)
             return outcomes | {
-                problem: FitResult(engine.mesh(member), engine.traces[member], str(engine.device))
+                problem: FitResult(
+                    engine.mesh(member), engine.traces[member], str(engine.device), engine.control(member)
+                )
                 for member, problem in enumerate(engine.problems)
             }
         losses = engine.step()

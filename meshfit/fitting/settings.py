@@ -80,10 +80,15 @@ class GaussNewtonSettings(Settings):
     """The engine: `gauss-newton` solves for the step of all verts at once, level by level of the scheme."""
     connectivity: Literal["remeshed", "fixed"] = "remeshed"
     """`remeshed` puts verts where they are needed; `fixed` keeps the source's faces, refined by the scheme."""
+    variables: Literal["verts", "control"] = "verts"
+    """What is solved for: the `verts` of the surface, or those of a coarse `control` mesh that the surface is the
+    refinement of."""
+    limit: bool = False
+    """For `control` and the scheme `loop`: fit the limit surface."""
     verts: Annotated[int, Field(ge=100)] = 10242
-    """For `remeshed`: the most verts that the result may have. With `fixed`, that follows from source and levels."""
+    """For `remeshed`: the most verts of the result, or of its control mesh."""
     levels: Annotated[int, Field(ge=0, le=5)] = 1
-    """Levels of the scheme that carry the fit from coarse to fine, after those of the source."""
+    """Levels of the scheme: those that carry the fit from coarse to fine, or that refine the control mesh."""
     coarse_steps: Annotated[int, Field(ge=0)] = 40
     """Steps that find the rough shape."""
     level_steps: Annotated[int, Field(ge=0)] = 8
@@ -100,6 +105,8 @@ class GaussNewtonSettings(Settings):
     @property
     def steps(self) -> int:
         """The number of steps in all."""
+        if self.variables == "control":
+            return self.coarse_steps + 2 * self.level_steps + self.last_steps
         return self.coarse_steps + (self.levels + 1) * self.level_steps + self.last_steps
 
 

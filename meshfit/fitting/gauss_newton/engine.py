@@ -2,11 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from typing import Any
 
 import torch
 from torch import Generator, Tensor
 
+from meshfit.errors import ConfigError
 from meshfit.fitting.gauss_newton.moving_surface import MovingSurface, Taken
 from meshfit.fitting.gauss_newton.stages import Stage, stages
 from meshfit.fitting.gauss_newton.target import TargetCloud
@@ -17,6 +19,7 @@ from meshfit.mesh.manifold import euler_number, is_watertight, num_components, r
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
 from meshfit.remeshing.shapes import turned_over, unit
+from meshfit.specs import parse_spec
 
 COLUMNS = ("step", "distance", "verts", "matched", "fairness", "point_weight", "held_back")
 _REMEDY = "raise fit.fairness, or place the source nearer to the target"
@@ -60,8 +63,13 @@ class GaussNewton:
 
     def mesh(self, member: int) -> Mesh:
         """A surface as it lies now, in float64."""
+        shape = self._surfaces[member].shape
+        return shape.connectivity.mesh(shape.verts)
+
+    def control(self, member: int) -> Mesh | None:
+        """The control mesh that a surface follows, if it follows one."""
         surface = self._surfaces[member]
-        return surface.pattern.connectivity.mesh(surface.verts)
+        return None if surface.followers is None else surface.pattern.connectivity.mesh(surface.verts)
 
     @torch.no_grad()
     def step(self) -> list[float]:
@@ -86,7 +94,7 @@ class GaussNewton:
 
     def restore(self, checkpoints: Sequence[Checkpoint]) -> None:
         """Go back, or on, to where checkpoints of the same problems were taken, all after as many steps."""
-        self._surfaces = [self._restored(checkpoint) for checkpoint in checkpoints]
+        self._surfaces = [self._restored(*each) for each in zip(checkpoints, self.problems, strict=True)]
         for generator, checkpoint in zip(self._generators, checkpoints, strict=True):
             generator.set_state(checkpoint["generator"].cpu())
         self.traces = [Trace(COLUMNS, [tuple(row) for row in checkpoint["trace"]]) for checkpoint in checkpoints]
@@ -101,6 +109,9 @@ class GaussNewton:
 
     def _start(self, problem: Problem) -> MovingSurface:
         verts, faces = self._source(problem)
+        name = parse_spec(problem.scheme).name
+        if self.settings.limit and (self.settings.variables != "control" or name != "loop"):
+            raise ConfigError("limit: limit surfaces are fitted with variables: control and the scheme loop")
         surface = MovingSurface.of(verts, faces)
         if self.settings.connectivity == "fixed":
             return MovingSurface.of(verts, faces, _on_sphere(problem.source, verts, faces))
@@ -112,16 +123,19 @@ class GaussNewton:
         verts = torch.tensor(problem.source.verts, dtype=self._dtype, **place)
         return verts, torch.tensor(problem.source.faces, **place)
 
-    def _restored(self, checkpoint: Checkpoint) -> MovingSurface:
+    def _restored(self, checkpoint: Checkpoint, problem: Problem) -> MovingSurface:
         on_sphere = checkpoint["on_sphere"]
         surface = MovingSurface.of(
             checkpoint["verts"].to(self.device, self._dtype),
             checkpoint["faces"].to(self.device),
             None if on_sphere is None else on_sphere.to(self.device),
         )
-        return MovingSurface(
-            surface.pattern, surface.verts, checkpoint["stiffness"].to(surface.verts), surface.on_sphere
-        )
+        surface = replace(surface, stiffness=checkpoint["stiffness"].to(surface.verts))
+        before = self._plan[checkpoint["done"] - 1][0] if checkpoint["done"] else None
+        return surface if before is None or before.change != "control" else self._controlling(surface, problem)
+
+    def _controlling(self, surface: MovingSurface, problem: Problem) -> MovingSurface:
+        return surface.controlling(problem.scheme, self.settings.levels, limit=self.settings.limit)
 
     def _step(self, member: int, stage: Stage, number: int) -> float:
         problem, target = self.problems[member], self._targets[member]
@@ -132,7 +146,7 @@ class GaussNewton:
         taken = before.step(target, fairness, point_weight, self._generators[member])
         distance, after = taken.pairs.distance, taken.surface
         if not bool(after.verts.isfinite().all()):
-            last_good = before.pattern.connectivity.mesh(before.verts)
+            last_good = before.shape.connectivity.mesh(before.shape.verts)
             self.failed[member] = Diverged(self.done, "the step", last_good, self.traces[member], _REMEDY)
             return distance
         self._surfaces[member] = after
@@ -141,7 +155,7 @@ class GaussNewton:
         return distance
 
     def _record(self, member: int, taken: Taken, fairness: float, point_weight: float) -> None:
-        pairs, verts = taken.pairs, len(taken.surface.verts)
+        pairs, verts = taken.pairs, len(taken.surface.shape.verts)
         row = (self.done, pairs.distance, verts, pairs.matched, fairness, point_weight, taken.held)
         self.traces[member].rows.append(row)
 
@@ -151,6 +165,8 @@ class GaussNewton:
             fine = surface.refined(problem.scheme)
             too_many = self.settings.connectivity == "remeshed" and len(fine.verts) > self.settings.verts
             return surface if too_many else fine
+        if stage.change == "control":
+            return self._controlling(surface, problem)
         if stage.change == "place" and surface.on_sphere is not None:
             verts, faces = self._source(problem)
             places = _on_sphere(problem.source, verts, faces)
@@ -165,6 +181,8 @@ class GaussNewton:
         """The number of verts at the end of the rough stage."""
         if self.settings.connectivity == "fixed":
             return 4.0 * problem.source.num_verts
+        if self.settings.variables == "control":
+            return self.settings.verts
         return self.settings.verts / 4.0**self.settings.levels
 
 

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from meshfit.fitting.gauss_newton.pairs import Pairs
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
-from meshfit.loss.sparse import compressed_rows
+from meshfit.loss.sparse import Sparse, compressed_rows
 from meshfit.remeshing.shapes import dot
 
 _UPPER = tuple(combinations_with_replacement(range(3), 2))
@@ -123,8 +123,32 @@ class Fairness:
         return self.weights.index_add(0, tail, share[head]).index_add(0, head, share[tail])
 
 
+@dataclass(frozen=True, eq=False)
+class Control:
+    """Verts of a control mesh that a surface follows.
+
+    Attributes:
+        verts: (C, 3) where they are.
+        operator: (V, C) takes them to the surface.
+        squares: (V, C) its squared entries.
+    """
+
+    verts: Float[Tensor, "C 3"]
+    operator: Sparse
+    squares: Sparse
+
+    def diagonal(self, blocks: Float[Tensor, "V 3 3"]) -> Float[Tensor, "C 3 3"]:
+        """About the diagonal blocks of Sᵀ A S, from those of A; what is off A's diagonal is left out."""
+        return torch.stack([self.squares.T @ blocks[:, i] for i in range(3)], 1)
+
+
 def solve_step(
-    shape: Shape, pattern: Pattern, pairs: Pairs, fairness: Fairness, point_weight: float
+    shape: Shape,
+    pattern: Pattern,
+    pairs: Pairs,
+    fairness: Fairness,
+    point_weight: float,
+    control: Control | None = None,
 ) -> tuple[Float[Tensor, "V 3"], int]:
     """The step d that minimises Σ w [(n · (B d - r))² + μ |B d - r|²] + fairness of the verts after it.
 
@@ -136,20 +160,28 @@ def solve_step(
         pairs: what is to come together.
         fairness: what is to stay smooth.
         point_weight: μ, how much of a residual along the target counts beside the one across it.
+        control: if the surface follows a control mesh, that; the step is then of its verts, and so is the fairness.
 
     Returns:
-        (V, 3) the step, and the number of iterations it took.
+        (V, 3) the step, (C, 3) with a control mesh, and the number of iterations it took.
     """
     connectivity = shape.connectivity
     table = _table(len(connectivity.faces), pairs, point_weight)
     blocks = pattern.blocks(table[:, :36].view(-1, 6, 6))
-    right = _gathered(connectivity, table[:, 36:].view(-1, 3, 3)) - fairness(shape.verts)
+    pull, diagonal = _gathered(connectivity, table[:, 36:].view(-1, 3, 3)), blocks[pattern.diagonal]
+    times, verts = pattern.times(blocks), shape.verts
+    if control is not None:
+        operator, fine = control.operator, times
+        pull, diagonal, verts = operator.T @ pull, control.diagonal(diagonal), control.verts
+        times = lambda x: operator.T @ fine(operator @ x)  # noqa: E731  the other one has no name, either
     eye = torch.eye(3, dtype=blocks.dtype, device=blocks.device)
-    diagonal = blocks[pattern.diagonal] + fairness.diagonal()[:, :, None] * eye
-    inverse = torch.linalg.inv(diagonal + torch.finfo(blocks.dtype).tiny ** 0.5 * eye)
-    times = pattern.times(blocks)
+    diagonal = diagonal + (fairness.diagonal()[:, :, None] + torch.finfo(blocks.dtype).tiny ** 0.5) * eye
+    inverse = torch.linalg.inv(diagonal)
     return conjugate_gradients(
-        lambda x: times(x) + fairness(x), right, lambda r: (inverse @ r[:, :, None])[:, :, 0], _TOLERANCE
+        lambda x: times(x) + fairness(x),
+        pull - fairness(verts),
+        lambda r: (inverse @ r[:, :, None])[:, :, 0],
+        _TOLERANCE,
     )
 
 

@@ -5,11 +5,14 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
+from meshfit.loss.sparse import Sparse
 from meshfit.remeshing.crossings import crossing_faces
 
 # The least double area of a face, in squares of its longest edge.
 _NEEDLE = 0.02
 _TRIES, _HALVINGS = 12, 4
+# What verts of a control mesh have to do with a place of the surface, at least, to be held back for it.
+_FELT = 0.05
 _UNTANGLINGS, _PATIENCE, _SMOOTHINGS = 30, 8, 2
 
 
@@ -25,8 +28,11 @@ def unsound_faces(shape: Shape) -> Bool[Tensor, " F"]:
 
 
 def guarded(
-    connectivity: Connectivity, start: Float[Tensor, "V 3"], end: Float[Tensor, "V 3"]
-) -> tuple[Float[Tensor, "V 3"], Bool[Tensor, " V"]]:
+    connectivity: Connectivity,
+    start: Float[Tensor, "C 3"],
+    end: Float[Tensor, "C 3"],
+    control: tuple[Connectivity, Sparse] | None = None,
+) -> tuple[Float[Tensor, "C 3"], Bool[Tensor, " C"]]:
     """Go from one place to another as far as no face becomes unsound that was not so before.
 
     The step is halved at the verts of such faces, and then refused, in growing surroundings. In the worst case nothing
@@ -34,27 +40,35 @@ def guarded(
 
     Args:
         connectivity: of the surface.
-        start: where it is.
-        end: where it is to go.
+        start: where its verts are, or those of its control mesh.
+        end: where they are to go.
+        control: the control mesh's connectivity, and what takes its verts to those of the surface, if it has one.
 
     Returns:
-        Where it goes, and which verts were held back.
+        Where they go, and which were held back.
     """
+
+    def surface(verts: Tensor) -> Shape:
+        return Shape(connectivity, verts if control is None else control[1] @ verts)
+
+    moving = connectivity if control is None else control[0]
     step, share = end - start, torch.ones_like(start[:, :1])
     held = torch.zeros(len(start), dtype=torch.bool, device=start.device)
     before: Tensor | None = None
     for attempt in range(_TRIES):
         verts = start + share * step
-        bad = unsound_faces(Shape(connectivity, verts))
+        bad = unsound_faces(surface(verts))
         if bool(bad.any()) and before is None:
-            before = unsound_faces(Shape(connectivity, start))
+            before = unsound_faces(surface(start))
         if before is not None:
             bad &= ~before
         if not bool(bad.any()):
             return verts, held
         near = connectivity.verts_of(bad)
+        if control is not None:
+            near = (control[1].T @ near[:, None].expand(-1, 3).to(start))[:, 0] > _FELT
         for _ in range(min(attempt // 2, _HALVINGS)):
-            near = connectivity.grown(near)
+            near = moving.grown(near)
         held |= near
         share = torch.where(near[:, None], share / 2 if attempt < _HALVINGS else 0, share)
     return start, torch.ones_like(held)

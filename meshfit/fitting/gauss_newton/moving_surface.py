@@ -6,17 +6,19 @@ import torch
 from jaxtyping import Float, Float64
 from torch import Generator, Tensor
 
-from meshfit.fitting.gauss_newton.equations import Fairness, Pattern, solve_step
+from meshfit.fitting.gauss_newton.equations import Control, Fairness, Pattern, solve_step
 from meshfit.fitting.gauss_newton.guard import guarded, unsound_faces, untangled
 from meshfit.fitting.gauss_newton.pairs import Pairs, find_pairs
 from meshfit.fitting.gauss_newton.sizing import lengths_for
 from meshfit.fitting.gauss_newton.sphere import SphereMap
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
+from meshfit.loss.sparse import Sparse
 from meshfit.mesh.topology import Topology
 from meshfit.remeshing.moving import Moving
 from meshfit.remeshing.remesh import remeshed
 from meshfit.subdivision.choose import scheme_of
+from meshfit.subdivision.limit import loop_limit
 from meshfit.subdivision.refine import refine
 from meshfit.subdivision.scheme import Split
 
@@ -44,6 +46,21 @@ class Taken:
 
 
 @dataclass(frozen=True, eq=False)
+class Followers:
+    """A surface that follows a control mesh.
+
+    Attributes:
+        pattern: of its connectivity.
+        operator: takes the verts of the control mesh to its own.
+        squares: the squared entries of that.
+    """
+
+    pattern: Pattern
+    operator: Sparse
+    squares: Sparse
+
+
+@dataclass(frozen=True, eq=False)
 class MovingSurface:
     """A surface between two steps.
 
@@ -52,12 +69,14 @@ class MovingSurface:
         verts: (V, 3) positions.
         stiffness: (V, 1) at least 1, factors of fairness.
         on_sphere: (V, 3) where its verts are on the sphere, if it has a map to it.
+        followers: if these are the verts of a control mesh, the surface that follows them.
     """
 
     pattern: Pattern
     verts: Float[Tensor, "V 3"]
     stiffness: Float[Tensor, "V 1"]
     on_sphere: Float64[Tensor, "V 3"] | None = None
+    followers: Followers | None = None
 
     @classmethod
     def of(cls, verts: Tensor, faces: Tensor, on_sphere: Tensor | None = None) -> "MovingSurface":
@@ -67,21 +86,49 @@ class MovingSurface:
 
     @property
     def shape(self) -> Shape:
-        """Where its faces are."""
+        """Where its faces are, or those that follow them."""
+        if self.followers is not None:
+            return Shape(self.followers.pattern.connectivity, self.followers.operator @ self.verts)
         return Shape(self.pattern.connectivity, self.verts)
 
     def step(self, target: TargetCloud, fairness: float, point_weight: float, generator: Generator) -> Taken:
         """Take a Gauss–Newton step towards the target, as far as the surface stays sound."""
-        shape, connectivity = self.shape, self.pattern.connectivity
+        shape, own, other = self.shape, self.pattern.connectivity, self.followers
         pairs = find_pairs(shape, target, generator)
-        weights = self.stiffness * (fairness / len(self.verts))
-        step, _ = solve_step(shape, self.pattern, pairs, Fairness(connectivity, weights), point_weight)
-        if not bool(step.isfinite().all()):
-            return Taken(replace(self, verts=self.verts + step), pairs, 0)
-        verts, held = guarded(connectivity, self.verts, self.verts + step)
+        smooth = Fairness(own, self.stiffness * (fairness / len(self.verts)))
+        pattern = self.pattern if other is None else other.pattern
+        control = None if other is None else Control(self.verts, other.operator, other.squares)
+        step, _ = solve_step(shape, pattern, pairs, smooth, point_weight, control)
+        end = self.verts + step
+        if not bool(end.isfinite().all()):
+            return Taken(replace(self, verts=end), pairs, 0)
+        through = None if other is None else (own, other.operator)
+        verts, held = guarded(pattern.connectivity, self.verts, end, through)
         relaxed = (self.stiffness * _WEARING).clamp_min(1)
         stiffness = torch.where(held[:, None], (relaxed * _STIFFER).clamp_max(_STIFFEST), relaxed)
         return Taken(replace(self, verts=verts, stiffness=stiffness), pairs, int(held.sum()))
+
+    def controlling(self, scheme: str, levels: int, *, limit: bool) -> "MovingSurface":
+        """The surface as a control mesh, followed by some levels of a scheme.
+
+        Args:
+            scheme: the scheme.
+            levels: how many.
+            limit: put the verts of the last level where Loop subdivision would put them in the end.
+        """
+        topology = Topology(len(self.verts), self.pattern.connectivity.faces.cpu().numpy())
+        refinement = refine(topology, scheme_of(scheme), levels)
+        matrix = refinement.matrix
+        if limit:
+            matrix = loop_limit(Topology(matrix.shape[0], refinement.faces)) @ matrix
+        dtype, device = self.verts.dtype, self.verts.device
+        faces = torch.tensor(refinement.faces, device=device)
+        followers = Followers(
+            Pattern(Connectivity(faces, matrix.shape[0], dtype)),
+            Sparse.of(matrix, dtype, device),
+            Sparse.of(matrix.power(2), dtype, device),
+        )
+        return replace(self, on_sphere=None, followers=followers)
 
     def refined(self, scheme: str) -> "MovingSurface":
         """One level of a scheme, as far as it leaves the surface sound: elsewhere verts stay nearer to its faces.

@@ -7,6 +7,7 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Generator, Tensor
 
+from meshfit.fitting.gauss_newton.boundary import RimPairs, find_rim_pairs
 from meshfit.fitting.gauss_newton.surface import Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.fitting.matching import nearest_to
@@ -47,12 +48,24 @@ class Pairs:
         total = (self.weights * self.residuals.square().sum(1)).sum()
         return math.sqrt(float(total / self.weights.sum().clamp_min(1e-30)))
 
+    def with_those_of(self, rim: RimPairs) -> "Pairs":
+        """These and those of boundaries."""
+        return Pairs(
+            torch.cat([self.face, rim.face]),
+            torch.cat([self.corners, rim.corners]),
+            torch.cat([self.normals, rim.normals]),
+            torch.cat([self.residuals, rim.residuals]),
+            torch.cat([self.weights, rim.weights]),
+            self.matched,
+        )
+
 
 def find_pairs(shape: Shape, target: TargetCloud, generator: Generator) -> Pairs:
     """Pair points of the surface with the nearest of the target, and the other way round; those that face alike.
 
     Points of the target are drawn at random. Those of the surface are its verts and fixed places in each face,
-    weighted by area; a point of the target that finds one of them is paired with the nearest point of its face.
+    weighted by area; a point of the target that finds one of them is paired with the nearest point of its face. Where
+    both have a boundary, so are points of these.
 
     Args:
         shape: the surface.
@@ -73,7 +86,7 @@ def find_pairs(shape: Shape, target: TargetCloud, generator: Generator) -> Pairs
     exact = nearest_in_triangles(target.points[drawn], shape.corners[face[here]])
     at = torch.cat([corners[ahead], exact])
     start = (at[:, :, None] * shape.corners[of_face]).sum(1)
-    return Pairs(
+    pairs = Pairs(
         face=of_face,
         corners=at,
         normals=target.normals[found],
@@ -81,6 +94,9 @@ def find_pairs(shape: Shape, target: TargetCloud, generator: Generator) -> Pairs
         weights=torch.cat([weights[ahead], weights.new_full((len(drawn),), 1 / len(back))]),
         matched=float(ahead.sum() + back.sum()) / (len(ahead) + len(back)),
     )
+    if target.rim is None or not len(shape.connectivity.edges.outer):
+        return pairs
+    return pairs.with_those_of(find_rim_pairs(shape, target.rim, generator))
 
 
 def _places(shape: Shape) -> tuple[Tensor, Tensor, Tensor]:

@@ -6,7 +6,7 @@ from typing import Literal
 
 from meshfit.fitting.settings import GaussNewtonSettings
 
-Change = Literal["none", "remesh", "place", "refine"]
+Change = Literal["none", "remesh", "place", "refine", "control"]
 
 _STEPS_BETWEEN_REMESHES = 5
 # While the rough shape is found, surfaces have half as many verts as at the end of it.
@@ -25,8 +25,8 @@ class Stage:
 
     Attributes:
         name: what progress calls it.
-        change: what is done first: nothing; `remesh`; `place` the source's connectivity on the surface; or `refine` it
-            by the scheme.
+        change: what is done first: nothing; `remesh`; `place` the source's connectivity on the surface; `refine` it
+            by the scheme; or make it the `control` mesh of its refinement.
         share: for `remesh`, the number of verts wanted as a share of that at the end of the coarse stage.
         sized: for `remesh`, whether edges are to be shorter where the target is curved.
         weights: fairness and point weight of each step.
@@ -46,12 +46,19 @@ def stages(settings: GaussNewtonSettings) -> list[Stage]:
     points = _falling(_POINT, _POINT_FACTOR, _POINT_LEAST, settings.level_steps)
     weights = tuple(zip(level, points, strict=True))
     found.append(Stage("level 0", "remesh" if remeshed else "place", 1.0, remeshed, weights))
+    if settings.variables == "control":
+        return [*found, Stage("control mesh", "control", 1.0, sized=False, weights=weights + _last(settings))]
     found += [Stage(f"level {k}", "refine", 1.0, sized=False, weights=weights) for k in range(1, settings.levels + 1)]
-    last = _falling(settings.fairness / 2, _LEVEL_FACTOR, settings.last_fairness, settings.last_steps)
-    points = _falling(_LAST_POINT, _POINT_FACTOR, _LAST_POINT_LEAST, settings.last_steps)
-    weights = tuple(zip(last, points, strict=True))
+    weights = _last(settings)
     found.append(Stage("last", "remesh" if remeshed else "none", 4.0**settings.levels, remeshed, weights))
     return found
+
+
+def _last(settings: GaussNewtonSettings) -> tuple[tuple[float, float], ...]:
+    fairness = _falling(settings.fairness / 2, _LEVEL_FACTOR, settings.last_fairness, settings.last_steps)
+    return tuple(
+        zip(fairness, _falling(_LAST_POINT, _POINT_FACTOR, _LAST_POINT_LEAST, settings.last_steps), strict=True)
+    )
 
 
 def stage_at(settings: GaussNewtonSettings, done: int) -> Stage:

@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Generator, Tensor
 
+from meshfit.fitting.gauss_newton.boundary import Rim
 from meshfit.fitting.matching import nearest_to
 from meshfit.mesh.geometry import area_vectors, face_normals, normalised
 from meshfit.mesh.mesh import Mesh
@@ -24,12 +25,14 @@ class TargetCloud:
         points: (N, 3).
         normals: (N, 3) unit normals, at verts those of their faces weighted by area.
         num_even: how many of them, the first ones, are spread evenly.
+        rim: its boundary, if it has one.
         nearest: (M, 3) points to the (M,) indices of the nearest of the cloud.
     """
 
     points: Float[Tensor, "N 3"]
     normals: Float[Tensor, "N 3"]
     num_even: int
+    rim: Rim | None
     nearest: Callable[[Tensor], Tensor]
 
     @classmethod
@@ -43,7 +46,13 @@ class TargetCloud:
         points = np.concatenate([even.points, mesh.verts[used]])
         normals = np.concatenate([face_normals(mesh)[even.faces], normalised(normals[used])])
         cloud = torch.tensor(points, dtype=dtype, device=device)
-        return cls(cloud, torch.tensor(normals, dtype=dtype, device=device), _POINTS, nearest_to(cloud))
+        return cls(
+            cloud,
+            torch.tensor(normals, dtype=dtype, device=device),
+            _POINTS,
+            Rim.of(mesh, dtype, device),
+            nearest_to(cloud),
+        )
 
     def draw(self, count: int, generator: Generator) -> Int64[Tensor, " C"]:
         """Some of the evenly spread points, in their order, which is the faces' and so makes queries fast."""
