@@ -91,7 +91,7 @@ class GaussNewtonSettings(Settings):
     """Levels of the scheme: those that carry the fit from coarse to fine, or that refine the control mesh."""
     coarse_steps: Annotated[int, Field(ge=0)] = 40
     """Steps that find the rough shape."""
-    level_steps: Annotated[int, Field(ge=0)] = 8
+    level_steps: Annotated[int, Field(ge=1)] = 8
     """Steps at each level."""
     last_steps: Annotated[int, Field(ge=0)] = 5
     """Steps at the end, on the finest level."""

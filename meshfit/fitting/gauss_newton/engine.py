@@ -182,7 +182,7 @@ class GaussNewton:
         if self.settings.connectivity == "fixed":
             return 4.0 * problem.source.num_verts
         if self.settings.variables == "control":
-            return self.settings.verts
+            return float(self.settings.verts)
         return self.settings.verts / 4.0**self.settings.levels
 
 

@@ -222,6 +222,8 @@ def conjugate_gradients(
         most: iterations.
     """
     x, residual = torch.zeros_like(right), right
+    if not bool(right.any()):
+        return x, 0
     z = precondition(residual)
     direction, slope, limit = z, (residual * z).sum(), tolerance * right.norm()
     for iteration in range(1, most + 1):

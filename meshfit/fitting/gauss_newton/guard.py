@@ -74,6 +74,22 @@ def guarded(
     return start, torch.ones_like(held)
 
 
+def mended(
+    connectivity: Connectivity, start: Float[Tensor, "V 3"], end: Float[Tensor, "V 3"]
+) -> tuple[Float[Tensor, "V 3"], Bool[Tensor, " V"]]:
+    """Go from one place to another, and smooth away what is unsound there; if that fails, go as `guarded` does.
+
+    Held back, a fold waits where it is for ever; smoothed, it opens.
+
+    Returns:
+        Where the verts go, and which of them were smoothed or held back.
+    """
+    verts, unsound = untangled(connectivity, end)
+    if unsound:
+        return guarded(connectivity, start, end)
+    return verts, (verts != end).any(dim=1)
+
+
 def untangled(connectivity: Connectivity, verts: Float[Tensor, "V 3"]) -> tuple[Float[Tensor, "V 3"], int]:
     """Smooth the surroundings of unsound faces until there are none, or there is no progress.
 

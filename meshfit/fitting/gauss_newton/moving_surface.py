@@ -7,7 +7,7 @@ from jaxtyping import Float, Float64
 from torch import Generator, Tensor
 
 from meshfit.fitting.gauss_newton.equations import Control, Fairness, Pattern, solve_step
-from meshfit.fitting.gauss_newton.guard import guarded, unsound_faces, untangled
+from meshfit.fitting.gauss_newton.guard import guarded, mended, unsound_faces, untangled
 from meshfit.fitting.gauss_newton.pairs import Pairs, find_pairs
 from meshfit.fitting.gauss_newton.sizing import lengths_for
 from meshfit.fitting.gauss_newton.sphere import SphereMap
@@ -102,8 +102,10 @@ class MovingSurface:
         end = self.verts + step
         if not bool(end.isfinite().all()):
             return Taken(replace(self, verts=end), pairs, 0)
-        through = None if other is None else (own, other.operator)
-        verts, held = guarded(pattern.connectivity, self.verts, end, through)
+        if other is None:
+            verts, held = mended(own, self.verts, end)
+        else:
+            verts, held = guarded(other.pattern.connectivity, self.verts, end, (own, other.operator))
         relaxed = (self.stiffness * _WEARING).clamp_min(1)
         stiffness = torch.where(held[:, None], (relaxed * _STIFFER).clamp_max(_STIFFEST), relaxed)
         return Taken(replace(self, verts=verts, stiffness=stiffness), pairs, int(held.sum()))

@@ -117,37 +117,26 @@ def _places(shape: Shape) -> tuple[Tensor, Tensor, Tensor]:
 def nearest_in_triangles(points: Float[Tensor, "N 3"], corners: Float[Tensor, "N 3 3"]) -> Float[Tensor, "N 3"]:
     """The point of each triangle that is nearest to a point, as weights of its corners.
 
-    The plane's Voronoi regions of corners, sides and inside are told apart by signs of inner products (Ericson,
-    Real-Time Collision Detection, 2004, 5.1.5).
+    It is the nearest of four: the foot of the perpendicular, if that falls inside, and the nearest on each side. So
+    triangles without area need no rule of their own.
     """
+    found = [_inside(points, corners)]
+    for k in range(3):
+        start, side = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
+        tiny = torch.finfo(points.dtype).tiny
+        share = (dot(points - start, side) / dot(side, side).clamp_min(tiny)).clamp(0, 1)
+        found.append(torch.stack([1 - share, share, torch.zeros_like(share)], 1).roll(k, 1))
+    weights = torch.stack(found)
+    distances = ((weights[:, :, :, None] * corners).sum(2) - points).square().sum(2)
+    best = distances.nan_to_num(torch.inf).argmin(0)
+    return weights[best, torch.arange(len(points), device=points.device)]
+
+
+def _inside(points: Tensor, corners: Tensor) -> Tensor:
+    """Weights of the corners at the foot of the perpendicular; NaN where that is outside."""
     a, b, c = corners.unbind(1)
-    ab, ac = b - a, c - a
-    d1, d2 = dot(ab, points - a), dot(ac, points - a)
-    d3, d4 = dot(ab, points - b), dot(ac, points - b)
-    d5, d6 = dot(ab, points - c), dot(ac, points - c)
-    inside = torch.stack([d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2], 1)
-    tiny = torch.finfo(points.dtype).tiny
-    zero = torch.zeros_like(d1)
-
-    def along(rise: Tensor, run: Tensor) -> Tensor:
-        return (rise / torch.where(run.abs() > tiny, run, 1.0)).clamp(0, 1)
-
-    s = along(d1, d1 - d3)
-    on_ab = torch.stack([1 - s, s, zero], 1)
-    s = along(d2, d2 - d6)
-    on_ac = torch.stack([1 - s, zero, s], 1)
-    s = along(d4 - d3, (d4 - d3) + (d5 - d6))
-    on_bc = torch.stack([zero, 1 - s, s], 1)
-    one_a, one_b, one_c = torch.eye(3, dtype=points.dtype, device=points.device).expand(len(points), 3, 3).unbind(1)
-    total = inside.sum(1, keepdim=True)
-    found = inside / torch.where(total.abs() > tiny, total, 1.0)
-    for region, weights in (
-        ((inside[:, 2] <= 0) & (d1 >= 0) & (d3 <= 0), on_ab),
-        ((inside[:, 1] <= 0) & (d2 >= 0) & (d6 <= 0), on_ac),
-        ((inside[:, 0] <= 0) & (d4 >= d3) & (d5 >= d6), on_bc),
-        ((d1 <= 0) & (d2 <= 0), one_a),
-        ((d3 >= 0) & (d4 <= d3), one_b),
-        ((d6 >= 0) & (d5 <= d6), one_c),
-    ):
-        found = torch.where(region[:, None], weights, found)
-    return found
+    across = torch.linalg.cross(b - a, c - a)
+    parts = [torch.linalg.cross(q - p, points - p) for p, q in ((b, c), (c, a), (a, b))]
+    weights = torch.stack([dot(part, across) for part in parts], 1)
+    weights = weights / weights.sum(1, keepdim=True)
+    return weights.masked_fill(~(weights >= 0).all(1, keepdim=True), torch.nan)

@@ -60,9 +60,10 @@ class Connectivity:
     def umbrella(self) -> Sparse:
         """The uniform Laplacian: takes values to their difference from the mean of the neighbours'."""
         n, (tail, head) = self.num_verts, (ends.cpu().numpy() for ends in self.ends)
-        share = 1 / self.edges.valence.clamp_min(1).cpu().double().numpy()
+        valence = self.edges.valence.cpu().double().numpy()
+        share = 1 / valence.clip(min=1)
         rows, columns = np.concatenate([np.arange(n), tail, head]), np.concatenate([np.arange(n), head, tail])
-        values = np.concatenate([np.ones(n), -share[tail], -share[head]])
+        values = np.concatenate([valence.clip(max=1), -share[tail], -share[head]])
         return Sparse.of(coo_array((values, (rows, columns)), shape=(n, n)), self.dtype, self.faces.device)
 
     def at_verts(self, per_corner: Float[Tensor, "F N"]) -> Float[Tensor, "V N"]:

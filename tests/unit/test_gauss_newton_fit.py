@@ -1,0 +1,182 @@
+"""Gauss–Newton fits from end to end: near the target, sound, and on the connectivity that was asked for."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+import torch
+
+import meshfit
+from meshfit.errors import ConfigError, MeshError
+from meshfit.fitting.gauss_newton import moving_surface, target
+from meshfit.fitting.gauss_newton.engine import COLUMNS
+from meshfit.fitting.gauss_newton.moving_surface import MovingSurface
+from meshfit.fitting.gauss_newton.stages import stage_at
+from meshfit.fitting.problem import Diverged
+from meshfit.fitting.settings import GaussNewtonSettings
+from meshfit.mesh.geometry import face_areas
+from meshfit.mesh.manifold import euler_number
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.solids import icosahedron
+from meshfit.mesh.topology import Topology
+from meshfit.subdivision.refine import subdivide
+from tests.ragged import BOOK
+from tests.shapes import torus
+
+SMALL = {"verts": 600, "levels": 1, "coarse_steps": 15, "level_steps": 4, "last_steps": 3}
+SHORT = SMALL | {"coarse_steps": 7, "level_steps": 2, "last_steps": 2}
+FIXED = {"connectivity": "fixed"}
+QUADRISECTING = ["loop", "interp-loop", "modified-butterfly", "midpoint"]
+
+
+@pytest.fixture(autouse=True)
+def fewer_points(monkeypatch):
+    monkeypatch.setattr(target, "_POINTS", 20_000)
+
+
+@cache
+def ball(levels, radius=1.0):
+    mesh = subdivide(icosahedron(), "midpoint", levels)
+    return Mesh(radius * mesh.verts / np.linalg.norm(mesh.verts, axis=1, keepdims=True), mesh.faces)
+
+
+def ellipsoid():
+    return Mesh(ball(4).verts * np.array([1.0, 0.8, 0.6]), ball(4).faces)
+
+
+def rounded_box():
+    """Where x⁴ + y⁴ + z⁴ = 1."""
+    return Mesh(ball(4).verts / (ball(4).verts ** 4).sum(axis=1, keepdims=True) ** 0.25, ball(4).faces)
+
+
+def bumpy():
+    x, y, z = ball(4).verts.T
+    return Mesh(ball(4).verts * (0.8 + 0.1 * np.sin(3 * x) * np.cos(2 * y) + 0.05 * z)[:, None], ball(4).faces)
+
+
+# With the largest curvature that each has, or more.
+TARGETS = {"ellipsoid": (ellipsoid, 2.8), "rounded box": (rounded_box, 4.0), "bumpy": (bumpy, 4.0)}
+
+
+def fitted(goal, source=None, **changes):
+    options = SMALL | {"method": "gauss-newton", "device": "cpu", "scheme": "loop"} | changes
+    return meshfit.fit(source or ball(2, 0.3), goal, **options)
+
+
+@pytest.mark.parametrize("changes", [{}, FIXED], ids=["remeshed", "fixed"])
+@pytest.mark.parametrize(("goal", "curvature"), TARGETS.values(), ids=TARGETS)
+def test_a_small_ball_becomes_the_shape_that_it_is_fitted_to(goal, curvature, changes):
+    """A chord of length h is at most κ h² / 8 off; in the mean surfaces have to be nearer than where they bend most."""
+    result, goal = fitted(goal(), **changes).mesh, goal()
+    found = meshfit.measure(result, goal, samples=3000, points=1000)
+    square = 2 * face_areas(goal).sum() / (np.sqrt(3) * result.num_verts)
+    assert found.distance.mean < curvature * square / 8
+    assert found.hausdorff.symmetric < 4 * curvature * square / 8
+    quality = found.quality
+    assert (quality.self_intersecting_faces, quality.flipped_faces, quality.degenerate_faces) == (0, 0, 0)
+    assert (quality.euler_number, quality.components, quality.watertight) == (2, 1, True)
+    assert 0.7 * SMALL["verts"] < quality.verts <= (642 if changes else SMALL["verts"])
+
+
+@pytest.mark.parametrize("scheme", [*QUADRISECTING, "sqrt3"])
+@pytest.mark.parametrize("levels", [0, 1, 2])
+def test_a_fixed_connectivity_is_that_of_the_refined_source(scheme, levels):
+    source = ball(1, 0.3)
+    result = fitted(ellipsoid(), source, scheme=scheme, **SHORT | FIXED | {"levels": levels}).mesh
+    np.testing.assert_array_equal(result.faces, subdivide(source, scheme, levels).faces)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"coarse_steps": 0}, {"level_steps": 1}, {"last_steps": 0}, {"coarse_steps": 0, "last_steps": 0}]
+)
+def test_it_is_so_even_where_stages_have_no_steps(changes):
+    source = ball(1, 0.3)
+    result = fitted(ellipsoid(), source, **SHORT | FIXED | changes).mesh
+    np.testing.assert_array_equal(result.faces, subdivide(source, "loop", 1).faces)
+
+
+def test_a_source_of_another_genus_keeps_its_own_connectivity():
+    source = Mesh(0.3 * torus(12, 8).verts, torus(12, 8).faces)
+    result = fitted(torus(40, 20), source, **SHORT | FIXED).mesh
+    np.testing.assert_array_equal(result.faces, subdivide(source, "loop", 1).faces)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("scheme", ["interp-loop", "modified-butterfly", "midpoint"])
+def test_interpolatory_schemes_leave_the_coarse_verts_where_they_are(scheme, dtype):
+    mesh = Mesh(ball(2).verts * [1.0, 0.8, 0.6], ball(2).faces)
+    surface = MovingSurface.of(torch.tensor(mesh.verts, dtype=dtype), torch.tensor(mesh.faces))
+    fine = surface.refined(scheme)
+    close = {
+        "rtol": 0,
+        "atol": 0 if scheme != "interp-loop" else 1e-6,
+    }  # of which the verts are put back, up to rounding
+    torch.testing.assert_close(fine.verts[:162], surface.verts, **close)
+    np.testing.assert_allclose(fine.verts, subdivide(mesh, scheme).verts, atol=1e-6)
+
+
+@pytest.mark.parametrize("scheme", QUADRISECTING)
+def test_what_follows_a_control_mesh_is_its_refinement(scheme):
+    result = fitted(ellipsoid(), scheme=scheme, **SHORT | {"variables": "control", "levels": 2, "verts": 150})
+    expected = subdivide(result.control, scheme, 2)
+    np.testing.assert_array_equal(result.mesh.faces, expected.faces)
+    np.testing.assert_allclose(result.mesh.verts, expected.verts, atol=1e-5)
+    assert result.control.num_verts <= 150
+    assert fitted(ellipsoid(), **SHORT).control is None
+
+
+@pytest.mark.parametrize("changes", [{}, FIXED], ids=["remeshed", "fixed"])
+@pytest.mark.parametrize("goal", [torus(40, 20), Mesh(ball(3).verts, ball(3).faces[200:])], ids=["torus", "open"])
+def test_a_target_of_another_topology_is_fitted_to_the_end(goal, changes):
+    result = fitted(goal, **SHORT | changes)
+    assert [row[0] for row in result.trace.rows] == list(range(13))
+    assert euler_number(Topology.of(result.mesh)) == 2
+    assert result.trace.rows[-1][1] < 0.5 * result.trace.rows[0][1]
+
+
+def test_every_step_is_told_with_its_stage_and_traced():
+    seen, settings = [], GaussNewtonSettings(**SMALL)
+    result = fitted(ellipsoid(), on_step=seen.append)
+    assert [(step.done, step.steps) for step in seen] == [(k + 1, settings.steps) for k in range(settings.steps)]
+    assert [step.stage for step in seen] == [stage_at(settings, step.done).name for step in seen]
+    assert result.trace.columns == COLUMNS
+    rows = [dict(zip(COLUMNS, row, strict=True)) for row in result.trace.rows]
+    assert [row["distance"] for row in rows] == [step.loss for step in seen]
+    assert rows[-1]["verts"] == result.mesh.num_verts
+    weights = [(row["fairness"], row["point_weight"]) for row in rows]
+    assert weights[15:19] == list(stage_at(settings, 15).weights)
+    assert all(0 <= row["matched"] <= 1 and 0 <= row["held_back"] <= row["verts"] for row in rows)
+
+
+@pytest.mark.parametrize("every", [1, 4, 100])
+def test_rows_are_as_far_apart_as_is_asked_for_and_the_last_step_has_one(every):
+    steps = [row[0] for row in fitted(ellipsoid(), **SHORT, trace_every=every).trace.rows]
+    assert steps == sorted({*range(0, 13, every), 12})
+
+
+@pytest.mark.parametrize("when", [0, 3, 9])
+def test_a_step_that_is_not_finite_ends_the_fit_with_the_last_good_mesh(monkeypatch, when):
+    calls, solve, before = [], moving_surface.solve_step, []
+
+    def failing(shape, *arguments):
+        calls.append(shape)
+        step, count = solve(shape, *arguments)
+        return step * (torch.nan if len(calls) == when + 1 else 1.0), count
+
+    monkeypatch.setattr(moving_surface, "solve_step", failing)
+    with pytest.raises(Diverged, match=f"^the fit diverged at step {when}: the step is not finite; raise ") as caught:
+        fitted(ellipsoid(), on_step=before.append, **SHORT)
+    assert len(before) == when
+    np.testing.assert_array_equal(caught.value.last_good.verts, calls[-1].verts.double())
+    np.testing.assert_array_equal(caught.value.last_good.faces, calls[-1].connectivity.faces)
+    assert [row[0] for row in caught.value.trace.rows] == list(range(when))
+
+
+def test_a_source_that_is_no_manifold_is_refused():
+    with pytest.raises(MeshError, match="a Gauss–Newton fit"):
+        fitted(ellipsoid(), BOOK)
+
+
+def test_limit_surfaces_need_a_control_mesh():
+    with pytest.raises(ConfigError, match=r"^limit: "):
+        fitted(ellipsoid(), limit=True)

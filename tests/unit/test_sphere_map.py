@@ -1,0 +1,191 @@
+"""The map to the sphere: it stays one to one, gets less distorted, tells where points are, and survives remeshing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from meshfit.fitting.gauss_newton.engine import _on_sphere
+from meshfit.fitting.gauss_newton.equations import Pattern
+from meshfit.fitting.gauss_newton.moving_surface import MovingSurface
+from meshfit.fitting.gauss_newton.sphere import SphereMap
+from meshfit.fitting.gauss_newton.surface import Connectivity
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.solids import icosahedron, octahedron
+from meshfit.remeshing.moving import Moving
+from meshfit.remeshing.remesh import remeshed
+from meshfit.remeshing.shapes import turned_over, unit
+from meshfit.subdivision.refine import subdivide
+from tests.shapes import opened, torus
+
+
+def ball(levels=2, solid=icosahedron):
+    mesh = subdivide(solid(), "midpoint", levels)
+    return Mesh(mesh.verts / np.linalg.norm(mesh.verts, axis=1, keepdims=True), mesh.faces)
+
+
+def bumpy(levels=2, size=0.35):
+    """A ball with waves, mapped to where it was."""
+    mesh = ball(levels)
+    x, y, z = mesh.verts.T
+    radius = 1 + size * np.sin(4 * x + 1) * np.cos(3 * y) + size * z**3
+    return Mesh(mesh.verts * radius[:, None] * [1.5, 1.0, 0.7], mesh.faces)
+
+
+def pulled(places):
+    """The sphere with all drawn towards one point, one to one: a Möbius map, as it is of the plane, by 3."""
+    x, y, z = places.T
+    scale = 2 * 3 / ((1 - z) * 9 + (1 + z))
+    return np.stack([scale * x, scale * y, ((1 + z) - (1 - z) * 9) / ((1 + z) + (1 - z) * 9)], axis=1)
+
+
+def sphere_map(mesh):
+    return SphereMap(Pattern(Connectivity(torch.tensor(mesh.faces), mesh.num_verts, torch.float64)), tensor(mesh))
+
+
+def tensor(mesh):
+    return torch.tensor(mesh.verts)
+
+
+def mean_energy(mesh, places):
+    """|J|² + |J⁻¹|² by singular values, in numpy, of faces laid flat and scaled to the sphere's area."""
+    a, b, c = (mesh.verts[mesh.faces[:, k]] for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    p, q, r = (places.numpy()[mesh.faces[:, k]] for k in range(3))
+    total = 0.0
+    for k in range(mesh.num_faces):
+        sides = np.stack([b[k] - a[k], c[k] - a[k]], axis=1) * np.sqrt(4 * np.pi / area.sum())
+        flat = np.linalg.qr(sides)[1]
+        stretch = np.linalg.svd(np.stack([q[k] - p[k], r[k] - p[k]], axis=1) @ np.linalg.inv(flat), compute_uv=False)
+        total += area[k] / area.sum() * (stretch**2 + stretch**-2.0).sum()
+    return total
+
+
+def least_sine(places, faces):
+    """The least volume under a face, over its mean: above 0, the map is one to one."""
+    a, b, c = (places[faces[:, k]] for k in range(3))
+    volume = (torch.linalg.cross(a, b) * c).sum(1)
+    return float(volume.min() / volume.mean())
+
+
+MAPS = {
+    "ball, pulled": (ball(), torch.tensor(pulled(ball().verts))),
+    "octahedral ball, pulled": (ball(2, octahedron), torch.tensor(pulled(ball(2, octahedron).verts))),
+    "bumpy": (bumpy(), torch.tensor(ball().verts)),
+    "bumpy, pulled": (bumpy(), torch.tensor(pulled(ball().verts))),
+    "its rays": (bumpy(), unit(tensor(bumpy()))),
+}
+EACH = pytest.mark.parametrize(("mesh", "places"), MAPS.values(), ids=MAPS)
+
+
+@EACH
+def test_the_energy_is_that_of_the_singular_values(mesh, places):
+    own = sphere_map(mesh)
+    density, _ = own.energy(places)
+    weights = own._gradients[1]
+    assert float((weights * density).sum()) == pytest.approx(mean_energy(mesh, places), rel=1e-9)
+    assert float(density.min()) >= 4 - 1e-12
+
+
+@EACH
+def test_improving_lowers_the_energy_and_turns_no_face_over(mesh, places):
+    assert least_sine(places, torch.tensor(mesh.faces)) > 0
+    energy = [mean_energy(mesh, places)]
+    for _ in range(5):
+        places = sphere_map(mesh).improved(places, 1)
+        energy.append(mean_energy(mesh, places))
+        assert least_sine(places, torch.tensor(mesh.faces)) > 0
+        np.testing.assert_allclose(places.norm(dim=1), 1, atol=1e-12)
+    assert (np.diff(energy) <= 1e-9).all()
+    # Of what exceeds the least value that there is.
+    assert energy[-1] - 4 < 0.5 * (energy[0] - 4)
+
+
+@pytest.mark.parametrize("solid", [icosahedron, octahedron])
+@pytest.mark.parametrize("levels", [0, 2])
+def test_the_sphere_itself_has_the_least_energy_there_is_and_keeps_it(solid, levels):
+    mesh = ball(levels, solid)
+    own, places = sphere_map(mesh), tensor(mesh)
+    scale = 4 * np.pi / (np.linalg.norm(area_vectors_of(mesh), axis=1).sum() / 2)
+    # Faces lie a little below the sphere; scaled to its area they are larger than on it, all by the same factor.
+    expected = 2 / scale + 2 * scale
+    np.testing.assert_allclose(own.energy(places)[0], expected, rtol=1e-9)
+    assert mean_energy(mesh, own.improved(places, 20)) <= expected * (1 + 1e-9)
+
+
+def area_vectors_of(mesh):
+    a, b, c = (mesh.verts[mesh.faces[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)
+
+
+def test_a_pulled_ball_comes_back_to_the_least_energy():
+    mesh = ball()
+    places = sphere_map(mesh).improved(torch.tensor(pulled(mesh.verts)), 60)
+    assert mean_energy(mesh, places) < 1.002 * mean_energy(mesh, tensor(mesh))
+
+
+@EACH
+def test_points_are_found_with_their_face_and_their_weights_there(mesh, places):
+    faces, generator = torch.tensor(mesh.faces), np.random.default_rng(3)
+    weights = torch.tensor(generator.dirichlet([1.0] * 3, 700))
+    weights[:200, 2] = 0
+    weights = weights / weights.sum(1, keepdim=True)
+    drawn = torch.tensor(generator.integers(mesh.num_faces, size=700))
+    inside = unit((weights[:, :, None] * places[faces[drawn]]).sum(1))
+    points = torch.cat([places, unit(places[faces[:, 0]] + places[faces[:, 1]]), inside])
+    found, at = sphere_map(mesh).located(places, points)
+    assert float(at.min()) >= 0
+    np.testing.assert_allclose(at.sum(1), 1, atol=1e-12)
+    np.testing.assert_allclose(unit((at[:, :, None] * places[faces[found]]).sum(1)), points, atol=1e-9)
+    np.testing.assert_array_equal(found[-500:], drawn[-500:])
+    np.testing.assert_allclose(at[: len(places)].amax(1), 1, atol=1e-9)
+
+
+def test_remeshing_keeps_the_map_one_to_one_and_each_vertex_near_its_place():
+    """Where a vertex is on the sphere, there the surface was at first is no farther off than an edge of each remesh."""
+    mesh, moved = bumpy(3), 0.0
+    surface = Moving(tensor(mesh), torch.tensor(mesh.faces), torch.ones(642).double())
+    surface = replace(surface, on_sphere=torch.tensor(ball(3).verts))
+    for wanted in (0.15, 0.25, 0.1, 0.3):
+        lengths, moved = torch.full_like(surface.lengths, wanted), moved + wanted
+        surface = remeshed(Moving(surface.verts, surface.faces, lengths, on_sphere=surface.on_sphere), 3)
+        assert len(surface.on_sphere) == len(surface.verts)
+        assert not bool(turned_over(surface.on_sphere, surface.faces).any())
+        np.testing.assert_allclose(surface.on_sphere.norm(dim=1), 1, atol=1e-12)
+        found, at = sphere_map(mesh).located(torch.tensor(ball(3).verts), surface.on_sphere)
+        there = (at.numpy()[:, :, None] * mesh.verts[mesh.faces[found]]).sum(1)
+        assert np.linalg.norm(there - surface.verts.numpy(), axis=1).max() < moved
+
+
+def test_a_connectivity_put_on_its_own_surface_by_its_own_map_lies_where_it_was():
+    mesh = bumpy()
+    surface = MovingSurface.of(tensor(mesh), torch.tensor(mesh.faces), torch.tensor(ball().verts))
+    better = surface.with_better_map(20)
+    carried = surface.carrying(torch.tensor(mesh.faces), better.on_sphere)
+    np.testing.assert_allclose(carried.verts, mesh.verts, atol=1e-9)
+
+
+def star_shaped(mesh):
+    return _on_sphere(mesh, tensor(mesh), torch.tensor(mesh.faces))
+
+
+def test_a_sphere_has_a_map_by_its_rays():
+    mesh = Mesh(3 * ball().verts + [5.0, 6.0, 7.0], ball().faces)
+    np.testing.assert_allclose(star_shaped(mesh), ball().verts, atol=1e-12)
+
+
+def two_pieces():
+    one = ball(1)
+    return Mesh(np.concatenate([one.verts, one.verts + 3]), np.concatenate([one.faces, one.faces + one.num_verts]))
+
+
+def bent():
+    """A long ball bent to a horseshoe, which its mean is not inside of."""
+    x, y, z = (ball(3).verts * [4.0, 0.3, 0.3]).T
+    return Mesh(np.stack([(2 - y) * np.sin(x / 1.6), (2 - y) * np.cos(x / 1.6), z], axis=1), ball(3).faces)
+
+
+@pytest.mark.parametrize("make", [torus, lambda: opened(ball(), 0), two_pieces, bent])
+def test_what_no_rays_map_to_a_sphere_has_no_map(make):
+    assert star_shaped(make()) is None
