@@ -11,7 +11,7 @@ OLD    ?= bench.json
 NEW    ?= bench.json
 
 .DEFAULT_GOAL := help
-.PHONY: help setup quickstart test check lint types layers table1 reproduce bench bench-compare figures mousehead wheel clean
+.PHONY: help setup quickstart test check lint types layers table1 reproduce bench bench-compare ablation figures mousehead wheel clean
 
 help:  ## List the targets
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -61,6 +61,9 @@ reproduce: $(DEV)  ## The short reproduction that CI runs, checked against its e
 
 bench: $(DEV)  ## Measure speed and memory, against plain twins in the same run; writes $(BENCH) (8 minutes)
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks --json $(BENCH)
+
+ablation: $(DEV)  ## Leave out the second engine's ingredients one by one; writes docs/ablation.md (10 minutes)
+	$(BIN)/python -m tests.benchmarks.ablation > docs/ablation.md
 
 bench-compare: $(DEV)  ## Set two such files side by side: make bench-compare OLD=a.json NEW=b.json
 	$(BIN)/python -m tests.benchmarks.compare $(OLD) $(NEW)

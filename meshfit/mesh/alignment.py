@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from meshfit.errors import MeshError
 from meshfit.mesh.geometry import bounding_box
-from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.nearest import Points, nearest_in
 from meshfit.mesh.sampling import sample_surface
 
@@ -56,13 +56,12 @@ def apart(source: Mesh, target: Mesh) -> bool:
 
 
 def _sampled(mesh: Mesh, role: str) -> Points:
-    points = sample_surface(mesh, _POINTS, np.random.default_rng(0)).points
-    if not points.std() > 0:
+    if not np.ptp(mesh.verts, axis=0).max() > 0:
         raise MeshError(f"{role}: a surface without extent cannot be aligned")
-    return points
+    return sample_surface(mesh, _POINTS, np.random.default_rng(0)).points
 
 
-def _turn_of_axes(p: Points, q: Points) -> Float64[np.ndarray, "3 3"]:
+def _turn_of_axes(p: Points, q: Float64[np.ndarray, "M 3"]) -> Float64[np.ndarray, "3 3"]:
     """The rotation of the principal axes of p onto those of q that brings the points nearest."""
     ours, theirs = (np.linalg.svd(points, full_matrices=False)[2] for points in (p, q))
     nearest = nearest_in(q)
@@ -77,7 +76,7 @@ def _turn_of_axes(p: Points, q: Points) -> Float64[np.ndarray, "3 3"]:
     return best
 
 
-def _settled(verts: Points, points: Points, q: Points) -> Points:
+def _settled(verts: Verts, points: Points, q: Float64[np.ndarray, "M 3"]) -> Verts:
     nearest, before = nearest_in(q), np.inf
     for _ in range(_ICP_STEPS):
         goal = q[nearest(points)]

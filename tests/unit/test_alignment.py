@@ -1,0 +1,67 @@
+"""A source placed on a target: each way undoes what it is made to undo, and leaves the rest."""
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from meshfit.errors import MeshError
+from meshfit.mesh.alignment import aligned, apart
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.solids import icosahedron
+from meshfit.subdivision.refine import subdivide
+
+
+def pear():
+    """Without symmetry: three axes of different lengths, and thicker at one end of each."""
+    verts = subdivide(icosahedron(), "loop", 3).verts
+    verts = verts / np.linalg.norm(verts, axis=1, keepdims=True)
+    return Mesh(
+        verts * np.array([3.0, 1.8, 1.0]) * (1 + 0.3 * verts[:, [1, 2, 0]]), subdivide(icosahedron(), "loop", 3).faces
+    )
+
+
+def moved(mesh, angle, scale=1.0, shift=(0.0, 0.0, 0.0)):
+    turn = Rotation.from_rotvec(angle * np.array([0.36, 0.48, 0.8]))
+    return Mesh(turn.apply(np.array(mesh.verts)) * scale + np.array(shift), mesh.faces)
+
+
+def test_none_leaves_it_where_it_is():
+    source = pear()
+    assert aligned(source, moved(source, 1.0), "none") is source
+
+
+def test_center_takes_back_a_shift_and_nothing_else():
+    source = pear()
+    found = aligned(moved(source, 0.0, shift=(3, -4, 5)), source, "center")
+    np.testing.assert_allclose(found.verts, source.verts, atol=1e-9)
+
+
+@pytest.mark.parametrize("angle", [0.3, 1.5, 3.0])
+@pytest.mark.parametrize("scale", [0.01, 1.0, 30.0])
+def test_pca_takes_back_turn_scale_and_shift(angle, scale):
+    source = pear()
+    found = aligned(moved(source, angle, scale, (7, 8, -9)), source, "pca")
+    np.testing.assert_allclose(found.verts, source.verts, atol=1e-6)
+
+
+def test_icp_ends_nearer_to_a_bent_shape_than_the_axes_do():
+    source = pear()
+    bent = Mesh(source.verts + np.array([0, 0.1, 0.2]) * source.verts[:, :1] ** 2, source.faces)
+    nearest = cKDTree(bent.verts)
+    by_axes, by_points = (
+        nearest.query(aligned(moved(source, 1.0, 2.0), bent, how).verts)[0].mean() for how in ("pca", "icp")
+    )
+    assert by_points < by_axes
+
+
+def test_boxes_with_nothing_in_common_are_apart():
+    source = pear()
+    assert not apart(source, moved(source, 0.0, shift=(5.9, 0, 0)))
+    assert apart(source, moved(source, 0.0, shift=(9, 0, 0)))
+
+
+def test_a_surface_without_extent_is_refused():
+    point = Mesh(np.ones((3, 3)), np.array([[0, 1, 2]]))
+    with pytest.raises(MeshError, match="source: a surface without extent"):
+        aligned(point, pear(), "pca")

@@ -1,0 +1,51 @@
+"""Open surfaces are fitted boundary to boundary, whatever becomes of their connectivity."""
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from meshfit.fitting.fit import fit
+from meshfit.measuring.measure import measure
+from meshfit.mesh.manifold import topology_in_words
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.topology import Topology
+from tests.shapes import patch
+
+
+def disk(size, height):
+    x = np.linspace(-1, 1, size)
+    u, v = (part.ravel() for part in np.meshgrid(x, x, indexing="ij"))
+    u, v = u * np.sqrt(1 - v**2 / 2), v * np.sqrt(1 - u**2 / 2)
+    i = np.arange(size * size).reshape(size, size)
+    a, b, c, d = i[:-1, :-1].ravel(), i[1:, :-1].ravel(), i[1:, 1:].ravel(), i[:-1, 1:].ravel()
+    return Mesh(np.stack([u, v, height(u, v)], 1), np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]))
+
+
+def rim(mesh):
+    topology = Topology.of(mesh)
+    return mesh.verts[np.unique(topology.edges[topology.faces_per_edge == 1])]
+
+
+@pytest.mark.parametrize("changes", [{"connectivity": "fixed"}, {"verts": 1200}], ids=["fixed", "remeshed"])
+def test_the_boundary_of_a_disk_comes_to_lie_on_that_of_a_bowl(changes):
+    source = disk(9, lambda u, v: 0 * u)
+    source = Mesh(0.6 * source.verts, source.faces)
+    bowl = disk(41, lambda u, v: 0.5 * (1 - u * u - v * v) + 0.1 * np.sin(4 * u))
+    result = fit(source, bowl, method="gauss-newton", device="cpu", **{"levels": 1} | changes).mesh
+    assert topology_in_words(Topology.of(result)) == "1 piece, 1 boundary loop, genus 0"
+    assert cKDTree(rim(bowl)).query(rim(result))[0].max() < 0.1  # its verts are up to 0.08 apart
+    found = measure(result, bowl, samples=20_000)
+    assert found.distance.mean < 0.002
+    assert (found.quality.self_intersecting_faces, found.quality.flipped_faces) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "words"),
+    [
+        (patch(4, 4), "1 piece, 1 boundary loop, genus 0"),
+        (Mesh(np.eye(3), [[0, 1, 2]]), "1 piece, 1 boundary loop, genus 0"),
+        (Mesh(np.zeros((6, 3)), [[0, 1, 2], [3, 4, 5]]), "2 pieces, 2 boundary loops, genus 0"),
+    ],
+)
+def test_topology_is_said_in_words(mesh, words):
+    assert topology_in_words(Topology.of(mesh)) == words
