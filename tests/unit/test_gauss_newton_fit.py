@@ -24,7 +24,7 @@ from tests.ragged import BOOK
 from tests.shapes import torus
 
 SMALL = {"verts": 600, "levels": 1, "coarse_steps": 15, "level_steps": 4, "last_steps": 3}
-SHORT = SMALL | {"coarse_steps": 7, "level_steps": 2, "last_steps": 2}
+SHORT = SMALL | {"verts": 300, "coarse_steps": 7, "level_steps": 2, "last_steps": 2}
 FIXED = {"connectivity": "fixed"}
 QUADRISECTING = ["loop", "interp-loop", "modified-butterfly", "midpoint"]
 
@@ -63,11 +63,12 @@ def fitted(goal, source=None, **changes):
     return meshfit.fit(source or ball(2, 0.3), goal, **options)
 
 
-@pytest.mark.parametrize("changes", [{}, FIXED], ids=["remeshed", "fixed"])
-@pytest.mark.parametrize(("goal", "curvature"), TARGETS.values(), ids=TARGETS)
-def test_a_small_ball_becomes_the_shape_that_it_is_fitted_to(goal, curvature, changes):
+@pytest.mark.parametrize(("name", "changes"), [("ellipsoid", {}), ("rounded box", {}), ("bumpy", FIXED)])
+def test_a_small_ball_becomes_the_shape_that_it_is_fitted_to(name, changes):
     """A chord of length h is at most κ h² / 8 off; in the mean surfaces have to be nearer than where they bend most."""
-    result, goal = fitted(goal(), **changes).mesh, goal()
+    make, curvature = TARGETS[name]
+    goal = make()
+    result = fitted(goal, **changes).mesh
     found = meshfit.measure(result, goal, samples=3000, points=1000)
     square = 2 * face_areas(goal).sum() / (np.sqrt(3) * result.num_verts)
     assert found.distance.mean < curvature * square / 8
@@ -78,8 +79,10 @@ def test_a_small_ball_becomes_the_shape_that_it_is_fitted_to(goal, curvature, ch
     assert 0.7 * SMALL["verts"] < quality.verts <= (642 if changes else SMALL["verts"])
 
 
-@pytest.mark.parametrize("scheme", [*QUADRISECTING, "sqrt3"])
-@pytest.mark.parametrize("levels", [0, 1, 2])
+@pytest.mark.parametrize(
+    ("scheme", "levels"),
+    [*((scheme, 1) for scheme in QUADRISECTING), ("loop", 0), ("loop", 2), ("sqrt3", 1), ("sqrt3", 2)],
+)
 def test_a_fixed_connectivity_is_that_of_the_refined_source(scheme, levels):
     source = ball(1, 0.3)
     result = fitted(ellipsoid(), source, scheme=scheme, **SHORT | FIXED | {"levels": levels}).mesh
@@ -115,28 +118,31 @@ def test_interpolatory_schemes_leave_the_coarse_verts_where_they_are(scheme, dty
     np.testing.assert_allclose(fine.verts, subdivide(mesh, scheme).verts, atol=1e-6)
 
 
-@pytest.mark.parametrize("scheme", QUADRISECTING)
+@pytest.mark.parametrize("scheme", ["loop", "modified-butterfly"])
 def test_what_follows_a_control_mesh_is_its_refinement(scheme):
-    result = fitted(ellipsoid(), scheme=scheme, **SHORT | {"variables": "control", "levels": 2, "verts": 150})
-    expected = subdivide(result.control, scheme, 2)
+    result = fitted(ellipsoid(), scheme=scheme, **SHORT | {"variables": "control", "levels": 1, "verts": 150})
+    expected = subdivide(result.control, scheme, 1)
     np.testing.assert_array_equal(result.mesh.faces, expected.faces)
     np.testing.assert_allclose(result.mesh.verts, expected.verts, atol=1e-5)
     assert result.control.num_verts <= 150
-    assert fitted(ellipsoid(), **SHORT).control is None
 
 
-@pytest.mark.parametrize("changes", [{}, FIXED], ids=["remeshed", "fixed"])
-@pytest.mark.parametrize("goal", [torus(40, 20), Mesh(ball(3).verts, ball(3).faces[200:])], ids=["torus", "open"])
+@pytest.mark.parametrize(
+    ("goal", "changes"),
+    [(torus(40, 20), FIXED), (torus(40, 20), {"levels": 0}), (Mesh(ball(3).verts, ball(3).faces[200:]), {})],
+    ids=["torus, fixed", "torus, remeshed", "open, remeshed"],
+)
 def test_a_target_of_another_topology_is_fitted_to_the_end(goal, changes):
     result = fitted(goal, **SHORT | changes)
-    assert [row[0] for row in result.trace.rows] == list(range(13))
+    assert [row[0] for row in result.trace.rows] == list(range(len(result.trace.rows)))
     assert euler_number(Topology.of(result.mesh)) == 2
     assert result.trace.rows[-1][1] < 0.5 * result.trace.rows[0][1]
 
 
 def test_every_step_is_told_with_its_stage_and_traced():
-    seen, settings = [], GaussNewtonSettings(**SMALL)
-    result = fitted(ellipsoid(), on_step=seen.append)
+    seen, settings = [], GaussNewtonSettings(**SHORT)
+    result = fitted(ellipsoid(), on_step=seen.append, **SHORT)
+    assert result.control is None
     assert [(step.done, step.steps) for step in seen] == [(k + 1, settings.steps) for k in range(settings.steps)]
     assert [step.stage for step in seen] == [stage_at(settings, step.done).name for step in seen]
     assert result.trace.columns == COLUMNS
@@ -144,17 +150,17 @@ def test_every_step_is_told_with_its_stage_and_traced():
     assert [row["distance"] for row in rows] == [step.loss for step in seen]
     assert rows[-1]["verts"] == result.mesh.num_verts
     weights = [(row["fairness"], row["point_weight"]) for row in rows]
-    assert weights[15:19] == list(stage_at(settings, 15).weights)
+    assert weights[7:9] == list(stage_at(settings, 7).weights)
     assert all(0 <= row["matched"] <= 1 and 0 <= row["held_back"] <= row["verts"] for row in rows)
 
 
-@pytest.mark.parametrize("every", [1, 4, 100])
+@pytest.mark.parametrize("every", [4, 100])
 def test_rows_are_as_far_apart_as_is_asked_for_and_the_last_step_has_one(every):
     steps = [row[0] for row in fitted(ellipsoid(), **SHORT, trace_every=every).trace.rows]
     assert steps == sorted({*range(0, 13, every), 12})
 
 
-@pytest.mark.parametrize("when", [0, 3, 9])
+@pytest.mark.parametrize("when", [0, 9])
 def test_a_step_that_is_not_finite_ends_the_fit_with_the_last_good_mesh(monkeypatch, when):
     calls, solve, before = [], moving_surface.solve_step, []
 
@@ -164,7 +170,7 @@ def test_a_step_that_is_not_finite_ends_the_fit_with_the_last_good_mesh(monkeypa
         return step * (torch.nan if len(calls) == when + 1 else 1.0), count
 
     monkeypatch.setattr(moving_surface, "solve_step", failing)
-    with pytest.raises(Diverged, match=f"^the fit diverged at step {when}: the step is not finite; raise ") as caught:
+    with pytest.raises(Diverged, match=rf"^the fit diverged at step {when}: the step is not finite; raise ") as caught:
         fitted(ellipsoid(), on_step=before.append, **SHORT)
     assert len(before) == when
     np.testing.assert_array_equal(caught.value.last_good.verts, calls[-1].verts.double())

@@ -14,6 +14,8 @@ _TRIES, _HALVINGS = 12, 4
 # What verts of a control mesh have to do with a place of the surface, at least, to be held back for it.
 _FELT = 0.05
 _UNTANGLINGS, _PATIENCE, _SMOOTHINGS = 30, 8, 2
+# At every step: what takes longer is held back.
+_MENDINGS = 10
 
 
 def unsound_faces(shape: Shape) -> Bool[Tensor, " F"]:
@@ -84,20 +86,22 @@ def mended(
     Returns:
         Where the verts go, and which of them were smoothed or held back.
     """
-    verts, unsound = untangled(connectivity, end)
+    verts, unsound = untangled(connectivity, end, _MENDINGS)
     if unsound:
         return guarded(connectivity, start, end)
     return verts, (verts != end).any(dim=1)
 
 
-def untangled(connectivity: Connectivity, verts: Float[Tensor, "V 3"]) -> tuple[Float[Tensor, "V 3"], int]:
+def untangled(
+    connectivity: Connectivity, verts: Float[Tensor, "V 3"], most: int = _UNTANGLINGS
+) -> tuple[Float[Tensor, "V 3"], int]:
     """Smooth the surroundings of unsound faces until there are none, or there is no progress.
 
     Returns:
         The places of the verts with the fewest unsound faces, and how many those are.
     """
     best, fewest, last = verts, len(connectivity.faces) + 1, 0
-    for attempt in range(_UNTANGLINGS):
+    for attempt in range(most):
         bad = unsound_faces(Shape(connectivity, verts))
         count = int(bad.sum())
         if count < fewest:
