@@ -170,7 +170,7 @@ class GaussNewton:
         if stage.change == "place" and surface.on_sphere is not None:
             verts, faces = self._source(problem)
             places = _on_sphere(problem.source, verts, faces)
-            return surface if places is None else surface.carrying(faces, places)
+            return surface if places is None else surface.carrying(faces, places, target)
         movable = self.settings.connectivity == "remeshed" or surface.on_sphere is not None
         if stage.change == "remesh" and movable:
             count = self._rough_verts(problem) * stage.share
@@ -180,7 +180,7 @@ class GaussNewton:
     def _rough_verts(self, problem: Problem) -> float:
         """The number of verts at the end of the rough stage."""
         if self.settings.connectivity == "fixed":
-            return 4.0 * problem.source.num_verts
+            return float(problem.source.num_verts)
         if self.settings.variables == "control":
             return float(self.settings.verts)
         return self.settings.verts / 4.0**self.settings.levels

@@ -101,26 +101,35 @@ class Pattern:
 
 @dataclass(frozen=True, eq=False)
 class Fairness:
-    """What keeps a surface smooth: λ/V Σ w |L x|², L the uniform Laplacian.
+    """What keeps a surface smooth: λ/V Σ w |L x|² + Σ t |x - x'|² over edges, L the uniform Laplacian.
 
     Attributes:
         connectivity: of the surface.
         weights: (V, 1) w times λ/V.
+        tension: (E, 1) t; None where no edge is under tension.
     """
 
     connectivity: Connectivity
     weights: Float[Tensor, "V 1"]
+    tension: Float[Tensor, "E 1"] | None = None
 
     def __call__(self, x: Float[Tensor, "V 3"]) -> Float[Tensor, "V 3"]:
-        """Lᵀ W L x."""
-        umbrella = self.connectivity.umbrella
-        return umbrella.T @ (self.weights * (umbrella @ x))
+        """Lᵀ W L x + Dᵀ T D x, with D the differences along edges."""
+        umbrella, (tail, head) = self.connectivity.umbrella, self.connectivity.ends
+        smooth = umbrella.T @ (self.weights * (umbrella @ x))
+        if self.tension is None:
+            return smooth
+        pull = self.tension * (x[tail] - x[head])
+        return smooth.index_add(0, tail, pull).index_add(0, head, -pull)
 
     def diagonal(self) -> Float[Tensor, "V 1"]:
-        """The diagonal of Lᵀ W L."""
+        """The diagonal of Lᵀ W L + Dᵀ T D."""
         tail, head = self.connectivity.ends
         share = self.weights / self.connectivity.edges.valence.clamp_min(1)[:, None] ** 2
-        return self.weights.index_add(0, tail, share[head]).index_add(0, head, share[tail])
+        smooth = self.weights.index_add(0, tail, share[head]).index_add(0, head, share[tail])
+        if self.tension is None:
+            return smooth
+        return smooth.index_add(0, tail, self.tension).index_add(0, head, self.tension)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,8 +14,6 @@ _TRIES, _HALVINGS = 12, 4
 # What verts of a control mesh have to do with a place of the surface, at least, to be held back for it.
 _FELT = 0.05
 _UNTANGLINGS, _PATIENCE, _SMOOTHINGS = 30, 8, 2
-# At every step: what takes longer is held back.
-_MENDINGS = 10
 
 
 def unsound_faces(shape: Shape) -> Bool[Tensor, " F"]:
@@ -74,22 +72,6 @@ def guarded(
         held |= near
         share = torch.where(near[:, None], share / 2 if attempt < _HALVINGS else 0, share)
     return start, torch.ones_like(held)
-
-
-def mended(
-    connectivity: Connectivity, start: Float[Tensor, "V 3"], end: Float[Tensor, "V 3"]
-) -> tuple[Float[Tensor, "V 3"], Bool[Tensor, " V"]]:
-    """Go from one place to another, and smooth away what is unsound there; if that fails, go as `guarded` does.
-
-    Held back, a fold waits where it is for ever; smoothed, it opens.
-
-    Returns:
-        Where the verts go, and which of them were smoothed or held back.
-    """
-    verts, unsound = untangled(connectivity, end, _MENDINGS)
-    if unsound:
-        return guarded(connectivity, start, end)
-    return verts, (verts != end).any(dim=1)
 
 
 def untangled(

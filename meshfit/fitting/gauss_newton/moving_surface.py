@@ -7,12 +7,13 @@ from jaxtyping import Float, Float64
 from torch import Generator, Tensor
 
 from meshfit.fitting.gauss_newton.equations import Control, Fairness, Pattern, solve_step
-from meshfit.fitting.gauss_newton.guard import guarded, mended, unsound_faces, untangled
+from meshfit.fitting.gauss_newton.guard import guarded, unsound_faces, untangled
 from meshfit.fitting.gauss_newton.pairs import Pairs, find_pairs
 from meshfit.fitting.gauss_newton.sizing import lengths_for
 from meshfit.fitting.gauss_newton.sphere import SphereMap
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
+from meshfit.fitting.gauss_newton.webs import tension
 from meshfit.loss.sparse import Sparse
 from meshfit.mesh.topology import Topology
 from meshfit.remeshing.moving import Moving
@@ -95,7 +96,8 @@ class MovingSurface:
         """Take a Gauss–Newton step towards the target, as far as the surface stays sound."""
         shape, own, other = self.shape, self.pattern.connectivity, self.followers
         pairs = find_pairs(shape, target, generator)
-        smooth = Fairness(own, self.stiffness * (fairness / len(self.verts)))
+        pull = tension(own, pairs.webs, fairness) if other is None else None
+        smooth = Fairness(own, self.stiffness * (fairness / len(self.verts)), pull)
         pattern = self.pattern if other is None else other.pattern
         control = None if other is None else Control(self.verts, other.operator, other.squares)
         step, _ = solve_step(shape, pattern, pairs, smooth, point_weight, control)
@@ -103,7 +105,7 @@ class MovingSurface:
         if not bool(end.isfinite().all()):
             return Taken(replace(self, verts=end), pairs, 0)
         if other is None:
-            verts, held = mended(own, self.verts, end)
+            verts, held = guarded(own, self.verts, end)
         else:
             verts, held = guarded(other.pattern.connectivity, self.verts, end, (own, other.operator))
         relaxed = (self.stiffness * _WEARING).clamp_min(1)
@@ -185,16 +187,19 @@ class MovingSurface:
         improved = SphereMap(self.pattern, self.verts.double()).improved(self.on_sphere, steps)
         return replace(self, on_sphere=improved)
 
-    def carrying(self, faces: Tensor, on_sphere: Float64[Tensor, "N 3"]) -> "MovingSurface":
-        """Another connectivity put on the surface, by where its verts are on the sphere.
+    def carrying(self, faces: Tensor, on_sphere: Float64[Tensor, "N 3"], target: TargetCloud) -> "MovingSurface":
+        """Another connectivity put on the surface, by where its verts are on the sphere, more densely on curved parts.
 
         Args:
             faces: (G, 3) of that connectivity.
             on_sphere: (N, 3) where its verts are.
+            target: where curvature is taken from.
         """
-        surface = self.with_better_map(_LAST_MAP_STEPS)
-        assert surface.on_sphere is not None  # noqa: S101  only surfaces that have a map are asked
-        here, weights = SphereMap(self.pattern, self.verts.double()).located(surface.on_sphere, on_sphere)
+        assert self.on_sphere is not None  # noqa: S101  only surfaces that have a map are asked
+        lengths = lengths_for(self.shape, len(on_sphere), target)
+        sphere = SphereMap(self.pattern, self.verts.double(), lengths.double())
+        improved = sphere.improved(self.on_sphere, _LAST_MAP_STEPS)
+        here, weights = sphere.located(improved, on_sphere)
         corners = self.verts[self.pattern.connectivity.faces[here]]
         verts = (weights.to(corners)[:, :, None] * corners).sum(1)
         return MovingSurface.of(verts, faces).untangled()

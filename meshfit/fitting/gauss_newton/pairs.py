@@ -10,6 +10,7 @@ from torch import Generator, Tensor
 from meshfit.fitting.gauss_newton.boundary import RimPairs, find_rim_pairs
 from meshfit.fitting.gauss_newton.surface import Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
+from meshfit.fitting.gauss_newton.webs import in_webs, share_at_verts
 from meshfit.fitting.matching import nearest_to
 from meshfit.remeshing.shapes import dot
 
@@ -33,6 +34,7 @@ class Pairs:
         residuals: (M, 3) from the point of the surface to the other one.
         weights: (M,) that add up to about 2, 1 for each direction.
         matched: the share of points, in both directions, that found one facing alike.
+        webs: (V,) the share of the area at each vertex that spans a gap of the target.
     """
 
     face: Int64[Tensor, " M"]
@@ -41,6 +43,7 @@ class Pairs:
     residuals: Float[Tensor, "M 3"]
     weights: Float[Tensor, " M"]
     matched: float
+    webs: Float[Tensor, " V"]
 
     @property
     def distance(self) -> float:
@@ -57,11 +60,14 @@ class Pairs:
             torch.cat([self.residuals, rim.residuals]),
             torch.cat([self.weights, rim.weights]),
             self.matched,
+            self.webs,
         )
 
 
 def find_pairs(shape: Shape, target: TargetCloud, generator: Generator) -> Pairs:
     """Pair points of the surface with the nearest of the target, and the other way round; those that face alike.
+
+    Points of webs are paired with none.
 
     Points of the target are drawn at random. Those of the surface are its verts and fixed places in each face,
     weighted by area; a point of the target that finds one of them is paired with the nearest point of its face. Where
@@ -76,7 +82,9 @@ def find_pairs(shape: Shape, target: TargetCloud, generator: Generator) -> Pairs
     points = (corners[:, :, None] * shape.corners[face]).sum(1)
     normals = torch.cat([shape.normals.repeat_interleave(len(_PLACES), 0), shape.vert_normals])
     there = target.nearest(points)
-    ahead = dot(normals, target.normals[there]) > _FACING
+    spanning = in_webs(shape, face, points - target.points[there], normals, target.normals[there])
+    in_faces = spanning[: len(_PLACES) * len(shape.corners)].view(-1, len(_PLACES))
+    ahead = (dot(normals, target.normals[there]) > _FACING) & ~spanning
     drawn = target.draw(max(_LEAST_DRAWN, _DRAWN_PER_VERT * len(shape.verts)), generator)
     here = nearest_to(points)(target.points[drawn])
     back = dot(normals[here], target.normals[drawn]) > _FACING_BACK
@@ -93,6 +101,7 @@ def find_pairs(shape: Shape, target: TargetCloud, generator: Generator) -> Pairs
         residuals=target.points[found] - start,
         weights=torch.cat([weights[ahead], weights.new_full((len(drawn),), 1 / len(back))]),
         matched=float(ahead.sum() + back.sum()) / (len(ahead) + len(back)),
+        webs=share_at_verts(shape, in_faces.to(points).mean(1)),
     )
     if target.rim is None or not len(shape.connectivity.edges.outer):
         return pairs

@@ -17,8 +17,6 @@ from meshfit.remeshing.shapes import dot, turned_over, unit
 
 _TOLERANCE, _MOST_ITERATIONS, _HALVINGS = 1e-3, 400, 24
 _GAIN, _PATIENCE = 1e-3, 3
-# Shares of a full step below which the step is cut at the faces in its way, in place of everywhere.
-_SHORT_STEP = 0.2
 _BLOCK = 256
 _UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
@@ -34,10 +32,13 @@ class SphereMap:
     Attributes:
         pattern: of the surface's connectivity.
         verts: (V, 3) the surface, in float64.
+        lengths: (V,) lengths in which the surface is measured there, if they differ: where they are short, more of the
+            sphere goes.
     """
 
     pattern: Pattern
     verts: Float64[Tensor, "V 3"]
+    lengths: Float64[Tensor, " V"] | None = None
 
     @cached_property
     def _gradients(self) -> tuple[Tensor, Tensor]:
@@ -46,10 +47,13 @@ class SphereMap:
         ab, ac = b - a, c - a
         across = torch.linalg.cross(ab, ac)
         double_area, side = across.norm(dim=1), ab.norm(dim=1)
-        scale = (8 * torch.pi / double_area.sum()).sqrt()
         x = ab / side[:, None]
         flat = torch.zeros(len(ab), 2, 2, dtype=ab.dtype, device=ab.device)
         flat[:, 0, 0], flat[:, 0, 1], flat[:, 1, 1] = side, dot(ac, x), double_area / side
+        if self.lengths is not None:
+            lengths = self.lengths[self.faces].mean(1)
+            flat, double_area = flat / lengths[:, None, None], double_area / lengths.square()
+        scale = (8 * torch.pi / double_area.sum()).sqrt()
         inverse = torch.linalg.inv(flat * scale)
         corners = torch.stack([-(inverse[:, 0] + inverse[:, 1]), inverse[:, 0], inverse[:, 1]], 1)
         return corners, double_area / double_area.sum()
@@ -60,12 +64,19 @@ class SphereMap:
         return self.pattern.connectivity.faces
 
     def energy(self, places: Tensor) -> tuple[Tensor, Tensor]:
-        """(F,) the energy density of each face, at least 4, and (F, 3, 2) the Jacobians."""
-        jacobian = torch.einsum("fkc,fkx->fxc", self._gradients[0], places[self.faces])
+        """(F,) the energy density of each face, at least 4, and (F, 3, 2) the Jacobians.
+
+        The map is taken to the plane that touches the sphere above the middle of the face, where a face has no area
+        just when its corners lie on one great circle; that of the chords does not vanish there.
+        """
+        corners = places[self.faces]
+        outward = unit(corners.sum(1))
+        jacobian = torch.einsum("fkc,fkx->fxc", self._gradients[0], corners)
+        jacobian = jacobian - outward[:, :, None] * (outward[:, None, :] @ jacobian)
         metric = jacobian.transpose(1, 2) @ jacobian
         trace = metric[:, 0, 0] + metric[:, 1, 1]
         determinant = metric[:, 0, 0] * metric[:, 1, 1] - metric[:, 0, 1].square()
-        return trace + trace / determinant.clamp_min(1e-30), jacobian
+        return trace + trace / determinant.clamp_min(1e-300), jacobian
 
     def improved(self, places: Float64[Tensor, "V 3"], most: int) -> Float64[Tensor, "V 3"]:
         """Lower the energy by some steps, fewer where it hardly falls any more.
@@ -76,38 +87,12 @@ class SphereMap:
         """
         weights, idle = self._gradients[1], 0
         for _ in range(most):
-            places = self._eased(places)
             density, jacobian = self.energy(places)
-            step = self._step(places, jacobian)
             before = float((weights * density).sum())
-            after, energy, share = self._along(places, step, before, everywhere=True)
-            if share < _SHORT_STEP:
-                other, lower, _ = self._along(places, step, before, everywhere=False)
-                after, energy = (other, lower) if lower < energy else (after, energy)
-            places, idle = after, idle + 1 if energy > before * (1 - _GAIN) else 0
+            places, energy = self._along(places, self._step(places, jacobian), before)
+            idle = idle + 1 if energy > before * (1 - _GAIN) else 0
             if idle == _PATIENCE:
                 break
-        return places
-
-    def _eased(self, places: Tensor) -> Tensor:
-        """Move the verts of faces that are far worse than the rest towards their neighbours, where that mends them."""
-        weights, connectivity = self._gradients[1], self.pattern.connectivity
-        for _ in range(6):
-            density = self.energy(places)[0]
-            limit = 20 * (weights * density).sum().clamp_max(20)
-            far = density > limit
-            if not bool(far.any()):
-                break
-            middle = unit(connectivity.neighbour_mean(places))
-            moved = torch.where(connectivity.verts_of(far)[:, None], unit(places + middle), places)
-            for _ in range(8):
-                worse = turned_over(moved, self.faces) | (self.energy(moved)[0] > density.clamp_min(20))
-                if not bool(worse.any()):
-                    break
-                moved = torch.where(connectivity.verts_of(worse)[:, None], places, moved)
-            else:
-                return places
-            places = moved
         return places
 
     def _step(self, places: Tensor, jacobian: Tensor) -> Tensor:
@@ -146,24 +131,17 @@ class SphereMap:
             _MOST_ITERATIONS,
         )[0]
 
-    def _along(self, places: Tensor, step: Tensor, before: float, *, everywhere: bool) -> tuple[Tensor, float, float]:
-        """Where a step leads that is cut until no face turns over and the energy falls, that energy, and the cut."""
-        connectivity, share = self.pattern.connectivity, torch.ones_like(places[:, :1])
-        for attempt in range(_HALVINGS):
+    def _along(self, places: Tensor, step: Tensor, before: float) -> tuple[Tensor, float]:
+        """Where a step leads that is cut until no face turns over and the energy falls, and that energy."""
+        share = 1.0
+        for _ in range(_HALVINGS):
             moved = unit(places + share * step)
-            over = turned_over(moved, self.faces)
-            if bool(over.any()) and not everywhere:
-                near = connectivity.verts_of(over)
-                for _ in range(attempt // 4):
-                    near = connectivity.grown(near)
-                share = torch.where(near[:, None], share / 2, share)
-                continue
-            if not bool(over.any()):
+            if not bool(turned_over(moved, self.faces).any()):
                 energy = float((self._gradients[1] * self.energy(moved)[0]).sum())
                 if energy < before:
-                    return moved, energy, float(share.mean())
-            share = share / 2
-        return places, before, 0.0
+                    return moved, energy
+            share /= 2
+        return places, before
 
     def located(
         self, places: Float64[Tensor, "V 3"], points: Float64[Tensor, "N 3"]

@@ -72,7 +72,7 @@ def _coarse(settings: GaussNewtonSettings) -> Iterator[Stage]:
     fairness = _falling(_COARSE, _COARSE_FACTOR, settings.fairness, count)
     weights = tuple(zip(fairness, _falling(_POINT, _POINT_FACTOR, _POINT_LEAST, count), strict=True))
     for start in range(0, count, _STEPS_BETWEEN_REMESHES):
-        sized = settings.connectivity == "remeshed" and start > count // 2
+        sized = start > count // 2
         part = weights[start : start + _STEPS_BETWEEN_REMESHES]
         yield Stage("rough shape", "remesh" if start else "none", _ROUGH_SHARE, sized, part)
 
