@@ -5,8 +5,8 @@ from torch import Tensor
 
 from meshfit.remeshing.candidates import Collapses, choose
 from meshfit.remeshing.connectivity import contained
-from meshfit.remeshing.moving import Moving
-from meshfit.remeshing.shapes import corners_of, dot, length_of, unit
+from meshfit.remeshing.moving import NEEDLE, Moving
+from meshfit.remeshing.shapes import corners_of, dot, length_of, turned_over, unit
 from meshfit.remeshing.soundness import in_turn, linked, shapely
 
 _PASSES = 24
@@ -71,12 +71,24 @@ def _applied(surface: Moving, chosen: Collapses) -> tuple[Moving, Tensor]:
     verts[chosen.kept], lengths[chosen.kept] = chosen.place, chosen.length
     a, b, c = (into.index_select(0, faces[:, k]) for k in range(3))
     stays = (a != b) & (b != c) & (c != a)
-    on_sphere = surface.on_sphere
-    if on_sphere is not None:
-        on_sphere = on_sphere.clone()
-        middle = on_sphere.index_select(0, chosen.kept) + on_sphere.index_select(0, chosen.gone)
-        on_sphere[chosen.kept] = unit(middle)
-    return Moving(verts, torch.stack([a, b, c], 1)[stays], lengths, on_sphere=on_sphere), stays
+    faces = torch.stack([a, b, c], 1)[stays]
+    on_sphere = None if surface.on_sphere is None else _drawn_together(surface.on_sphere, faces, chosen)
+    return Moving(verts, faces, lengths, on_sphere=on_sphere), stays
+
+
+def _drawn_together(on_sphere: Tensor, faces: Tensor, chosen: Collapses) -> Tensor:
+    """Where verts are on the sphere after collapses: at the middle, or at an end if that turns over fewer faces."""
+    ends = on_sphere.index_select(0, chosen.kept), on_sphere.index_select(0, chosen.gone)
+    best, fewest = on_sphere, torch.full_like(chosen.kept, len(faces))
+    for place in (unit(ends[0] + ends[1]), *ends):
+        tried = on_sphere.clone()
+        tried[chosen.kept] = place
+        over = turned_over(tried, faces, NEEDLE).nonzero()[:, 0]
+        count = torch.bincount(faces[over].view(-1), minlength=len(on_sphere)).index_select(0, chosen.kept)
+        better = count < fewest
+        best = best.index_copy(0, chosen.kept[better], place[better])
+        fewest = torch.minimum(fewest, count)
+    return best
 
 
 def _lifted(surface: Moving, chosen: Collapses) -> tuple[Collapses, Tensor]:

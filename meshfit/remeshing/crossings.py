@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Float64, Int64
 from torch import Tensor
 
 from meshfit.remeshing.fans import dot, simple_fans
+from meshfit.remeshing.neighbourhood import near_some
 from meshfit.remeshing.overlaps import overlapping_boxes
 
 Rows = Int64[Tensor, " P"]
@@ -25,7 +26,10 @@ _LARGEST = 1e50
 
 @torch.no_grad()
 def crossing_pairs(
-    verts: Float[Tensor, "V 3"], faces: Int64[Tensor, "F 3"], members: Int64[Tensor, " F"] | None = None
+    verts: Float[Tensor, "V 3"],
+    faces: Int64[Tensor, "F 3"],
+    members: Int64[Tensor, " F"] | None = None,
+    among: Bool[Tensor, " F"] | None = None,
 ) -> Int64[Tensor, "P 2"]:
     """Pairs of faces of which one runs through the other.
 
@@ -43,6 +47,7 @@ def crossing_pairs(
         faces: int64, vertex indices. Faces without area are allowed; those shrunk to a point, or that name a vertex
             twice, are in no pair.
         members: int64, at least 0: which mesh of a batch each face belongs to. Faces of different ones never cross.
+        among: look only for pairs with one of these faces, which is faster where they are few.
 
     Returns:
         int64, each pair once, the lower face first, in lexicographic order.
@@ -51,6 +56,9 @@ def crossing_pairs(
     shapes = _Faces.of(verts.double(), faces.index_select(0, rows))
     company = torch.zeros_like(rows) if members is None else members.index_select(0, rows)
     rough = ~simple_fans(shapes.verts, shapes.corners, shapes.normals, len(verts))[shapes.verts].all(1)
+    if among is not None:
+        near = near_some(*shapes.boxes(), among.index_select(0, rows)).nonzero()[:, 0]
+        rows, rough, company, shapes = *_at(near, rows, rough, company), shapes.only(near)
     count, found = max(1, len(faces)), [rows.new_empty(0)]
     for pairs in overlapping_boxes(*shapes.boxes(), company):
         i, j = shapes.crossing(*shapes.worth_testing(*pairs, rough))
@@ -58,15 +66,19 @@ def crossing_pairs(
         found.append(torch.minimum(i, j) * count + torch.maximum(i, j))
     codes = torch.cat(found).sort().values
     codes = codes[codes.diff(prepend=codes.new_full((1,), -1)) > 0]
-    return torch.stack([codes.div(count, rounding_mode="floor"), codes % count], 1)
+    pairs = torch.stack([codes.div(count, rounding_mode="floor"), codes % count], 1)
+    return pairs if among is None else pairs[among[pairs].any(1)]
 
 
 def crossing_faces(
-    verts: Float[Tensor, "V 3"], faces: Int64[Tensor, "F 3"], members: Int64[Tensor, " F"] | None = None
+    verts: Float[Tensor, "V 3"],
+    faces: Int64[Tensor, "F 3"],
+    members: Int64[Tensor, " F"] | None = None,
+    among: Bool[Tensor, " F"] | None = None,
 ) -> Bool[Tensor, " F"]:
     """Which faces run through another or are run through, as `crossing_pairs` has it; the arguments are the same."""
     crossing = torch.zeros(len(faces), dtype=torch.bool, device=faces.device)
-    crossing[crossing_pairs(verts, faces, members).view(-1)] = True
+    crossing[crossing_pairs(verts, faces, members, among).view(-1)] = True
     return crossing
 
 
@@ -96,6 +108,10 @@ class _Faces:
         squares = torch.stack([dot(side, side) for side in sides]).amax(0)
         needles = dot(normals, normals).sqrt() <= _NEEDLE * squares
         return cls(verts, corners, normals.masked_fill(needles[:, None], 0.0), squares.sqrt())
+
+    def only(self, which: Rows) -> "_Faces":
+        """Some of them."""
+        return _Faces(*_at(which, self.verts, self.corners, self.normals, self.lengths))
 
     def boxes(self) -> tuple[Float64[Tensor, "F 3"], Float64[Tensor, "F 3"]]:
         """The least and the greatest corner of a box about each, as far as it may be touched."""

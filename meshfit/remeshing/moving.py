@@ -11,6 +11,10 @@ from meshfit.remeshing.connectivity import Edges
 from meshfit.remeshing.shapes import area_vectors, length_of, turned_over, unit
 
 
+# What a face on the sphere has to exceed, as `turned_over` has it; from a needle, there is no way to a better map.
+NEEDLE = 0.02
+
+
 @dataclass(frozen=True, eq=False)
 class Moving:
     """An oriented manifold, with or without boundary, and the edge lengths wanted of it.
@@ -42,9 +46,9 @@ class Moving:
 
     @cached_property
     def flipped(self) -> Bool[Tensor, " F"]:
-        """Which faces look away from their surroundings, or are turned over on the sphere."""
+        """Which faces look away from their surroundings, or are turned over on the sphere or nearly so."""
         flipped = self.edges.flipped(self.normals)
-        return flipped if self.on_sphere is None else flipped | turned_over(self.on_sphere, self.faces)
+        return flipped if self.on_sphere is None else flipped | turned_over(self.on_sphere, self.faces, NEEDLE)
 
     @cached_property
     def wanted(self) -> Float[Tensor, " E"]:
@@ -73,8 +77,14 @@ class Moving:
         )
 
     def around_flipped(self, among: Bool[Tensor, " F"]) -> Bool[Tensor, " V"]:
-        """The verts of flipped faces, of some that count, and of the neighbours of these."""
-        return around(self.edges, self.faces, self.flipped & among)
+        """The verts of flipped faces, of some that count, and of the neighbours of these.
+
+        Those that are turned over on the sphere count always: what was nearly so before must not come to be.
+        """
+        flipped = self.flipped & among
+        if self.on_sphere is not None:
+            flipped |= turned_over(self.on_sphere, self.faces)
+        return around(self.edges, self.faces, flipped)
 
 
 def around(edges: Edges, faces: Int64[Tensor, "F 3"], mask: Bool[Tensor, " F"]) -> Bool[Tensor, " V"]:

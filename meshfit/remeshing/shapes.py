@@ -34,10 +34,20 @@ def area_vectors(verts: Float[Tensor, "V 3"], faces: Int64[Tensor, "F 3"]) -> Fl
     return across
 
 
-def turned_over(on_sphere: Float[Tensor, "V 3"], faces: Int64[Tensor, "F 3"]) -> Bool[Tensor, " F"]:
-    """Which faces of verts on a sphere are seen from outside the wrong way round."""
+def turned_over(on_sphere: Float[Tensor, "V 3"], faces: Int64[Tensor, "F 3"], least: float = 0.0) -> Bool[Tensor, " F"]:
+    """Which faces of verts on a sphere are seen from outside the wrong way round, or are needles.
+
+    Args:
+        on_sphere: (V, 3) unit vectors.
+        faces: (F, 3) vertex indices.
+        least: six times the volume below a face, over its longest side squared, that it has to exceed.
+    """
     a, b, c = corners_of(on_sphere, faces)
-    return ~(dot(torch.linalg.cross(a, b), c) > 0)
+    volume = dot(torch.linalg.cross(a, b), c)
+    if not least:
+        return ~(volume > 0)
+    longest = torch.stack([dot(side, side) for side in (b - a, c - b, a - c)]).amax(0)
+    return ~(volume > least * longest)
 
 
 def normal_and_sine(

@@ -40,12 +40,15 @@ def some_pairs(mesh, seed=0, count=400):
         residuals=torch.tensor(generator.normal(size=(count, 3))),
         weights=torch.tensor(generator.uniform(0, 2 / max(count, 1), count)),
         matched=1.0,
+        webs=torch.zeros(mesh.num_verts, dtype=torch.float64),
     )
 
 
-def some_fairness(mesh, size=0.1):
-    weights = np.random.default_rng(1).uniform(0.5, 2, (mesh.num_verts, 1)) * size / mesh.num_verts
-    return Fairness(connectivity(mesh), torch.tensor(weights))
+def some_fairness(mesh, size=0.1, *, tension=False):
+    generator = np.random.default_rng(1)
+    weights = generator.uniform(0.5, 2, (mesh.num_verts, 1)) * size / mesh.num_verts
+    pull = generator.uniform(0, 1, (len(connectivity(mesh).edges.keys), 1)) / mesh.num_verts
+    return Fairness(connectivity(mesh), torch.tensor(weights), torch.tensor(pull) if tension else None)
 
 
 def umbrella(mesh):
@@ -66,8 +69,12 @@ def system(mesh, pairs, fairness, point_weight, fine=None, operator=None):
     across = (w[:, None, None] * at[:, :, None] * n[:, None, :]).reshape(count, -1)
     points = np.kron(np.sqrt(point_weight) * w[:, None] * at, three)
     smooth = fairness.weights.sqrt().numpy() * umbrella(mesh)
-    rows = np.concatenate([across, points, np.kron(smooth, three)])
-    right = [w * (n * r).sum(axis=1), np.sqrt(point_weight) * w[:, None] * r, -smooth @ mesh.verts]
+    taut = np.zeros((0, mesh.num_verts))
+    if fairness.tension is not None:
+        tail, head = fairness.connectivity.ends.numpy()
+        taut = fairness.tension.sqrt().numpy() * (np.eye(mesh.num_verts)[tail] - np.eye(mesh.num_verts)[head])
+    rows = np.concatenate([across, points, np.kron(smooth, three), np.kron(taut, three)])
+    right = [w * (n * r).sum(axis=1), np.sqrt(point_weight) * w[:, None] * r, -smooth @ mesh.verts, -taut @ mesh.verts]
     return rows, np.concatenate([part.reshape(-1) for part in right])
 
 
@@ -84,10 +91,11 @@ def to_the_end(monkeypatch):
 
 
 @EACH
+@pytest.mark.parametrize("tension", [False, True])
 @pytest.mark.parametrize("point_weight", [0.0, 0.05, 1.0])
 @pytest.mark.usefixtures("to_the_end")
-def test_the_step_is_the_least_squares_solution(mesh, point_weight):
-    arguments = (mesh, some_pairs(mesh), some_fairness(mesh), point_weight)
+def test_the_step_is_the_least_squares_solution(mesh, point_weight, tension):
+    arguments = (mesh, some_pairs(mesh), some_fairness(mesh, tension=tension), point_weight)
     expected = np.linalg.lstsq(*system(*arguments))[0].reshape(-1, 3)
     np.testing.assert_allclose(solved(*arguments), expected, atol=1e-9 * np.abs(expected).max())
 
@@ -196,3 +204,11 @@ def test_a_translated_copy_moves_back_in_one_step(mesh):
     pairs = Pairs(**vars(pairs) | {"residuals": torch.tensor(-away).expand(len(pairs.face), 3)})
     step = solved(moved, pairs, some_fairness(mesh, 1e-9), 1.0)
     np.testing.assert_allclose(moved.verts + step, mesh.verts, atol=1e-5)
+
+
+@EACH
+@pytest.mark.parametrize("tension", [False, True])
+def test_the_diagonal_of_fairness_is_that_of_its_matrix(mesh, tension):
+    fairness = some_fairness(mesh, tension=tension)
+    matrix = torch.stack([fairness(row[:, None].expand(-1, 3))[:, 0] for row in torch.eye(mesh.num_verts).double()])
+    torch.testing.assert_close(fairness.diagonal()[:, 0], matrix.diagonal())

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from meshfit.fitting.gauss_newton.guard import guarded, mended, unsound_faces, untangled
+from meshfit.fitting.gauss_newton.guard import guarded, unsound_faces, untangled
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.measuring.quality import degenerate_faces, flipped_faces
 from meshfit.mesh.mesh import Mesh
@@ -88,18 +88,6 @@ def test_a_sound_surface_stays_sound_under_wild_steps(mesh, dtype, size):
 
 
 @EACH
-@pytest.mark.parametrize("size", [0.5, 5.0])
-def test_it_stays_sound_too_where_what_is_in_the_way_is_smoothed(mesh, size):
-    start = torch.tensor(mesh.verts)
-    end = (
-        start + size * edge_length(mesh) * torch.randn(start.shape, generator=torch.Generator().manual_seed(8)).double()
-    )
-    verts, held = mended(connectivity(mesh), start, end)
-    assert num_unsound(Mesh(verts.numpy(), mesh.faces)) == 0
-    assert held[(verts != end).any(1)].all()
-
-
-@EACH
 def test_what_moves_as_a_whole_moves_all_the_way(mesh):
     step = np.tile([5.0, -3.0, 0.1], (mesh.num_verts, 1))
     after, held = moved(mesh, step)
@@ -111,10 +99,9 @@ def test_what_moves_as_a_whole_moves_all_the_way(mesh):
 def test_a_step_to_a_sound_place_is_taken_to_the_bit(mesh):
     start = torch.tensor(mesh.verts)
     end = start * torch.tensor([1.0, 1.25, 0.5])
-    for go, there in ((guarded, start + (end - start)), (mended, end)):
-        verts, held = go(connectivity(mesh), start, end)
-        torch.testing.assert_close(verts, there, rtol=0, atol=0)
-        assert not held.any()
+    verts, held = guarded(connectivity(mesh), start, end)
+    torch.testing.assert_close(verts, start + (end - start), rtol=0, atol=0)
+    assert not held.any()
 
 
 def test_no_step_is_none():

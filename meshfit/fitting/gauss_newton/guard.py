@@ -13,18 +13,22 @@ _NEEDLE = 0.02
 _TRIES, _HALVINGS = 12, 4
 # What verts of a control mesh have to do with a place of the surface, at least, to be held back for it.
 _FELT = 0.05
-_UNTANGLINGS, _PATIENCE, _SMOOTHINGS = 30, 8, 2
+_UNTANGLINGS, _PATIENCE = 30, 8
 
 
-def unsound_faces(shape: Shape) -> Bool[Tensor, " F"]:
+def unsound_faces(shape: Shape, among: Bool[Tensor, " F"] | None = None) -> Bool[Tensor, " F"]:
     """Which faces cross others, are flipped, or are needles.
 
     A face is flipped where n · (n₁ + n₂ + n₃) < 0, with the normals of its neighbours.
+
+    Args:
+        shape: the surface.
+        among: look only for crossings of these faces.
     """
     connectivity = shape.connectivity
     longest = shape.edge_lengths[connectivity.edges.of_side].amax(1)
     bad = connectivity.edges.flipped(shape.normals) | ~(shape.double_area >= _NEEDLE * longest.square())
-    return bad | crossing_faces(shape.verts, connectivity.faces)
+    return bad | crossing_faces(shape.verts, connectivity.faces, among=among)
 
 
 def guarded(
@@ -55,9 +59,10 @@ def guarded(
     step, share = end - start, torch.ones_like(start[:, :1])
     held = torch.zeros(len(start), dtype=torch.bool, device=start.device)
     before: Tensor | None = None
+    changed: Tensor | None = None
     for attempt in range(_TRIES):
         verts = start + share * step
-        bad = unsound_faces(surface(verts))
+        bad = unsound_faces(surface(verts), changed)
         if bool(bad.any()) and before is None:
             before = unsound_faces(surface(start))
         if before is not None:
@@ -71,13 +76,15 @@ def guarded(
             near = moving.grown(near)
         held |= near
         share = torch.where(near[:, None], share / 2 if attempt < _HALVINGS else 0, share)
+        # Faces that cross are among those that move next, so that no others can come to cross.
+        changed = near[connectivity.faces].any(1) if control is None else None
     return start, torch.ones_like(held)
 
 
 def untangled(
     connectivity: Connectivity, verts: Float[Tensor, "V 3"], most: int = _UNTANGLINGS
 ) -> tuple[Float[Tensor, "V 3"], int]:
-    """Smooth the surroundings of unsound faces until there are none, or there is no progress.
+    """Smooth unsound faces, then growing surroundings of them, until there are none, or there is no progress.
 
     Returns:
         The places of the verts with the fewest unsound faces, and how many those are.
@@ -91,8 +98,7 @@ def untangled(
         if not count or attempt - last > _PATIENCE:
             break
         near = connectivity.verts_of(bad)
-        for _ in range(1 + attempt // 6):
+        for _ in range(attempt // 2):
             near = connectivity.grown(near)
-        for _ in range(_SMOOTHINGS):
-            verts = torch.where(near[:, None], verts - (connectivity.umbrella @ verts) / 2, verts)
+        verts = torch.where(near[:, None], verts - (connectivity.umbrella @ verts) / 2, verts)
     return best, fewest

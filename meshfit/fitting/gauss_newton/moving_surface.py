@@ -26,7 +26,7 @@ from meshfit.subdivision.scheme import Split
 _REMESH_ROUNDS = 3
 # What is asked of a remesh, of the most verts that it may have, until it has no more.
 _SHARES = (0.96, 0.9, 0.82)
-_MAP_STEPS, _LAST_MAP_STEPS = 3, 20
+_MAP_STEPS, _LAST_MAP_STEPS = 4, 40
 # Where a step was held back, the surface is made this much stiffer, which wears off.
 _STIFFER, _STIFFEST, _WEARING = 4.0, 64.0, 0.8
 
@@ -180,26 +180,32 @@ class MovingSurface:
         other = MovingSurface.of(moving.verts, moving.faces, moving.on_sphere)
         return other.untangled()
 
-    def with_better_map(self, steps: int) -> "MovingSurface":
-        """The surface with less distortion in its map to the sphere, if it has one."""
+    def with_better_map(self, steps: int, target: TargetCloud | None = None) -> "MovingSurface":
+        """The surface with less distortion in its map to the sphere, if it has one.
+
+        Args:
+            steps: how many to take at most.
+            target: if given, more of the sphere goes to where this is curved.
+        """
         if self.on_sphere is None:
             return self
-        improved = SphereMap(self.pattern, self.verts.double()).improved(self.on_sphere, steps)
-        return replace(self, on_sphere=improved)
+        return replace(self, on_sphere=self._sphere(target).improved(self.on_sphere, steps))
 
     def carrying(self, faces: Tensor, on_sphere: Float64[Tensor, "N 3"], target: TargetCloud) -> "MovingSurface":
-        """Another connectivity put on the surface, by where its verts are on the sphere, more densely on curved parts.
+        """Another connectivity put on the surface, by where its verts are on the sphere, densely where it is curved.
 
         Args:
             faces: (G, 3) of that connectivity.
             on_sphere: (N, 3) where its verts are.
             target: where curvature is taken from.
         """
-        assert self.on_sphere is not None  # noqa: S101  only surfaces that have a map are asked
-        lengths = lengths_for(self.shape, len(on_sphere), target)
-        sphere = SphereMap(self.pattern, self.verts.double(), lengths.double())
-        improved = sphere.improved(self.on_sphere, _LAST_MAP_STEPS)
-        here, weights = sphere.located(improved, on_sphere)
+        surface = self.with_better_map(_LAST_MAP_STEPS, target)
+        assert surface.on_sphere is not None  # noqa: S101  only surfaces that have a map are asked
+        here, weights = self._sphere(None).located(surface.on_sphere, on_sphere)
         corners = self.verts[self.pattern.connectivity.faces[here]]
         verts = (weights.to(corners)[:, :, None] * corners).sum(1)
         return MovingSurface.of(verts, faces).untangled()
+
+    def _sphere(self, target: TargetCloud | None) -> SphereMap:
+        lengths = None if target is None else lengths_for(self.shape, float(len(self.verts)), target).double()
+        return SphereMap(self.pattern, self.verts.double(), lengths)
