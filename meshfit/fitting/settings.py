@@ -91,6 +91,9 @@ class GaussNewtonSettings(Settings):
     """Levels of the scheme: those that carry the fit from coarse to fine, or that refine the control mesh."""
     coarse_steps: Annotated[int, Field(ge=0)] = 40
     """Steps that find the rough shape."""
+    tries: Annotated[int, Field(ge=1, le=10)] = 2
+    """How often the rough shape is looked for at most, anew from the source, where parts of it have stayed off the
+    target."""
     level_steps: Annotated[int, Field(ge=1)] = 8
     """Steps at each level."""
     last_steps: Annotated[int, Field(ge=0)] = 5
@@ -105,9 +108,8 @@ class GaussNewtonSettings(Settings):
     @property
     def steps(self) -> int:
         """The number of steps in all."""
-        if self.variables == "control":
-            return self.coarse_steps + 2 * self.level_steps + self.last_steps
-        return self.coarse_steps + (self.levels + 1) * self.level_steps + self.last_steps
+        levels = 2 if self.variables == "control" else self.levels + 1
+        return self.tries * self.coarse_steps + levels * self.level_steps + self.last_steps
 
 
 def _method(settings: Any) -> str:  # noqa: ANN401  settings, or what is to become some

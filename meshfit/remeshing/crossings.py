@@ -66,8 +66,8 @@ def crossing_pairs(
         found.append(torch.minimum(i, j) * count + torch.maximum(i, j))
     codes = torch.cat(found).sort().values
     codes = codes[codes.diff(prepend=codes.new_full((1,), -1)) > 0]
-    pairs = torch.stack([codes.div(count, rounding_mode="floor"), codes % count], 1)
-    return pairs if among is None else pairs[among[pairs].any(1)]
+    crossing = torch.stack([codes.div(count, rounding_mode="floor"), codes % count], 1)
+    return crossing if among is None else crossing[among[crossing].any(1)]
 
 
 def crossing_faces(

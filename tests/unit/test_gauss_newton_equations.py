@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from meshfit.fitting.gauss_newton import equations
-from meshfit.fitting.gauss_newton.equations import Control, Fairness, Pattern, conjugate_gradients, solve_step
+from meshfit.fitting.gauss_newton.equations import Control, Pattern, conjugate_gradients, solve_step
+from meshfit.fitting.gauss_newton.fairness import Fairness, Tension
 from meshfit.fitting.gauss_newton.pairs import Pairs
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.loss.sparse import Sparse
@@ -47,8 +48,9 @@ def some_pairs(mesh, seed=0, count=400):
 def some_fairness(mesh, size=0.1, *, tension=False):
     generator = np.random.default_rng(1)
     weights = generator.uniform(0.5, 2, (mesh.num_verts, 1)) * size / mesh.num_verts
-    pull = generator.uniform(0, 1, (len(connectivity(mesh).edges.keys), 1)) / mesh.num_verts
-    return Fairness(connectivity(mesh), torch.tensor(weights), torch.tensor(pull) if tension else None)
+    shape = (len(connectivity(mesh).edges.keys), 1)
+    pull = Tension(*(torch.tensor(generator.uniform(0, most, shape)) for most in (1 / mesh.num_verts, 1)))
+    return Fairness(connectivity(mesh), torch.tensor(weights), pull if tension else None)
 
 
 def umbrella(mesh):
@@ -72,9 +74,10 @@ def system(mesh, pairs, fairness, point_weight, fine=None, operator=None):
     taut = np.zeros((0, mesh.num_verts))
     if fairness.tension is not None:
         tail, head = fairness.connectivity.ends.numpy()
-        taut = fairness.tension.sqrt().numpy() * (np.eye(mesh.num_verts)[tail] - np.eye(mesh.num_verts)[head])
+        taut = fairness.tension.weights.sqrt().numpy() * (np.eye(mesh.num_verts)[tail] - np.eye(mesh.num_verts)[head])
     rows = np.concatenate([across, points, np.kron(smooth, three), np.kron(taut, three)])
-    right = [w * (n * r).sum(axis=1), np.sqrt(point_weight) * w[:, None] * r, -smooth @ mesh.verts, -taut @ mesh.verts]
+    right = [w * (n * r).sum(axis=1), np.sqrt(point_weight) * w[:, None] * r, -smooth @ mesh.verts]
+    right.append(-taut @ mesh.verts * (0 if fairness.tension is None else 1 - fairness.tension.rest.numpy()))
     return rows, np.concatenate([part.reshape(-1) for part in right])
 
 

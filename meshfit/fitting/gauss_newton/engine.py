@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import replace
 from typing import Any
 
 import torch
@@ -10,6 +9,7 @@ from torch import Generator, Tensor
 
 from meshfit.errors import ConfigError
 from meshfit.fitting.gauss_newton.moving_surface import MovingSurface, Taken
+from meshfit.fitting.gauss_newton.rough_shape import RoughShape
 from meshfit.fitting.gauss_newton.stages import Stage, stages
 from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem
@@ -55,6 +55,7 @@ class GaussNewton:
         self._generators = [Generator().manual_seed(problem.seed) for problem in problems]
         self._plan = [(stage, k) for stage in stages(settings) for k in range(len(stage.weights))]
         self._surfaces = [self._start(problem) for problem in problems]
+        self._rough = [RoughShape() for _ in problems]
 
     @property
     def stage(self) -> str:
@@ -77,17 +78,16 @@ class GaussNewton:
         stage, number = self._plan[self.done]
         distances = [self._step(member, stage, number) for member in range(len(self.problems))]
         self.done += 1
+        if stage.attempt is not None and (self.done == self.steps or self._plan[self.done][0].attempt != stage.attempt):
+            self._surfaces = [rough.best_of(now) for rough, now in zip(self._rough, self._surfaces, strict=True)]
         return distances
 
     def checkpoint(self, member: int) -> Checkpoint:
         """Everything that the next step of one problem depends on."""
-        surface = self._surfaces[member]
         return {
             "done": self.done,
-            "verts": surface.verts.cpu(),
-            "faces": surface.pattern.connectivity.faces.cpu(),
-            "stiffness": surface.stiffness.cpu(),
-            "on_sphere": None if surface.on_sphere is None else surface.on_sphere.cpu(),
+            "surface": self._surfaces[member].state(),
+            "rough": self._rough[member].state(),
             "generator": self._generators[member].get_state(),
             "trace": list(self.traces[member].rows),
         }
@@ -95,6 +95,8 @@ class GaussNewton:
     def restore(self, checkpoints: Sequence[Checkpoint]) -> None:
         """Go back, or on, to where checkpoints of the same problems were taken, all after as many steps."""
         self._surfaces = [self._restored(*each) for each in zip(checkpoints, self.problems, strict=True)]
+        place: Mapping[str, Any] = {"dtype": self._dtype, "device": self.device}
+        self._rough = [RoughShape.restored(checkpoint["rough"], **place) for checkpoint in checkpoints]
         for generator, checkpoint in zip(self._generators, checkpoints, strict=True):
             generator.set_state(checkpoint["generator"].cpu())
         self.traces = [Trace(COLUMNS, [tuple(row) for row in checkpoint["trace"]]) for checkpoint in checkpoints]
@@ -124,13 +126,7 @@ class GaussNewton:
         return verts, torch.tensor(problem.source.faces, **place)
 
     def _restored(self, checkpoint: Checkpoint, problem: Problem) -> MovingSurface:
-        on_sphere = checkpoint["on_sphere"]
-        surface = MovingSurface.of(
-            checkpoint["verts"].to(self.device, self._dtype),
-            checkpoint["faces"].to(self.device),
-            None if on_sphere is None else on_sphere.to(self.device),
-        )
-        surface = replace(surface, stiffness=checkpoint["stiffness"].to(surface.verts))
+        surface = MovingSurface.restored(checkpoint["surface"], self._dtype, self.device)
         before = self._plan[checkpoint["done"] - 1][0] if checkpoint["done"] else None
         return surface if before is None or before.change != "control" else self._controlling(surface, problem)
 
@@ -138,8 +134,10 @@ class GaussNewton:
         return surface.controlling(problem.scheme, self.settings.levels, limit=self.settings.limit)
 
     def _step(self, member: int, stage: Stage, number: int) -> float:
-        problem, target = self.problems[member], self._targets[member]
+        problem, target, rough = self.problems[member], self._targets[member], self._rough[member]
         before = self._surfaces[member]
+        if stage.attempt is not None and rough.settled:
+            return rough.distance
         if number == 0:
             before = self._changed(before, problem, stage, target)
         fairness, point_weight = stage.weights[number]
@@ -150,6 +148,7 @@ class GaussNewton:
             self.failed[member] = Diverged(self.done, "the step", last_good, self.traces[member], _REMEDY)
             return distance
         self._surfaces[member] = after
+        rough.matched, rough.distance = taken.pairs.matched, distance
         if self.done % self.settings.trace_every == 0 or self.done == self.steps - 1:
             self._record(member, taken, fairness, point_weight)
         return distance
@@ -161,6 +160,8 @@ class GaussNewton:
 
     def _changed(self, surface: MovingSurface, problem: Problem, stage: Stage, target: TargetCloud) -> MovingSurface:
         """The surface after what a stage begins with."""
+        if stage.change == "start" and stage.attempt:
+            surface = self._start(problem)
         if stage.change == "refine":
             fine = surface.refined(problem.scheme)
             too_many = self.settings.connectivity == "remeshed" and len(fine.verts) > self.settings.verts
@@ -172,8 +173,8 @@ class GaussNewton:
             places = _on_sphere(problem.source, verts, faces)
             return surface if places is None else surface.carrying(faces, places, target)
         movable = self.settings.connectivity == "remeshed" or surface.on_sphere is not None
-        if stage.change == "remesh" and movable:
-            count = self._rough_verts(problem) * stage.share
+        count = self._rough_verts(problem) * stage.share
+        if movable and (stage.change == "remesh" or (stage.change == "start" and len(surface.verts) > count)):
             return surface.remeshed(count, target if stage.sized else None)
         return surface
 

@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
+from meshfit.fitting.gauss_newton.fairness import Fairness
 from meshfit.fitting.gauss_newton.pairs import Pairs
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.loss.sparse import Sparse, compressed_rows
@@ -100,39 +101,6 @@ class Pattern:
 
 
 @dataclass(frozen=True, eq=False)
-class Fairness:
-    """What keeps a surface smooth: λ/V Σ w |L x|² + Σ t |x - x'|² over edges, L the uniform Laplacian.
-
-    Attributes:
-        connectivity: of the surface.
-        weights: (V, 1) w times λ/V.
-        tension: (E, 1) t; None where no edge is under tension.
-    """
-
-    connectivity: Connectivity
-    weights: Float[Tensor, "V 1"]
-    tension: Float[Tensor, "E 1"] | None = None
-
-    def __call__(self, x: Float[Tensor, "V 3"]) -> Float[Tensor, "V 3"]:
-        """Lᵀ W L x + Dᵀ T D x, with D the differences along edges."""
-        umbrella, (tail, head) = self.connectivity.umbrella, self.connectivity.ends
-        smooth = umbrella.T @ (self.weights * (umbrella @ x))
-        if self.tension is None:
-            return smooth
-        pull = self.tension * (x[tail] - x[head])
-        return smooth.index_add(0, tail, pull).index_add(0, head, -pull)
-
-    def diagonal(self) -> Float[Tensor, "V 1"]:
-        """The diagonal of Lᵀ W L + Dᵀ T D."""
-        tail, head = self.connectivity.ends
-        share = self.weights / self.connectivity.edges.valence.clamp_min(1)[:, None] ** 2
-        smooth = self.weights.index_add(0, tail, share[head]).index_add(0, head, share[tail])
-        if self.tension is None:
-            return smooth
-        return smooth.index_add(0, tail, self.tension).index_add(0, head, self.tension)
-
-
-@dataclass(frozen=True, eq=False)
 class Control:
     """Verts of a control mesh that a surface follows.
 
@@ -188,7 +156,7 @@ def solve_step(
     inverse = torch.linalg.inv(diagonal)
     return conjugate_gradients(
         lambda x: times(x) + fairness(x),
-        pull - fairness(verts),
+        pull - fairness.slope(verts),
         lambda r: (inverse @ r[:, :, None])[:, :, 0],
         _TOLERANCE,
     )

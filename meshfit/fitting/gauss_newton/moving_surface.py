@@ -6,7 +6,8 @@ import torch
 from jaxtyping import Float, Float64
 from torch import Generator, Tensor
 
-from meshfit.fitting.gauss_newton.equations import Control, Fairness, Pattern, solve_step
+from meshfit.fitting.gauss_newton.equations import Control, Pattern, solve_step
+from meshfit.fitting.gauss_newton.fairness import Fairness
 from meshfit.fitting.gauss_newton.guard import guarded, unsound_faces, untangled
 from meshfit.fitting.gauss_newton.pairs import Pairs, find_pairs
 from meshfit.fitting.gauss_newton.sizing import lengths_for
@@ -85,6 +86,23 @@ class MovingSurface:
         pattern = Pattern(Connectivity(faces, len(verts), verts.dtype))
         return cls(pattern, verts, torch.ones_like(verts[:, :1]), on_sphere)
 
+    @classmethod
+    def restored(cls, state: dict[str, Tensor | None], dtype: torch.dtype, device: torch.device) -> "MovingSurface":
+        """What `state` was taken of, less its followers."""
+        verts, faces, stiffness, on_sphere = (state[key] for key in ("verts", "faces", "stiffness", "on_sphere"))
+        assert verts is not None and faces is not None and stiffness is not None  # noqa: S101, PT018  always there
+        surface = cls.of(verts.to(device, dtype), faces.to(device), None if on_sphere is None else on_sphere.to(device))
+        return replace(surface, stiffness=stiffness.to(device, dtype))
+
+    def state(self) -> dict[str, Tensor | None]:
+        """What `restored` makes it from, on the CPU."""
+        return {
+            "verts": self.verts.cpu(),
+            "faces": self.pattern.connectivity.faces.cpu(),
+            "stiffness": self.stiffness.cpu(),
+            "on_sphere": None if self.on_sphere is None else self.on_sphere.cpu(),
+        }
+
     @property
     def shape(self) -> Shape:
         """Where its faces are, or those that follow them."""
@@ -96,7 +114,7 @@ class MovingSurface:
         """Take a Gauss–Newton step towards the target, as far as the surface stays sound."""
         shape, own, other = self.shape, self.pattern.connectivity, self.followers
         pairs = find_pairs(shape, target, generator)
-        pull = tension(own, pairs.webs, fairness) if other is None else None
+        pull = tension(shape, pairs.webs, fairness) if other is None else None
         smooth = Fairness(own, self.stiffness * (fairness / len(self.verts)), pull)
         pattern = self.pattern if other is None else other.pattern
         control = None if other is None else Control(self.verts, other.operator, other.squares)

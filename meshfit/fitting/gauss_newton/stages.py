@@ -6,7 +6,7 @@ from typing import Literal
 
 from meshfit.fitting.settings import GaussNewtonSettings
 
-Change = Literal["none", "remesh", "place", "refine", "control"]
+Change = Literal["none", "start", "remesh", "place", "refine", "control"]
 
 _STEPS_BETWEEN_REMESHES = 5
 # While the rough shape is found, surfaces have half as many verts as at the end of it.
@@ -25,11 +25,12 @@ class Stage:
 
     Attributes:
         name: what progress calls it.
-        change: what is done first: nothing; `remesh`; `place` the source's connectivity on the surface; `refine` it
-            by the scheme; or make it the `control` mesh of its refinement.
+        change: what is done first: nothing; `start` from the source, remeshed; `remesh`; `place` the source's
+            connectivity on the surface; `refine` it by the scheme; or make it the `control` mesh of its refinement.
         share: for `remesh`, the number of verts wanted as a share of that at the end of the coarse stage.
         sized: for `remesh`, whether edges are to be shorter where the target is curved.
         weights: fairness and point weight of each step.
+        attempt: the number of the try at the rough shape, from 0; None where that has been found.
     """
 
     name: str
@@ -37,11 +38,13 @@ class Stage:
     share: float
     sized: bool
     weights: tuple[tuple[float, float], ...]
+    attempt: int | None = None
 
 
 def stages(settings: GaussNewtonSettings) -> list[Stage]:
     """All stages of a fit, coarsest first."""
-    found, remeshed = list(_coarse(settings)), settings.connectivity == "remeshed"
+    found = [stage for attempt in range(settings.tries) for stage in _coarse(settings, attempt)]
+    remeshed = settings.connectivity == "remeshed"
     level = _falling(_LEVEL, _LEVEL_FACTOR, settings.fairness, settings.level_steps)
     points = _falling(_POINT, _POINT_FACTOR, _POINT_LEAST, settings.level_steps)
     weights = tuple(zip(level, points, strict=True))
@@ -67,14 +70,14 @@ def stage_at(settings: GaussNewtonSettings, done: int) -> Stage:
     return plan[min(done, len(plan) - 1)]
 
 
-def _coarse(settings: GaussNewtonSettings) -> Iterator[Stage]:
+def _coarse(settings: GaussNewtonSettings, attempt: int) -> Iterator[Stage]:
     count = settings.coarse_steps
     fairness = _falling(_COARSE, _COARSE_FACTOR, settings.fairness, count)
     weights = tuple(zip(fairness, _falling(_POINT, _POINT_FACTOR, _POINT_LEAST, count), strict=True))
     for start in range(0, count, _STEPS_BETWEEN_REMESHES):
         sized = start > count // 2
         part = weights[start : start + _STEPS_BETWEEN_REMESHES]
-        yield Stage("rough shape", "remesh" if start else "none", _ROUGH_SHARE, sized, part)
+        yield Stage("rough shape", "remesh" if start else "start", _ROUGH_SHARE, sized, part, attempt)
 
 
 def _falling(start: float, factor: float, least: float, count: int) -> tuple[float, ...]:

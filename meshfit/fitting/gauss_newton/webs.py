@@ -8,14 +8,17 @@ import torch
 from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
-from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
+from meshfit.fitting.gauss_newton.fairness import Tension
+from meshfit.fitting.gauss_newton.surface import Shape
 from meshfit.remeshing.shapes import dot, length_of
 
 # A point belongs to a web if it is outside the target, this far from it in sides of its face, and the cosine between
 # the normals there is below this.
 _FAR, _ASIDE = 0.5, 0.7
 # Of an edge in a web, as a share of the weight of all pairs, over the number of verts; less where fairness is less.
-_TENSION, _FULL_FAIRNESS = 0.3, 0.1
+_TENSION, _FULL_FAIRNESS = 1.0, 0.1
+# What an edge is drawn to, as a share of the median edge.
+_REST = 0.3
 
 
 def in_webs(
@@ -46,14 +49,17 @@ def share_at_verts(shape: Shape, per_face: Float[Tensor, " F"]) -> Float[Tensor,
     return (shape.connectivity.at_verts(area * per_face[:, None]) / whole)[:, 0]
 
 
-def tension(connectivity: Connectivity, share: Float[Tensor, " V"], fairness: float) -> Float[Tensor, "E 1"]:
-    """How strongly each edge draws its ends together.
+def tension(shape: Shape, share: Float[Tensor, " V"], fairness: float) -> Tension:
+    """How strongly each edge draws its ends together, and how near.
+
+    Edges that are short already are not drawn, so that no part is strangled: they are for remeshing to take away.
 
     Args:
-        connectivity: of the surface.
+        shape: the surface.
         share: of each vertex, that belongs to webs.
         fairness: the weight of smoothness; what is nearly done has webs that are hardly more than noise.
     """
-    tail, head = connectivity.ends
-    weight = _TENSION * min(fairness / _FULL_FAIRNESS, 1.0) / connectivity.num_verts
-    return ((share[tail] + share[head]) * (weight / 2))[:, None]
+    (tail, head), lengths = shape.connectivity.ends, shape.edge_lengths
+    weight = _TENSION * min(fairness / _FULL_FAIRNESS, 1.0) / shape.connectivity.num_verts
+    rest = (_REST * lengths.median() / lengths.clamp_min(torch.finfo(lengths.dtype).tiny)).clamp_max(1)
+    return Tension(((share[tail] + share[head]) * (weight / 2))[:, None], rest[:, None])
