@@ -10,7 +10,6 @@ from torch import Tensor
 from meshfit.remeshing.connectivity import Edges
 from meshfit.remeshing.shapes import area_vectors, length_of, turned_over, unit
 
-
 # What a face on the sphere has to exceed, as `turned_over` has it; from a needle, there is no way to a better map.
 NEEDLE = 0.02
 

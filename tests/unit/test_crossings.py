@@ -13,6 +13,7 @@ from meshfit.mesh.solids import cube, icosahedron, octahedron, tetrahedron
 from meshfit.mesh.targets import load_target
 from meshfit.remeshing import overlaps
 from meshfit.remeshing.crossings import crossing_faces, crossing_pairs
+from meshfit.remeshing.neighbourhood import near_some
 from meshfit.remeshing.overlaps import overlapping_boxes
 from meshfit.subdivision.refine import subdivide
 from tests.shapes import torus
@@ -348,3 +349,30 @@ def test_overlapping_boxes_are_all_found(monkeypatch, block, spread, seed):
     ]
     assert {tuple(sorted(pair)) for pair in found} == expected
     assert len(found) == len(expected)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 1.0])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_looking_only_among_some_faces_finds_all_pairs_with_one_of_them(share, seed):
+    generator = torch.Generator().manual_seed(seed)
+    verts, faces = tensors(subdivide(load_target("bone"), "midpoint", 0))
+    verts = verts + 0.1 * verts.std() * torch.randn(verts.shape, generator=generator, dtype=verts.dtype)
+    members = (torch.arange(len(faces)) % 2) * (seed > 0)
+    among = torch.rand(len(faces), generator=generator) < share
+    everywhere = crossing_pairs(verts, faces, members)
+    assert len(everywhere) > 100
+    expected = everywhere[among[everywhere].any(1)]
+    assert torch.equal(crossing_pairs(verts, faces, members, among), expected)
+
+
+@pytest.mark.parametrize("size", [0.0, 0.03, 0.4])
+def test_boxes_near_some_are_all_that_meet_them_and_few_that_are_far(size):
+    generator = torch.Generator().manual_seed(2)
+    low = torch.rand(800, 3, generator=generator, dtype=torch.float64)
+    high = low + size * torch.rand(800, 3, generator=generator, dtype=torch.float64)
+    some = torch.rand(800, generator=generator) < 0.02
+    apart = torch.maximum(low[:, None] - high[some], low[some] - high[:, None]).amax(2)
+    found = near_some(low, high, some)
+    assert bool(found[(apart <= 0).any(1)].all())
+    assert not bool(found[(apart > (1 + size) * 1.01 / 32).all(1)].any())
+    assert not bool(near_some(low, high, torch.zeros_like(some)).any())

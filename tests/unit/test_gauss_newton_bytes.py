@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from meshfit.fitting.fit import fit, fit_batch
-from meshfit.fitting.gauss_newton import target
+from meshfit.fitting.gauss_newton import rough_shape, target
 from meshfit.fitting.gauss_newton.engine import GaussNewton
 from meshfit.fitting.problem import Diverged, Problem
 from meshfit.fitting.progress import Interrupted
@@ -21,20 +21,21 @@ from tests.checkpoints import through_a_file
 from tests.ragged import bytes_of
 from tests.shapes import torus
 
-# With a remesh among the first steps.
-SMALL = {"verts": 120, "levels": 1, "coarse_steps": 6, "level_steps": 1, "last_steps": 1}
+# With a remesh among the first steps of either try.
+SMALL = {"verts": 120, "levels": 1, "coarse_steps": 6, "tries": 2, "level_steps": 1, "last_steps": 1}
 KINDS = {
     "remeshed": {},
     "fixed": {"connectivity": "fixed"},
     "control": {"connectivity": "fixed", "variables": "control", "trace_every": 3},
 }
 EACH = pytest.mark.parametrize("kind", KINDS)
-STEPS = 9
+STEPS = 15
 
 
 @pytest.fixture(autouse=True)
 def fewer_points(monkeypatch):
     monkeypatch.setattr(target, "_POINTS", 5000)
+    monkeypatch.setattr(rough_shape, "_ENOUGH", 2.0)
 
 
 @pytest.fixture
@@ -108,10 +109,10 @@ def test_restored_after_any_step_it_ends_at_the_same_bytes(kind):
         if done < STEPS:
             moving.step()
     # Nor have those from before changed as the fit went on, and one is not used up by whoever goes on from it.
-    assert bytes_of(fitted(kind, resume=held[7])) == expected(kind)
+    assert bytes_of(fitted(kind, resume=held[13])) == expected(kind)
 
 
-@pytest.mark.parametrize(("kind", "stop"), [("remeshed", 8), ("fixed", 6)])
+@pytest.mark.parametrize(("kind", "stop"), [("remeshed", 14), ("fixed", 8)])
 def test_a_fit_that_is_interrupted_saves_and_goes_on_from_there(kind, stop):
     saved, seen = [], []
 
@@ -160,5 +161,7 @@ def test_problems_of_one_engine_go_on_as_they_do_alone_when_one_of_them_fails():
     outcomes = run(GaussNewton(together, settings("fixed"), torch.device("cpu"), torch.float32))
     assert isinstance(outcomes[broken], Diverged)
     assert outcomes[broken].step == 0
-    np.testing.assert_allclose(outcomes[broken].last_good.verts, source().verts, atol=1e-7)
+    # The source, remeshed.
+    assert np.linalg.norm(outcomes[broken].last_good.verts, axis=1).min() > 0.2
+    assert np.linalg.norm(outcomes[broken].last_good.verts, axis=1).max() < 0.45
     assert [bytes_of(outcomes[PROBLEMS[place]]) for place in (0, 1)] == [alone(place, "fixed") for place in (0, 1)]

@@ -23,7 +23,7 @@ from meshfit.subdivision.refine import subdivide
 from tests.ragged import BOOK
 from tests.shapes import torus
 
-SMALL = {"verts": 600, "levels": 1, "coarse_steps": 15, "level_steps": 4, "last_steps": 3}
+SMALL = {"verts": 600, "levels": 1, "coarse_steps": 15, "tries": 1, "level_steps": 4, "last_steps": 3}
 SHORT = SMALL | {"verts": 300, "coarse_steps": 7, "level_steps": 2, "last_steps": 2}
 FIXED = {"connectivity": "fixed"}
 QUADRISECTING = ["loop", "interp-loop", "modified-butterfly", "midpoint"]

@@ -19,11 +19,12 @@ COUNTS = {
     "coarse_steps": (0, 1, 5, 17, 40),
     "level_steps": (1, 2, 6),
     "last_steps": (0, 4),
+    "tries": (1, 3),
 }
 PLANS = [
     build(GaussNewtonSettings, dict(zip(COUNTS, values, strict=True)))
     for values in product(*COUNTS.values())
-    if sum(values[3:]) > 0
+    if sum(values[3:6]) > 0
 ]
 FAIRNESS = [(0.1, 0.02), (0.1, 0.09), (20.0, 5.0), (1e-6, 1e-9)]
 
@@ -51,9 +52,18 @@ def test_within_a_stage_nothing_gets_stiffer_nor_softer_than_it_may(fairness, la
 
 def test_the_rough_shape_gets_softer_from_part_to_part():
     for settings in PLANS:
-        coarse = [w for stage in stages(settings) if stage.name == "rough shape" for w in stage.weights]
-        assert len(coarse) == settings.coarse_steps
-        assert all(a[0] >= b[0] and a[1] >= b[1] for a, b in pairwise(coarse))
+        for attempt in range(settings.tries):
+            coarse = [w for stage in stages(settings) if stage.attempt == attempt for w in stage.weights]
+            assert len(coarse) == settings.coarse_steps
+            assert all(a[0] >= b[0] and a[1] >= b[1] for a, b in pairwise(coarse))
+
+
+def test_every_try_at_the_rough_shape_starts_from_the_source():
+    for settings in PLANS:
+        tries = [stage for stage in stages(settings) if stage.name == "rough shape"]
+        starts = [stage.attempt for stage in tries if stage.change == "start"]
+        assert starts == (list(range(settings.tries)) if settings.coarse_steps else [])
+        assert all(stage.attempt is None for stage in stages(settings) if stage.name != "rough shape")
 
 
 def test_long_stages_end_at_the_fairness_that_is_set():
@@ -89,7 +99,8 @@ def test_the_stage_is_known_at_every_step_and_at_both_ends():
         assert stage_at(settings, settings.steps).name == named[-1]
     settings = GaussNewtonSettings()
     assert stage_at(settings, 0).name == "rough shape"
-    assert stage_at(settings, 40).name == "level 0"
+    assert stage_at(settings, settings.tries * 40 - 1).name == "rough shape"
+    assert stage_at(settings, settings.tries * 40).name == "level 0"
     assert stage_at(settings, settings.steps - 1).name == "last"
 
 

@@ -1,0 +1,84 @@
+"""Tries at the rough shape: the best is kept, and none is made that is not needed."""
+
+import numpy as np
+import pytest
+import torch
+
+from meshfit.fitting.gauss_newton import rough_shape, target
+from meshfit.fitting.gauss_newton.engine import GaussNewton
+from meshfit.fitting.gauss_newton.moving_surface import MovingSurface
+from meshfit.fitting.gauss_newton.rough_shape import RoughShape
+from meshfit.fitting.problem import Problem
+from meshfit.fitting.settings import GaussNewtonSettings
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.solids import icosahedron, octahedron
+from meshfit.subdivision.refine import subdivide
+
+
+@pytest.fixture(autouse=True)
+def fewer_points(monkeypatch):
+    monkeypatch.setattr(target, "_POINTS", 5000)
+
+
+def surface(mesh):
+    return MovingSurface.of(torch.tensor(mesh.verts), torch.tensor(mesh.faces))
+
+
+FIRST, SECOND, THIRD = (surface(make()) for make in (icosahedron, octahedron, lambda: subdivide(icosahedron(), "loop")))
+
+
+@pytest.mark.parametrize(
+    ("shares", "best", "settled"),
+    [((0.9, 0.8, 0.95), 2, False), ((0.9, 0.97, 0.95), 1, False), ((0.999, 0.8, 1.0), 0, True)],
+)
+def test_the_try_with_most_points_matched_is_kept_and_a_good_one_is_enough(shares, best, settled):
+    rough = RoughShape()
+    assert not rough.settled
+    for share, found in zip(shares, (FIRST, SECOND, THIRD), strict=True):
+        rough.matched = share
+        kept = rough.best_of(found)
+    assert kept is (FIRST, SECOND, THIRD)[best]
+    assert rough.settled == settled
+
+
+@pytest.mark.parametrize("best", [None, FIRST])
+def test_it_is_restored_to_the_byte(best):
+    rough = RoughShape(best, 0.5, 0.25, 0.125)
+    again = RoughShape.restored(rough.state(), torch.float64, torch.device("cpu"))
+    assert (again.share, again.matched, again.distance) == (0.5, 0.25, 0.125)
+    assert (again.best is None) == (best is None)
+    if again.best is not None:
+        assert torch.equal(again.best.verts, best.verts)
+        assert torch.equal(again.best.pattern.connectivity.faces, best.pattern.connectivity.faces)
+
+
+def engine(tries):
+    ball = subdivide(icosahedron(), "loop", 2)
+    source, goal = Mesh(0.3 * ball.verts, ball.faces), Mesh(ball.verts * [1.0, 0.8, 0.6], ball.faces)
+    settings = GaussNewtonSettings(verts=300, coarse_steps=8, tries=tries, level_steps=1, last_steps=1)
+    return GaussNewton([Problem(source, goal, 0)], settings, torch.device("cpu"), torch.float32)
+
+
+def taken_to_the_end(fit):
+    distances = []
+    while fit.done < fit.steps:
+        distances += fit.step()
+    return fit.mesh(0), [row[0] for row in fit.traces[0].rows], distances
+
+
+def test_tries_that_are_not_needed_take_no_step_and_change_nothing(monkeypatch):
+    monkeypatch.setattr(rough_shape, "_ENOUGH", 0.5)
+    (once, _, _), (thrice, steps, distances) = taken_to_the_end(engine(1)), taken_to_the_end(engine(3))
+    np.testing.assert_array_equal(once.verts, thrice.verts)
+    assert steps == [*range(8), *range(24, 27)]
+    assert distances[8:24] == [distances[7]] * 16
+
+
+def test_tries_that_are_needed_are_made_anew_from_the_source(monkeypatch):
+    monkeypatch.setattr(rough_shape, "_ENOUGH", 2.0)
+    _, steps, distances = taken_to_the_end(engine(2))
+    assert steps == list(range(19))
+    # Both begin as far off as the source is, and draw other points.
+    assert distances[8] == pytest.approx(distances[0], rel=0.05)
+    assert distances[8] != distances[0]
+    assert distances[7] < 0.2 * distances[0]

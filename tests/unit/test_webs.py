@@ -1,0 +1,120 @@
+"""Webs: which points belong to one, how they are drawn together, and what becomes of them in a fit."""
+
+import numpy as np
+import pytest
+import torch
+
+import meshfit
+from meshfit.fitting.gauss_newton import target, webs
+from meshfit.fitting.gauss_newton.pairs import find_pairs
+from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
+from meshfit.fitting.gauss_newton.target import TargetCloud
+from meshfit.fitting.gauss_newton.webs import in_webs, share_at_verts, tension
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.solids import cube, icosahedron
+from meshfit.subdivision.refine import subdivide
+
+LEGS = 0.5
+
+
+@pytest.fixture(autouse=True)
+def fewer_points(monkeypatch):
+    monkeypatch.setattr(target, "_POINTS", 20_000)
+
+
+def box(size, centre, levels=3):
+    mesh = subdivide(cube(), "midpoint", levels)
+    extent = np.ptp(mesh.verts, axis=0)
+    return Mesh((mesh.verts - mesh.verts.mean(0)) / extent * size + centre, mesh.faces)
+
+
+def legs():
+    """Two boxes, the insides of which are a gap of 1 apart along x."""
+    left, right = (box([0.2, 0.4, 2.0], [sign * 0.6, 0, 0]) for sign in (-1, 1))
+    return Mesh(np.concatenate([left.verts, right.verts]), np.concatenate([left.faces, right.faces + left.num_verts]))
+
+
+def film():
+    """A box as thick as the legs are deep, across the gap between them and through both."""
+    return box([1.4, 0.1, 1.0], [0, 0, 0], 4)
+
+
+def shape(mesh):
+    faces = torch.tensor(mesh.faces)
+    return Shape(Connectivity(faces, mesh.num_verts, torch.float64), torch.tensor(mesh.verts))
+
+
+def test_what_is_between_two_legs_is_a_web_and_what_is_in_them_is_not():
+    surface, cloud = shape(film()), TargetCloud.of(legs(), torch.float64, torch.device("cpu"))
+    found = find_pairs(surface, cloud, torch.Generator().manual_seed(0)).webs
+    x = surface.verts[:, 0].abs()
+    assert float(found[x < 0.3].min()) == 1
+    assert float(found[x > 0.55].max()) == 0
+
+
+@pytest.mark.parametrize("scale", [0.8, 1.0, 1.1])
+def test_what_faces_as_the_target_does_is_no_web_inside_it_or_out(scale):
+    goal = subdivide(icosahedron(), "loop", 3)
+    surface = shape(Mesh(scale * goal.verts, goal.faces))
+    cloud = TargetCloud.of(goal, torch.float64, torch.device("cpu"))
+    assert float(find_pairs(surface, cloud, torch.Generator().manual_seed(0)).webs.max()) == 0
+
+
+def test_a_point_is_in_a_web_if_it_is_outside_far_and_turned_aside():
+    surface = shape(box([2.0, 2.0, 2.0], [0, 0, 0]))
+    side = float(surface.edge_lengths[surface.connectivity.edges.of_side[0]].mean())
+    up, aside = torch.tensor([[0.0, 0, 1]]).double(), torch.tensor([[1.0, 0, 0]]).double()
+    face = torch.zeros(1, dtype=torch.int64)
+
+    def found(away, normal):
+        return bool(in_webs(surface, face, away, normal, up))
+
+    assert found(side * up, aside)
+    assert not found(-side * up, aside)
+    assert not found(0.4 * side * up, aside)
+    assert not found(side * up, up)
+
+
+def test_the_share_at_verts_is_a_mean_over_area():
+    surface = shape(film())
+    per_face = torch.rand(len(surface.corners), generator=torch.Generator().manual_seed(1)).double()
+    found, faces = share_at_verts(surface, per_face).numpy(), surface.connectivity.faces.numpy()
+    area = surface.double_area.numpy()
+    for vert in (0, 7, 100):
+        at = (faces == vert).any(1)
+        assert found[vert] == pytest.approx(np.average(per_face.numpy()[at], weights=area[at]))
+
+
+def test_only_edges_of_webs_that_are_not_short_already_are_drawn_together():
+    surface = shape(film())
+    (tail, head), share = surface.connectivity.ends, (surface.verts[:, 0] > 0).double()
+    found = tension(surface, share, fairness=1.0)
+    assert bool(((found.weights[:, 0] > 0) == (share[tail] + share[head] > 0)).all())
+    after = found.rest[:, 0] * surface.edge_lengths
+    least = webs._REST * surface.edge_lengths.median()
+    torch.testing.assert_close(after, torch.minimum(surface.edge_lengths, least.expand_as(after)))
+    softer = tension(surface, share, fairness=webs._FULL_FAIRNESS / 4)
+    torch.testing.assert_close(softer.weights, found.weights / 4)
+
+
+def table():
+    """A flat ball on four long legs, near each other in pairs."""
+    mesh = subdivide(icosahedron(), "midpoint", 5)
+    x, y, z = (mesh.verts / np.linalg.norm(mesh.verts, axis=1, keepdims=True) * [0.6, 0.35, 0.3]).T
+    down = sum(np.exp(-((((x - a) ** 2 + (y - b) ** 2) / 0.09**2) ** 2)) for a in (-0.35, 0.35) for b in (-0.15, 0.15))
+    return Mesh(np.stack([x, y, 0.3 + z - np.where(z < 0, 1.1 * down, 0)], axis=1), mesh.faces)
+
+
+def fitted_from_a_ball():
+    ball = subdivide(icosahedron(), "midpoint", 3)
+    ball = Mesh(0.3 * ball.verts / np.linalg.norm(ball.verts, axis=1, keepdims=True), ball.faces)
+    settings = {"verts": 1200, "levels": 0, "coarse_steps": 40, "tries": 1, "level_steps": 8, "last_steps": 0}
+    goal = table()
+    result = meshfit.fit(ball, goal, method="gauss-newton", device="cpu", scheme="loop", **settings).mesh
+    return meshfit.measure(result, goal, samples=5000, points=1000)
+
+
+def test_webs_between_legs_go_with_tension_and_stay_without(monkeypatch):
+    assert fitted_from_a_ball().hausdorff.symmetric < 0.08
+    monkeypatch.setattr(webs, "_TENSION", 0.0)
+    assert fitted_from_a_ball().hausdorff.forward > 0.2
