@@ -25,6 +25,8 @@ from meshfit.subdivision.refine import refine
 from meshfit.subdivision.scheme import Split
 
 _REMESH_ROUNDS = 3
+# Lengths go down with curvature to this power where a connectivity is placed: the map gives way to part of it only.
+_PLACED_POWER = 0.55
 # What is asked of a remesh, of the most verts that it may have, until it has no more.
 _SHARES = (0.96, 0.9, 0.82)
 _MAP_STEPS, _LAST_MAP_STEPS = 4, 40
@@ -225,5 +227,7 @@ class MovingSurface:
         return MovingSurface.of(verts, faces).untangled()
 
     def _sphere(self, target: TargetCloud | None) -> SphereMap:
-        lengths = None if target is None else lengths_for(self.shape, float(len(self.verts)), target).double()
-        return SphereMap(self.pattern, self.verts.double(), lengths)
+        if target is None:
+            return SphereMap(self.pattern, self.verts.double())
+        lengths = lengths_for(self.shape, float(len(self.verts)), target, _PLACED_POWER)
+        return SphereMap(self.pattern, self.verts.double(), lengths.double())

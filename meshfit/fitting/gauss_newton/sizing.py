@@ -19,18 +19,21 @@ _GRADATION = 0.3
 _SMOOTHINGS = 2
 
 
-def lengths_for(shape: Shape, num_verts: float, target: TargetCloud | None) -> Float[Tensor, " V"]:
+def lengths_for(
+    shape: Shape, num_verts: float, target: TargetCloud | None, power: float = _POWER
+) -> Float[Tensor, " V"]:
     """The edge length wanted at each vertex, such that there will be about so many verts.
 
     Args:
         shape: the surface.
         num_verts: wanted.
         target: where curvature is to be taken from; None for one length everywhere.
+        power: of curvature that lengths go down with.
     """
     lengths = torch.ones_like(shape.verts[:, 0])
     if target is not None:
         curvature = _curvature(shape, target)
-        lengths = (curvature / curvature.median().clamp_min(1e-12) + 0.1).pow(-_POWER)
+        lengths = (curvature / curvature.median().clamp_min(1e-12) + 0.1).pow(-power)
         lengths = lengths.clamp(1 / _LARGEST_RATIO, _LARGEST_RATIO)
         # Limited growth takes off length, which takes another scale.
         for _ in range(2):
