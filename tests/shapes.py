@@ -8,6 +8,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.meshlab import decimate
 from meshfit.mesh.solids import SOLIDS, icosahedron, octahedron, tetrahedron
 from meshfit.mesh.targets import load_target
+from meshfit.subdivision.refine import subdivide
 
 
 def grid_faces(columns: int, rows: int) -> np.ndarray:
@@ -136,3 +137,11 @@ OPEN = {
     "mixed with holes": mixed_open,
 }
 ALL = CLOSED | OPEN
+
+
+def table(levels: int = 5) -> Mesh:
+    """A flat ball on four long legs, near each other in pairs."""
+    mesh = subdivide(icosahedron(), "midpoint", levels)
+    x, y, z = (mesh.verts / np.linalg.norm(mesh.verts, axis=1, keepdims=True) * [0.6, 0.35, 0.3]).T
+    down = sum(np.exp(-((((x - a) ** 2 + (y - b) ** 2) / 0.09**2) ** 2)) for a in (-0.35, 0.35) for b in (-0.15, 0.15))
+    return Mesh(np.stack([x, y, 0.3 + z - np.where(z < 0, 1.1 * down, 0)], axis=1), mesh.faces)

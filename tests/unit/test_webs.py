@@ -13,6 +13,7 @@ from meshfit.fitting.gauss_newton.webs import in_webs, share_at_verts, tension
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, icosahedron
 from meshfit.subdivision.refine import subdivide
+from tests.shapes import table
 
 LEGS = 0.5
 
@@ -95,14 +96,6 @@ def test_only_edges_of_webs_that_are_not_short_already_are_drawn_together():
     torch.testing.assert_close(after, torch.minimum(surface.edge_lengths, least.expand_as(after)))
     softer = tension(surface, share, fairness=webs._FULL_FAIRNESS / 4)
     torch.testing.assert_close(softer.weights, found.weights / 4)
-
-
-def table():
-    """A flat ball on four long legs, near each other in pairs."""
-    mesh = subdivide(icosahedron(), "midpoint", 5)
-    x, y, z = (mesh.verts / np.linalg.norm(mesh.verts, axis=1, keepdims=True) * [0.6, 0.35, 0.3]).T
-    down = sum(np.exp(-((((x - a) ** 2 + (y - b) ** 2) / 0.09**2) ** 2)) for a in (-0.35, 0.35) for b in (-0.15, 0.15))
-    return Mesh(np.stack([x, y, 0.3 + z - np.where(z < 0, 1.1 * down, 0)], axis=1), mesh.faces)
 
 
 def fitted_from_a_ball():

@@ -8,6 +8,7 @@ import torch
 from torch import Generator, Tensor
 
 from meshfit.errors import ConfigError
+from meshfit.fitting.gauss_newton.embedding import on_sphere
 from meshfit.fitting.gauss_newton.moving_surface import MovingSurface, Taken
 from meshfit.fitting.gauss_newton.rough_shape import RoughShape
 from meshfit.fitting.gauss_newton.stages import Stage, stages
@@ -15,10 +16,9 @@ from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem
 from meshfit.fitting.settings import GaussNewtonSettings
 from meshfit.fitting.trace import Trace
-from meshfit.mesh.manifold import euler_number, is_watertight, num_components, require_manifold
+from meshfit.mesh.manifold import require_manifold
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
-from meshfit.remeshing.shapes import turned_over, unit
 from meshfit.specs import parse_spec
 
 COLUMNS = ("step", "distance", "verts", "matched", "fairness", "point_weight", "held_back")
@@ -54,6 +54,7 @@ class GaussNewton:
         self._targets = [clouds[problem.target] for problem in problems]
         self._generators = [Generator().manual_seed(problem.seed) for problem in problems]
         self._plan = [(stage, k) for stage in stages(settings) for k in range(len(stage.weights))]
+        self._mapped = dict[Mesh, Tensor | None]()
         self._surfaces = [self._start(problem) for problem in problems]
         self._rough = [RoughShape() for _ in problems]
 
@@ -80,6 +81,9 @@ class GaussNewton:
         self.done += 1
         if stage.attempt is not None and (self.done == self.steps or self._plan[self.done][0].attempt != stage.attempt):
             self._surfaces = [rough.best_of(now) for rough, now in zip(self._rough, self._surfaces, strict=True)]
+        if self.done == self.steps:
+            # What was unsound when it was put in place, and no step made worse.
+            self._surfaces = [surface.untangled() for surface in self._surfaces]
         return distances
 
     def checkpoint(self, member: int) -> Checkpoint:
@@ -116,8 +120,15 @@ class GaussNewton:
             raise ConfigError("limit: limit surfaces are fitted with variables: control and the scheme loop")
         surface = MovingSurface.of(verts, faces)
         if self.settings.connectivity == "fixed":
-            return MovingSurface.of(verts, faces, _on_sphere(problem.source, verts, faces))
+            return MovingSurface.of(verts, faces, self._on_sphere(problem))
         return surface
+
+    def _on_sphere(self, problem: Problem) -> Tensor | None:
+        """Where the verts of a source are on the sphere; looked for once, since that may take seconds."""
+        if problem.source not in self._mapped:
+            self._mapped[problem.source] = on_sphere(problem.source)
+        found = self._mapped[problem.source]
+        return None if found is None else found.to(self.device)
 
     def _source(self, problem: Problem) -> tuple[Tensor, Tensor]:
         place: Mapping[str, Any] = {"device": self.device}
@@ -169,8 +180,7 @@ class GaussNewton:
         if stage.change == "control":
             return self._controlling(surface, problem)
         if stage.change == "place" and surface.on_sphere is not None:
-            verts, faces = self._source(problem)
-            places = _on_sphere(problem.source, verts, faces)
+            faces, places = self._source(problem)[1], self._on_sphere(problem)
             return surface if places is None else surface.carrying(faces, places, target)
         movable = self.settings.connectivity == "remeshed" or surface.on_sphere is not None
         count = self._rough_verts(problem) * stage.share
@@ -185,12 +195,3 @@ class GaussNewton:
         if self.settings.variables == "control":
             return float(self.settings.verts)
         return self.settings.verts / 4.0**self.settings.levels
-
-
-def _on_sphere(source: Mesh, verts: Tensor, faces: Tensor) -> Tensor | None:
-    """Where the verts of a source are on the sphere about their mean, if that is one to one; else None."""
-    topology = Topology.of(source)
-    if not (is_watertight(topology) and num_components(topology) == 1 and euler_number(topology) == 2):
-        return None
-    found = unit(verts.double() - verts.double().mean(0))
-    return None if bool(turned_over(found, faces).any()) else found

@@ -174,7 +174,9 @@ class MovingSurface:
         return replace(fine, verts=held, stiffness=stiffness).untangled()
 
     def untangled(self) -> "MovingSurface":
-        """The surface with unsound faces smoothed away, as far as that goes."""
+        """The surface with unsound faces smoothed away, as far as that goes; as it is if it follows a control mesh."""
+        if self.followers is not None:
+            return self
         return replace(self, verts=untangled(self.pattern.connectivity, self.verts)[0])
 
     def remeshed(self, num_verts: float, target: TargetCloud | None) -> "MovingSurface":

@@ -17,8 +17,6 @@ from meshfit.remeshing.shapes import dot, turned_over, unit
 
 _TOLERANCE, _MOST_ITERATIONS, _HALVINGS = 1e-3, 400, 24
 _GAIN, _PATIENCE = 1e-3, 3
-# Of the energy density, in the sum: above 1, faces that are far worse than others count for more.
-_POWER = 2
 _BLOCK = 256
 _UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
@@ -36,11 +34,13 @@ class SphereMap:
         verts: (V, 3) the surface, in float64.
         lengths: (V,) lengths in which the surface is measured there, if they differ: where they are short, more of the
             sphere goes.
+        power: of the energy density in the sum that is lowered: above 1, faces far worse than others count for more.
     """
 
     pattern: Pattern
     verts: Float64[Tensor, "V 3"]
     lengths: Float64[Tensor, " V"] | None = None
+    power: float = 2.0
 
     @cached_property
     def _gradients(self) -> tuple[Tensor, Tensor]:
@@ -80,6 +80,10 @@ class SphereMap:
         determinant = metric[:, 0, 0] * metric[:, 1, 1] - metric[:, 0, 1].square()
         return trace + trace / determinant.clamp_min(1e-300), jacobian
 
+    def distortion(self, places: Float64[Tensor, "V 3"]) -> float:
+        """The mean energy density over the surface, 4 at least."""
+        return float((self._gradients[1] * self.energy(places)[0]).sum())
+
     def improved(self, places: Float64[Tensor, "V 3"], most: int) -> Float64[Tensor, "V 3"]:
         """Lower the energy by some steps, fewer where it hardly falls any more.
 
@@ -105,7 +109,7 @@ class SphereMap:
         """
         corners, area = self._gradients
         usual = density.median()
-        area = area * (density / usual) ** (_POWER - 1)
+        area = area * (density / usual) ** (self.power - 1)
         squares, right = torch.linalg.eigh(jacobian.transpose(1, 2) @ jacobian)
         stretch = squares.clamp_min(1e-16).sqrt()
         left = (jacobian @ right) / stretch[:, None, :]
@@ -117,7 +121,7 @@ class SphereMap:
         shared = torch.einsum("fkc,flc->fkl", corners, corners) * area[:, None, None]
         halves = [torch.stack([matrix[:, i, j] for i, j in _UPPER], 1) for matrix in (shared, metric)]
         blocks = self.pattern.blocks(halves[0][:, :, None] * halves[1][:, None, :])
-        return self._solved(places, blocks, -self._slope(places) / (2 * _POWER * usual ** (_POWER - 1)))
+        return self._solved(places, blocks, -self._slope(places) / (2 * self.power * usual ** (self.power - 1)))
 
     def _slope(self, places: Tensor) -> Tensor:
         """(V, 3) the gradient of the energy."""
@@ -127,7 +131,7 @@ class SphereMap:
         return slope
 
     def _total(self, density: Tensor) -> Tensor:
-        return (self._gradients[1] * density**_POWER).sum()
+        return (self._gradients[1] * density**self.power).sum()
 
     def _solved(self, places: Tensor, blocks: Tensor, pull: Tensor) -> Tensor:
         eye = torch.eye(3, dtype=places.dtype, device=places.device)
