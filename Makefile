@@ -10,8 +10,10 @@ BENCH  ?= bench.json
 OLD    ?= bench.json
 NEW    ?= bench.json
 
+ALL_TARGETS := --set 'targets=[bunny, cow, bone, airplane, mousehead]' --set 'seeds=[0, 1, 2, 3, 4]'
+
 .DEFAULT_GOAL := help
-.PHONY: help setup quickstart test check lint types layers table1 reproduce bench bench-compare ablation figures mousehead wheel clean
+.PHONY: help setup quickstart test check lint types layers table1 reproduce bench bench-compare ablation accuracy figures mousehead wheel clean
 
 help:  ## List the targets
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -62,7 +64,11 @@ reproduce: $(DEV)  ## The short reproduction that CI runs, checked against its e
 bench: $(DEV)  ## Measure speed and memory, against plain twins in the same run; writes $(BENCH) (8 minutes)
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks --json $(BENCH)
 
-ablation: $(DEV)  ## Leave out the second engine's ingredients one by one; writes docs/ablation.md (10 minutes)
+accuracy: $(RUN)  ## The second engine on all five targets, five seeds, both bundled configs (15 minutes)
+	$(BIN)/meshfit run accurate --runs $(RUNS) $(ALL_TARGETS)
+	$(BIN)/meshfit run accurate-fixed --runs $(RUNS) $(ALL_TARGETS)
+
+ablation: $(DEV)  ## Leave out the second engine's ingredients one by one; writes docs/ablation.md (15 minutes)
 	$(BIN)/python -m tests.benchmarks.ablation > docs/ablation.md
 
 bench-compare: $(DEV)  ## Set two such files side by side: make bench-compare OLD=a.json NEW=b.json
