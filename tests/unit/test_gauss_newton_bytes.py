@@ -30,6 +30,8 @@ KINDS = {
 }
 EACH = pytest.mark.parametrize("kind", KINDS)
 STEPS = 15
+# Before and after the remesh of either try, where the one ends and the other begins, and around each later stage.
+RESTORED = (0, 4, 6, 7, 11, 12, 13, 14, 15)
 
 
 @pytest.fixture(autouse=True)
@@ -99,13 +101,14 @@ def test_single_and_double_precision_agree_until_decisions_are_made_by_rounding(
 
 
 @EACH
-def test_restored_after_any_step_it_ends_at_the_same_bytes(kind):
+def test_restored_in_any_stage_it_ends_at_the_same_bytes(kind):
     moving = GaussNewton([Problem(source(), goal(), 3)], settings(kind), torch.device("cpu"), torch.float32)
     held = []
     for done in range(STEPS + 1):
         held.append(moving.checkpoint(0))
-        result = fitted(kind, resume=through_a_file(held[-1]))
-        assert bytes_of(result) == expected(kind), f"after step {done}"
+        if done in RESTORED:
+            result = fitted(kind, resume=through_a_file(held[-1]))
+            assert bytes_of(result) == expected(kind), f"after step {done}"
         if done < STEPS:
             moving.step()
     # Nor have those from before changed as the fit went on, and one is not used up by whoever goes on from it.
