@@ -6,7 +6,7 @@ from typing import Any, get_args
 import numpy as np
 import torch
 
-from meshfit.errors import ConfigError, MeshError
+from meshfit.errors import ConfigError, DeviceError, MeshError
 from meshfit.fitting.device import resolve_device, single_thread
 from meshfit.fitting.first_order import FirstOrder
 from meshfit.fitting.gauss_newton.engine import GaussNewton
@@ -117,6 +117,8 @@ def fit_batch(
         for name, mesh in (("source", problem.source), ("target", problem.target)):
             _require_surface(mesh, where + name)
     place = resolve_device(device, dtype)
+    if settings.method == "gauss-newton" and place.type == "mps":
+        raise DeviceError("device: 'mps' has no float64, which method: gauss-newton needs; use device: cpu")
     outcomes: dict[Problem, FitResult | Diverged] = {}
     # Gradients are needed here, whatever mode the caller is in.
     with single_thread(), torch.inference_mode(mode=False), searching_with(threads) as pool:

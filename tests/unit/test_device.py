@@ -5,6 +5,8 @@ import torch
 
 from meshfit.errors import DeviceError
 from meshfit.fitting.device import resolve_device, single_thread
+from meshfit.fitting.fit import fit
+from meshfit.mesh.solids import cube, icosahedron
 
 
 @pytest.fixture
@@ -90,3 +92,9 @@ def test_single_thread_gives_the_threads_back(threads):
         assert torch.get_num_threads() == threads
     finally:
         torch.set_num_threads(before)
+
+
+def test_an_apple_gpu_is_refused_for_the_engine_that_needs_float64(machine):
+    machine(mps=True)
+    with pytest.raises(DeviceError, match=r"^device: 'mps' has no float64, which method: gauss-newton needs; use "):
+        fit(icosahedron(), cube(), method="gauss-newton", device="mps")

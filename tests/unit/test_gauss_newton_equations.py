@@ -155,23 +155,6 @@ def test_blocks_and_their_products_are_those_of_the_dense_matrix(mesh):
     np.testing.assert_allclose(pattern.times(blocks)(torch.tensor(x)).numpy(), expected, atol=1e-11)
 
 
-class Elsewhere(torch.Tensor):
-    """Numbers that say that they are on a device without compressed rows."""
-
-    @property
-    def device(self):
-        return torch.device("mps")
-
-
-@EACH
-def test_both_ways_to_multiply_agree(mesh):
-    generator, pattern = torch.Generator().manual_seed(3), Pattern(connectivity(mesh))
-    blocks = torch.randn(len(pattern.rows), 3, 3, generator=generator, dtype=torch.float64)
-    x = torch.randn(mesh.num_verts, 3, generator=generator, dtype=torch.float64)
-    gathered = pattern.times(blocks.as_subclass(Elsewhere))(x)
-    torch.testing.assert_close(gathered.as_subclass(torch.Tensor), pattern.times(blocks)(x), rtol=1e-13, atol=1e-13)
-
-
 @EACH
 def test_fairness_is_the_weighted_square_of_the_umbrella(mesh):
     fairness, laplacian = some_fairness(mesh), umbrella(mesh)

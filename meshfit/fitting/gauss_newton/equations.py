@@ -76,10 +76,6 @@ class Pattern:
     def times(self, blocks: Float[Tensor, "B 3 3"]) -> Callable[[Tensor], Tensor]:
         """The product with (V, 3) vectors of the matrix of these blocks."""
         starts, columns, place = self._scalars
-        if blocks.device.type == "mps":  # which has no compressed rows
-            return lambda x: torch.zeros_like(x).index_add_(
-                0, self.rows, (blocks @ x[self.columns][:, :, None])[:, :, 0]
-            )
         values = torch.empty_like(blocks.view(-1))
         values[place] = blocks.reshape(-1)
         matrix = compressed_rows(starts, columns, values, len(starts) - 1)
