@@ -8,7 +8,7 @@ targets: [ellipsoid.ply]
 schemes: [loop]
 seeds: [0]
 source: {mesh: octahedron, levels: 2, radius: 0.3, project: sphere}
-fit: {method: gauss-newton, verts: 200, levels: 1, coarse_steps: 6, level_steps: 2, last_steps: 1}
+fit: {method: gauss-newton, verts: 200, levels: 1, coarse_steps: 6, tries: 1, level_steps: 2, last_steps: 1}
 measure: {samples: 500, points: 500}
 device: cpu
 """

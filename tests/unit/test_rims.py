@@ -31,7 +31,7 @@ def test_the_boundary_of_a_disk_comes_to_lie_on_that_of_a_bowl(changes):
     source = disk(9, lambda u, v: 0 * u)
     source = Mesh(0.6 * source.verts, source.faces)
     bowl = disk(41, lambda u, v: 0.5 * (1 - u * u - v * v) + 0.1 * np.sin(4 * u))
-    result = fit(source, bowl, method="gauss-newton", device="cpu", **{"levels": 1} | changes).mesh
+    result = fit(source, bowl, method="gauss-newton", device="cpu", **{"levels": 1, "tries": 1} | changes).mesh
     assert topology_in_words(Topology.of(result)) == "1 piece, 1 boundary loop, genus 0"
     assert cKDTree(rim(bowl)).query(rim(result))[0].max() < 0.1  # its verts are up to 0.08 apart
     found = measure(result, bowl, samples=20_000)
