@@ -86,7 +86,8 @@ class GaussNewtonSettings(Settings):
     limit: bool = False
     """For `control` and the scheme `loop`: fit the limit surface."""
     verts: Annotated[int, Field(ge=100)] = 10242
-    """For `remeshed`: the most verts of the result, or of its control mesh."""
+    """For `remeshed`: the most verts of the result, or of its control mesh. For `fixed`, the rough shape has a quarter
+    of them, or as many as the source."""
     levels: Annotated[int, Field(ge=0, le=5)] = 1
     """Levels of the scheme: those that carry the fit from coarse to fine, or that refine the control mesh."""
     coarse_steps: Annotated[int, Field(ge=0)] = 40

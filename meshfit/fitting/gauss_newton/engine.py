@@ -191,7 +191,8 @@ class GaussNewton:
     def _rough_verts(self, problem: Problem) -> float:
         """The number of verts at the end of the rough stage."""
         if self.settings.connectivity == "fixed":
-            return float(problem.source.num_verts)
+            # A coarse source is no reason to miss thin parts.
+            return max(float(problem.source.num_verts), self.settings.verts / 4.0)
         if self.settings.variables == "control":
             return float(self.settings.verts)
         return self.settings.verts / 4.0**self.settings.levels
