@@ -351,7 +351,7 @@ def test_overlapping_boxes_are_all_found(monkeypatch, block, spread, seed):
     assert len(found) == len(expected)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 1.0])
+@pytest.mark.parametrize("share", [0.0, 0.02, 0.5])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_looking_only_among_some_faces_finds_all_pairs_with_one_of_them(share, seed):
     generator = torch.Generator().manual_seed(seed)

@@ -26,6 +26,7 @@ def rim(mesh):
     return mesh.verts[np.unique(topology.edges[topology.faces_per_edge == 1])]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("changes", [{"connectivity": "fixed"}, {"verts": 1200}], ids=["fixed", "remeshed"])
 def test_the_boundary_of_a_disk_comes_to_lie_on_that_of_a_bowl(changes):
     source = disk(9, lambda u, v: 0 * u)

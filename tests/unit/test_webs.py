@@ -107,6 +107,7 @@ def fitted_from_a_ball():
     return meshfit.measure(result, goal, samples=5000, points=1000)
 
 
+@pytest.mark.slow
 def test_webs_between_legs_go_with_tension_and_stay_without(monkeypatch):
     assert fitted_from_a_ball().hausdorff.symmetric < 0.08
     monkeypatch.setattr(webs, "_TENSION", 0.0)
