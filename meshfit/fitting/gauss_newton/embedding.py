@@ -43,7 +43,7 @@ def on_sphere(mesh: Mesh) -> Float64[Tensor, "V 3"] | None:
     found = unit(verts - verts.mean(0))
     if not bool(turned_over(found, faces).any()):
         return found
-    found = _from_plane(torch.tensor(_laid_out(mesh)))
+    found = _from_plane(torch.tensor(_laid_out(mesh, topology)))
     if bool(turned_over(found, faces).any()):
         return None
     pattern = Pattern(Connectivity(faces, len(verts), verts.dtype))
@@ -53,15 +53,14 @@ def on_sphere(mesh: Mesh) -> Float64[Tensor, "V 3"] | None:
     return found if sphere.distortion(found) < _USEFUL else None
 
 
-def _laid_out(mesh: Mesh) -> Float64[np.ndarray, "V 2"]:
+def _laid_out(mesh: Mesh, topology: Topology) -> Float64[np.ndarray, "V 2"]:
     """Places in the plane, the corners of a face near the middle outermost, the way round that suits `_from_plane`."""
     area, middles = face_areas(mesh), mesh.verts[mesh.faces].mean(1)
     centre = np.average(middles, axis=0, weights=area)
     outer = mesh.faces[np.linalg.norm(middles - centre, axis=1).argmin()]
-    start, end = mesh.faces.reshape(-1), mesh.faces[:, [1, 2, 0]].reshape(-1)
-    count = mesh.num_verts
-    adjacent = coo_array((np.ones(len(start)), (start, end)), shape=(count, count)).tocsr()
-    adjacent = (adjacent + adjacent.T).astype(bool).astype(np.float64)
+    count, (tail, head) = mesh.num_verts, topology.edges.T
+    ends = np.concatenate([tail, head]), np.concatenate([head, tail])
+    adjacent = coo_array((np.ones(len(ends[0])), ends), shape=(count, count))
     matrix = (diags_array(adjacent.sum(axis=0)) - adjacent).tocsr()
     inner = np.setdiff1d(np.arange(count), outer)
     places = np.zeros((count, 2))
