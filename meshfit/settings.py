@@ -25,8 +25,8 @@ class Settings(BaseModel):
     )
 
 
-TAG = "method"
-"""The key by which settings that may be of several kinds are told apart."""
+TAG, UNTAGGED = "method", "first-order"
+"""The key by which settings that may be of several kinds are told apart, and the kind of those that lack it."""
 
 Model = TypeVar("Model", bound=Settings)
 Key = tuple[str | int, ...]
@@ -60,16 +60,38 @@ def override(settings: Model, changes: Mapping[str, Any]) -> Model:
     Raises:
         ConfigError: a change that is not allowed.
     """
-    return build(type(settings), merged(settings.model_dump(), changes))
+    return build(type(settings), changed(settings.model_dump(), changes))
 
 
 def merged(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """Nested mappings, one laid over the other."""
-    result = dict(data)
+    return _joined(data, changes, _are_mappings)
+
+
+def changed(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings with changes laid over them; changes that name another kind of settings replace those that are there."""
+    return _joined(data, changes, _are_of_one_kind)
+
+
+def nested(key: str, value: Any) -> dict[str, Any]:  # noqa: ANN401  any YAML value
+    """The mapping that sets a dotted key: `fit.steps`, 5 → {"fit": {"steps": 5}}."""
+    first, dot, rest = key.partition(".")
+    return {first: nested(rest, value) if dot else value}
+
+
+def _joined(data: Mapping[str, Any], changes: Mapping[str, Any], join: Callable[[Any, Any], bool]) -> dict[str, Any]:
+    result: dict[str, Any] = dict(data)
     for key, change in changes.items():
-        both = isinstance(change, Mapping) and isinstance(result.get(key), Mapping)
-        result[key] = merged(result[key], change) if both else change
+        result[key] = _joined(result[key], change, join) if join(result.get(key), change) else change
     return result
+
+
+def _are_mappings(before: Any, change: Any) -> bool:  # noqa: ANN401  any YAML values
+    return isinstance(before, Mapping) and isinstance(change, Mapping)
+
+
+def _are_of_one_kind(before: Any, change: Any) -> bool:  # noqa: ANN401  any YAML values
+    return _are_mappings(before, change) and (TAG not in change or change[TAG] == before.get(TAG, UNTAGGED))
 
 
 def dotted(key: Key) -> str:
@@ -109,6 +131,7 @@ _NEEDS = {
     "string": "a text",
     "tuple": "a list",
     "model": "a mapping of keys to values",
+    "dict": "a mapping of keys to values",
     "too_short": "at least one entry",
     "too_long": "a shorter list",
     "missing": "an entry",
@@ -126,24 +149,24 @@ def _plain(value: Any) -> Any:  # noqa: ANN401  numpy scalars and paths, from Py
 def _followed(model: type[BaseModel], path: Key) -> tuple[Key, list[str]]:
     """Where an error is, without the tags by which pydantic tells models apart, and the keys that may stand there."""
     shown: list[str | int] = []
-    models: dict[str, type[BaseModel]] = {_UNTAGGED: model}
+    models: dict[str, type[BaseModel]] = {_PLAIN: model}
     for part in path[:-1]:
-        if _UNTAGGED not in models and part in models:
-            models = {_UNTAGGED: models[str(part)]}
+        if _PLAIN not in models and part in models:
+            models = {_PLAIN: models[str(part)]}
             continue
         shown.append(part)
-        models = _models_at(models[_UNTAGGED], part) if _UNTAGGED in models else {}
-    last = path[-1:] if _UNTAGGED in models or path[-1] not in models else ()
-    return (*shown, *last), list(models[_UNTAGGED].model_fields) if _UNTAGGED in models else []
+        models = _models_at(models[_PLAIN], part) if _PLAIN in models else {}
+    last = path[-1:] if _PLAIN in models or path[-1] not in models else ()
+    return (*shown, *last), list(models[_PLAIN].model_fields) if _PLAIN in models else []
 
 
-_UNTAGGED = ""
+_PLAIN = ""
 
 
 def _models_at(model: type[BaseModel], key: str | int) -> dict[str, type[BaseModel]]:
     """The models that the value of a key may be of, by tag."""
     kind = model.model_fields[key].annotation if key in model.model_fields else None
     if isinstance(kind, type) and issubclass(kind, BaseModel):
-        return {_UNTAGGED: kind}
+        return {_PLAIN: kind}
     tagged = [get_args(part) for part in get_args(kind)]
     return {part[1].tag: part[0] for part in tagged if len(part) == 2 and isinstance(part[1], Tag)}

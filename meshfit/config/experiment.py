@@ -85,6 +85,16 @@ class ExperimentSettings(Settings):
     """Precision of the fit."""
     jobs: Count = "auto"
     """Trials side by side on the CPU; `auto`: one for each core. Results do not depend on it."""
+    retries: Annotated[int, Field(ge=0, le=10)] = 1
+    """How often a trial is run once more, alone, after its process was killed or memory ran out. Other failures would
+    only come again."""
     threads: Count = "auto"
     """Threads to search nearest points with in each trial on the CPU; `auto`: two where cores are left over, else one.
     Results do not depend on it."""
+    sweep: dict[str, Any] = Field(default_factory=dict)
+    """Settings to vary, each combination a row of the table: `fit.losses.edge: [0.1, 1.0]` for a grid; under `zip`,
+    lists that go in step; under `variants`, names with the settings that each of them changes."""
+
+    def __hash__(self) -> int:
+        """Of its JSON text: a sweep is plain data, which has no hash."""
+        return hash(self.model_dump_json())

@@ -7,9 +7,10 @@ from typing import Any
 
 from meshfit.config.experiment import ExperimentSettings
 from meshfit.config.strict_yaml import Document, parse_document, parse_value
+from meshfit.config.sweep import variants_of
 from meshfit.errors import ConfigError
 from meshfit.resources import bundled
-from meshfit.settings import Key, build, merged
+from meshfit.settings import Key, build, changed, merged, nested
 from meshfit.specs import suggest
 
 SUFFIXES = (".yaml", ".yml")
@@ -47,7 +48,8 @@ def load_experiment(name_or_path: str, overrides: Sequence[str] = ()) -> Experim
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     data = _with_absolute_paths(document.data, path.parent)
     changes = _parse_overrides(overrides)
-    settings = build(ExperimentSettings, merged(data, changes), lambda key: _where(key, document, path, changes))
+    settings = build(ExperimentSettings, changed(data, changes), lambda key: _where(key, document, path, changes))
+    variants_of(settings, lambda: _where(("sweep",), document, path, changes))
     return Experiment(path.stem, settings)
 
 
@@ -73,16 +75,16 @@ def config_path(name_or_path: str) -> Path:
 def _with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Mesh files named in a config lie relative to it; so a config runs from anywhere."""
 
-    def absolute(name: object) -> object:
-        return str((folder / name).resolve()) if isinstance(name, str) and (folder / name).is_file() else name
+    def absolute(value: Any, key: Sequence[str]) -> Any:  # noqa: ANN401  any YAML value
+        if isinstance(value, dict):
+            return {name: absolute(inner, (*key, *str(name).split("."))) for name, inner in value.items()}
+        if key != ("targets",) and tuple(key[-2:]) != ("source", "mesh"):
+            return value
+        if isinstance(value, list):
+            return [absolute(entry, key) for entry in value]
+        return str((folder / value).resolve()) if isinstance(value, str) and (folder / value).is_file() else value
 
-    result = dict(data)
-    if isinstance(data.get("targets"), list):
-        result["targets"] = [absolute(name) for name in data["targets"]]
-    source = data.get("source")
-    if isinstance(source, dict) and "mesh" in source:
-        result["source"] = source | {"mesh": absolute(source["mesh"])}
-    return result
+    return {key: absolute(value, (key,)) for key, value in data.items()}
 
 
 def _parse_overrides(overrides: Sequence[str]) -> dict[str, Any]:
@@ -92,10 +94,7 @@ def _parse_overrides(overrides: Sequence[str]) -> dict[str, Any]:
         parts = key.strip().split(".")
         if not equals or not all(parts):
             raise ConfigError(f"--set {_shown(text)}: 'key=value' is needed, such as fit.steps=500")
-        change = parse_value(value, f"--set {_shown(text)}")
-        for part in reversed(parts):
-            change = {part: change}
-        changes = merged(changes, change)
+        changes = merged(changes, nested(".".join(parts), parse_value(value, f"--set {_shown(text)}")))
     return changes
 
 

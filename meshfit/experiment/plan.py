@@ -2,19 +2,25 @@
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 from meshfit.config.experiment import ExperimentSettings, SourceSettings
 from meshfit.config.load import Experiment
+from meshfit.config.sweep import Variant, variants_of
 from meshfit.experiment.source import build_source, source_file
 from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path
 
 # Raised whenever the same settings would give other numbers, so that older results are not taken for newer ones.
 SCHEMA_VERSION = 2
+
+
+# What says how the work is done, or is spent when the trials are planned, and moves no number.
+_WITHOUT_EFFECT = {"jobs", "threads", "retries", "sweep"}
 
 
 @dataclass(frozen=True)
@@ -25,11 +31,13 @@ class Trial:
         experiment: the name it is filed under.
         settings: the experiment's settings, narrowed to one target, one scheme and one seed.
         inputs: SHA-256 of every file that is read, by role.
+        variant: what its point of a sweep is called; empty where nothing is swept. Part of no identity.
     """
 
     experiment: str
     settings: ExperimentSettings
     inputs: tuple[tuple[str, str], ...]
+    variant: str = ""
 
     @property
     def target(self) -> str:
@@ -49,7 +57,7 @@ class Trial:
     @property
     def plain_settings(self) -> dict[str, Any]:
         """The settings as plain data, without those that no result depends on."""
-        return self.settings.model_dump(mode="json", exclude={"jobs", "threads"})
+        return self.settings.model_dump(mode="json", exclude=_WITHOUT_EFFECT)
 
     @cached_property
     def identity(self) -> str:
@@ -60,8 +68,9 @@ class Trial:
 
     @property
     def label(self) -> str:
-        """Target, scheme and seed, for a person to read."""
-        return f"{target_label(self.target)} · {self.scheme} · seed {self.seed}"
+        """Target, scheme, variant and seed, for a person to read."""
+        parts = [target_label(self.target), self.scheme, self.variant, f"seed {self.seed}"]
+        return " · ".join(part for part in parts if part)
 
     @property
     def folder(self) -> Path:
@@ -76,26 +85,30 @@ def target_label(target: str) -> str:
 
 
 def plan(experiments: Sequence[Experiment]) -> list[Trial]:
-    """The trials of some experiments: targets × schemes × seeds of each, in this order.
+    """The trials of some experiments: variants × targets × schemes × seeds of each, in this order.
 
     Every target and every source is loaded once here, so that bad input is refused before the first trial starts.
 
     Raises:
-        MeshfitError: a target, a source or the device cannot be used.
+        MeshfitError: a sweep, a target, a source or the device cannot be used.
     """
     trials: dict[Path, Trial] = {}
     for experiment in experiments:
-        settings = experiment.settings
-        _check_device(settings)
-        source_input = _check_source(settings.source, settings.schemes)
-        for target in settings.targets:
-            inputs = (("target", _check_target(target)), *source_input)
-            for scheme in settings.schemes:
-                for seed in settings.seeds:
-                    one = {"targets": (target,), "schemes": (scheme,), "seeds": (seed,)}
-                    trial = Trial(experiment.name, settings.model_copy(update=one), inputs)
-                    trials.setdefault(trial.folder, trial)
+        for variant in variants_of(experiment.settings):
+            for trial in _trials_of(experiment.name, variant):
+                trials.setdefault(trial.folder, trial)
     return list(trials.values())
+
+
+def _trials_of(experiment: str, variant: Variant) -> Iterator[Trial]:
+    settings = variant.settings
+    _check_device(settings)
+    source_input = _check_source(settings.source, settings.schemes)
+    for target in settings.targets:
+        inputs = (("target", _check_target(target)), *source_input)
+        for scheme, seed in product(settings.schemes, settings.seeds):
+            one = {"targets": (target,), "schemes": (scheme,), "seeds": (seed,)}
+            yield Trial(experiment, settings.model_copy(update=one), inputs, variant.name)
 
 
 @cache
@@ -104,7 +117,8 @@ def _check_target(target: str) -> str:
     return file_sha256(target_path(target))
 
 
-def _check_source(settings: SourceSettings, schemes: Sequence[str]) -> tuple[tuple[str, str], ...]:
+@cache
+def _check_source(settings: SourceSettings, schemes: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
     file = source_file(settings)
     for scheme in schemes:
         build_source(settings.model_copy(update={"levels": min(settings.levels, 1)}), scheme)

@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Discriminator, Field, Tag
 
-from meshfit.settings import TAG, Settings
+from meshfit.settings import TAG, UNTAGGED, Settings
 
 Weight = Annotated[float, Field(ge=0)]
 Dtype = Literal["float32", "float64"]
@@ -116,7 +116,7 @@ class GaussNewtonSettings(Settings):
 def _method(settings: Any) -> str:  # noqa: ANN401  settings, or what is to become some
     if isinstance(settings, dict):
         return str(settings.get(TAG, "first-order"))
-    return str(getattr(settings, TAG, "first-order"))
+    return str(getattr(settings, TAG, UNTAGGED))
 
 
 FitSettings = Annotated[

@@ -23,6 +23,8 @@ RANGES = {
     "dtype": (["float32", "float64"], ["float16"]),
     "jobs": (["auto", "1", "64"], ["0", "-1", "many", "2.5", "null"]),
     "threads": (["auto", "2"], ["0", "all"]),
+    "retries": (["0", "10"], ["-1", "11", "auto"]),
+    "sweep": (["{}", "{fit.steps: [1, 2]}"], ["null", "[1]", "2"]),
     "source.align": (["none", "center", "pca", "icp"], ["centre"]),
     "fit.method": (["first-order", "gauss-newton"], ["second-order"]),
     "fit.steps": (["0", "5"], ["-1", "1.5", "1e3"]),

@@ -1,0 +1,151 @@
+"""A sweep: settings that are varied, as a grid, in step (`zip`) or as named `variants`, or as the product of these."""
+
+import json
+import textwrap
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+from meshfit.config.experiment import ExperimentSettings
+from meshfit.errors import ConfigError
+from meshfit.settings import TAG, build, changed, merged, nested
+
+ZIP, VARIANTS = "zip", "variants"
+_AXES = ("targets", "schemes", "seeds")
+_WITHOUT_EFFECT = ("jobs", "threads", "retries", "sweep")
+_LONGEST_VALUE = 30
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One point of a sweep.
+
+    Attributes:
+        name: what tables call it, such as `edge=0.1, levels=3`; empty where nothing is varied.
+        settings: the experiment's settings there, which sweep no further.
+    """
+
+    name: str
+    settings: ExperimentSettings
+
+
+@dataclass(frozen=True)
+class _Point:
+    """A place on one axis of a sweep: what it is called, and which settings it changes, by dotted key."""
+
+    name: str
+    changes: Mapping[str, Any]
+
+
+def variants_of(settings: ExperimentSettings, where: Callable[[], str] = lambda: "") -> list[Variant]:
+    """The points of an experiment's sweep; a single nameless one if it has none.
+
+    Args:
+        settings: of the experiment.
+        where: gives the place that the sweep was written in, to put in front of messages.
+
+    Raises:
+        ConfigError: a sweep that is malformed, a key or a value that is not allowed, or two points that are the same.
+    """
+    try:
+        axes = _axes(settings.sweep)
+    except ConfigError as error:
+        raise ConfigError(f"{where()}{error}") from None
+    base = settings.model_dump(mode="json") | {"sweep": {}}
+    found: dict[str, Variant] = {}
+    for points in product(*axes):
+        changes: dict[str, Any] = {}
+        for point in points:
+            for key, value in point.changes.items():
+                changes = merged(changes, nested(key, value))
+        varied = build(ExperimentSettings, changed(base, changes), lambda _: f"{where()}sweep: ")
+        name = ", ".join(point.name for point in points)
+        other = found.setdefault(varied.model_dump_json(), Variant(name, varied))
+        if other.name != name:
+            raise ConfigError(f"{where()}sweep: '{other.name}' and '{name}' are the same settings")
+    return list(found.values())
+
+
+def _axes(sweep: Mapping[str, Any]) -> list[list[_Point]]:
+    """The named variants, then what is zipped, then each setting of the grid."""
+    variants = [
+        _Point(name, dict(_flat(_mapping(changes, f"sweep.{VARIANTS}.{name}"), lists=False)))
+        for name, changes in _mapping(sweep.get(VARIANTS, {}), f"sweep.{VARIANTS}").items()
+    ]
+    zipped = _lists(_mapping(sweep.get(ZIP, {}), f"sweep.{ZIP}"))
+    grid = _lists({key: value for key, value in sweep.items() if key not in (ZIP, VARIANTS)})
+    _check_keys([dict.fromkeys(key for point in variants for key in point.changes), zipped, grid])
+    short = _short_names([*zipped, *grid])
+    steps = [_point(dict(zip(zipped, row, strict=True)), short) for row in _in_step(zipped)]
+    lines = [[_point({key: value}, short) for value in values] for key, values in grid.items()]
+    return [axis for axis in (variants, steps, *lines) if axis]
+
+
+def _in_step(zipped: Mapping[str, list[Any]]) -> Iterator[tuple[Any, ...]]:
+    if len({len(values) for values in zipped.values()}) > 1:
+        lengths = ", ".join(f"{key} has {len(values)}" for key, values in zipped.items())
+        raise ConfigError(f"sweep.{ZIP}: lists of the same length are needed; {lengths}")
+    return zip(*zipped.values(), strict=True)
+
+
+def _lists(tree: Mapping[str, Any]) -> dict[str, list[Any]]:
+    found: dict[str, list[Any]] = {}
+    for key, values in _flat(tree, lists=True):
+        if not isinstance(values, list) or not values:
+            raise ConfigError(f"sweep: {key}: found {_plain(values)}; a list of values is needed, such as [0.1, 1.0]")
+        if len({json.dumps(value, sort_keys=True) for value in values}) < len(values):
+            raise ConfigError(f"sweep: {key}: a value is listed twice in {_plain(values)}")
+        if key in found:
+            raise ConfigError(f"sweep: {key} stands twice")
+        found[key] = values
+    return found
+
+
+def _flat(tree: Mapping[str, Any], *, lists: bool, above: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted keys and what they are set to: in a grid, which `lists` means, whatever is not a mapping."""
+    for key, value in tree.items():
+        # A mapping that names its kind replaces settings of another kind, so it stays in one piece.
+        if isinstance(value, Mapping) and (lists or TAG not in value):
+            yield from _flat(value, lists=lists, above=f"{above}{key}.")
+        else:
+            yield f"{above}{key}", value
+
+
+def _check_keys(axes: Sequence[Mapping[str, Any]]) -> None:
+    keys = [key for axis in axes for key in axis]
+    for key in keys:
+        first = key.partition(".")[0]
+        if first in _AXES:
+            raise ConfigError(f"sweep: {key}: always varied; list the values under '{first}'")
+        if first in _WITHOUT_EFFECT:
+            raise ConfigError(f"sweep: {key}: no result depends on it, so it cannot be swept")
+        if keys.count(key) > 1:
+            raise ConfigError(f"sweep: {key}: varied in two ways; once among {ZIP}, {VARIANTS} and the grid is allowed")
+
+
+def _short_names(keys: Sequence[str]) -> dict[str, str]:
+    """The last part of each key, or as many as tell it from the others."""
+    found = {}
+    for key in keys:
+        parts = key.split(".")
+        tails = (".".join(parts[start:]) for start in range(len(parts) - 1, -1, -1))
+        found[key] = next(
+            tail for tail in tails if sum(f".{other}".endswith(f".{tail}") for other in keys) == 1 or tail == key
+        )
+    return found
+
+
+def _point(changes: Mapping[str, Any], short: Mapping[str, str]) -> _Point:
+    return _Point(", ".join(f"{short[key]}={_plain(value)}" for key, value in changes.items()), changes)
+
+
+def _mapping(value: Any, key: str) -> Mapping[str, Any]:  # noqa: ANN401  any YAML value
+    if not isinstance(value, Mapping):
+        raise ConfigError(f"{key}: found {_plain(value)}; a mapping of keys to values is needed")
+    return value
+
+
+def _plain(value: object) -> str:
+    text = value if isinstance(value, str) else json.dumps(value)
+    return textwrap.shorten(text, _LONGEST_VALUE, placeholder="…")

@@ -1,0 +1,125 @@
+"""Sweeps: the points that they stand for, their identities, and what is refused."""
+
+import json
+
+import pytest
+
+from meshfit.config.experiment import ExperimentSettings
+from meshfit.config.load import Experiment, load_experiment
+from meshfit.config.sweep import variants_of
+from meshfit.errors import ConfigError
+from meshfit.experiment.plan import plan
+from meshfit.settings import build, override
+from tests.small import CONFIG, config_file, ellipsoid, experiment
+
+
+def variants(**sweep):
+    return variants_of(build(ExperimentSettings, {"sweep": sweep}))
+
+
+def test_without_a_sweep_there_is_one_nameless_point():
+    (only,) = variants()
+    assert (only.name, only.settings) == ("", ExperimentSettings())
+
+
+def test_a_grid_is_the_product_of_its_lists_in_their_order():
+    found = variants(**{"fit.losses.edge": [0.1, 1.0], "source.levels": [3, 4]})
+    points = [(variant.settings.fit.losses.edge, variant.settings.source.levels) for variant in found]
+    assert points == [(0.1, 3), (0.1, 4), (1.0, 3), (1.0, 4)]
+    assert found[1].name == "edge=0.1, levels=4"
+    assert all(variant.settings.sweep == {} for variant in found)
+
+
+def test_what_is_zipped_goes_in_step():
+    found = variants(zip={"fit.steps": [10, 20], "fit.optimizer.lr": [1.0, 0.5]}, **{"source.levels": [2, 3]})
+    points = [(one.settings.fit.steps, one.settings.fit.optimizer.lr, one.settings.source.levels) for one in found]
+    assert points == [(10, 1.0, 2), (10, 1.0, 3), (20, 0.5, 2), (20, 0.5, 3)]
+
+
+def test_variants_have_names_and_change_several_settings_dotted_or_nested():
+    found = variants(variants={"base": {}, "soft": {"fit.losses.edge": 0.1, "source": {"levels": 3}}})
+    assert [variant.name for variant in found] == ["base", "soft"]
+    assert found[0].settings == ExperimentSettings()
+    assert (found[1].settings.fit.losses.edge, found[1].settings.source.levels) == (0.1, 3)
+    assert found[1].settings.fit.losses.normal == ExperimentSettings().fit.losses.normal
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"fit": {"method": "gauss-newton", "levels": 2}},
+        {"fit.method": "gauss-newton", "fit.levels": 2},
+        {"fit.levels": 2, "fit.method": "gauss-newton"},
+    ],
+)
+def test_a_variant_may_be_fitted_by_the_other_engine(change):
+    settings = build(ExperimentSettings, {"fit": {"steps": 7}, "sweep": {"variants": {"one": {}, "other": change}}})
+    one, other = (variant.settings.fit for variant in variants_of(settings))
+    assert (one.method, one.steps) == ("first-order", 7)
+    assert (other.method, other.levels) == ("gauss-newton", 2)
+
+
+def test_keys_are_shortened_as_far_as_they_stay_apart():
+    found = variants(
+        **{"source.levels": [3], "fit.optimizer.schedule.name": ["cosine"], "fit.optimizer.name": ["adam"]}
+    )
+    assert found[0].name == "levels=3, schedule.name=cosine, optimizer.name=adam"
+
+
+def test_a_point_has_the_identity_of_the_same_settings_without_a_sweep(tmp_path):
+    plain = plan([experiment(tmp_path, fit={"steps": 30}, seeds=[0, 1])])
+    swept = plan([experiment(tmp_path, seeds=[1, 2], sweep={"fit.steps": [10, 30]})])
+    assert {trial.folder for trial in plain} & {trial.folder for trial in swept} == {plain[1].folder}
+    assert [trial.variant for trial in swept] == ["steps=10", "steps=10", "steps=30", "steps=30"]
+    assert swept[0].label.endswith("loop · steps=10 · seed 1")
+
+
+def test_the_order_of_keys_changes_no_identity(tmp_path):
+    first = experiment(tmp_path, sweep={"fit.steps": [10, 30], "source.levels": [1, 2]})
+    second = experiment(tmp_path, sweep={"source.levels": [2, 1], "fit.steps": [30, 10]})
+    identities = [{trial.identity for trial in plan([one])} for one in (first, second)]
+    assert identities[0] == identities[1]
+    assert len(identities[0]) == 4
+
+
+def test_a_changed_scheme_or_seed_list_keeps_the_sweep(tmp_path):
+    swept = experiment(tmp_path, sweep={"fit.steps": [10, 30]})
+    more = Experiment("small", override(swept.settings, {"schemes": ["loop", "midpoint"]}))
+    assert len(plan([more])) == 4
+
+
+def test_swept_mesh_files_lie_relative_to_the_config(tmp_path, monkeypatch):
+    text = CONFIG + "sweep: {source.mesh: [octahedron, ellipsoid.ply]}\n"
+    path = config_file(tmp_path, text)
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    meshes = [variant.settings.source.mesh for variant in variants_of(load_experiment(str(path)).settings)]
+    assert meshes == ["octahedron", str(ellipsoid(tmp_path))]
+
+
+@pytest.mark.parametrize(
+    ("sweep", "message"),
+    [
+        ({"fit.losses.egde": [1, 2]}, r"fit\.losses\.egde: no such key: did you mean 'edge'"),
+        ({"fit.steps": 3}, r"fit\.steps: found 3; a list of values is needed"),
+        ({"fit.steps": []}, r"fit\.steps: found \[\]; a list"),
+        ({"fit.steps": [5, 5]}, "a value is listed twice"),
+        ({"fit.steps": [5, -5]}, r"fit\.steps: found -5"),
+        ({"fit.losses.edge": [1, 1.0]}, "are the same settings"),
+        ({"fit.steps": [5], "fit": {"steps": [6]}}, "stands twice"),
+        ({"seeds": [0, 1]}, "always varied; list the values under 'seeds'"),
+        ({"jobs": [1, 2]}, "no result depends on it"),
+        ({"sweep": [1]}, "cannot be swept"),
+        ({"zip": {"fit.steps": [1, 2], "fit.samples": [100]}}, r"fit\.steps has 2, fit\.samples has 1"),
+        ({"zip": {"fit.steps": [1, 2]}, "fit.steps": [3]}, "varied in two ways"),
+        ({"variants": {"a": {"fit.steps": 3}}, "fit.steps": [3]}, "varied in two ways"),
+        ({"variants": {"a": {}, "b": {}}}, "'a' and 'b' are the same settings"),
+        ({"variants": ["a"]}, r"variants: found .*; a mapping"),
+        ({"variants": {"a": 3}}, r"variants\.a: found 3; a mapping"),
+    ],
+)
+def test_what_is_no_sweep_is_refused_in_one_line_that_names_the_place(tmp_path, sweep, message):
+    path = config_file(tmp_path, CONFIG + f"sweep: {json.dumps(sweep)}\n")
+    with pytest.raises(ConfigError, match=message) as caught:
+        load_experiment(str(path))
+    assert str(caught.value).startswith(f"{path}, line 8: ")
