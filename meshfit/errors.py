@@ -33,6 +33,10 @@ class MeasureError(MeshfitError):
     """A measurement whose figures would not be what they claim to be."""
 
 
+class ClusterError(MeshfitError):
+    """A cluster that cannot be reached, or whose workers cannot run trials."""
+
+
 class TrialError(MeshfitError):
     """A trial that failed while it ran."""
 

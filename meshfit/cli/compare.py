@@ -8,6 +8,7 @@ from meshfit.cli.options import (
     DEFAULT_METRIC,
     DEFAULT_RUNS,
     AsJson,
+    Cluster,
     DryRun,
     Force,
     Jobs,
@@ -15,6 +16,8 @@ from meshfit.cli.options import (
     Quiet,
     Runs,
     Sets,
+    Transfer,
+    TransferChoice,
 )
 from meshfit.errors import ConfigError
 
@@ -33,6 +36,8 @@ def compare(
     runs: Runs = DEFAULT_RUNS,
     overrides: Sets = None,
     jobs: Jobs = None,
+    cluster: Cluster = None,
+    transfer: Transfer = TransferChoice.AUTO,
     metric: Metric = DEFAULT_METRIC,
     force: Force = False,
     dry_run: DryRun = False,
@@ -48,7 +53,7 @@ def compare(
 
         meshfit compare interp-loop:alpha=0.5 interp-loop --config quickstart
     """
-    from meshfit.cli.experiments import run_and_report
+    from meshfit.cli.experiments import Workers, run_and_report
     from meshfit.config.load import Experiment, load_experiment
     from meshfit.experiment.plan import plan
     from meshfit.settings import override
@@ -61,5 +66,9 @@ def compare(
         changes["targets"] = [target.strip() for target in targets.split(",") if target.strip()]
     if seeds is not None:
         changes["seeds"] = list(range(seeds))
-    trials = plan([Experiment(experiment.name, override(experiment.settings, changes))])
-    return run_and_report(trials, runs, metric, jobs=jobs, force=force, dry_run=dry_run, quiet=quiet, as_json=as_json)
+    workers = Workers(jobs, cluster, transfer.value)
+    changed = Experiment(experiment.name, override(experiment.settings, changes))
+    trials = plan([changed], elsewhere=workers.elsewhere)
+    return run_and_report(
+        trials, runs, metric, workers=workers, force=force, dry_run=dry_run, quiet=quiet, as_json=as_json
+    )

@@ -1,7 +1,9 @@
 """What `run` and `compare` share: run the trials that are missing, say what failed, and print tables."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,19 +17,54 @@ from meshfit.experiment.store import Result, RunDirectory, make_folder
 
 if TYPE_CHECKING:
     from meshfit.experiment.plan import Trial
+    from meshfit.experiment.remote import Remote, Transfer
 
 FAILED = 1
 
 
+@dataclass(frozen=True)
+class Workers:
+    """Who runs trials: processes of this machine, or the workers of a cluster.
+
+    Attributes:
+        jobs: how many processes; None leaves it to the config.
+        cluster: the address of a Dask scheduler.
+        transfer: how files travel to and from the cluster.
+    """
+
+    jobs: int | None = None
+    cluster: str | None = None
+    transfer: "Transfer" = "auto"
+
+    @property
+    def elsewhere(self) -> bool:
+        """Whether they are on other machines."""
+        return self.cluster is not None
+
+
 def run_missing(
-    trials: Sequence["Trial"], runs: Path, *, jobs: int | None, force: bool, quiet: bool
+    trials: Sequence["Trial"], runs: Path, *, workers: Workers, force: bool, quiet: bool
 ) -> dict[int, Outcome]:
     """Run what is not complete, with progress shown."""
     from meshfit.experiment.executor import run_trials
 
     make_folder(runs)
-    with shown_progress(trials, quiet=quiet) as watch:
-        return run_trials(trials, RunDirectory(runs), jobs=jobs, force=force, watch=watch)
+    with _remote(workers) as remote, shown_progress(trials, quiet=quiet) as watch:
+        return run_trials(trials, RunDirectory(runs), jobs=workers.jobs, force=force, remote=remote, watch=watch)
+
+
+@contextmanager
+def _remote(workers: Workers) -> "Iterator[Remote | None]":
+    if workers.cluster is None:
+        yield None
+        return
+    from meshfit.experiment.dask_cluster import DaskRemote
+
+    remote = DaskRemote(workers.cluster, transfer=workers.transfer)
+    try:
+        yield remote
+    finally:
+        remote.close()
 
 
 def print_plan(trials: Sequence["Trial"], runs: Path, *, as_json: bool) -> None:
@@ -96,7 +133,7 @@ def run_and_report(
     runs: Path,
     metric: str,
     *,
-    jobs: int | None,
+    workers: Workers,
     force: bool,
     dry_run: bool,
     quiet: bool,
@@ -112,7 +149,7 @@ def run_and_report(
         print_plan(trials, runs, as_json=as_json)
         return 0
     require_metric(metric)  # now, and not when all has been run
-    outcomes = run_missing(trials, runs, jobs=jobs, force=force, quiet=quiet)
+    outcomes = run_missing(trials, runs, workers=workers, force=force, quiet=quiet)
     results = results_of(trials, runs)
     if as_json:
         typer.echo(json.dumps(results, indent=2))

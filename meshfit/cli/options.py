@@ -1,5 +1,6 @@
 """Options that several commands have, declared once."""
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -18,6 +19,30 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON to stdout, and 
 Jobs = Annotated[
     int | None,
     typer.Option("--jobs", "-j", min=1, help="Trials side by side on the CPU, in place of the config's `jobs`."),
+]
+Cluster = Annotated[
+    str | None,
+    typer.Option(
+        "--cluster",
+        help="Send trials to a Dask cluster: tcp://HOST:PORT, or the scheduler's file. Needs the extra `dask`.",
+        metavar="ADDRESS",
+    ),
+]
+
+
+class TransferChoice(StrEnum):
+    """What `meshfit.experiment.remote.Transfer` allows, as Typer wants it."""
+
+    AUTO = "auto"
+    SHARED = "shared"
+    RETURNED = "returned"
+
+
+Transfer = Annotated[
+    TransferChoice,
+    typer.Option(
+        "--transfer", help="For --cluster: workers write to a shared directory, or return files; auto looks which."
+    ),
 ]
 Metric = Annotated[
     str, typer.Option("--metric", help="What cells hold, such as distance.mean or quality.self_intersecting_faces.")

@@ -8,7 +8,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemaining
 from rich.table import Column
 
 from meshfit.cli.console import err
-from meshfit.experiment.board import Board
+from meshfit.experiment.crews import ProgressBoard
 from meshfit.experiment.progress import Outcome, Phase
 from meshfit.fitting.gauss_newton.stages import stage_at
 from meshfit.fitting.progress import Step
@@ -17,7 +17,7 @@ from meshfit.fitting.settings import GaussNewtonSettings
 if TYPE_CHECKING:
     from meshfit.experiment.plan import Trial
 
-Watch = Callable[[Board, Mapping[int, Outcome]], None]
+Watch = Callable[[ProgressBoard, Mapping[int, Outcome]], None]
 
 
 @contextmanager
@@ -53,7 +53,7 @@ class _Bars:
         self._tasks: dict[int, TaskID] = {}
         self._total = bars.add_task("[bold]all trials", total=len(trials), state="")
 
-    def update(self, board: Board, outcomes: Mapping[int, Outcome]) -> None:
+    def update(self, board: ProgressBoard, outcomes: Mapping[int, Outcome]) -> None:
         failed = sum(outcome.phase is Phase.FAILED for outcome in outcomes.values())
         state = f"{len(outcomes)}/{len(self._trials)}" + (f" [red]{failed} failed[/]" if failed else "")
         parts = sum(board.step(i).done / max(self._trials[i].settings.fit.steps, 1) for i in self._tasks)
@@ -65,7 +65,7 @@ class _Bars:
             elif i in self._tasks:
                 self._bars.remove_task(self._tasks.pop(i))
 
-    def _show(self, i: int, trial: "Trial", board: Board, phase: Phase) -> None:
+    def _show(self, i: int, trial: "Trial", board: ProgressBoard, phase: Phase) -> None:
         steps = trial.settings.fit.steps
         if i not in self._tasks:
             self._tasks[i] = self._bars.add_task(trial.label, total=steps, state="")
@@ -90,7 +90,7 @@ class _Lines:
         self._trials = trials
         self._told: set[int] = set()
 
-    def update(self, board: Board, outcomes: Mapping[int, Outcome]) -> None:  # noqa: ARG002  as `_Bars` has it
+    def update(self, board: ProgressBoard, outcomes: Mapping[int, Outcome]) -> None:  # noqa: ARG002  as `_Bars` has it
         for i in sorted(set(outcomes) - self._told):
             self._told.add(i)
             outcome = outcomes[i]

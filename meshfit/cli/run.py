@@ -8,6 +8,7 @@ from meshfit.cli.options import (
     DEFAULT_METRIC,
     DEFAULT_RUNS,
     AsJson,
+    Cluster,
     DryRun,
     Force,
     Jobs,
@@ -15,6 +16,8 @@ from meshfit.cli.options import (
     Quiet,
     Runs,
     Sets,
+    Transfer,
+    TransferChoice,
 )
 
 
@@ -23,6 +26,8 @@ def run(
     runs: Runs = DEFAULT_RUNS,
     overrides: Sets = None,
     jobs: Jobs = None,
+    cluster: Cluster = None,
+    transfer: Transfer = TransferChoice.AUTO,
     metric: Metric = DEFAULT_METRIC,
     force: Force = False,
     dry_run: DryRun = False,
@@ -41,9 +46,12 @@ def run(
 
         meshfit run table1 --dry-run
     """
-    from meshfit.cli.experiments import run_and_report
+    from meshfit.cli.experiments import Workers, run_and_report
     from meshfit.config.load import load_experiment
     from meshfit.experiment.plan import plan
 
-    trials = plan([load_experiment(config, overrides or ()) for config in configs])
-    return run_and_report(trials, runs, metric, jobs=jobs, force=force, dry_run=dry_run, quiet=quiet, as_json=as_json)
+    workers = Workers(jobs, cluster, transfer.value)
+    trials = plan([load_experiment(config, overrides or ()) for config in configs], elsewhere=workers.elsewhere)
+    return run_and_report(
+        trials, runs, metric, workers=workers, force=force, dry_run=dry_run, quiet=quiet, as_json=as_json
+    )

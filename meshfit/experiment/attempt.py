@@ -7,10 +7,12 @@ from collections.abc import Callable
 from meshfit.config.strict_yaml import dump
 from meshfit.errors import MeshfitWarning
 from meshfit.experiment.checkpoints import read_checkpoint, write_checkpoint
+from meshfit.experiment.failure import LAST_GOOD, failed_attempts, failure_of
+from meshfit.experiment.journal import Journal
 from meshfit.experiment.memory import peak_memory_mb
 from meshfit.experiment.plan import Trial
 from meshfit.experiment.progress import Outcome, Phase, Progress
-from meshfit.experiment.result import LAST_GOOD, failure_of, result_of
+from meshfit.experiment.result import result_of
 from meshfit.experiment.source import build_source
 from meshfit.experiment.store import CHECKPOINT, FAILURE, RESULT, RunDirectory, write_json
 from meshfit.fitting.problem import Diverged, Problem
@@ -26,7 +28,7 @@ from meshfit.mesh.topology import Topology
 
 
 class Attempt:
-    """A trial on its way: `prepare`, then a fit, then `finish`; or at any time `fail`.
+    """A trial on its way: `start`, `prepare`, a fit, `finish`; or at any time after the start `fail` or `stop`.
 
     Attributes:
         outcome: how it ended; None while it has not.
@@ -35,7 +37,13 @@ class Attempt:
     def __init__(self, trial: Trial, store: RunDirectory, on_progress: Callable[[Progress], None]) -> None:
         self.trial, self.store, self.on_progress = trial, store, on_progress
         self.outcome: Outcome | None = None
+        self._journal: Journal | None = None
         self._seconds: Callable[[], float] = lambda: 0.0
+
+    def start(self) -> None:
+        """Begin to keep a journal; the trial's lock has to be held from here on."""
+        self._journal = Journal(self.trial, self.store)
+        self._tell(Progress(Phase.FITTING))
 
     def prepare(self, seconds: Callable[[], float]) -> Problem:
         """Load and place the meshes.
@@ -46,23 +54,28 @@ class Attempt:
         settings = self.trial.settings
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", MeshfitWarning)
-            target_file = load_target(self.trial.target)
+            target_file = load_target(self.trial.where(self.trial.target))
             self._frame = frame_of(target_file.verts, settings.normalise)
             self._target = self._frame.normalise(target_file)
-            built = build_source(settings.source, self.trial.scheme)
+            source_mesh = {"mesh": self.trial.where(settings.source.mesh)}
+            built = build_source(settings.source.model_copy(update=source_mesh), self.trial.scheme)
             source = aligned(built, self._target, settings.source.align)
             _warn_of_differences(source, self._target)
         self._notes = [str(warning.message) for warning in caught if issubclass(warning.category, MeshfitWarning)]
+        for note in self._notes:
+            self._note(f"warning: {note}")
         self.store.write(self.trial, "config.yaml", dump(self.trial.plain_settings))
         self._write_mesh("source.ply", source)
         checkpoint = read_checkpoint(self.trial, self.store)
         before = checkpoint.get("seconds", 0.0) if checkpoint is not None else 0.0
+        if checkpoint is not None:
+            self._note("going on from a checkpoint")
         self._seconds = lambda: before + seconds()
         return Problem(
             source,
             self._target,
             self.trial.seed,
-            on_step=lambda step: self.on_progress(Progress(Phase.FITTING, step)),
+            on_step=lambda step: self._tell(Progress(Phase.FITTING, step)),
             resume=checkpoint,
             scheme=self.trial.scheme,
             save=lambda state: write_checkpoint(self.trial, self.store, state | {"seconds": self._seconds()}),
@@ -75,7 +88,7 @@ class Attempt:
         if fitted.control is not None:
             self._write_mesh("control.ply", fitted.control)
         self.store.write(self.trial, "trace.csv", fitted.trace.to_csv())
-        self.on_progress(Progress(Phase.MEASURING))
+        self._tell(Progress(Phase.MEASURING))
         start = time.perf_counter()
         measured = measure(fitted.mesh, self._target, self.trial.settings.measure)
         seconds["measure"] = time.perf_counter() - start
@@ -83,6 +96,7 @@ class Attempt:
         result = result_of(self.trial, self._frame, fitted, measured, work)
         self.store.write(self.trial, RESULT, write_json(result))
         self.store.remove(self.trial, CHECKPOINT, FAILURE, LAST_GOOD)
+        self._close(f"complete: {seconds['fit']:.1f} s of fitting, {seconds['measure']:.1f} s of measuring")
         self.outcome = Outcome(Phase.COMPLETE)
 
     def fail(self, error: Exception) -> None:
@@ -90,10 +104,30 @@ class Attempt:
         if isinstance(error, Diverged):
             self.store.write(self.trial, LAST_GOOD, encode_mesh(error.last_good, ".ply"))
             self.store.write(self.trial, "trace.csv", error.trace.to_csv())
-        record = failure_of(self.trial, error)
+        step = self._journal.step.done if self._journal and self._journal.step else None
+        record = failure_of(self.trial, error, step, failed_attempts(self.trial, self.store) + 1)
         self.store.write(self.trial, FAILURE, write_json(record))
         self.store.remove(self.trial, CHECKPOINT)
-        self.outcome = Outcome(Phase.FAILED, f"{record['kind']}: {record['message']}")
+        message = f"{record['kind']}: {record['message']}"
+        self._close("".join([f"failed, {message}\n", *record.get("traceback", [])]).rstrip())
+        self.outcome = Outcome(Phase.FAILED, message, record["kind"])
+
+    def stop(self) -> None:
+        """Leave it to a later attempt to go on."""
+        self._close("stopped, to go on later")
+
+    def _tell(self, progress: Progress) -> None:
+        if self._journal is not None:
+            self._journal.tell(progress)
+        self.on_progress(progress)
+
+    def _note(self, text: str) -> None:
+        if self._journal is not None:
+            self._journal.note(text)
+
+    def _close(self, text: str) -> None:
+        if self._journal is not None:
+            self._journal.close(text)
 
     def _write_mesh(self, name: str, mesh: Mesh) -> None:
         own = self.trial.settings.write_frame == "target"

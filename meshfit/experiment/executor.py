@@ -1,46 +1,27 @@
-"""Run many trials side by side in processes of their own, so that one that dies takes none of the others with it."""
+"""Run many trials, side by side here or on workers elsewhere; one that dies takes none of the others with it."""
 
-import multiprocessing
-import os
-import signal
-import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from dataclasses import dataclass, field
-from multiprocessing import resource_tracker
-from typing import Any
+from collections import Counter, deque
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, as_completed, wait
 
-from meshfit.errors import TrialError
-from meshfit.experiment.board import Board
-from meshfit.experiment.placement import place, workers_and_threads
+from meshfit.errors import ClusterError, TrialError
+from meshfit.experiment.crews import Crew, LocalCrew, ProgressBoard, RemoteCrew, is_death
+from meshfit.experiment.failure import RETRIED, death_of, failed_attempts
+from meshfit.experiment.file_board import FileBoard
+from meshfit.experiment.interrupts import ONE_THREAD, environment
+from meshfit.experiment.journal import now
+from meshfit.experiment.parcels import put_back
 from meshfit.experiment.plan import Trial
-from meshfit.experiment.pools import Pools
-from meshfit.experiment.progress import Outcome, Phase, Progress
-from meshfit.experiment.store import FAILURE, Result, RunDirectory, write_json
-from meshfit.fitting.progress import Interrupted
+from meshfit.experiment.plan_file import write_plan
+from meshfit.experiment.progress import Outcome, Phase
+from meshfit.experiment.remote import Remote
+from meshfit.experiment.store import FAILURE, LOG, RunDirectory, write_json
+from meshfit.experiment.work import Done
 
 _POLL_SECONDS = 0.1
-_RUNNING = (Phase.FITTING, Phase.MEASURING)
 _MOST_IDLE_DEATHS = 3
-_MAY_BE_GPU = ("auto", "cuda")
 
-# Threads of numerical libraries spin while they wait for each other, and two workers' on two cores spin for long.
-_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "IGL_NUM_THREADS"), "1")
-
-Watcher = Callable[[Board, Mapping[int, Outcome]], None]
-
-
-@dataclass(frozen=True)
-class Job:
-    """What a worker is given: trials to fit together, their places on the board, and where their files go."""
-
-    trials: Mapping[int, Trial]
-    store: RunDirectory
-    device: str
-    threads: int
-    force: bool
+Watcher = Callable[[ProgressBoard, Mapping[int, Outcome]], None]
 
 
 def run_trials(
@@ -49,17 +30,20 @@ def run_trials(
     *,
     jobs: int | None = None,
     force: bool = False,
+    remote: Remote | None = None,
     watch: Watcher = lambda *_: None,
 ) -> dict[int, Outcome]:
     """Run trials and wait for them: side by side on the CPU, in batches on other devices.
 
-    A trial whose process dies is run once more, alone, so that the guilt is certain; if it dies again, it has failed.
+    A trial whose process dies, or that runs out of memory, is tried again as often as its `retries` say: on this
+    machine when all others are done, so that it has the memory to itself.
 
     Args:
         trials: what to run; those that are complete are left as they are.
         store: where their files go.
-        jobs: how many processes on the CPU; None leaves it to the trials' settings.
+        jobs: how many processes on the CPU of this machine; None leaves it to the trials' settings.
         force: run complete ones too.
+        remote: workers to send trials to, in place of processes of this machine.
         watch: called many times a second with the board of progress and the outcomes so far.
 
     Returns:
@@ -68,149 +52,138 @@ def run_trials(
     Raises:
         KeyboardInterrupt: after every running trial has written a checkpoint.
         StoreError: the run directory cannot be written to.
-        TrialError: worker processes die without having started a trial.
+        DeviceError: no worker has the device that a trial needs.
+        ClusterError: workers elsewhere are out of reach.
+        TrialError: workers die without having started a trial.
     """
-    session = _Session(trials, store, force, Board.of(len(trials)), watch)
+    outcomes: dict[int, Outcome] = {}
     if not force:
-        complete = (i for i, trial in enumerate(trials) if store.result(trial) is not None)
-        session.outcomes |= dict.fromkeys(complete, Outcome(Phase.COMPLETE))
-    with _environment(_ONE_THREAD):
-        idle_deaths = 0
-        while left := [i for i in range(len(trials)) if i not in session.outcomes]:
-            workers, threads = workers_and_threads([trials[i] for i in left], jobs)
-            for i in session.run(left, workers, threads):
-                session.board.reset(i)
-                if session.run([i], 1, threads):
-                    session.record_death(i)
-            idle_deaths = idle_deaths + 1 if all(i not in session.outcomes for i in left) else 0
-            if idle_deaths > _MOST_IDLE_DEATHS:
-                raise TrialError("worker processes die before they start a trial; perhaps there is not enough memory")
-    return session.outcomes
+        complete = (i for i, trial in enumerate(trials) if store.is_complete(trial))
+        outcomes |= dict.fromkeys(complete, Outcome(Phase.COMPLETE))
+    left = [i for i in range(len(trials)) if i not in outcomes]
+    if not left:
+        return outcomes
+    crew: Crew
+    with environment(ONE_THREAD):
+        if remote is None:
+            crew = LocalCrew.of(trials, left, store, jobs, force=force)
+        else:
+            crew = RemoteCrew(remote, store, FileBoard(trials, store, outcomes), force=force)
+        write_plan(trials, store, crew.workers)
+        _Session(trials, store, crew, outcomes, watch, force=force).run(left)
+    return outcomes
 
 
-@dataclass
 class _Session:
     """Trials that are being run, and how those ended that have."""
 
-    trials: Sequence[Trial]
-    store: RunDirectory
-    force: bool
-    board: Board
-    watch: Watcher
-    outcomes: dict[int, Outcome] = field(default_factory=dict)
+    def __init__(
+        self,
+        trials: Sequence[Trial],
+        store: RunDirectory,
+        crew: Crew,
+        outcomes: dict[int, Outcome],
+        watch: Watcher,
+        *,
+        force: bool,
+    ) -> None:
+        self._trials, self._store, self._crew, self._force = trials, store, crew, force
+        self._outcomes, self._watch = outcomes, watch
+        self._sent: dict[Future[Done], tuple[int, ...]] = {}
+        self._again: deque[int] = deque()
+        self._tries: Counter[int] = Counter()
+        self._idle_deaths = 0
 
-    def run(self, numbers: Sequence[int], workers: int, threads: int) -> list[int]:
-        """Run trials in fresh processes until all are done or one dies; those that were running then are returned."""
-        pools = Pools(workers, _start_worker, self.board.shared)
-        trials = {i: self.trials[i] for i in numbers}
+    def run(self, numbers: Sequence[int]) -> None:
+        """Run trials until each has an outcome."""
         try:
-            gpus = _gpus(pools) if any(trial.settings.device in _MAY_BE_GPU for trial in trials.values()) else 0
-            with _interrupts_held():
-                futures = [
-                    pools.submit(
-                        device, _work, Job({i: trials[i] for i in batch}, self.store, device, threads, self.force)
-                    )
-                    for device, batch in place(trials, gpus)
-                ]
-            self._collect(futures)
-        except BrokenProcessPool:
-            return [i for i in numbers if i not in self.outcomes and self.board.phase(i) in _RUNNING]
+            for device, batch in self._crew.batches({i: self._trials[i] for i in numbers}):
+                self._send(batch, device)
+            self._collect()
+            while self._again:
+                again = self._again.popleft()
+                for device, batch in self._crew.batches({again: self._trials[again]}):
+                    self._send(batch, device)
+                self._collect()
         except BaseException:
-            self.board.stop()
+            self._crew.stop()
+            self._drain()
             raise
         finally:
-            pools.shutdown()
-        return []
+            self._crew.close()
 
-    def record_death(self, i: int) -> None:
-        """Record that a trial's process died when it was alone, too."""
-        message = "the process that ran it was killed, twice; perhaps there was not enough memory"
-        trial, step = self.trials[i], self.board.step(i).done
-        record: Result = {"kind": "killed", "message": message, "step": step, "identity": trial.identity}
-        self.store.write(trial, FAILURE, write_json(record))
-        self.board.post(i, Progress(Phase.FAILED))
-        self.outcomes[i] = Outcome(Phase.FAILED, f"killed: {message}")
+    def _drain(self) -> None:
+        """Take in what stopped trials give back."""
+        for future in as_completed(self._sent) if not self._crew.on_this_machine else ():
+            if not _failed(future):
+                self._take_in(future.result())
 
-    def _collect(self, futures: Sequence[Future[dict[int, Outcome]]]) -> None:
-        pending = set(futures)
-        while pending:
-            done, pending = wait(pending, timeout=_POLL_SECONDS, return_when=FIRST_COMPLETED)
-            # Outcomes first, then the exception of a worker that died: what was finished beside it counts.
-            for future in sorted(done, key=lambda future: future.exception() is not None):
-                self.outcomes |= future.result()
-            self.watch(self.board, self.outcomes)
+    def _send(self, numbers: Sequence[int], device: str) -> None:
+        future = self._crew.submit({i: self._trials[i] for i in numbers}, device)
+        self._sent[future] = tuple(numbers)
+
+    def _collect(self) -> None:
+        while self._sent:
+            ended, _ = wait(self._sent, timeout=_POLL_SECONDS, return_when=FIRST_COMPLETED)
+            # Results first: what was finished beside a worker that died counts.
+            for future in sorted(ended, key=_failed):
+                self._settle(future, self._sent.pop(future))
+            self._watch(self._crew.board, self._outcomes)
+
+    def _settle(self, future: Future[Done], numbers: tuple[int, ...]) -> None:
+        if _failed(future):
+            self._lost(numbers, future)
+            return
+        done = future.result()
+        self._take_in(done)
+        for i, outcome in done.outcomes.items():
+            self._idle_deaths = 0
+            if outcome.kind not in RETRIED or not self._try_again(i):
+                self._outcomes[i] = outcome
+
+    def _take_in(self, done: Done) -> None:
+        for i, files in done.files.items():
+            put_back(self._trials[i], files, self._store, force=self._force)
+
+    def _lost(self, numbers: tuple[int, ...], future: Future[Done]) -> None:
+        """A batch without outcomes: of several trials it is not known which was to blame, so each is sent by itself."""
+        if future.cancelled():
+            raise ClusterError("lost touch with the workers; the same command goes on from here")
+        error = future.exception()
+        if error is None or not is_death(error):
+            raise error or TrialError("a worker gave nothing back")
+        if len(numbers) > 1:
+            self._again.extend(numbers)
+            return
+        (i,) = numbers
+        if self._crew.on_this_machine and self._crew.board.phase(i) not in (Phase.FITTING, Phase.MEASURING):
+            self._idle_deaths += 1
+            if self._idle_deaths > _MOST_IDLE_DEATHS:
+                raise TrialError("worker processes die before they start a trial; perhaps there is not enough memory")
+            self._again.append(i)
+            return
+        outcome = self._record_death(i)
+        if not self._crew.on_this_machine or not self._try_again(i):
+            self._outcomes[i] = outcome
+
+    def _record_death(self, i: int) -> Outcome:
+        trial, step = self._trials[i], self._crew.board.step(i).done
+        record = death_of(trial, step, failed_attempts(trial, self._store) + 1)
+        with self._store.lock(trial):
+            self._store.write(trial, FAILURE, write_json(record))
+            self._store.append(trial, LOG, f"{now()}  killed at step {step}\n")
+        self._crew.board.reset(i)
+        return Outcome(Phase.FAILED, f"{record['kind']}: {record['message']}", record["kind"])
+
+    def _try_again(self, i: int) -> bool:
+        """Whether a trial is to be tried once more; if so, it will be."""
+        self._tries[i] += 1
+        if self._tries[i] > self._trials[i].settings.retries:
+            return False
+        self._crew.board.reset(i)
+        self._again.append(i)
+        return True
 
 
-def _gpus(pools: Pools) -> int:
-    with _interrupts_held():
-        counted = pools.count_gpus()
-    return counted.result()
-
-
-@contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back while processes start: they inherit that, and leave it to the parent from the first instant."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    resource_tracker.ensure_running()  # it lets go of the signal whenever it starts, so it starts before
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextmanager
-def _environment(variables: Mapping[str, str]) -> Iterator[None]:
-    before = {name: os.environ.get(name) for name in variables}
-    os.environ.update(variables)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
-_board: Board | None = None
-
-
-def _start_worker(shared: Any) -> None:  # noqa: ANN401  a ctypes array, which has no public type
-    """Leave Ctrl-C to the parent, which asks for checkpoints; and do not outlive it."""
-    global _board  # noqa: PLW0603  the one thing that a worker is given once and keeps
-    _board = Board(shared)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_exit_with_parent, daemon=True).start()
-
-
-def _exit_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
-
-
-def _work(job: Job) -> dict[int, Outcome]:
-    board, numbers = _board, list(job.trials)
-    if board is None:
-        raise RuntimeError("the worker was not started by _start_worker")
-
-    def on_progress(at: int, progress: Progress) -> None:
-        board.post(numbers[at], progress)
-        if board.stopped and progress.phase is not Phase.MEASURING:
-            raise Interrupted
-
-    if board.stopped:
-        return dict.fromkeys(numbers, Outcome(Phase.INTERRUPTED))
-    from meshfit.experiment.trial import run_together
-
-    for at in range(len(numbers)):
-        on_progress(at, Progress(Phase.FITTING))
-    trials = list(job.trials.values())
-    found = run_together(trials, job.store, on_progress, device=job.device, threads=job.threads, force=job.force)
-    for number, outcome in zip(numbers, found, strict=True):
-        board.post(number, Progress(outcome.phase))
-    return dict(zip(numbers, found, strict=True))
+def _failed(future: Future[Done]) -> bool:
+    return future.cancelled() or future.exception() is not None

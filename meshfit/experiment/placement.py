@@ -23,7 +23,7 @@ class Batch(NamedTuple):
     numbers: tuple[int, ...]
 
 
-def place(trials: Mapping[int, Trial], gpus: int) -> list[Batch]:
+def place(trials: Mapping[int, Trial], gpus: Sequence[str]) -> list[Batch]:
     """Divide trials into batches.
 
     On the CPU each trial is by itself, so that workers share them evenly and one that dies takes no other with it. On
@@ -31,13 +31,13 @@ def place(trials: Mapping[int, Trial], gpus: int) -> list[Batch]:
 
     Args:
         trials: what to run, by number.
-        gpus: how many CUDA devices there are.
+        gpus: the CUDA devices there are, each by the name that its worker calls it.
     """
     alike: dict[tuple[str, ...], list[int]] = {}
     for number, trial in trials.items():
-        alike.setdefault(_likeness(trial, gpus, number), []).append(number)
-    shares, batches = max(gpus, 1), list[Batch]()
-    devices = cycle(f"cuda:{i}" for i in range(shares))
+        alike.setdefault(_likeness(trial, number, gpus=bool(gpus)), []).append(number)
+    shares, batches = max(len(gpus), 1), list[Batch]()
+    devices = cycle(gpus or ["cuda:0"])
     for (device, *_), numbers in alike.items():
         fair = ceil(len(numbers) / shares) if device == "cuda" else len(numbers)
         most = min(_MOST_TOGETHER, fair)
@@ -47,7 +47,7 @@ def place(trials: Mapping[int, Trial], gpus: int) -> list[Batch]:
     return batches
 
 
-def _likeness(trial: Trial, gpus: int, number: int) -> tuple[str, ...]:
+def _likeness(trial: Trial, number: int, *, gpus: bool) -> tuple[str, ...]:
     settings = trial.settings
     device = settings.device if settings.device != "auto" else "cuda" if gpus else "cpu"
     return (device, str(number)) if device == "cpu" else (device, settings.dtype, settings.fit.model_dump_json())

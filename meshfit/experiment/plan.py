@@ -32,12 +32,14 @@ class Trial:
         settings: the experiment's settings, narrowed to one target, one scheme and one seed.
         inputs: SHA-256 of every file that is read, by role.
         variant: what its point of a sweep is called; empty where nothing is swept. Part of no identity.
+        copies: where mesh files lie now, if not where the settings say. Part of no identity.
     """
 
     experiment: str
     settings: ExperimentSettings
     inputs: tuple[tuple[str, str], ...]
     variant: str = ""
+    copies: tuple[tuple[str, str], ...] = ()
 
     @property
     def target(self) -> str:
@@ -53,6 +55,16 @@ class Trial:
     def seed(self) -> int:
         """The seed."""
         return self.settings.seeds[0]
+
+    @property
+    def files(self) -> dict[str, str]:
+        """The mesh files of the user's that it reads, by role."""
+        names = {"target": self.target, "source": self.settings.source.mesh}
+        return {role: names[role] for role, _ in self.inputs if names[role] not in NAMED_TARGETS}
+
+    def where(self, name: str) -> str:
+        """Where a mesh lies now that the settings name."""
+        return dict(self.copies).get(name, name)
 
     @property
     def plain_settings(self) -> dict[str, Any]:
@@ -84,10 +96,14 @@ def target_label(target: str) -> str:
     return target if target in NAMED_TARGETS else Path(target).stem
 
 
-def plan(experiments: Sequence[Experiment]) -> list[Trial]:
+def plan(experiments: Sequence[Experiment], *, elsewhere: bool = False) -> list[Trial]:
     """The trials of some experiments: variants × targets × schemes × seeds of each, in this order.
 
     Every target and every source is loaded once here, so that bad input is refused before the first trial starts.
+
+    Args:
+        experiments: what to plan.
+        elsewhere: they will run on other machines, so that this one needs not have their device.
 
     Raises:
         MeshfitError: a sweep, a target, a source or the device cannot be used.
@@ -95,6 +111,8 @@ def plan(experiments: Sequence[Experiment]) -> list[Trial]:
     trials: dict[Path, Trial] = {}
     for experiment in experiments:
         for variant in variants_of(experiment.settings):
+            if not elsewhere:
+                _check_device(variant.settings)
             for trial in _trials_of(experiment.name, variant):
                 trials.setdefault(trial.folder, trial)
     return list(trials.values())
@@ -102,7 +120,6 @@ def plan(experiments: Sequence[Experiment]) -> list[Trial]:
 
 def _trials_of(experiment: str, variant: Variant) -> Iterator[Trial]:
     settings = variant.settings
-    _check_device(settings)
     source_input = _check_source(settings.source, settings.schemes)
     for target in settings.targets:
         inputs = (("target", _check_target(target)), *source_input)

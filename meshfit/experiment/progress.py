@@ -27,7 +27,14 @@ class Progress:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a trial ended, and, if it failed, why."""
+    """How a trial ended, and, if it failed, why.
+
+    Attributes:
+        phase: where it is now.
+        message: why it failed, for a person to read.
+        kind: a `FailureKind`, if it failed.
+    """
 
     phase: Phase
     message: str = ""
+    kind: str = ""

@@ -1,21 +1,18 @@
-"""What `result.json` and `failure.json` say of a trial."""
+"""What `result.json` says of a trial."""
 
 import platform
-import traceback
 from dataclasses import asdict
 from importlib.metadata import version
 from typing import Any
 
-from meshfit.errors import MeshfitError
+from meshfit.experiment.journal import now
 from meshfit.experiment.plan import SCHEMA_VERSION, Trial, target_label
 from meshfit.experiment.store import Result
-from meshfit.fitting.problem import Diverged
 from meshfit.fitting.run import FitResult
 from meshfit.measuring.measure import Measurement
 from meshfit.mesh.frames import Frame
 from meshfit.mesh.targets import target_title
 
-LAST_GOOD = "last_good.ply"
 _PACKAGES = ("meshfit", "torch", "numpy", "scipy", "trimesh", "pymeshlab", "pykdtree")
 
 
@@ -30,27 +27,19 @@ def result_of(trial: Trial, frame: Frame, fitted: FitResult, measured: Measureme
         "target_title": target_title(trial.target),
         "scheme": trial.scheme,
         "seed": trial.seed,
+        "variant": trial.variant,
         **measured.to_dict(),
         "fit": {"steps": trial.settings.fit.steps, "device": fitted.device, "final_loss": last[1] if last else None},
         "frame": asdict(frame) | {"normalise": trial.settings.normalise},
         "inputs": dict(trial.inputs),
         "settings": trial.plain_settings,
         **work,
+        "finished": now(),
         **_provenance(),
     }
 
 
-def failure_of(trial: Trial, error: Exception) -> Result:
-    """The record of a trial that failed."""
-    record: Result = {"kind": type(error).__name__, "message": str(error), "identity": trial.identity}
-    if isinstance(error, Diverged):
-        return record | {"step": error.step, "term": error.term, "last_good": LAST_GOOD}
-    if isinstance(error, MeshfitError):
-        return record
-    return record | {"traceback": traceback.format_exception(error)}
-
-
 def _provenance() -> Result:
     packages = {name: version(name) for name in _PACKAGES}
-    machine: dict[str, Any] = {"system": platform.platform(), "machine": platform.machine()}
+    machine: dict[str, Any] = {"system": platform.platform(), "machine": platform.machine(), "host": platform.node()}
     return {"versions": {"python": platform.python_version()} | packages, "platform": machine}

@@ -18,6 +18,10 @@ if TYPE_CHECKING:  # tables are made from files alone, without what a plan needs
 RESULT = "result.json"
 FAILURE = "failure.json"
 CHECKPOINT = "checkpoint.pt"
+LOG = "trial.log"
+PROGRESS = "progress.json"
+PLAN = "plan.json"
+LOCK = ".lock"
 Result = dict[str, Any]
 
 
@@ -40,6 +44,10 @@ class RunDirectory:
         path = self.folder(trial) / RESULT
         return read_json(path) if path.is_file() else None
 
+    def is_complete(self, trial: "Trial") -> bool:
+        """Whether a trial has a result."""
+        return (self.folder(trial) / RESULT).is_file()
+
     def failure(self, trial: "Trial") -> Result | None:
         """The record of a trial's failure, or None if there is none.
 
@@ -57,15 +65,34 @@ class RunDirectory:
         """
         folder = self.folder(trial)
         make_folder(folder)
-        return FileLock(folder / ".lock")
+        return FileLock(folder / LOCK)
 
-    def write(self, trial: "Trial", name: str, content: bytes | str) -> None:
+    def write(self, trial: "Trial", name: str, content: bytes | str, *, lasting: bool = True) -> None:
         """Write a file of a trial, whole or not at all.
+
+        Args:
+            trial: whose file.
+            name: of the file.
+            content: of the file.
+            lasting: wait until it would survive a loss of power.
 
         Raises:
             StoreError: it cannot be written.
         """
-        write_atomically(self.folder(trial) / name, content)
+        write_atomically(self.folder(trial) / name, content, lasting=lasting)
+
+    def append(self, trial: "Trial", name: str, text: str) -> None:
+        """Add to the end of a text file of a trial.
+
+        Raises:
+            StoreError: it cannot be written.
+        """
+        path = self.folder(trial) / name
+        try:
+            with path.open("a", encoding="utf-8") as file:
+                file.write(text)
+        except OSError as error:
+            raise StoreError(f"{path}: cannot be written: {error.strerror}") from error
 
     def remove(self, trial: "Trial", *names: str) -> None:
         """Remove files of a trial that are no longer wanted, if they are there."""
@@ -85,8 +112,13 @@ def make_folder(folder: Path) -> None:
         raise StoreError(f"{folder}: cannot be made: {error.strerror}; choose another place with --runs") from error
 
 
-def write_atomically(path: Path, content: bytes | str) -> None:
+def write_atomically(path: Path, content: bytes | str, *, lasting: bool = True) -> None:
     """Write a file so that a reader, and a crash, see all of it or nothing.
+
+    Args:
+        path: of the file.
+        content: of the file.
+        lasting: wait until it would survive a loss of power.
 
     Raises:
         StoreError: it cannot be written; what was there before is left as it was.
@@ -98,7 +130,8 @@ def write_atomically(path: Path, content: bytes | str) -> None:
             part = Path(file.name)
             file.write(data)
             file.flush()
-            os.fsync(file.fileno())
+            if lasting:
+                os.fsync(file.fileno())
         part.chmod(0o644)
         part.replace(path)
     except OSError as error:

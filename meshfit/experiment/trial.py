@@ -56,9 +56,9 @@ def run_together(
                 locks.enter_context(_held(store.lock(attempt.trial), attempt.on_progress))
                 if force:
                     store.remove(attempt.trial, RESULT, CHECKPOINT)
-                elif store.result(attempt.trial) is not None:
+                elif store.is_complete(attempt.trial):
                     attempt.outcome = Outcome(Phase.COMPLETE)
-            _run([attempt for attempt in attempts if attempt.outcome is None], device, threads)
+            _run_unless_stopped([attempt for attempt in attempts if attempt.outcome is None], device, threads)
     except Interrupted:
         pass
     return [attempt.outcome or Outcome(Phase.INTERRUPTED) for attempt in attempts]
@@ -90,6 +90,19 @@ class _Clock:
 
     def __call__(self) -> float:
         return (min(time.perf_counter(), self._end) - self._start) / self._members
+
+
+def _run_unless_stopped(attempts: Sequence[Attempt], device: str | None, threads: int) -> None:
+    """Run trials whose locks are held; what is stopped says so while they still are."""
+    try:
+        for attempt in attempts:
+            attempt.start()
+        _run(attempts, device, threads)
+    except Interrupted:
+        for attempt in attempts:
+            if attempt.outcome is None:
+                attempt.stop()
+        raise
 
 
 def _run(attempts: Sequence[Attempt], device: str | None, threads: int) -> None:

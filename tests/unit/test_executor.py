@@ -1,13 +1,14 @@
 """The executor, with real processes: some of these tests start workers, which import torch."""
 
+import multiprocessing
 import os
 import signal
 
 import pytest
 
-from meshfit.experiment import executor
 from meshfit.experiment.board import Board
 from meshfit.experiment.executor import run_trials
+from meshfit.experiment.interrupts import environment
 from meshfit.experiment.plan import plan
 from meshfit.experiment.progress import Phase, Progress
 from meshfit.experiment.store import RunDirectory
@@ -32,7 +33,7 @@ def test_the_board_tells_what_was_posted():
 def test_the_environment_of_workers_is_put_back(monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
-    with executor._environment({"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}):
+    with environment({"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}):
         assert os.environ["OMP_NUM_THREADS"] == os.environ["MKL_NUM_THREADS"] == "1"
     assert os.environ["OMP_NUM_THREADS"] == "7"
     assert "MKL_NUM_THREADS" not in os.environ
@@ -63,7 +64,7 @@ def test_a_trial_whose_process_is_killed_is_run_again_and_then_recorded(tmp_path
 
     def kill_the_long_one(board, _outcomes):
         if board.phase(0) is Phase.FITTING and board.step(0).done > 5:
-            for child in executor.multiprocessing.active_children():
+            for child in multiprocessing.active_children():
                 os.kill(child.pid, signal.SIGKILL)
 
     outcomes = run_trials(trials, store, jobs=2, watch=kill_the_long_one)

@@ -16,7 +16,7 @@ from meshfit.measuring.measure import measure
 from meshfit.mesh.files import load_mesh
 from tests.small import experiment
 
-FILES = ["config.yaml", "result.json", "result.ply", "source.ply", "trace.csv"]
+FILES = ["config.yaml", "result.json", "result.ply", "source.ply", "trace.csv", "trial.log"]
 
 
 def prepared(folder, **changes):
@@ -125,8 +125,8 @@ def test_a_diverging_trial_is_recorded_with_step_term_and_last_good_mesh(tmp_pat
     outcome = run_trial(trial, store, lambda _: None)
     record = store.failure(trial)
     assert outcome.phase is Phase.FAILED
-    assert outcome.message.startswith("Diverged: the fit diverged at step")
-    assert record["kind"] == "Diverged"
+    assert outcome.message.startswith("diverged: the fit diverged at step")
+    assert record["kind"] == "diverged"
     assert record["step"] >= 1
     assert record["term"]
     assert np.isfinite(load_mesh(folder / record["last_good"]).verts).all()
@@ -141,7 +141,7 @@ def test_an_unforeseen_error_is_recorded_with_its_traceback(tmp_path, monkeypatc
         raise RuntimeError("out of luck")
 
     monkeypatch.setattr(attempt, "measure", broken)
-    assert run_trial(trial, store, lambda _: None).message == "RuntimeError: out of luck"
+    assert run_trial(trial, store, lambda _: None).message == "error: out of luck"
     assert "out of luck" in "".join(store.failure(trial)["traceback"])
     monkeypatch.undo()
     assert run_trial(trial, store, lambda _: None).phase is Phase.COMPLETE

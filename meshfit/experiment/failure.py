@@ -1,0 +1,96 @@
+"""What kinds of failure there are, which of them another try can help, and what `failure.json` says of one."""
+
+import traceback
+from enum import StrEnum
+
+from meshfit.errors import MeshfitError, StoreError
+from meshfit.experiment.plan import Trial, target_label
+from meshfit.experiment.store import LOG, Result, RunDirectory
+from meshfit.fitting.problem import Diverged
+from meshfit.mesh.targets import target_title
+
+LAST_GOOD = "last_good.ply"
+
+
+class FailureKind(StrEnum):
+    """Why a trial failed."""
+
+    DIVERGED = "diverged"
+    """A step of the fit was not finite."""
+    OUT_OF_MEMORY = "out-of-memory"
+    """Memory was asked for that was not there."""
+    KILLED = "killed"
+    """Its process ended from outside."""
+    INPUT = "input"
+    """A mesh or a setting cannot be used."""
+    ERROR = "error"
+    """Anything that is not foreseen; the record holds the traceback."""
+
+
+RETRIED = frozenset({FailureKind.KILLED, FailureKind.OUT_OF_MEMORY})
+"""The kinds that depend on what else goes on in the machine; the others would only come again."""
+
+_WORDS_OF_MEMORY = ("out of memory", "can't allocate memory", "not enough memory")
+
+
+def kind_of(error: Exception) -> FailureKind:
+    """The kind of failure that an error stands for."""
+    if isinstance(error, Diverged):
+        return FailureKind.DIVERGED
+    if isinstance(error, MeshfitError):
+        return FailureKind.INPUT
+    # torch says it with a RuntimeError, of a class of its own on CUDA only.
+    spoken = isinstance(error, RuntimeError) and any(words in str(error).lower() for words in _WORDS_OF_MEMORY)
+    return FailureKind.OUT_OF_MEMORY if spoken or isinstance(error, MemoryError) else FailureKind.ERROR
+
+
+def failure_of(trial: Trial, error: Exception, step: int | None, attempts: int) -> Result:
+    """The record of a trial that raised.
+
+    Args:
+        trial: which one.
+        error: what it raised.
+        step: the last step of the fit that was made, if any was.
+        attempts: how many have failed, with this one.
+    """
+    kind = kind_of(error)
+    record = _record(trial, kind, str(error), step, attempts) | {"error": type(error).__name__}
+    if isinstance(error, Diverged):
+        return record | {"step": error.step, "term": error.term, "last_good": LAST_GOOD}
+    if kind is FailureKind.ERROR:
+        return record | {"traceback": traceback.format_exception(error)}
+    return record
+
+
+def death_of(trial: Trial, step: int | None, attempts: int) -> Result:
+    """The record of a trial whose process was killed."""
+    times = {1: "", 2: " twice"}.get(attempts, f" {attempts} times")
+    message = f"the process that ran it was killed{times}; perhaps there was not enough memory"
+    return _record(trial, FailureKind.KILLED, message, step, attempts) | {"error": None}
+
+
+def failed_attempts(trial: Trial, store: RunDirectory) -> int:
+    """How many attempts at a trial have failed since it was last complete."""
+    try:
+        record = store.failure(trial)
+    except StoreError:  # damaged, and about to be written anew
+        return 0
+    count = 0 if record is None else record.get("attempts", 1)
+    return count if isinstance(count, int) else 1
+
+
+def _record(trial: Trial, kind: FailureKind, message: str, step: int | None, attempts: int) -> Result:
+    return {
+        "kind": kind.value,
+        "message": message,
+        "step": step,
+        "attempts": attempts,
+        "log": LOG,
+        "identity": trial.identity,
+        "experiment": trial.experiment,
+        "target": target_label(trial.target),
+        "target_title": target_title(trial.target),
+        "scheme": trial.scheme,
+        "variant": trial.variant,
+        "seed": trial.seed,
+    }

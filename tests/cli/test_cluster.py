@@ -1,0 +1,126 @@
+"""A real Dask cluster on loopback: a scheduler and two workers, one of which is killed in mid-trial."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import pytest
+
+from tests.cli.processes import ENVIRONMENT, contents, meshfit, start, wait_until
+from tests.small import CONFIG, config_file
+
+pytest.importorskip("distributed", reason="needs the extra dask")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs POSIX signals"),
+]
+
+LONG = CONFIG.replace("steps: 20", "steps: 1500")
+NAMES = ("result.ply", "trace.csv", "source.ply", "config.yaml")
+
+
+def dask(folder, *arguments):
+    return subprocess.Popen(
+        [sys.executable, "-m", "dask", *arguments],
+        cwd=folder,
+        env=ENVIRONMENT,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("cluster")
+    file = folder / "scheduler.json"
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    options = ["--no-dashboard", "--scheduler-file", str(file)]
+    processes = [dask(folder, "scheduler", "--host", "127.0.0.1", "--port", str(port), *options)]
+    wait_until(file.is_file, processes[0])
+    options += ["--local-directory", str(folder), "--nthreads", "1"]
+    processes += [dask(folder, "worker", *options) for _ in range(2)]
+    yield file
+    for process in processes:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("undisturbed")
+    out, _ = meshfit("run", config_file(folder, LONG), "-q", folder=folder)
+    return contents(folder / "runs", *NAMES), out
+
+
+def same(found, undisturbed):
+    # Where a mesh file lies is written into the copy of the config, and into nothing else.
+    return {path: content for path, content in found.items() if "config" not in path} == {
+        path: content for path, content in undisturbed.items() if "config" not in path
+    }
+
+
+def running(runs):
+    return [json.loads(path.read_text()) for path in runs.rglob("progress.json")]
+
+
+@pytest.mark.parametrize("transfer", ["shared", "returned"])
+def test_trials_sent_to_a_cluster_leave_what_they_leave_here(tmp_path, cluster, undisturbed, transfer):
+    config = config_file(tmp_path, LONG)
+    out, err = meshfit("run", config, "--cluster", cluster, "--transfer", transfer, folder=tmp_path)
+    assert err.count(": complete") == 4
+    found = contents(tmp_path / "runs", *NAMES)
+    assert found.keys() == undisturbed[0].keys()
+    assert same(found, undisturbed[0])
+    assert out == undisturbed[1]
+    left = {path.name for path in (tmp_path / "runs").rglob("*") if path.is_file()}
+    assert left == {*NAMES, "result.json", "trial.log", "plan.json", ".lock"}
+
+
+def test_the_trial_of_a_worker_that_is_killed_goes_on_elsewhere_from_its_checkpoint(tmp_path, cluster, undisturbed):
+    config = config_file(tmp_path, LONG)
+    process = start("run", config, "--cluster", cluster, folder=tmp_path)
+    wait_until(lambda: any(trial["step"] > 100 for trial in running(tmp_path / "runs")), process)
+    os.kill(next(trial["pid"] for trial in running(tmp_path / "runs") if trial["step"] > 100), signal.SIGKILL)
+    out, err = process.communicate(timeout=120)
+    assert (process.returncode, out) == (0, undisturbed[1]), err
+    assert same(contents(tmp_path / "runs", *NAMES), undisturbed[0])
+    logs = [path.read_text() for path in (tmp_path / "runs").rglob("trial.log")]
+    assert sum(log.count("started on") for log in logs) == 5
+
+
+@pytest.mark.parametrize("transfer", ["shared", "returned"])
+def test_ctrl_c_brings_checkpoints_back_and_the_next_run_goes_on_from_them(tmp_path, cluster, undisturbed, transfer):
+    config = config_file(tmp_path, LONG)
+    process = start("run", config, "--cluster", cluster, "--transfer", transfer, folder=tmp_path)
+    wait_until(lambda: bool(list((tmp_path / "runs").rglob("plan.json"))), process)
+    time.sleep(1)
+    os.killpg(process.pid, signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130, err
+    assert "interrupted" in err
+    assert "Traceback" not in err
+    stopped = sorted((tmp_path / "runs").rglob("checkpoint.pt"))
+    assert stopped
+    meshfit("run", config, "-q", folder=tmp_path)
+    assert all("going on from a checkpoint" in (path.parent / "trial.log").read_text() for path in stopped)
+    assert same(contents(tmp_path / "runs", *NAMES), undisturbed[0])
+
+
+def test_a_gpu_that_no_worker_has_is_missed_at_once(tmp_path, cluster):
+    config = config_file(tmp_path, CONFIG.replace("device: cpu", "device: cuda"))
+    _, err = meshfit("run", config, "--cluster", cluster, folder=tmp_path, code=2)
+    assert "needs a GPU, and no worker offers one" in err
+
+
+def test_a_scheduler_that_is_not_there_is_one_line(tmp_path, monkeypatch):
+    _, err = meshfit("run", config_file(tmp_path), "--cluster", "tcp://127.0.0.1:9", folder=tmp_path, code=2)
+    (line,) = err.strip().splitlines()
+    assert "tcp://127.0.0.1:9: no Dask scheduler to be reached there" in line
