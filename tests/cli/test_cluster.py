@@ -6,7 +6,7 @@ import signal
 import socket
 import subprocess
 import sys
-import time
+from contextlib import suppress
 
 import pytest
 
@@ -27,7 +27,7 @@ def dask(folder, *arguments):
     return subprocess.Popen(
         [sys.executable, "-m", "dask", *arguments],
         cwd=folder,
-        env=ENVIRONMENT,
+        env=ENVIRONMENT | {"TMPDIR": str(folder)},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -67,8 +67,12 @@ def same(found, undisturbed):
     }
 
 
-def running(runs):
-    return [json.loads(path.read_text()) for path in runs.rglob("progress.json")]
+def running(folder):
+    found = []
+    for path in folder.rglob("progress.json"):
+        with suppress(FileNotFoundError):
+            found.append(json.loads(path.read_text()))
+    return found
 
 
 @pytest.mark.parametrize("transfer", ["shared", "returned"])
@@ -100,8 +104,8 @@ def test_the_trial_of_a_worker_that_is_killed_goes_on_elsewhere_from_its_checkpo
 def test_ctrl_c_brings_checkpoints_back_and_the_next_run_goes_on_from_them(tmp_path, cluster, undisturbed, transfer):
     config = config_file(tmp_path, LONG)
     process = start("run", config, "--cluster", cluster, "--transfer", transfer, folder=tmp_path)
-    wait_until(lambda: bool(list((tmp_path / "runs").rglob("plan.json"))), process)
-    time.sleep(1)
+    where = tmp_path if transfer == "shared" else cluster.parent  # workers' own directories are there
+    wait_until(lambda: any(trial["step"] > 100 for trial in running(where)), process)
     os.killpg(process.pid, signal.SIGINT)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130, err
