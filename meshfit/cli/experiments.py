@@ -11,15 +11,17 @@ import typer
 from rich.markup import escape
 
 from meshfit.cli.console import err, out, say_warning
+from meshfit.cli.plan import print_plan
 from meshfit.cli.progress import shown_progress
 from meshfit.experiment.progress import Outcome, Phase
-from meshfit.experiment.store import Result, RunDirectory, make_folder
+from meshfit.experiment.store import FAILURE, Result, RunDirectory, make_folder
 
 if TYPE_CHECKING:
     from meshfit.experiment.plan import Trial
     from meshfit.experiment.remote import Remote, Transfer
 
 FAILED = 1
+_MOST_ALIKE = 20
 
 
 @dataclass(frozen=True)
@@ -67,24 +69,6 @@ def _remote(workers: Workers) -> "Iterator[Remote | None]":
         remote.close()
 
 
-def print_plan(trials: Sequence["Trial"], runs: Path, *, as_json: bool) -> None:
-    """Say what would be run, and what of it is complete."""
-    store = RunDirectory(runs)
-    complete = [store.result(trial) is not None for trial in trials]
-    if as_json:
-        rows = [
-            {"target": trial.target, "scheme": trial.scheme, "seed": trial.seed, "identity": trial.identity}
-            | {"folder": str(store.folder(trial)), "complete": done}
-            for trial, done in zip(trials, complete, strict=True)
-        ]
-        typer.echo(json.dumps(rows, indent=2))
-        return
-    for trial, done in zip(trials, complete, strict=True):
-        mark = "[green]complete[/]" if done else "[yellow]to run  [/]"
-        out.print(f"{mark}  {escape(trial.label)}  [dim]{escape(str(store.folder(trial)))}[/]", soft_wrap=True)
-    out.print(f"{len(trials)} trials: {sum(complete)} complete, {len(trials) - sum(complete)} to run")
-
-
 def results_of(trials: Sequence["Trial"], runs: Path) -> list[Result]:
     """The results of those trials that are complete."""
     store = RunDirectory(runs)
@@ -92,16 +76,23 @@ def results_of(trials: Sequence["Trial"], runs: Path) -> list[Result]:
 
 
 def print_failures(trials: Sequence["Trial"], outcomes: Mapping[int, Outcome], runs: Path) -> int:
-    """Name every trial that failed, and where its record is; the exit code is returned."""
+    """A table of what failed, by the reason, and where that is recorded; the exit code is returned."""
     store = RunDirectory(runs)
-    failed = {i: outcome for i, outcome in outcomes.items() if outcome.phase is Phase.FAILED}
-    for i, outcome in sorted(failed.items()):
-        folder = escape(str(store.folder(trials[i])))
-        err.print(f"[bold red]failed:[/] {escape(trials[i].label)}: {escape(outcome.message)}", soft_wrap=True)
-        err.print(f"        see [bold]{folder}/failure.json[/]", soft_wrap=True)
-    if failed:
-        say_warning(f"{len(failed)} of {len(trials)} trials failed")
-    return FAILED if failed else 0
+    failed = [i for i, outcome in sorted(outcomes.items()) if outcome.phase is Phase.FAILED]
+    if not failed:
+        return 0
+    err.print(f"[bold red]{len(failed)} of {len(trials)} trials failed[/]")
+    width = max(len(trials[i].label) for i in failed)
+    for message in dict.fromkeys(outcomes[i].message for i in failed):
+        alike = [i for i in failed if outcomes[i].message == message]
+        err.print(escape(message), soft_wrap=True)
+        for i in alike[:_MOST_ALIKE]:
+            record = escape(str(store.folder(trials[i]) / FAILURE))
+            err.print(f"  {escape(trials[i].label.ljust(width))}  [dim]{record}[/]", soft_wrap=True)
+        if len(alike) > _MOST_ALIKE:
+            where = escape(str(runs / trials[alike[0]].experiment))
+            err.print(f"  and {len(alike) - _MOST_ALIKE} more: meshfit status {where} --all", soft_wrap=True)
+    return FAILED
 
 
 def show_tables(
@@ -146,7 +137,7 @@ def run_and_report(
     from meshfit.report.table import require_metric
 
     if dry_run:
-        print_plan(trials, runs, as_json=as_json)
+        print_plan(trials, runs, jobs=workers.jobs, elsewhere=workers.elsewhere, force=force, as_json=as_json)
         return 0
     require_metric(metric)  # now, and not when all has been run
     outcomes = run_missing(trials, runs, workers=workers, force=force, quiet=quiet)

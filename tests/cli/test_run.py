@@ -42,7 +42,7 @@ def test_dry_run_tells_what_is_complete_and_writes_nothing(complete):
     assert "4 trials: 0 complete, 4 to run" in out
     assert not (folder / "elsewhere").exists()
     out, _ = meshfit("run", "small.yaml", "--dry-run", "--json", "--set", "seeds=[1, 2]", folder=folder)
-    assert [row["complete"] for row in json.loads(out)] == [True, False, True, False]
+    assert [row["complete"] for row in json.loads(out)["trials"]] == [True, False, True, False]
 
 
 def test_json_goes_to_stdout_alone(complete):
@@ -68,7 +68,8 @@ def test_compare_runs_what_is_missing_and_pairs_by_seed(copied):
 def test_a_failing_trial_is_named_the_others_go_on_and_the_exit_code_is_1(copied):
     arguments = ("run", "small.yaml", "-q", "--set", "seeds=[0]", "--set", "schemes=[loop]")
     _, err = meshfit(*arguments, "--set", "fit.optimizer.lr=1e30", folder=copied, code=1)
-    assert "failed: ellipsoid · loop · seed 0: Diverged: the fit diverged at step" in err
+    assert "1 of 1 trials failed\ndiverged: the fit diverged at step" in err
+    assert "  ellipsoid · loop · seed 0  runs" in err
     assert "failure.json" in err
     assert len(contents(copied / "runs", "result.json")) == 4
 

@@ -1,19 +1,27 @@
 """The executor, with real processes: some of these tests start workers, which import torch."""
 
-import multiprocessing
+import json
 import os
 import signal
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 
 import pytest
 
+from meshfit.errors import ClusterError, MeshError
+from meshfit.experiment import attempt, remote
 from meshfit.experiment.board import Board
 from meshfit.experiment.executor import run_trials
+from meshfit.experiment.failure import kind_of
 from meshfit.experiment.interrupts import environment
 from meshfit.experiment.plan import plan
 from meshfit.experiment.progress import Phase, Progress
+from meshfit.experiment.remote import FileStopSign, Remote
 from meshfit.experiment.store import RunDirectory
+from meshfit.experiment.work import Errand, Job, work
 from meshfit.fitting.progress import Step
 from tests.small import experiment
+
+posix = pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs POSIX signals")
 
 
 def test_the_board_tells_what_was_posted():
@@ -57,18 +65,135 @@ def test_results_do_not_depend_on_workers_or_companions_and_a_failing_trial_take
     assert contents[0] == contents[1]
 
 
-@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs POSIX signals")
-def test_a_trial_whose_process_is_killed_is_run_again_and_then_recorded(tmp_path):
-    trials = plan([experiment(tmp_path, fit={"steps": 100_000}), experiment(tmp_path)])
+class Killer:
+    """Kills the process of one trial, so many times, once it has made some steps."""
+
+    def __init__(self, trial, store, times):
+        self.folder, self.left, self.killed = store.folder(trial), times, set()
+
+    def __call__(self, board, outcomes):
+        try:
+            progress = json.loads((self.folder / "progress.json").read_text())
+        except (FileNotFoundError, NotADirectoryError):
+            return
+        if self.left and progress["step"] > 5 and progress["pid"] not in self.killed:
+            self.killed.add(progress["pid"])
+            self.left -= 1
+            os.kill(progress["pid"], signal.SIGKILL)
+
+
+@posix
+def test_a_trial_whose_process_is_killed_is_tried_again_and_then_recorded(tmp_path):
+    trials = plan([experiment(tmp_path, fit={"steps": 100_000}), experiment(tmp_path, seeds=[0, 1, 2])])
     store = RunDirectory(tmp_path / "runs")
+    killer = Killer(trials[0], store, times=2)
+    outcomes = run_trials(trials, store, jobs=2, watch=killer)
+    assert killer.left == 0
+    assert (outcomes[0].phase, outcomes[0].kind) == (Phase.FAILED, "killed")
+    record = store.failure(trials[0])
+    assert (record["kind"], record["attempts"], record["log"]) == ("killed", 2, "trial.log")
+    assert record["step"] > 5
+    assert "killed twice" in record["message"]
+    assert (store.folder(trials[0]) / "trial.log").read_text().count("killed at step") == 2
+    assert all(outcomes[i].phase is Phase.COMPLETE for i in (1, 2, 3))
 
-    def kill_the_long_one(board, _outcomes):
-        if board.phase(0) is Phase.FITTING and board.step(0).done > 5:
-            for child in multiprocessing.active_children():
-                os.kill(child.pid, signal.SIGKILL)
 
-    outcomes = run_trials(trials, store, jobs=2, watch=kill_the_long_one)
-    assert outcomes[0].phase is Phase.FAILED
-    assert store.failure(trials[0])["kind"] == "killed"
-    assert outcomes[1].phase is Phase.COMPLETE
-    assert store.result(trials[1]) is not None
+@posix
+def test_a_trial_that_is_killed_once_goes_on_from_its_checkpoint_and_disturbs_no_other(tmp_path):
+    trials = plan([experiment(tmp_path, seeds=[0, 1], fit={"steps": 3000})])
+    quiet, store = RunDirectory(tmp_path / "quiet"), RunDirectory(tmp_path / "runs")
+    run_trials(trials, quiet, jobs=2)
+    outcomes = run_trials(trials, store, jobs=2, watch=Killer(trials[0], store, times=1))
+    assert [outcome.phase for outcome in outcomes.values()] == [Phase.COMPLETE] * 2
+    logs = [(store.folder(trial) / "trial.log").read_text() for trial in trials]
+    assert [log.count("started on") for log in logs] == [2, 1]
+    assert store.failure(trials[0]) is None
+    for trial in trials:
+        for name in ("result.ply", "trace.csv"):
+            assert (store.folder(trial) / name).read_bytes() == (quiet.folder(trial) / name).read_bytes()
+
+
+class Inline(Executor):
+    """Calls at once, in this thread: the least that an executor can be."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        future = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:  # noqa: BLE001  it belongs to the call
+            future.set_exception(error)
+        return future
+
+
+@pytest.mark.parametrize("transfer", ["auto", "shared", "returned"])
+def test_any_executor_can_run_trials(tmp_path, transfer):
+    trials = plan([experiment(tmp_path, seeds=[0, 1])])
+    here, there = RunDirectory(tmp_path / "here"), RunDirectory(tmp_path / "there")
+    run_trials(trials, here, jobs=1)
+    with ThreadPoolExecutor(2) as pool:
+        outcomes = run_trials(trials, there, remote=Remote(pool, transfer=transfer))
+    assert [outcomes[i].phase for i in (0, 1)] == [Phase.COMPLETE] * 2
+    for trial in trials:
+        names = {path.name for path in here.folder(trial).iterdir()}
+        assert {path.name for path in there.folder(trial).iterdir()} == names
+        for name in names - {"result.json", "trial.log"}:
+            assert (there.folder(trial) / name).read_bytes() == (here.folder(trial) / name).read_bytes()
+        assert there.result(trial)["settings"] == here.result(trial)["settings"]
+        assert there.result(trial)["hausdorff"] == here.result(trial)["hausdorff"]
+
+
+@pytest.mark.parametrize(("retries", "complete"), [(0, False), (1, False), (2, True)])
+def test_a_trial_that_runs_out_of_memory_is_tried_again_as_often_as_allowed(tmp_path, monkeypatch, retries, complete):
+    real, calls = attempt.measure, []
+
+    def measure(*arguments):
+        calls.append(1)
+        if len(calls) < 3:
+            raise RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried to allocate 1 bytes")
+        return real(*arguments)
+
+    monkeypatch.setattr(attempt, "measure", measure)
+    (trial,) = plan([experiment(tmp_path, retries=retries)])
+    store = RunDirectory(tmp_path / "runs")
+    outcome = run_trials([trial], store, remote=Remote(Inline()))[0]
+    assert outcome.phase is (Phase.COMPLETE if complete else Phase.FAILED)
+    assert len(calls) == min(retries + 1, 3)
+    if not complete:
+        assert outcome.kind == "out-of-memory"
+        assert store.failure(trial)["attempts"] == retries + 1
+
+
+def test_a_trial_that_diverges_is_not_tried_again(tmp_path):
+    (trial,) = plan([experiment(tmp_path, fit={"optimizer": {"lr": 1e30}}, retries=5)])
+    store = RunDirectory(tmp_path / "runs")
+    assert run_trials([trial], store, remote=Remote(Inline()))[0].kind == "diverged"
+    assert store.failure(trial)["attempts"] == 1
+
+
+@pytest.mark.parametrize(
+    ("error", "kind"),
+    [
+        (MemoryError(), "out-of-memory"),
+        (RuntimeError("CUDA out of memory. Tried to allocate 2 GiB"), "out-of-memory"),
+        (RuntimeError("shape mismatch"), "error"),
+        (MeshError("no faces"), "input"),
+        (KeyError("x"), "error"),
+    ],
+)
+def test_failures_have_kinds(error, kind):
+    assert kind_of(error) == kind
+
+
+def test_a_worker_of_another_version_is_refused(tmp_path):
+    (trial,) = plan([experiment(tmp_path)])
+    errand = Errand(FileStopSign(tmp_path / "stop"), schema_version=-1)
+    with pytest.raises(ClusterError, match="another version"):
+        work(Job({0: trial}, RunDirectory(tmp_path), "cpu", 1, force=False, errand=errand))
+
+
+def test_workers_that_have_to_see_the_run_directory_and_do_not_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(remote, "_sees", lambda *_: False)
+    with pytest.raises(ClusterError, match="do not see"):
+        Remote(Inline(), transfer="shared").shares(tmp_path)
+    assert Remote(Inline()).shares(tmp_path) is False
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,170 @@
+"""How long trials will take: from those that are complete, or from a short probe of one of each method."""
+
+import time
+from collections.abc import Sequence
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
+
+from meshfit.config.experiment import SourceSettings
+from meshfit.errors import TrialError
+from meshfit.experiment.board import Board
+from meshfit.experiment.interrupts import ONE_THREAD, environment
+from meshfit.experiment.local import LocalExecutor
+from meshfit.experiment.placement import workers_and_threads
+from meshfit.experiment.plan import Trial
+from meshfit.experiment.progress import Phase, Progress
+from meshfit.experiment.source import build_source
+from meshfit.experiment.store import Result, RunDirectory
+from meshfit.fitting.progress import Interrupted
+from meshfit.fitting.settings import FirstOrderSettings
+
+_PROBE_SECONDS = {"first-order": 2.0, "gauss-newton": 8.0}
+_WARM_UP_STEPS = 3
+_START_SECONDS = 3.0
+
+# In a step, a vertex costs about a quarter of what a sample does: see the table of `make bench`.
+_VERTS_PER_SAMPLE = 4
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """How long trials will take.
+
+    Attributes:
+        seconds: until all are done.
+        workers: how many run side by side.
+        basis: what it was told from, such as `12 complete trials` or `a probe of 1 trial`.
+    """
+
+    seconds: float
+    workers: int
+    basis: str
+
+
+@dataclass(frozen=True)
+class _Pace:
+    """What trials of one method take: seconds for each unit of work, and seconds besides."""
+
+    per_work: float
+    besides: float
+
+
+def estimate(
+    trials: Sequence[Trial], results: Sequence[tuple[Trial, Result]], *, jobs: int | None = None
+) -> Estimate | None:
+    """Estimate how long trials will take on the CPU of this machine.
+
+    Args:
+        trials: those to run.
+        results: those of the same plan that are complete, with their results.
+        jobs: how many processes; None leaves it to the settings.
+
+    Returns:
+        The estimate; None where there is nothing to run, or a trial may run on a GPU.
+
+    Raises:
+        TrialError: the trial that was probed fails.
+    """
+    if not trials or any(trial.settings.device not in ("cpu", "auto") for trial in trials):
+        return None
+    workers, threads = workers_and_threads(trials, jobs)
+    paces = _paces_of(results)
+    missing = dict.fromkeys(trial.settings.fit.method for trial in trials if trial.settings.fit.method not in paces)
+    for method in missing:
+        alike = sorted((trial for trial in trials if trial.settings.fit.method == method), key=_work)
+        pace = _probed(alike[len(alike) // 2], threads)
+        if pace is None:
+            return None
+        paces[method] = pace
+    each = [paces[trial.settings.fit.method] for trial in trials]
+    seconds = [pace.besides + pace.per_work * _work(trial) for pace, trial in zip(each, trials, strict=True)]
+    wall = max(sum(seconds) / workers, *seconds) + _START_SECONDS
+    told = [_count(len(results), "complete trial")] if results else []
+    probed = [f"a probe of {_count(len(missing), 'trial')}"] if missing else []
+    return Estimate(wall, workers, " and ".join(told + probed))
+
+
+def _paces_of(results: Sequence[tuple[Trial, Result]]) -> dict[str, _Pace]:
+    found: dict[str, list[_Pace]] = {}
+    for trial, result in results:
+        seconds = result["seconds"]
+        pace = _Pace(seconds["fit"] / max(_work(trial), 1.0), seconds["measure"])
+        found.setdefault(trial.settings.fit.method, []).append(pace)
+    return {
+        method: _Pace(median(pace.per_work for pace in paces), median(pace.besides for pace in paces))
+        for method, paces in found.items()
+    }
+
+
+def _work(trial: Trial) -> float:
+    """What the time of a fit is proportional to."""
+    fit, verts = trial.settings.fit, _num_verts(trial.settings.source, trial.scheme)
+    if isinstance(fit, FirstOrderSettings):
+        return fit.steps * (fit.samples + verts / _VERTS_PER_SAMPLE)
+    return float(fit.steps * (fit.verts if fit.connectivity == "remeshed" else verts * 4**fit.levels))
+
+
+@cache
+def _num_verts(source: SourceSettings, scheme: str) -> int:
+    return build_source(source, scheme).num_verts
+
+
+def _probed(trial: Trial, threads: int) -> _Pace | None:
+    """In a worker, as trials are: with the same environment, and without the wait for torch here."""
+    with environment(ONE_THREAD):
+        executor = LocalExecutor(1, Board.of(1))
+        try:
+            if trial.settings.device == "auto" and executor.count_gpus():
+                return None
+            fit, besides = executor.submit(_probe, trial, threads).result()
+        except BrokenProcessPool:
+            raise TrialError(f"{trial.label}: the process that probed it was killed") from None
+        finally:
+            executor.shutdown()
+    return _Pace(fit / max(_work(trial), 1.0), besides)
+
+
+def _probe(trial: Trial, threads: int) -> tuple[float, float]:
+    """Seconds of the whole fit, going by its first steps, and of what is done before and after."""
+    from meshfit.experiment.trial import run_together
+
+    started, steps = time.perf_counter(), list[tuple[int, float]]()
+
+    def on_progress(_: int, progress: Progress) -> None:
+        if progress.phase is Phase.FITTING and progress.step is not None:
+            steps.append((progress.step.done, time.perf_counter()))
+            if steps[-1][1] - steps[0][1] > _PROBE_SECONDS[trial.settings.fit.method]:
+                raise Interrupted
+
+    with TemporaryDirectory(prefix="meshfit-") as folder:
+        store = RunDirectory(Path(folder))
+        (outcome,) = run_together([trial], store, on_progress, device="cpu", threads=threads)
+        result = store.result(trial)
+    if result is not None:
+        whole = time.perf_counter() - started
+        return result["seconds"]["fit"], whole - result["seconds"]["fit"]
+    if outcome.phase is Phase.FAILED or len(steps) < 2:
+        raise TrialError(f"{trial.label}: {outcome.message or 'no steps to go by'}")
+    first, last = steps[min(_WARM_UP_STEPS, len(steps) - 2)], steps[-1]
+    per_step = (last[1] - first[1]) / (last[0] - first[0])
+    before = steps[0][1] - started
+    return per_step * trial.settings.fit.steps, before + _seconds_to_measure(trial)
+
+
+def _seconds_to_measure(trial: Trial) -> float:
+    """Of the target against itself, which a good result is like."""
+    from meshfit.measuring.measure import measure
+    from meshfit.mesh.targets import load_target
+
+    target = load_target(trial.where(trial.target))
+    start = time.perf_counter()
+    measure(target, target, trial.settings.measure)
+    return time.perf_counter() - start
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

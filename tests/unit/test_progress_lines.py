@@ -1,0 +1,88 @@
+"""Lines of progress: each trial by name while that can be read, several in one when it cannot, and signs of life."""
+
+import re
+
+import pytest
+
+from meshfit.cli.progress_lines import Lines, in_words
+from meshfit.experiment.board import Board
+from meshfit.experiment.plan import plan
+from meshfit.experiment.progress import Outcome, Phase, Progress
+from meshfit.fitting.progress import Step
+from tests.small import experiment
+
+
+class Clock:
+    def __init__(self):
+        self.now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
+@pytest.fixture
+def watched(tmp_path):
+    trials = plan([experiment(tmp_path, seeds=list(range(300)))])
+    board, clock, outcomes = Board.of(300), Clock(), {}
+    lines = Lines(trials, clock)
+
+    def end(i, phase=Phase.COMPLETE, message=""):
+        board.post(i, Progress(phase))
+        outcomes[i] = Outcome(phase, message)
+
+    def look(seconds=0.1):
+        clock.now += seconds
+        lines.update(board, outcomes)
+
+    return board, end, look
+
+
+def test_trials_that_end_slowly_are_named(watched, capsys):
+    _, end, look = watched
+    for i in range(30):
+        end(i)
+        look(seconds=10)
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 30
+    assert said[0] == "[1/300] ellipsoid · loop · seed 0: complete"
+
+
+def test_trials_that_end_fast_are_counted_and_failures_still_named(watched, capsys):
+    _, end, look = watched
+    for i in range(300):
+        end(i, *((Phase.FAILED, "diverged: so it goes") if i == 200 else ()))
+        look(seconds=0.2)
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) < 45
+    assert sum("seed 200: failed: diverged: so it goes" in line for line in said) == 1
+    assert said[-1].startswith("[300/300]")
+    named = sum(line.endswith(": complete") for line in said)
+    counted = sum(int(found[1]) for line in said if (found := re.search(r"(\d+) more are complete", line)))
+    assert named + counted == 299
+
+
+def test_what_was_complete_before_is_one_line(watched, capsys):
+    board, end, look = watched
+    for i in range(290):
+        end(i)
+        board.reset(i)
+    look()
+    assert capsys.readouterr().err == "[290/300] complete already\n"
+
+
+def test_a_minute_in_which_nothing_ends_has_a_sign_of_life(watched, capsys):
+    board, _, look = watched
+    look()
+    board.post(0, Progress(Phase.FITTING, Step(10, 20, 0.5)))
+    for _ in range(600):
+        look()
+    (said,) = capsys.readouterr().err.splitlines()
+    assert said == "[0/300] 1 running, 299 waiting; about 9 h 59 min left"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [(0.2, "1 s"), (89, "89 s"), (120, "2 min"), (7000, "117 min"), (12000, "3 h 20 min"), (190800, "2 d 5 h")],
+)
+def test_spans_of_time_are_told_to_two_figures(seconds, words):
+    assert in_words(seconds) == words
