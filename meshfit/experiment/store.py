@@ -18,6 +18,10 @@ if TYPE_CHECKING:  # tables are made from files alone, without what a plan needs
 RESULT = "result.json"
 FAILURE = "failure.json"
 CHECKPOINT = "checkpoint.pt"
+PROGRESS = "progress.json"
+LOG = "trial.log"
+PLAN = "plan.json"
+LOCK = ".lock"
 Result = dict[str, Any]
 
 
@@ -57,7 +61,7 @@ class RunDirectory:
         """
         folder = self.folder(trial)
         make_folder(folder)
-        return FileLock(folder / ".lock")
+        return FileLock(folder / LOCK)
 
     def write(self, trial: "Trial", name: str, content: bytes | str) -> None:
         """Write a file of a trial, whole or not at all.
