@@ -16,7 +16,8 @@ from meshfit.experiment.progress_file import FRESH_SECONDS, LastProgress, read_p
 from meshfit.experiment.time_left import seconds_left
 from meshfit.report.amounts import duration
 
-_MOST_OF_HOST = 16
+_MOST_OF_HOST = 12
+_LEAST_OF_LABEL = len("  no sign of life for 59 min")
 STYLES = {
     State.COMPLETE: "green",
     State.RUNNING: "cyan",
@@ -65,7 +66,7 @@ def _running(experiment: ExperimentOverview, now: datetime, most: int | None) ->
     if not running:
         return
     grid = Table.grid(padding=(0, 2, 0, 0))
-    grid.add_column(overflow="fold")
+    grid.add_column(overflow="fold", min_width=_LEAST_OF_LABEL)
     for _ in range(3):
         grid.add_column(justify="right", no_wrap=True)
     grid.add_column(overflow="fold")

@@ -57,6 +57,19 @@ def test_status_fits_80_columns_whatever_there_is(many):
     assert "failed: out-of-memory (5)" in out
 
 
+def test_a_long_name_of_a_machine_leaves_room_for_the_rest(tmp_path):
+    for seed, silent in ((0, 1), (1, 300)):
+        folder = begun(tmp_path, seed=seed, target="mousehead", scheme="interp-loop:alpha=0.5")
+        write_progress(
+            folder, now=datetime.now(UTC), silent=silent, host="civil-soccer-xpcqqh.example.org", pid=1234567
+        )
+    with held(*(path.parent for path in tmp_path.rglob("checkpoint.pt"))):
+        out = at_80_columns("status", tmp_path)
+    assert "    no sign of life for 5 min\n" in re.sub(" +\n", "\n", out)
+    assert out.count("civil-socce…:1234567") == 2
+    assert all(len(line) <= 80 for line in out.splitlines())
+
+
 def test_status_lists_some_of_a_kind_and_all_on_demand(many):
     for seed in range(100, 105):
         failed(many, experiment="table1", seed=seed)
@@ -97,7 +110,7 @@ def test_a_running_trial_shows_where_it_is(tmp_path):
     with held(folder):
         out = answered("status", tmp_path)
         assert re.search(r"measuring +100 s|measuring +2 min", out)
-        assert f"{'a' * 15}…:4711" in out
+        assert f"{'a' * 11}…:4711" in out
         shown = answered("show", folder)
     assert "running" in shown.splitlines()[0]
     assert re.search(r"at +measuring, step 500 of 2,000", shown)
