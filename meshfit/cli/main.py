@@ -6,7 +6,23 @@ from typing import Annotated
 import typer
 from typer.exceptions import TyperException
 
-from meshfit.cli import compare, expect, init, measure, render, run, schema, schemes, subdivide, table, targets
+from meshfit.cli import (
+    clean,
+    compare,
+    expect,
+    export,
+    init,
+    measure,
+    render,
+    run,
+    schema,
+    schemes,
+    show,
+    status,
+    subdivide,
+    table,
+    targets,
+)
 from meshfit.cli.console import EXIT_INTERRUPTED, exit_code_of, out, say_error
 
 USAGE_ERROR = 2
@@ -19,13 +35,17 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-EXPERIMENTS, MESHES, LOOK_UP = "Experiments", "Single meshes", "Look up"
+EXPERIMENTS, RUNS, MESHES, LOOK_UP = "Experiments", "Looking after runs", "Single meshes", "Look up"
 for panel, name, command in (
     (EXPERIMENTS, "run", run.run),
     (EXPERIMENTS, "compare", compare.compare),
     (EXPERIMENTS, "table", table.table),
     (EXPERIMENTS, "expect", expect.expect),
     (EXPERIMENTS, "init", init.init),
+    (RUNS, "status", status.status),
+    (RUNS, "show", show.show),
+    (RUNS, "export", export.export),
+    (RUNS, "clean", clean.clean),
     (MESHES, "subdivide", subdivide.subdivide),
     (MESHES, "measure", measure.measure),
     (MESHES, "render", render.render),

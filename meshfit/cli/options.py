@@ -8,6 +8,10 @@ import typer
 
 Runs = Annotated[Path, typer.Option("--runs", help="Run directory: one folder a trial.", metavar="DIR")]
 RunDirs = Annotated[list[Path], typer.Argument(help="Run directories, or folders in them.", metavar="RUNS...")]
+OptionalRunDirs = Annotated[
+    list[Path] | None,
+    typer.Argument(help="Run directories, or folders in them.", metavar="[RUNS...]", show_default="runs"),
+]
 Sets = Annotated[
     list[str] | None,
     typer.Option("--set", help="Override a setting; the value is YAML. May be repeated.", metavar="KEY=VALUE"),

@@ -9,9 +9,9 @@ import typer
 from rich.markup import escape
 
 from meshfit.cli.console import err, out, say_warning
-from meshfit.cli.progress_lines import in_words
 from meshfit.errors import TrialError
 from meshfit.experiment.store import RunDirectory
+from meshfit.report.amounts import duration
 
 if TYPE_CHECKING:
     from meshfit.experiment.estimate import Estimate
@@ -53,7 +53,7 @@ def print_plan(
     out.print(f"{len(trials)} trials: {sum(complete)} complete, {len(left)} to run")
     if found is not None:
         workers = "1 worker" if found.workers == 1 else f"{found.workers} workers"
-        out.print(f"about {in_words(found.seconds)} on {workers}, going by {found.basis}")
+        out.print(f"about {duration(found.seconds)} on {workers}, going by {found.basis}")
 
 
 def _estimate(

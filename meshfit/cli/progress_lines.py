@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from meshfit.cli.console import err
 from meshfit.experiment.progress import Outcome, Phase
+from meshfit.report.amounts import duration
 
 if TYPE_CHECKING:
     from meshfit.experiment.crews import ProgressBoard
@@ -67,17 +68,4 @@ class Lines:
         done = len(outcomes) - (self._before or 0) + parts
         left = (now - self._started) * (len(waiting) - parts) / done if done else None
         text = f"{len(running)} running, {len(waiting) - len(running)} waiting"
-        return text if left is None else f"{text}; about {in_words(left)} left"
-
-
-def in_words(seconds: float) -> str:
-    """A span of time to two figures: `40 s`, `12 min`, `3 h 20 min`, `2 d 5 h`."""
-    minutes = round(seconds / 60)
-    if minutes < 2:
-        return f"{max(1, round(seconds))} s"
-    if minutes < 120:
-        return f"{minutes} min"
-    hours, rest = divmod(minutes, 60)
-    if hours < 48:
-        return f"{hours} h {rest} min" if rest else f"{hours} h"
-    return f"{hours // 24} d {hours % 24} h"
+        return text if left is None else f"{text}; about {duration(left)} left"

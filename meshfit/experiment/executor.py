@@ -9,13 +9,12 @@ from meshfit.experiment.crews import Crew, LocalCrew, ProgressBoard, RemoteCrew,
 from meshfit.experiment.failure import RETRIED, death_of, failed_attempts
 from meshfit.experiment.file_board import FileBoard
 from meshfit.experiment.interrupts import ONE_THREAD, environment
-from meshfit.experiment.journal import now
 from meshfit.experiment.parcels import put_back
 from meshfit.experiment.plan import Trial
 from meshfit.experiment.plan_file import write_plan
 from meshfit.experiment.progress import Outcome, Phase
 from meshfit.experiment.remote import Remote
-from meshfit.experiment.store import FAILURE, LOG, RunDirectory, write_json
+from meshfit.experiment.store import FAILURE, LOG, RunDirectory, now, write_json
 from meshfit.experiment.work import Done
 
 _POLL_SECONDS = 0.1

@@ -4,10 +4,9 @@ import traceback
 from enum import StrEnum
 
 from meshfit.errors import MeshfitError, StoreError
-from meshfit.experiment.plan import Trial, target_label
-from meshfit.experiment.store import LOG, Result, RunDirectory
+from meshfit.experiment.plan import Trial
+from meshfit.experiment.store import LOG, Result, RunDirectory, now
 from meshfit.fitting.problem import Diverged
-from meshfit.mesh.targets import target_title
 
 LAST_GOOD = "last_good.ply"
 
@@ -88,9 +87,6 @@ def _record(trial: Trial, kind: FailureKind, message: str, step: int | None, att
         "log": LOG,
         "identity": trial.identity,
         "experiment": trial.experiment,
-        "target": target_label(trial.target),
-        "target_title": target_title(trial.target),
-        "scheme": trial.scheme,
-        "variant": trial.variant,
-        "seed": trial.seed,
+        **trial.names,
+        "finished": now(),
     }

@@ -1,13 +1,12 @@
 """A board that is read from the files of running trials, for workers that share a directory and no memory."""
 
-import json
 import math
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 
 from meshfit.experiment.plan import Trial
 from meshfit.experiment.progress import Outcome, Phase
+from meshfit.experiment.progress_file import read_progress
 from meshfit.experiment.store import PROGRESS, RunDirectory
 from meshfit.fitting.progress import Step
 
@@ -19,7 +18,7 @@ class FileBoard:
     """Progress of each trial, as `progress.json` in its folder has it; a trial without such a file waits."""
 
     def __init__(self, trials: Sequence[Trial], store: RunDirectory, outcomes: Mapping[int, Outcome]) -> None:
-        self._paths = [store.folder(trial) / PROGRESS for trial in trials]
+        self._folders = [store.folder(trial) for trial in trials]
         self._outcomes = outcomes
         self._seen: dict[int, tuple[Phase, Step]] = {}
         self._due = 0.0
@@ -36,7 +35,7 @@ class FileBoard:
 
     def reset(self, trial: int) -> None:
         """Put a trial back to where it waits."""
-        self._paths[trial].unlink(missing_ok=True)
+        (self._folders[trial] / PROGRESS).unlink(missing_ok=True)
         self._seen.pop(trial, None)
 
     def _look(self) -> None:
@@ -44,11 +43,9 @@ class FileBoard:
             return
         self._due = time.monotonic() + _SECONDS_BETWEEN_LOOKS
         self._seen = {}
-        for number, path in enumerate(self._paths):
-            # It may be gone, or new to a file system that is slow to tell: then the trial is shown as waiting.
-            with suppress(OSError, ValueError, KeyError, TypeError):
-                if number not in self._outcomes:
-                    content = json.loads(path.read_text(encoding="utf-8"))
-                    loss = math.nan if content["loss"] is None else float(content["loss"])
-                    step = Step(int(content["step"]), int(content["steps"]), loss)
-                    self._seen[number] = (Phase[content["phase"].upper()], step)
+        for number, folder in enumerate(self._folders):
+            seen = None if number in self._outcomes else read_progress(folder)
+            if seen is not None:
+                loss = math.nan if seen.loss is None else seen.loss
+                phase = Phase.__members__.get(seen.phase.upper(), Phase.FITTING)
+                self._seen[number] = (phase, Step(seen.step, seen.steps, loss))

@@ -3,12 +3,11 @@
 import os
 import socket
 import time
-from datetime import UTC, datetime
 from importlib.metadata import version
 
 from meshfit.experiment.plan import Trial
 from meshfit.experiment.progress import Phase, Progress
-from meshfit.experiment.store import LOG, PROGRESS, RunDirectory, write_json
+from meshfit.experiment.store import LOG, PROGRESS, RunDirectory, now, write_json
 from meshfit.fitting.progress import Step
 
 _SECONDS_BETWEEN_FILES = 1.0
@@ -73,8 +72,3 @@ class Journal:
             "updated": now(),
         }
         self._store.write(self._trial, PROGRESS, write_json(content), lasting=False)
-
-
-def now() -> str:
-    """The time in UTC, to the second, as ISO 8601 has it."""
-    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -13,7 +13,7 @@ from meshfit.config.experiment import ExperimentSettings, SourceSettings
 from meshfit.config.load import Experiment
 from meshfit.config.sweep import Variant, variants_of
 from meshfit.experiment.source import build_source, source_file
-from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path
+from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path, target_title
 
 # Raised whenever the same settings would give other numbers, so that older results are not taken for newer ones.
 SCHEMA_VERSION = 2
@@ -77,6 +77,12 @@ class Trial:
         settings = _without_paths(self.plain_settings)
         content = {"settings": settings, "inputs": dict(self.inputs), "schema_version": SCHEMA_VERSION}
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+    @property
+    def names(self) -> dict[str, Any]:
+        """What it is called in records: target, its title, scheme, seed and variant."""
+        target = {"target": target_label(self.target), "target_title": target_title(self.target)}
+        return target | {"scheme": self.scheme, "seed": self.seed, "variant": self.variant}
 
     @property
     def label(self) -> str:

@@ -5,13 +5,11 @@ from dataclasses import asdict
 from importlib.metadata import version
 from typing import Any
 
-from meshfit.experiment.journal import now
-from meshfit.experiment.plan import SCHEMA_VERSION, Trial, target_label
-from meshfit.experiment.store import Result
+from meshfit.experiment.plan import SCHEMA_VERSION, Trial
+from meshfit.experiment.store import Result, now
 from meshfit.fitting.run import FitResult
 from meshfit.measuring.measure import Measurement
 from meshfit.mesh.frames import Frame
-from meshfit.mesh.targets import target_title
 
 _PACKAGES = ("meshfit", "torch", "numpy", "scipy", "trimesh", "pymeshlab", "pykdtree")
 
@@ -23,11 +21,7 @@ def result_of(trial: Trial, frame: Frame, fitted: FitResult, measured: Measureme
         "schema_version": SCHEMA_VERSION,
         "identity": trial.identity,
         "experiment": trial.experiment,
-        "target": target_label(trial.target),
-        "target_title": target_title(trial.target),
-        "scheme": trial.scheme,
-        "seed": trial.seed,
-        "variant": trial.variant,
+        **trial.names,
         **measured.to_dict(),
         "fit": {"steps": trial.settings.fit.steps, "device": fitted.device, "final_loss": last[1] if last else None},
         "frame": asdict(frame) | {"normalise": trial.settings.normalise},

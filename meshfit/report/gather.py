@@ -63,7 +63,7 @@ def gather(results: Sequence[Result], metric: str) -> list[Group]:
 
 def shared_settings(result: Result) -> dict[str, Any]:
     """Every setting of a result but target, scheme and seed, by dotted key, and what else its numbers hang on."""
-    settings = _flatten({key: value for key, value in result["settings"].items() if key not in _VARIED})
+    settings = flat({key: value for key, value in result["settings"].items() if key not in _VARIED})
     settings = {key: value for key, value in settings.items() if key not in _WITHOUT_EFFECT}
     settings["schema_version"] = result["schema_version"]
     if "source.mesh" in settings:
@@ -78,11 +78,12 @@ def target_key(result: Result) -> str:
     return Path(result["settings"]["targets"][0]).name
 
 
-def _flatten(nested: Mapping[str, Any], above: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
+def flat(nested: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+    """Nested mappings as one, by dotted key."""
+    found: dict[str, Any] = {}
     for key, value in nested.items():
-        flat |= _flatten(value, f"{above}{key}.") if isinstance(value, Mapping) else {f"{above}{key}": value}
-    return flat
+        found |= flat(value, f"{above}{key}.") if isinstance(value, Mapping) else {f"{above}{key}": value}
+    return found
 
 
 def _value(result: Result, metric: str) -> float | None:

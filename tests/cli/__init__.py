@@ -39,6 +39,13 @@ def invoke(*arguments: object) -> Ran:
     return Ran(code, out.getvalue(), err.getvalue())
 
 
+def answered(*arguments: object) -> str:
+    """What is printed by a command line that is done as it was asked."""
+    ran = invoke(*arguments)
+    assert (ran.code, ran.err) == (0, "")
+    return ran.out
+
+
 def refused(*arguments: object) -> str:
     """What is said of a command line that is refused: one line on stderr, nothing on stdout, exit code 2."""
     ran = invoke(*arguments)

@@ -12,15 +12,12 @@ from meshfit.config.experiment import ExperimentSettings
 from meshfit.config.load import load_experiment
 from meshfit.mesh.targets import NAMED_TARGETS
 from meshfit.subdivision.table import SCHEMES
-from tests.cli import invoke, refused
+from tests.cli import answered, refused
 
-COMMANDS = ("run", "compare", "table", "expect", "init", "subdivide", "measure", "schemes", "targets", "schema")
-
-
-def answered(*arguments):
-    ran = invoke(*arguments)
-    assert (ran.code, ran.err) == (0, "")
-    return ran.out
+COMMANDS = (
+    *("run", "compare", "table", "expect", "init", "status", "show", "export", "clean"),
+    *("subdivide", "measure", "schemes", "targets", "schema"),
+)
 
 
 @pytest.mark.parametrize("arguments", [(), ("--help",), ("-h",)])
@@ -29,7 +26,8 @@ def test_help_names_every_command(arguments):
     assert "Usage: meshfit" in out
     for command in COMMANDS:
         assert re.search(rf"│ {command} ", out), command
-    assert out.index("Experiments") < out.index("Single meshes") < out.index("Look up")
+    panels = ("Experiments", "Looking after runs", "Single meshes", "Look up")
+    assert [out.index(panel) for panel in panels] == sorted(out.index(panel) for panel in panels)
 
 
 @pytest.mark.parametrize("command", COMMANDS)

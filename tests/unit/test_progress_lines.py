@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from meshfit.cli.progress_lines import Lines, in_words
+from meshfit.cli.progress_lines import Lines
 from meshfit.experiment.board import Board
 from meshfit.experiment.plan import plan
 from meshfit.experiment.progress import Outcome, Phase, Progress
@@ -78,11 +78,3 @@ def test_a_minute_in_which_nothing_ends_has_a_sign_of_life(watched, capsys):
         look()
     (said,) = capsys.readouterr().err.splitlines()
     assert said == "[0/300] 1 running, 299 waiting; about 9 h 59 min left"
-
-
-@pytest.mark.parametrize(
-    ("seconds", "words"),
-    [(0.2, "1 s"), (89, "89 s"), (120, "2 min"), (7000, "117 min"), (12000, "3 h 20 min"), (190800, "2 d 5 h")],
-)
-def test_spans_of_time_are_told_to_two_figures(seconds, words):
-    assert in_words(seconds) == words

@@ -1,0 +1,40 @@
+"""`meshfit export`: a row for each trial, for pandas and its like."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from meshfit.cli.console import out
+from meshfit.cli.options import RunDirs
+from meshfit.errors import StoreError
+
+
+def export(
+    runs: RunDirs,
+    output: Annotated[Path, typer.Option("--output", "-o", help="The file to write: .csv or .parquet.")],
+) -> int:
+    r"""Write a row for each trial that is complete or failed, with every metric and every setting.
+
+    Columns are called as in configs and tables: fit.losses.edge, hausdorff.symmetric; lists are JSON.
+    Parquet needs the extra: pip install 'meshfit\[parquet]'.
+
+    Examples:
+        meshfit export runs/table1 -o results.csv
+
+        meshfit export runs -o results.parquet
+    """
+    from meshfit.experiment.overview import overview
+    from meshfit.report.export import encoder, write_rows
+    from meshfit.report.rows import columns_of, rows_of
+
+    encoder(output)  # now, and not when all has been read
+    rows = rows_of(overview(runs, datetime.now(UTC)))
+    if not rows:
+        raise StoreError(f"no trial under {', '.join(map(str, runs))} is complete or failed")
+    columns = columns_of(rows)
+    write_rows(rows, columns, output)
+    trials = "1 trial" if len(rows) == 1 else f"{len(rows):,} trials"
+    out.print(f"wrote {output}: {trials}, {len(columns)} columns", soft_wrap=True, markup=False)
+    return 0

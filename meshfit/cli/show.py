@@ -1,0 +1,41 @@
+"""`meshfit show`: all that is known of one trial."""
+
+import json
+from datetime import UTC, datetime
+from typing import Annotated
+
+import typer
+
+from meshfit.cli.options import DEFAULT_RUNS, AsJson, Runs
+
+
+def show(
+    trial: Annotated[
+        str,
+        typer.Argument(
+            help="A trial's folder, a file in it, or the first digits of its identity (4 or more).", metavar="TRIAL"
+        ),
+    ],
+    runs: Runs = DEFAULT_RUNS,
+    every: Annotated[bool, typer.Option("--all", help="Every setting, not only those not at their defaults.")] = False,
+    as_json: AsJson = False,
+) -> int:
+    """Show one trial: its state, settings, metrics, why it failed, and where its files are.
+
+    Examples:
+        meshfit show runs/table1/bunny/loop/seed-0-*
+
+        meshfit show 3f9a
+
+        meshfit show 3f9a --all --runs elsewhere
+    """
+    from meshfit.cli.show_view import plain_trial, print_trial
+    from meshfit.experiment.find_trial import find_trial
+
+    now = datetime.now(UTC)
+    experiment, found = find_trial(trial, runs, now)
+    if as_json:
+        typer.echo(json.dumps(plain_trial(experiment, found), indent=2))
+    else:
+        print_trial(experiment, found, every=every)
+    return 0

@@ -1,0 +1,32 @@
+from meshfit.config.changed import changed, defaults
+from meshfit.config.experiment import ExperimentSettings
+from meshfit.fitting.settings import METHODS
+from meshfit.settings import build, override
+
+
+def plain(**changes):
+    settings = override(ExperimentSettings(), changes)
+    return settings.model_dump(mode="json", exclude={"jobs", "threads"})
+
+
+def test_nothing_is_changed_in_the_defaults_of_any_engine():
+    assert changed(plain()) == {}
+    for method in METHODS:
+        assert changed(defaults(method)) == ({} if method == "first-order" else {"fit": {"method": method}})
+
+
+def test_what_is_changed_is_nested_as_in_a_config():
+    found = plain(seeds=[3], fit={"steps": 20, "losses": {"edge": 0.5}}, source={"centre": None})
+    assert changed(found) == {"seeds": [3], "source": {"centre": None}, "fit": {"steps": 20, "losses": {"edge": 0.5}}}
+
+
+def test_each_engine_is_compared_with_its_own_defaults():
+    wanted = {"fit": {"method": "gauss-newton", "verts": 500}}
+    settings = build(ExperimentSettings, wanted)
+    assert changed(settings.model_dump(mode="json")) == wanted | {"jobs": "auto", "threads": "auto"}
+    assert build(ExperimentSettings, changed(settings.model_dump(mode="json"))) == settings
+
+
+def test_settings_that_are_not_known_any_more_are_shown():
+    assert changed({"old": 1, "fit": {"gone": 2}}) == {"old": 1, "fit": {"gone": 2}}
+    assert changed({"fit": 3}) == {"fit": 3}

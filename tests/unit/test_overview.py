@@ -1,0 +1,112 @@
+import json
+import os
+from collections import Counter
+
+import pytest
+
+from meshfit.errors import StoreError
+from meshfit.experiment.folders import State
+from meshfit.experiment.overview import overview
+from tests.runs import NOW, begun, complete, failed, held, write_plan
+
+
+def counts(*roots):
+    return {
+        experiment.name: {state.value: count for state, count in experiment.counts.items() if count}
+        for experiment in overview(roots, NOW)
+    }
+
+
+@pytest.fixture
+def runs(tmp_path):
+    complete(tmp_path, seed=0)
+    failed(tmp_path, seed=1)
+    begun(tmp_path, seed=2)
+    complete(tmp_path, seed=9)
+    write_plan(tmp_path / "small", [{"seed": seed} for seed in range(5)] + [{"target": "cow", "seed": 7}])
+    complete(tmp_path, experiment="old", target="cow")
+    return tmp_path
+
+
+def test_each_experiment_has_its_trials_planned_ones_included(runs):
+    with held(next(runs.glob("small/bunny/loop/seed-2-*"))):
+        assert counts(runs) == {
+            "old": {"complete": 1},
+            "small": {"complete": 2, "running": 1, "failed": 1, "waiting": 3},
+        }
+    assert counts(runs)["small"]["interrupted"] == 1
+
+
+def test_a_root_may_be_any_folder_and_none_counts_twice(runs):
+    whole = counts(runs)
+    assert counts(runs / "small") == {"small": whole["small"]}
+    assert counts(runs, runs / "small", runs / "small/bunny") == whole
+    assert counts(runs / "small/bunny")["small"]["waiting"] == 2
+    assert counts(next(runs.glob("small/bunny/loop/seed-1-*"))) == {"small": {"failed": 1}}
+
+
+def test_folders_are_called_as_they_were_asked_for(runs, monkeypatch):
+    monkeypatch.chdir(runs / "small/bunny")
+    (experiment,) = overview([runs / "small/bunny/loop/../../../small"], NOW)
+    assert experiment.name == "small"
+    for root in (".", "loop", "../../small", ".."):
+        (experiment,) = overview([type(runs)(root)], NOW)
+        assert experiment.name == "small"
+        found = [trial.path for trial in experiment.trials if trial.state is State.COMPLETE]
+        assert all(os.path.relpath(path, root) == str(path.relative_to(root)) for path in found)
+        assert len(found) == 2
+
+
+def test_what_the_plan_says_of_a_trial_is_known_and_the_rest_is_read_off_its_folder(tmp_path):
+    scheme = "interp-loop:alpha=0.5"
+    begun(tmp_path, scheme=scheme, seed=3)
+    (found,) = overview([tmp_path], NOW)[0].trials
+    assert (found.scheme, found.seed, len(found.identity)) == ("interp-loop-alpha-0.5", 3, 10)
+    write_plan(tmp_path / "small", [{"scheme": scheme, "seed": 3, "variant": "stiff"}])
+    (found,) = overview([tmp_path], NOW)[0].trials
+    assert (found.scheme, found.seed, len(found.identity)) == (scheme, 3, 64)
+    assert found.label == "bunny · interp-loop:alpha=0.5 · stiff · seed 3"
+
+
+def test_a_plan_alone_makes_an_experiment(tmp_path):
+    write_plan(tmp_path / "small", [{"seed": 0}, {"seed": 1}])
+    assert counts(tmp_path) == {"small": {"waiting": 2}}
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (b"{", "not valid JSON"),
+        (b"[]", "found a list, a JSON object is needed"),
+        ({"schema_version": 2}, "found schema_version 2, this meshfit reads 1"),
+        ({"trials": [{"folder": "a"}]}, "not a plan: no 'identity'"),
+        ({"trials": 3}, "not a plan: "),
+        ({"trials": ["a"]}, "not a plan: "),
+        ({"workers": "two"}, "not a plan: "),
+        ({"trials": [{"folder": "/etc"}]}, "the folder '/etc' is not one below it"),
+        ({"trials": [{"folder": "../x"}]}, "the folder '../x' is not one below it"),
+    ],
+)
+def test_a_damaged_plan_is_one_clear_line(tmp_path, change, said):
+    write_plan(tmp_path / "small", [{"seed": 0}])
+    path = tmp_path / "small/plan.json"
+    path.write_bytes(
+        change if isinstance(change, bytes) else json.dumps(json.loads(path.read_text()) | change).encode()
+    )
+    with pytest.raises(StoreError) as caught:
+        overview([tmp_path], NOW)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert "to have the trial run again" not in str(caught.value)
+
+
+def test_a_place_without_trials_is_refused(tmp_path):
+    with pytest.raises(StoreError, match=r"no trial under .*; `meshfit run` makes them"):
+        overview([tmp_path], NOW)
+
+
+def test_states_add_up(runs):
+    for experiment in overview([runs], NOW):
+        assert experiment.counts == {state: Counter(t.state for t in experiment.trials)[state] for state in State}
+        assert sum(map(len, map(experiment.of, State))) == len(experiment.trials)

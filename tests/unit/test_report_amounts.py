@@ -1,0 +1,40 @@
+import pytest
+
+from meshfit.report.amounts import duration, size
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (0, "0 s"),
+        (0.4, "0 s"),
+        (89.4, "89 s"),
+        (90, "2 min"),
+        (720, "12 min"),
+        (3600 * 1.5, "1 h 30 min"),
+        (7199, "2 h"),
+        (3600 * 47.5, "47 h 30 min"),
+        (86400 * 4.2, "4 days"),
+    ],
+)
+def test_durations(seconds, text):
+    assert duration(seconds) == text
+
+
+@pytest.mark.parametrize(
+    ("count", "text"),
+    [
+        (0, "0 B"),
+        (649, "649 B"),
+        (999, "999 B"),
+        (1000, "1.0 kB"),
+        (9_940, "9.9 kB"),
+        (128_226, "128 kB"),
+        (999_700, "1.0 MB"),
+        (12_300_000, "12 MB"),
+        (4.2e9, "4.2 GB"),
+        (5e15, "5000 TB"),
+    ],
+)
+def test_sizes(count, text):
+    assert size(count) == text
