@@ -2,10 +2,12 @@
 
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from typing import NamedTuple
 
 from meshfit.config.strict_yaml import dump
-from meshfit.errors import MeshfitWarning
+from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.experiment.checkpoints import read_checkpoint, write_checkpoint
 from meshfit.experiment.failure import LAST_GOOD, failed_attempts, failure_of
 from meshfit.experiment.journal import Journal
@@ -20,10 +22,10 @@ from meshfit.fitting.run import FitResult
 from meshfit.measuring.measure import measure
 from meshfit.mesh.alignment import aligned, apart
 from meshfit.mesh.files import encode_mesh
-from meshfit.mesh.frames import frame_of
+from meshfit.mesh.frames import Frame, Normalisation, frame_of
 from meshfit.mesh.manifold import topology_in_words
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.targets import load_target
+from meshfit.mesh.targets import file_sha256, load_target, target_path
 from meshfit.mesh.topology import Topology
 
 
@@ -54,14 +56,15 @@ class Attempt:
         settings = self.trial.settings
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", MeshfitWarning)
-            target_file = load_target(self.trial.where(self.trial.target))
-            self._frame = frame_of(target_file.verts, settings.normalise)
-            self._target = self._frame.normalise(target_file)
-            source_mesh = {"mesh": self.trial.where(settings.source.mesh)}
-            built = build_source(settings.source.model_copy(update=source_mesh), self.trial.scheme)
+            inputs = dict(self.trial.inputs)
+            placed = _placed(self.trial.where(self.trial.target), inputs.get("target"), settings.normalise)
+            self._frame, self._target = placed.frame, placed.target
+            source_mesh = self.trial.where(settings.source.mesh)
+            _check_unchanged(source_mesh, inputs.get("source"))
+            built = build_source(settings.source.model_copy(update={"mesh": source_mesh}), self.trial.scheme)
             source = aligned(built, self._target, settings.source.align)
             _warn_of_differences(source, self._target)
-        self._notes = [str(warning.message) for warning in caught if issubclass(warning.category, MeshfitWarning)]
+        self._notes = [*placed.notes, *_texts(caught)]
         for note in self._notes:
             self._note(f"warning: {note}")
         self.store.write(self.trial, "config.yaml", dump(self.trial.plain_settings))
@@ -132,6 +135,34 @@ class Attempt:
     def _write_mesh(self, name: str, mesh: Mesh) -> None:
         own = self.trial.settings.write_frame == "target"
         self.store.write(self.trial, name, encode_mesh(self._frame.restore(mesh) if own else mesh, ".ply"))
+
+
+class _Placed(NamedTuple):
+    """A target in its frame, and what was found worth a warning when it was loaded."""
+
+    frame: Frame
+    target: Mesh
+    notes: tuple[str, ...]
+
+
+@lru_cache(maxsize=2)  # a worker runs trials of one target one after the other, and loading takes longer than measuring
+def _placed(name: str, sha256: str | None, normalise: Normalisation) -> _Placed:
+    _check_unchanged(name, sha256)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", MeshfitWarning)
+        mesh = load_target(name)
+    frame = frame_of(mesh.verts, normalise)
+    return _Placed(frame, frame.normalise(mesh), tuple(_texts(caught)))
+
+
+def _check_unchanged(name: str, sha256: str | None) -> None:
+    """A result is filed under the content that its meshes had when it was planned."""
+    if sha256 is not None and file_sha256(target_path(name)) != sha256:
+        raise MeshError(f"{name}: the file has changed since the run began; start it again")
+
+
+def _texts(caught: Sequence[warnings.WarningMessage]) -> list[str]:
+    return [str(warning.message) for warning in caught if issubclass(warning.category, MeshfitWarning)]
 
 
 def _warn_of_differences(source: Mesh, target: Mesh) -> None:

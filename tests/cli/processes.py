@@ -43,3 +43,8 @@ def wait_until(condition: Callable[[], bool], process: subprocess.Popen[str], se
 def contents(runs: Path, *names: str) -> dict[str, bytes]:
     """The bytes of the files of these names in all trials, by their path."""
     return {str(path.relative_to(runs)): path.read_bytes() for name in names for path in sorted(runs.rglob(name))}
+
+
+def workers_of(parent: int) -> list[int]:
+    found = subprocess.run(["ps", "-o", "pid=", "--ppid", str(parent)], capture_output=True, text=True, check=False)
+    return [int(pid) for pid in found.stdout.split()]

@@ -7,7 +7,8 @@ import time
 
 import pytest
 
-from tests.cli.processes import contents, meshfit, start, wait_until
+from tests.cli.kills import main
+from tests.cli.processes import contents, meshfit, start, wait_until, workers_of
 from tests.small import CONFIG, config_file
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs POSIX signals")
@@ -20,11 +21,6 @@ def undisturbed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("undisturbed")
     meshfit("run", config_file(folder, LONG), "-q", folder=folder)
     return contents(folder / "runs", "result.ply", "trace.csv")
-
-
-def workers_of(parent: int) -> list[int]:
-    found = subprocess.run(["ps", "-o", "pid=", "--ppid", str(parent)], capture_output=True, text=True, check=False)
-    return [int(pid) for pid in found.stdout.split()]
 
 
 def is_alive(pid: int) -> bool:
@@ -84,3 +80,8 @@ def test_two_runs_in_one_directory_do_each_trial_once(tmp_path, undisturbed):
     assert [first.returncode, second.returncode] == [0, 0], outputs
     assert outputs[0][0] == outputs[1][0]
     assert contents(tmp_path / "runs", "result.ply", "trace.csv") == undisturbed
+
+
+@pytest.mark.slow
+def test_kills_at_random_moments_lose_nothing_and_change_nothing():
+    assert main(kills=10, seed=1) == 0
