@@ -22,11 +22,11 @@ from meshfit.report.numbers import difference_and_interval, mean_and_spread, pla
     ],
 )
 def test_the_spread_decides_the_decimals(mean, spread, text):
-    assert mean_and_spread(Summary(mean, spread, mean, 5, ())) == text
+    assert mean_and_spread(Summary(mean, spread, mean, None, 5, ())) == text
 
 
 def test_a_single_count_has_no_decimals():
-    assert mean_and_spread(Summary(211.0, None, 211.0, 1, (211.0,)), whole=True) == "211"
+    assert mean_and_spread(Summary(211.0, None, 211.0, None, 1, (211.0,)), whole=True) == "211"
 
 
 @pytest.mark.parametrize(
