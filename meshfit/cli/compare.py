@@ -5,13 +5,13 @@ from typing import Annotated
 import typer
 
 from meshfit.cli.options import (
-    DEFAULT_METRIC,
     DEFAULT_RUNS,
     AsJson,
+    Baseline,
     DryRun,
     Force,
     Jobs,
-    Metric,
+    Metrics,
     Quiet,
     Runs,
     Sets,
@@ -33,7 +33,8 @@ def compare(
     runs: Runs = DEFAULT_RUNS,
     overrides: Sets = None,
     jobs: Jobs = None,
-    metric: Metric = DEFAULT_METRIC,
+    metrics: Metrics = None,
+    baseline: Baseline = None,
     force: Force = False,
     dry_run: DryRun = False,
     quiet: Quiet = False,
@@ -62,4 +63,6 @@ def compare(
     if seeds is not None:
         changes["seeds"] = list(range(seeds))
     trials = plan([Experiment(experiment.name, override(experiment.settings, changes))])
-    return run_and_report(trials, runs, metric, jobs=jobs, force=force, dry_run=dry_run, quiet=quiet, as_json=as_json)
+    return run_and_report(
+        trials, runs, metrics, baseline=baseline, jobs=jobs, force=force, dry_run=dry_run, quiet=quiet, as_json=as_json
+    )

@@ -9,7 +9,9 @@ import typer
 from rich.markup import escape
 
 from meshfit.cli.console import err, out, say_warning
+from meshfit.cli.options import DEFAULT_METRIC
 from meshfit.cli.progress import shown_progress
+from meshfit.errors import ConfigError
 from meshfit.experiment.progress import Outcome, Phase
 from meshfit.experiment.store import Result, RunDirectory, make_folder
 
@@ -69,7 +71,7 @@ def print_failures(trials: Sequence["Trial"], outcomes: Mapping[int, Outcome], r
 
 def show_tables(
     results: Sequence[Result],
-    metric: str,
+    metrics: Sequence[str] | None,
     *,
     baseline: str | None = None,
     format_name: str = "rich",
@@ -77,25 +79,48 @@ def show_tables(
 ) -> None:
     """Print the tables of some results to stdout."""
     from meshfit.report.formats import FORMATS
-    from meshfit.report.formats.rich_text import TablesView
+    from meshfit.report.formats.rich_text import SheetsView
     from meshfit.report.gather import target_key
+    from meshfit.report.sheet import arrange
     from meshfit.report.table import build_tables
 
     # The config's order, which is the order that trials were planned in.
     schemes = dict.fromkeys(result["scheme"] for result in results) if planned else ()
     targets = dict.fromkeys(map(target_key, results)) if planned else ()
-    tables = build_tables(results, metric, baseline=baseline, schemes=list(schemes), targets=list(targets))
+    order = {"schemes": list(schemes), "targets": list(targets)}
+    wanted = dict.fromkeys(metrics or [DEFAULT_METRIC])
+    tables = [table for metric in wanted for table in build_tables(results, metric, baseline=baseline, **order)]
+    sheets = arrange(tables, planned=planned)
     if format_name == "rich":
-        out.print(TablesView(tables))
+        out.print(SheetsView(sheets))
     else:
-        typer.echo(FORMATS[format_name](tables), nl=False)
+        typer.echo(FORMATS[format_name](sheets), nl=False)
+
+
+def check_display(trials: Sequence["Trial"], metrics: Sequence[str] | None, baseline: str | None) -> None:
+    """Refuse, before anything is run, what could not be shown once it has been.
+
+    Raises:
+        ConfigError: no such metric, or a baseline that is not among the planned schemes.
+        SchemeError: the baseline is not a scheme.
+    """
+    from meshfit.report.table import require_metric
+    from meshfit.specs import suggest
+    from meshfit.subdivision.choose import canonical
+
+    for metric in metrics or ():
+        require_metric(metric)
+    planned = dict.fromkeys(trial.scheme for trial in trials)
+    if baseline is not None and canonical(baseline) not in planned:
+        raise ConfigError(f"baseline '{baseline}' is not among the schemes: {suggest(canonical(baseline), planned)}")
 
 
 def run_and_report(
     trials: Sequence["Trial"],
     runs: Path,
-    metric: str,
+    metrics: Sequence[str] | None,
     *,
+    baseline: str | None,
     jobs: int | None,
     force: bool,
     dry_run: bool,
@@ -106,12 +131,10 @@ def run_and_report(
 
     A dry run only says what would be run.
     """
-    from meshfit.report.table import require_metric
-
+    check_display(trials, metrics, baseline)
     if dry_run:
         print_plan(trials, runs, as_json=as_json)
         return 0
-    require_metric(metric)  # now, and not when all has been run
     outcomes = run_missing(trials, runs, jobs=jobs, force=force, quiet=quiet)
     results = results_of(trials, runs)
     if as_json:
@@ -119,7 +142,7 @@ def run_and_report(
     elif results:
         for note in dict.fromkeys(f"{result['target']}: {text}" for result in results for text in result["warnings"]):
             say_warning(note)
-        show_tables(results, metric, planned=True)
+        show_tables(results, metrics, baseline=baseline, planned=True)
         folders = dict.fromkeys(str(runs / trial.experiment) for trial in trials)
         out.print(f"\nResults: {', '.join(folders)}", style="dim", soft_wrap=True, markup=False)
     return print_failures(trials, outcomes, runs)

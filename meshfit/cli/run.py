@@ -5,13 +5,13 @@ from typing import Annotated
 import typer
 
 from meshfit.cli.options import (
-    DEFAULT_METRIC,
     DEFAULT_RUNS,
     AsJson,
+    Baseline,
     DryRun,
     Force,
     Jobs,
-    Metric,
+    Metrics,
     Quiet,
     Runs,
     Sets,
@@ -23,7 +23,8 @@ def run(
     runs: Runs = DEFAULT_RUNS,
     overrides: Sets = None,
     jobs: Jobs = None,
-    metric: Metric = DEFAULT_METRIC,
+    metrics: Metrics = None,
+    baseline: Baseline = None,
     force: Force = False,
     dry_run: DryRun = False,
     quiet: Quiet = False,
@@ -46,4 +47,6 @@ def run(
     from meshfit.experiment.plan import plan
 
     trials = plan([load_experiment(config, overrides or ()) for config in configs])
-    return run_and_report(trials, runs, metric, jobs=jobs, force=force, dry_run=dry_run, quiet=quiet, as_json=as_json)
+    return run_and_report(
+        trials, runs, metrics, baseline=baseline, jobs=jobs, force=force, dry_run=dry_run, quiet=quiet, as_json=as_json
+    )

@@ -26,12 +26,14 @@ class Group:
     Attributes:
         settings: the settings they have in common, by dotted key.
         experiments: names of the experiments they come from.
+        variants: what the results call their settings; empty for one that has no word for them.
         titles: how each target is called.
         samples: values by target and scheme, then by seed; a result without a value has an entry without that seed.
     """
 
     settings: dict[str, Any]
     experiments: list[str] = field(default_factory=list)
+    variants: set[str] = field(default_factory=set)
     titles: dict[str, str] = field(default_factory=dict)
     samples: dict[Cell, dict[int, float]] = field(default_factory=dict)
 
@@ -44,14 +46,15 @@ def gather(results: Sequence[Result], metric: str) -> list[Group]:
     """
     groups: dict[str, Group] = {}
     kept: dict[tuple[str, Cell, int], tuple[Result, float | None]] = {}
+    settings_of = _SharedSettings()
     for result in results:
-        settings = shared_settings(result)
-        key = json.dumps(settings, sort_keys=True)
+        key, settings = settings_of(result)
         cell, seed, value = (target_key(result), result["scheme"]), result["seed"], _value(result, metric)
         earlier, known = kept.setdefault((key, cell, seed), (result, value))
         if known != value:
             raise StoreError(_disagreement(metric, (earlier, known), (result, value)))
         group = groups.setdefault(key, Group(settings))
+        group.variants.add(result.get("variant") or "")
         if result["experiment"] not in group.experiments:
             group.experiments.append(result["experiment"])
         group.titles.setdefault(cell[0], result["target_title"])
@@ -61,15 +64,32 @@ def gather(results: Sequence[Result], metric: str) -> list[Group]:
     return list(groups.values())
 
 
-def shared_settings(result: Result) -> dict[str, Any]:
-    """Every setting of a result but target, scheme and seed, by dotted key, and what else its numbers hang on."""
-    settings = _flatten({key: value for key, value in result["settings"].items() if key not in _VARIED})
-    settings = {key: value for key, value in settings.items() if key not in _WITHOUT_EFFECT}
-    settings["schema_version"] = result["schema_version"]
+class _SharedSettings:
+    """Every setting of a result but target, scheme and seed, by dotted key, and what else its numbers hang on.
+
+    Results of one table have the same settings, so that the same text, which is quick to compare, has the same answer.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[str, tuple[str, dict[str, Any]]] = {}
+
+    def __call__(self, result: Result) -> tuple[str, dict[str, Any]]:
+        """A text that is the same for the same settings, and these."""
+        nested = {key: value for key, value in result["settings"].items() if key not in _VARIED}
+        source = result.get("inputs", {}).get("source")
+        text = json.dumps([nested, result["schema_version"], source])
+        if text not in self._known:
+            settings = _shared_settings(nested, result["schema_version"], source)
+            self._known[text] = json.dumps(settings, sort_keys=True), settings
+        return self._known[text]
+
+
+def _shared_settings(nested: Mapping[str, Any], schema_version: int, source_hash: str | None) -> dict[str, Any]:
+    settings = {key: value for key, value in _flatten(nested).items() if key not in _WITHOUT_EFFECT}
+    settings["schema_version"] = schema_version
     if "source.mesh" in settings:
         # Where a file lies does not enter, as in a trial's identity; what is in it does.
         settings["source.mesh"] = Path(settings["source.mesh"]).stem
-    source_hash = result.get("inputs", {}).get("source")
     return settings | ({"source.sha256": source_hash[:12]} if source_hash else {})
 
 

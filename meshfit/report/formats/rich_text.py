@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from io import StringIO
 from itertools import groupby
+from textwrap import wrap
 
 from rich import box
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -11,112 +12,107 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
-from meshfit.report.grid import Column, Entry, columns, entry
-from meshfit.report.numbers import difference_and_interval
-from meshfit.report.table import ResultTable
-from meshfit.report.wording import BEST, difference_lines, metric_line, notes, setting_lines, verdict
+from meshfit.report.formats.rich_differences import differences_view
+from meshfit.report.grid import Column, Entry, columns, entries, row_groups, row_names
+from meshfit.report.sheet import Sheet
+from meshfit.report.wording import alike_note, best_note, cell_line, metric_line, notes, setting_lines
 
 _UNBOUNDED = 10_000
-_BEST, _NOT_BEST = " *", "  "
+_BEST, _ALIKE, _NEITHER = " *", " ≈", "  "
 
 
 @dataclass(frozen=True)
-class TablesView:
-    """What to hand to `Console.print`: each table with its heading, differences and notes.
+class SheetsView:
+    """What to hand to `Console.print`: each sheet with its heading, differences and notes.
 
-    A table that is wider than the console is broken into blocks of as many targets as fit side by side.
+    A table that is wider than the console is broken into blocks of as many columns as fit side by side.
     """
 
-    tables: Sequence[ResultTable]
+    sheets: Sequence[Sheet]
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
         """The parts in the order of their printing."""
-        for place, table in enumerate(self.tables):
+        for place, sheet in enumerate(self.sheets):
             if place:
                 yield Text()
-            yield Text(table.title, "bold")
-            yield Text(metric_line(table))
-            yield from (Text(line, "dim") for line in setting_lines(table))
+            yield Text(sheet.title, "bold")
+            yield Text(metric_line(sheet))
+            yield Text(cell_line(sheet))
+            yield from (Text(line, "dim") for line in setting_lines(sheet))
             yield Text()
-            for block in _blocks(table, console, options):
+            for block in _blocks(sheet, console, options):
                 yield block
                 yield Text()
-            yield from _differences(table)
-            yield _notes(table)
+            yield from differences_view(sheet, options.max_width)
+            yield _notes(sheet)
 
 
-def to_text(tables: Sequence[ResultTable], width: int = 80) -> str:
-    """The tables as plain text, without colour."""
+def to_text(sheets: Sequence[Sheet], width: int = 80) -> str:
+    """The sheets as plain text, without colour."""
     file = StringIO()
-    Console(file=file, width=width, color_system=None, force_terminal=False).print(TablesView(tables))
+    Console(file=file, width=width, color_system=None, force_terminal=False).print(SheetsView(sheets))
     return "\n".join(line.rstrip() for line in file.getvalue().splitlines()) + "\n"
 
 
-def _blocks(table: ResultTable, console: Console, options: ConsoleOptions) -> Iterator[Table]:
+def _blocks(sheet: Sheet, console: Console, options: ConsoleOptions) -> Iterator[Table]:
     shown: list[Column] = []
-    for _, group in groupby(columns(table), key=lambda column: column.target):
+    for _, group in groupby(columns(sheet), key=lambda column: (column.target, column.metric)):
         more = list(group)
-        wider = _block(table, [*shown, *more])
+        wider = _block(sheet, [*shown, *more])
         width = Measurement.get(console, options.update(max_width=_UNBOUNDED), wider).maximum
         if shown and width > options.max_width:
-            yield _block(table, shown)
+            yield _block(sheet, shown)
             shown = []
         shown += more
-    yield _block(table, shown)
+    yield _block(sheet, shown)
 
 
-def _block(table: ResultTable, shown: Sequence[Column]) -> Table:
+def _block(sheet: Sheet, shown: Sequence[Column]) -> Table:
     block = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1), collapse_padding=True)
-    block.add_column(Text("scheme"), overflow="fold")
+    block.add_column(Text(row_names(sheet)[-1]), overflow="fold")
+    cells = []
     for column in shown:
-        # One word a line: titles are the widest part of narrow columns.
-        heading = "\n".join(column.heading.split())
-        block.add_column(Text(heading), justify="right", style="dim" if column.paper else "", overflow="fold")
-    cells = [_cells(table, column) for column in shown]
-    for scheme, *row in zip(table.schemes, *cells, strict=True):
-        block.add_row(Text(scheme), *row)
+        found = _cells(entries(sheet, column))
+        width = max(len(line) for cell in found for line in cell.plain.split("\n"))
+        block.add_column(_heading(sheet, column, width), overflow="fold", style="dim" if column.paper else "")
+        cells.append(found)
+    for heading, rows in row_groups(sheet):
+        if heading:
+            block.add_row(Text(heading, "italic"))
+        for place, label in rows:
+            block.add_row(Text(f"  {label}" if heading else label), *(column[place] for column in cells))
     return block
 
 
-def _cells(table: ResultTable, column: Column) -> list[Text]:
-    """A column's cells, with the spreads below each other and room for the mark of the best."""
-    entries = [entry(table, scheme, column) for scheme in table.schemes]
-    spreads = [found.text.partition(" ± ")[2] for found in entries]
-    room = max(map(len, spreads))
-    marked = any(found.best for found in entries)
-    return [_cell(found, room - len(spread), marked) for found, spread in zip(entries, spreads, strict=True)]
+def _heading(sheet: Sheet, column: Column, width: int) -> Text:
+    """What stands above a column, broken where its cells end, or where a word of it does, if that is farther right."""
+    several = len(sheet.metrics) > 1
+    parts = [sheet.targets[column.target], column.below] if several else [column.heading]
+    longest = max(len(word) for part in parts for word in part.split())
+    lines = [line for part in parts for line in wrap(part, max(width, longest), break_on_hyphens=False)]
+    return Text("\n".join(lines), justify="right")
 
 
-def _cell(found: Entry, room: int, marked: bool) -> Text:  # noqa: FBT001
-    mark = (_BEST if found.best else _NOT_BEST) if marked else ""
-    padding = " " * room if "±" in found.text else ""
-    return Text(found.text + padding + mark, "bold green" if found.best else "")
+def _cells(found: Sequence[Entry]) -> list[Text]:
+    """A column's cells, each line of them as wide as the widest, with room for marks."""
+    width = max(len(line) for entry in found for line in (entry.text, entry.interval))
+    marked = any(entry.best or entry.alike for entry in found)
+    return [_cell(entry, width, marked) for entry in found]
 
 
-def _differences(table: ResultTable) -> Iterator[RenderableType]:
-    """A line each, below the name of the target; or why there are none to compare."""
-    found = table.differences
-    if not found:
-        return
-    lines = difference_lines(table)
-    if len(lines) < len(found):
-        yield from map(Text, lines)
-    else:
-        yield Text(f"Difference from {found[0].baseline}, paired by seed, with 95 % interval")
-        grid = Table.grid(padding=(0, 2, 0, 0))
-        for target, group in groupby(found, key=lambda difference: difference.target):
-            grid.add_row(Text(table.targets[target]))
-            for difference in group:
-                text = difference_and_interval(difference.paired)
-                grid.add_row(Text(f"  {difference.scheme}"), Text(text), Text(verdict(table, difference)))
-        yield grid
-    yield Text()
+def _cell(entry: Entry, width: int, marked: bool) -> Text:  # noqa: FBT001
+    mark = _BEST if entry.best else _ALIKE if entry.alike else _NEITHER
+    first = Text(entry.text.rjust(width) + (mark if marked else ""), "bold green" if entry.best else "")
+    if not entry.interval:
+        return first
+    return Text("\n").join([first, Text(entry.interval.rjust(width), "green" if entry.best else "dim")])
 
 
-def _notes(table: ResultTable) -> Table:
+def _notes(sheet: Sheet) -> Table:
     grid = Table.grid(padding=(0, 1, 0, 0))
-    if table.best:
-        grid.add_row(Text("*"), Text(BEST, "dim"))
-    for note in notes(table):
+    for mark, note in ((_BEST, best_note(sheet)), (_ALIKE, alike_note(sheet))):
+        if note:
+            grid.add_row(Text(mark.strip()), Text(note, "dim"))
+    for note in notes(sheet):
         grid.add_row(Text("-", "dim"), Text(note, "dim"))
     return grid
