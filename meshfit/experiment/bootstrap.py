@@ -35,13 +35,13 @@ def mean_interval(*samples: Sequence[float]) -> tuple[float, float]:
     centre = sum(means) / len(means)
     if all(min(sample) == max(sample) for sample in samples):
         return centre, centre
+    centred = [np.asarray(sample, np.float64) - mean for sample, mean in zip(samples, means, strict=True)]
     apart = np.zeros(_RESAMPLES)
-    for stratum, (sample, mean) in enumerate(zip(samples, means, strict=True)):
-        count = len(sample)
-        apart += math.sqrt(count / (count - 1)) * _resampled(np.asarray(sample, np.float64) - mean, stratum)
-    bounds = np.partition(apart / len(samples), (_TAIL, -1 - _TAIL))
-    stretch = _student_over_normal(_degrees_of_freedom(samples))
-    return centre + stretch * float(bounds[_TAIL]), centre + stretch * float(bounds[-1 - _TAIL])
+    for stratum, values in enumerate(centred):
+        apart += _resampled(values, stratum) * (math.sqrt(len(values) / (len(values) - 1)) / len(samples))
+    low, high = np.partition(apart, (_TAIL, -1 - _TAIL))[[_TAIL, -1 - _TAIL]]
+    stretch = _student_over_normal(_degrees_of_freedom(centred))
+    return centre + stretch * float(low), centre + stretch * float(high)
 
 
 def mean_of(sample: Sequence[float]) -> float:
@@ -52,20 +52,23 @@ def mean_of(sample: Sequence[float]) -> float:
 def _resampled(values: NDArray[np.float64], stratum: int) -> NDArray[np.float64]:
     """The means of all resamples."""
     total = np.zeros(_RESAMPLES)
-    for drawn in _draws(len(values), stratum):
-        total += values[drawn]
+    # Added up one by one, since a product of matrices may be rounded otherwise on another machine.
+    for value, times in zip(values, _times_drawn(len(values), stratum), strict=True):
+        total += value * times
     return total / len(values)
 
 
 @lru_cache(maxsize=32)
-def _draws(count: int, stratum: int) -> NDArray[np.uint32]:
-    """Which value each place of each resample takes; strata are drawn independently of each other."""
-    return np.random.default_rng([stratum, count]).integers(count, size=(count, _RESAMPLES), dtype=np.uint32)
+def _times_drawn(count: int, stratum: int) -> NDArray[np.uint16]:
+    """How often each value is in each resample; strata are drawn independently of each other."""
+    generator = np.random.default_rng([stratum, count])
+    drawn = generator.multinomial(count, np.full(count, 1 / count), size=_RESAMPLES)
+    return np.ascontiguousarray(drawn.T, np.uint16)
 
 
-def _degrees_of_freedom(samples: Sequence[Sequence[float]]) -> float:
-    variances = [float(np.var(sample, ddof=1)) / len(sample) for sample in samples]
-    parts = (variance**2 / (len(sample) - 1) for variance, sample in zip(variances, samples, strict=True))
+def _degrees_of_freedom(centred: Sequence[NDArray[np.float64]]) -> float:
+    variances = [float(np.sum(values**2)) / (len(values) - 1) / len(values) for values in centred]
+    parts = (variance**2 / (len(values) - 1) for variance, values in zip(variances, centred, strict=True))
     return sum(variances) ** 2 / sum(parts)
 
 

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from meshfit.experiment.statistics import BySeed, Summary
@@ -41,32 +42,32 @@ class Sheet:
         """The tables that it is made of, variation by variation."""
         return [table for same in self.tables for table in same]
 
-    @property
+    @cached_property
     def metrics(self) -> tuple[str, ...]:
         """The metrics, by their dotted names."""
         return tuple(table.metric for table in self.tables[0])
 
-    @property
+    @cached_property
     def targets(self) -> dict[str, str]:
         """The targets, each with its title."""
         return targets_of(self.tables)
 
-    @property
+    @cached_property
     def schemes(self) -> tuple[str, ...]:
         """Every scheme that some variation has."""
         return tuple(dict.fromkeys(row.scheme for row in self.rows))
 
-    @property
+    @cached_property
     def rows(self) -> tuple[Row, ...]:
         """The rows from top to bottom."""
         return rows_of(self.tables)
 
-    @property
+    @cached_property
     def seeds(self) -> tuple[int, ...]:
         """Every seed that some cell has."""
         return tuple(sorted({seed for table in self.all_tables for seed in table.seeds}))
 
-    @property
+    @cached_property
     def settings(self) -> dict[str, Any]:
         """The settings by dotted key; those that differ are `VARIED`."""
         settings = [same[0].settings for same in self.tables]
