@@ -10,7 +10,6 @@ from rich.markup import escape
 
 from meshfit.cli.console import err, out, say_warning
 from meshfit.cli.options import DEFAULT_METRIC
-from meshfit.cli.progress import shown_progress
 from meshfit.errors import ConfigError
 from meshfit.experiment.progress import Outcome, Phase
 from meshfit.experiment.store import Result, RunDirectory, make_folder
@@ -25,6 +24,7 @@ def run_missing(
     trials: Sequence["Trial"], runs: Path, *, jobs: int | None, force: bool, quiet: bool
 ) -> dict[int, Outcome]:
     """Run what is not complete, with progress shown."""
+    from meshfit.cli.progress import shown_progress
     from meshfit.experiment.executor import run_trials
 
     make_folder(runs)
