@@ -57,7 +57,9 @@ def _lines(parts: Sequence[_Drawn], cells: Sequence[Sequence[Styled]]) -> Iterat
     for place in range(max(map(len, cells))):
         line = [cell[place] if place < len(cell) else ("", "") for cell in cells]
         padded = [(text.ljust(column.width), style) for (text, style), column in zip(line, parts, strict=True)]
-        yield Text(_GAP).join(Text(text, style) for text, style in padded)
+        text = Text(_GAP).join(Text(text, style) for text, style in padded)
+        text.rstrip()
+        yield text
 
 
 def _labels(sheet: Sheet, most: int) -> _Drawn:
