@@ -18,6 +18,7 @@ from meshfit.report.formats.markdown import to_markdown
 from meshfit.report.formats.rich_text import SheetsView, to_text
 from meshfit.report.sheet import arrange
 from meshfit.report.table import DEFAULT_METRIC, build_tables
+from meshfit.report.verdicts import difference_lines
 from tests.unit.test_table import CLEAR, grid, result
 
 
@@ -33,6 +34,7 @@ WIDE = sheets(grid({(t, s): [0.3, 0.31, 0.35] for t in ("bunny", "mousehead", "c
 SWEEP = sheets(
     [result for edge in (1.0, 0.1) for result in grid(CLEAR, fit__losses__edge=edge)], DEFAULT_METRIC, "f_score.f1"
 )
+LOOP_ONLY = {("bunny", "loop"): CLEAR["bunny", "loop"]}
 AWKWARD = "a_b%c&d#e{f}[g]|h*i<j>k~l^m$n"
 
 
@@ -207,6 +209,107 @@ def test_latex_compiles(tmp_path):
         check=False,
     )
     assert done.returncode == 0, done.stdout[-2000:]
+
+
+ONE_SCHEME = sheets([one for steps in (10, 9, 100) for one in grid(LOOP_ONLY, fit__steps=steps)])
+
+
+@pytest.mark.parametrize("name", ["rich", "md", "latex"])
+def test_variations_are_rows_and_a_setting_that_is_varied_says_so(name):
+    text = squeezed(FORMATS[name](ONE_SCHEME))
+    assert text.index("steps=9") < text.index("steps=10") < text.index("steps=100")
+    assert "Fit: varied steps of sgd" in text
+    assert "scheme loop" in text
+    both = squeezed(FORMATS[name](SWEEP)).replace("{", "").replace("}", "")
+    assert re.search(r"edge=0\.1.{1,20}loop .*edge=0\.1.{1,20}interp-loop|edge=0\.1.{1,20}loop .*interp-loop ", both)
+
+
+@pytest.mark.parametrize("name", ["rich", "md", "latex"])
+def test_beside_variations_the_papers_numbers_are_in_a_note_alone(name):
+    text = squeezed(FORMATS[name](ONE_SCHEME))
+    assert "by column, the likelier, they are bunny loop 0.025621" in text
+    assert text.count("0.025621") == 2
+
+
+@pytest.mark.parametrize("name", ["csv", "json"])
+def test_data_formats_list_every_table_by_itself(name):
+    text = FORMATS[name](SWEEP)
+    if name == "json":
+        found = [
+            (table["metric"]["name"], table["settings"]["fit.losses.edge"]) for table in json.loads(text)["tables"]
+        ]
+    else:
+        rows = csv.DictReader(StringIO(text))
+        found = list(dict.fromkeys((row["metric"], float(row["table"].partition("edge=")[2])) for row in rows))
+    assert found == [(metric, edge) for edge in (0.1, 1.0) for metric in (DEFAULT_METRIC, "f_score.f1")]
+
+
+def test_cells_that_do_not_differ_are_marked_and_the_mark_is_explained():
+    text = to_text(SHEETS)
+    assert [line.split()[0] for line in text.splitlines() if ") ≈" in line] == ["interp-loop"]
+    assert "≈ not significantly different from loop" in text
+    assert "≈ not significantly different from what it is compared with" in to_text(SWEEP)
+    clear = sheets(grid({cell: sample for cell, sample in CLEAR.items() if cell[0] == "bunny"}))
+    assert "≈" not in to_text(clear)
+
+
+def test_a_difference_is_stated_in_full_in_a_line():
+    lines = difference_lines(SHEETS[0])
+    bounds = r"\[[−+]0\.\d+, [−+]0\.\d+\]"
+    patterns = [
+        rf"interp-loop vs loop on bunny: −0\.1000 {bounds}, significant, P\(better\) 1\.00, 2 seeds needed",
+        rf"interp-loop vs loop on mousehead \(stand-in\): \+0\.002 {bounds}, not significant, P\(better\) 0\.44, "
+        r"1,\d+ seeds needed",
+        rf"interp-loop vs loop over 2 targets: −0\.049 {bounds}, significant, P\(better\) 0\.72, 3 seeds needed",
+    ]
+    assert all(re.fullmatch(pattern, line) for pattern, line in zip(patterns, lines, strict=True)), lines
+
+
+def test_differences_of_variations_name_what_is_held_against_what():
+    starts = {line.partition(" on ")[0].partition(" over ")[0] for line in difference_lines(SWEEP[0])}
+    assert starts == {
+        f"{metric}: {rivals}"
+        for metric in ("Hausdorff distance", "F-score")
+        for rivals in (
+            "interp-loop vs loop at edge=0.1",
+            "interp-loop vs loop at edge=1.0",
+            "edge=1.0 vs edge=0.1 with loop",
+        )
+    }
+    assert difference_lines(ONE_SCHEME[0])[0].startswith("steps=10 vs steps=9 on bunny: ")
+
+
+def test_more_seeds_than_anyone_has_are_said_so_and_no_difference_needs_none():
+    noisy = {("bunny", "loop"): [0.1, 0.2, 0.3], ("bunny", "interp-loop"): [0.2, 0.3, 0.1003]}
+    assert difference_lines(sheets(grid(noisy))[0])[0].endswith("more than 10,000 seeds needed")
+    equal = {("bunny", "loop"): [0.1, 0.2], ("bunny", "interp-loop"): [0.1, 0.2]}
+    assert difference_lines(sheets(grid(equal))[0])[0].endswith("not significant, P(better) 0.50")
+
+
+def test_where_neither_direction_is_better_nothing_is_said_of_it():
+    assert "P(better)" not in to_text(sheets(grid(CLEAR), "quality.euler_number"))
+
+
+def test_markdown_has_columns_for_variation_and_scheme():
+    rows = [line for line in to_markdown(SWEEP).splitlines() if line.startswith("|")]
+    assert rows[0].startswith("| variation | scheme | bunny: Hausdorff distance | bunny: F-score |")
+    assert [row.split(" | ")[:2] for row in rows[2:4]] == [["| edge=0.1", "loop"], ["| edge=0.1", "interp-loop"]]
+
+
+def test_latex_has_targets_above_metrics_and_variations_above_schemes():
+    body = latex_body(to_latex(SWEEP)).splitlines()
+    assert r"     & \multicolumn{2}{c}{bunny} & \multicolumn{2}{c}{mousehead (stand-in)} \\" in body
+    assert r"    \cmidrule(lr){2-3} \cmidrule(lr){4-5}" in body
+    assert r"    \multicolumn{5}{l}{\emph{edge=0.1}} \\" in body
+    assert body.count(r"    \addlinespace") == 1
+    rows = [line for line in body if line.endswith(r"\\") and "multicolumn" not in line]
+    assert {row.count("&") for row in rows} == {4}
+
+
+@pytest.mark.parametrize("width", [40, 60, 80, 120])
+@pytest.mark.parametrize("shown", [SWEEP, ONE_SCHEME], ids=["sweep", "one scheme"])
+def test_sweeps_fit_their_width_too(width, shown):
+    assert max(map(len, to_text(shown, width).splitlines())) <= width
 
 
 def test_reports_import_nothing_heavy():
