@@ -76,5 +76,11 @@ def best_of(samples: Mapping[_Name, BySeed], metric: str) -> _Name | None:
     return first if all(differ(samples[first], samples[name]) for name in means if name != first) else None
 
 
+def best_on_targets(samples: _Samples, targets: Sequence[str], schemes: Sequence[str], metric: str) -> dict[str, str]:
+    """By target, the scheme that is the best; targets without one are left out."""
+    found = {target: best_of({name: _at(samples, target, name) for name in schemes}, metric) for target in targets}
+    return {target: scheme for target, scheme in found.items() if scheme is not None}
+
+
 def _at(samples: _Samples, target: str, scheme: str) -> BySeed:
     return samples.get((target, scheme), {})

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from meshfit.errors import ConfigError
-from meshfit.experiment.statistics import Summary, summarise
+from meshfit.experiment.statistics import BySeed, Summary, summarise
 from meshfit.measuring.metrics import METRICS
-from meshfit.report.comparison import Difference, best_of, differences_on_targets, differences_over_targets
+from meshfit.report.comparison import Difference, best_on_targets, differences_on_targets, differences_over_targets
 from meshfit.report.gather import Cell, Group, Result, gather
 from meshfit.report.paper import PAPER_TARGETS
 from meshfit.report.variations import differing_keys, shown
@@ -115,26 +115,25 @@ def _table(
     columns = sorted(group.titles, key=_ranks(order[1], PAPER_TARGETS))
     experiment = " + ".join(group.experiments)
     samples, compared = group.samples, (columns, rows, baseline or rows[0], metric)
-    best = {
-        target: best_of({scheme: samples.get((target, scheme), {}) for scheme in rows}, metric) for target in columns
-    }
     return ResultTable(
         title=title_of(experiment, group.settings, differing),
         experiment=experiment,
-        variant=group.variants.copy().pop() if len(group.variants) == 1 else "",
+        variant=next(iter(group.variants)) if len(group.variants) == 1 else "",
         metric=metric,
         settings=group.settings,
         targets=_titles(columns, group.titles),
         schemes=tuple(rows),
         samples=samples,
-        cells={
-            cell: summarise([sample[seed] for seed in sorted(sample)]) for cell, sample in samples.items() if sample
-        },
+        cells={cell: summarise(_in_order(sample)) for cell, sample in samples.items() if sample},
         baseline=baseline or rows[0],
         differences=differences_on_targets(samples, *compared),
         over_targets=differences_over_targets(samples, *compared),
-        best={target: scheme for target, scheme in best.items() if scheme is not None},
+        best=best_on_targets(samples, columns, rows, metric),
     )
+
+
+def _in_order(sample: BySeed) -> list[float]:
+    return [sample[seed] for seed in sorted(sample)]
 
 
 def _ranks(wanted: Sequence[str], known: Sequence[str]) -> Any:  # noqa: ANN401  a sort key
