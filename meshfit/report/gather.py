@@ -64,32 +64,15 @@ def gather(results: Sequence[Result], metric: str) -> list[Group]:
     return list(groups.values())
 
 
-class _SharedSettings:
-    """Every setting of a result but target, scheme and seed, by dotted key, and what else its numbers hang on.
-
-    Results of one table have the same settings, so that the same text, which is quick to compare, has the same answer.
-    """
-
-    def __init__(self) -> None:
-        self._known: dict[str, tuple[str, dict[str, Any]]] = {}
-
-    def __call__(self, result: Result) -> tuple[str, dict[str, Any]]:
-        """A text that is the same for the same settings, and these."""
-        nested = {key: value for key, value in result["settings"].items() if key not in _VARIED}
-        source = result.get("inputs", {}).get("source")
-        text = json.dumps([nested, result["schema_version"], source])
-        if text not in self._known:
-            settings = _shared_settings(nested, result["schema_version"], source)
-            self._known[text] = json.dumps(settings, sort_keys=True), settings
-        return self._known[text]
-
-
-def _shared_settings(nested: Mapping[str, Any], schema_version: int, source_hash: str | None) -> dict[str, Any]:
-    settings = {key: value for key, value in _flatten(nested).items() if key not in _WITHOUT_EFFECT}
-    settings["schema_version"] = schema_version
+def shared_settings(result: Result) -> dict[str, Any]:
+    """Every setting of a result but target, scheme and seed, by dotted key, and what else its numbers hang on."""
+    settings = flat({key: value for key, value in result["settings"].items() if key not in _VARIED})
+    settings = {key: value for key, value in settings.items() if key not in _WITHOUT_EFFECT}
+    settings["schema_version"] = result["schema_version"]
     if "source.mesh" in settings:
         # Where a file lies does not enter, as in a trial's identity; what is in it does.
         settings["source.mesh"] = Path(settings["source.mesh"]).stem
+    source_hash = result.get("inputs", {}).get("source")
     return settings | ({"source.sha256": source_hash[:12]} if source_hash else {})
 
 
@@ -98,11 +81,28 @@ def target_key(result: Result) -> str:
     return Path(result["settings"]["targets"][0]).name
 
 
-def _flatten(nested: Mapping[str, Any], above: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
+def flat(nested: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+    """Nested mappings as one, by dotted key."""
+    found: dict[str, Any] = {}
     for key, value in nested.items():
-        flat |= _flatten(value, f"{above}{key}.") if isinstance(value, Mapping) else {f"{above}{key}": value}
-    return flat
+        found |= flat(value, f"{above}{key}.") if isinstance(value, Mapping) else {f"{above}{key}": value}
+    return found
+
+
+class _SharedSettings:
+    """The shared settings of one result after another; those of the same text, which is quick to make, only once."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, tuple[str, dict[str, Any]]] = {}
+
+    def __call__(self, result: Result) -> tuple[str, dict[str, Any]]:
+        """A key that is the same for the same settings, and these."""
+        own = {key: value for key, value in result["settings"].items() if key not in _VARIED}
+        text = json.dumps([own, result["schema_version"], result.get("inputs", {}).get("source")])
+        if text not in self._known:
+            settings = shared_settings(result)
+            self._known[text] = json.dumps(settings, sort_keys=True), settings
+        return self._known[text]
 
 
 def _value(result: Result, metric: str) -> float | None:
