@@ -64,6 +64,22 @@ def gather(results: Sequence[Result], metric: str) -> list[Group]:
     return list(groups.values())
 
 
+class _SharedSettings:
+    """The shared settings of one result after another; those of the same text, which is quick to make, only once."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, tuple[str, dict[str, Any]]] = {}
+
+    def __call__(self, result: Result) -> tuple[str, dict[str, Any]]:
+        """A key that is the same for the same settings, and these."""
+        own = {key: value for key, value in result["settings"].items() if key not in _VARIED}
+        text = json.dumps([own, result["schema_version"], result.get("inputs", {}).get("source")])
+        if text not in self._known:
+            settings = shared_settings(result)
+            self._known[text] = json.dumps(settings, sort_keys=True), settings
+        return self._known[text]
+
+
 def shared_settings(result: Result) -> dict[str, Any]:
     """Every setting of a result but target, scheme and seed, by dotted key, and what else its numbers hang on."""
     settings = flat({key: value for key, value in result["settings"].items() if key not in _VARIED})
@@ -87,22 +103,6 @@ def flat(nested: Mapping[str, Any], above: str = "") -> dict[str, Any]:
     for key, value in nested.items():
         found |= flat(value, f"{above}{key}.") if isinstance(value, Mapping) else {f"{above}{key}": value}
     return found
-
-
-class _SharedSettings:
-    """The shared settings of one result after another; those of the same text, which is quick to make, only once."""
-
-    def __init__(self) -> None:
-        self._known: dict[str, tuple[str, dict[str, Any]]] = {}
-
-    def __call__(self, result: Result) -> tuple[str, dict[str, Any]]:
-        """A key that is the same for the same settings, and these."""
-        own = {key: value for key, value in result["settings"].items() if key not in _VARIED}
-        text = json.dumps([own, result["schema_version"], result.get("inputs", {}).get("source")])
-        if text not in self._known:
-            settings = shared_settings(result)
-            self._known[text] = json.dumps(settings, sort_keys=True), settings
-        return self._known[text]
 
 
 def _value(result: Result, metric: str) -> float | None:
