@@ -23,8 +23,8 @@ def mean_interval(*samples: Sequence[float]) -> tuple[float, float]:
     this; here it does no better. Both faults are known in size (Hesterberg 2015, What teachers should know about the
     bootstrap, sec. 3.2), so the interval is stretched by their product, which brings it to 93 to 96 % for every n.
     With several samples each is stretched for its own variance, and the degrees of freedom of Student's law are those
-    of Welch (1947) and Satterthwaite (1946): their plain sum counts a sample that hardly varies like one that does,
-    and lets the interval of two values each hold the mean in 82 to 84 % where the spreads differ tenfold.
+    of Welch (1947) and Satterthwaite (1946), which holds the mean in 91 to 98 %. Their plain sum counts a sample that
+    hardly varies like one that does: it comes to 82 to 84 % for two values each, where the spreads differ tenfold.
 
     The same samples always give the same interval: the resamples are drawn from fixed seeds.
 
