@@ -67,7 +67,8 @@ def _times_drawn(count: int, stratum: int) -> NDArray[np.uint16]:
 
 
 def _degrees_of_freedom(centred: Sequence[NDArray[np.float64]]) -> float:
-    variances = [float(np.sum(values**2)) / (len(values) - 1) / len(values) for values in centred]
+    scale = max(float(np.abs(values).max()) for values in centred)
+    variances = [float(np.sum((values / scale) ** 2)) / (len(values) - 1) / len(values) for values in centred]
     parts = (variance**2 / (len(values) - 1) for variance, values in zip(variances, centred, strict=True))
     return sum(variances) ** 2 / sum(parts)
 

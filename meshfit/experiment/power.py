@@ -33,7 +33,7 @@ def seeds_needed(mean: float, spreads: Sequence[float]) -> int | None:
     if total == 0:
         return 2
     effect = abs(mean) * len(spreads) / math.sqrt(total)
-    degrees = total**2 / sum(spread**4 for spread in spreads)
+    degrees = 1 / sum((spread**2 / total) ** 2 for spread in spreads)
     if not _found(effect, degrees, MOST_SEEDS):
         return None
     too_few, enough = 1, MOST_SEEDS

@@ -97,6 +97,13 @@ def test_an_interval_grows_with_its_data(values, scale):
     )
 
 
+@pytest.mark.parametrize("scale", [1e-200, 1e-90, 1e90])
+def test_no_size_of_numbers_is_too_small_or_too_large(scale):
+    found = mean_difference([({0: 1 * scale, 1: 2 * scale}, {0: 0.0, 1: 0.0})] * 2)
+    plain = mean_difference([({0: 1.0, 1: 2.0}, {0: 0.0, 1: 0.0})] * 2)
+    assert np.array(found.interval) / scale == pytest.approx(plain.interval)
+
+
 def test_an_interval_does_not_depend_on_what_was_computed_before():
     code = "from meshfit.experiment.bootstrap import mean_interval; {}print(mean_interval([1.0, 2.0, 5.0]))"
     before = "[mean_interval(range(n), range(n)) for n in range(2, 40)]; "
