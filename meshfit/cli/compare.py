@@ -5,14 +5,14 @@ from typing import Annotated
 import typer
 
 from meshfit.cli.options import (
-    DEFAULT_METRIC,
     DEFAULT_RUNS,
     AsJson,
+    Baseline,
     Cluster,
     DryRun,
     Force,
     Jobs,
-    Metric,
+    Metrics,
     Quiet,
     Runs,
     Sets,
@@ -38,7 +38,8 @@ def compare(
     jobs: Jobs = None,
     cluster: Cluster = None,
     transfer: Transfer = TransferChoice.AUTO,
-    metric: Metric = DEFAULT_METRIC,
+    metrics: Metrics = None,
+    baseline: Baseline = None,
     force: Force = False,
     dry_run: DryRun = False,
     quiet: Quiet = False,
@@ -53,7 +54,7 @@ def compare(
 
         meshfit compare interp-loop:alpha=0.5 interp-loop --config quickstart
     """
-    from meshfit.cli.experiments import Workers, run_and_report
+    from meshfit.cli.experiments import Display, Workers, run_and_report
     from meshfit.config.load import Experiment, load_experiment
     from meshfit.experiment.plan import plan
     from meshfit.settings import override
@@ -69,6 +70,5 @@ def compare(
     workers = Workers(jobs, cluster, transfer.value)
     changed = Experiment(experiment.name, override(experiment.settings, changes))
     trials = plan([changed], elsewhere=workers.elsewhere)
-    return run_and_report(
-        trials, runs, metric, workers=workers, force=force, dry_run=dry_run, quiet=quiet, as_json=as_json
-    )
+    display = Display(metrics, baseline, quiet=quiet, as_json=as_json)
+    return run_and_report(trials, runs, workers, display, force=force, dry_run=dry_run)

@@ -48,8 +48,18 @@ Transfer = Annotated[
         "--transfer", help="For --cluster: workers write to a shared directory, or return files; auto looks which."
     ),
 ]
-Metric = Annotated[
-    str, typer.Option("--metric", help="What cells hold, such as distance.mean or quality.self_intersecting_faces.")
-]
 DEFAULT_RUNS = Path("runs")
 DEFAULT_METRIC = "hausdorff.symmetric"
+Metrics = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--metric",
+        help="What cells hold, such as distance.mean or quality.self_intersecting_faces. May be repeated.",
+        show_default=DEFAULT_METRIC,
+        metavar="NAME",
+    ),
+]
+Baseline = Annotated[
+    str | None,
+    typer.Option("--baseline", help="Scheme to compare the others with; by default the first.", metavar="SCHEME"),
+]

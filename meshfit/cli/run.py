@@ -5,14 +5,14 @@ from typing import Annotated
 import typer
 
 from meshfit.cli.options import (
-    DEFAULT_METRIC,
     DEFAULT_RUNS,
     AsJson,
+    Baseline,
     Cluster,
     DryRun,
     Force,
     Jobs,
-    Metric,
+    Metrics,
     Quiet,
     Runs,
     Sets,
@@ -28,7 +28,8 @@ def run(
     jobs: Jobs = None,
     cluster: Cluster = None,
     transfer: Transfer = TransferChoice.AUTO,
-    metric: Metric = DEFAULT_METRIC,
+    metrics: Metrics = None,
+    baseline: Baseline = None,
     force: Force = False,
     dry_run: DryRun = False,
     quiet: Quiet = False,
@@ -46,12 +47,11 @@ def run(
 
         meshfit run table1 --dry-run
     """
-    from meshfit.cli.experiments import Workers, run_and_report
+    from meshfit.cli.experiments import Display, Workers, run_and_report
     from meshfit.config.load import load_experiment
     from meshfit.experiment.plan import plan
 
     workers = Workers(jobs, cluster, transfer.value)
     trials = plan([load_experiment(config, overrides or ()) for config in configs], elsewhere=workers.elsewhere)
-    return run_and_report(
-        trials, runs, metric, workers=workers, force=force, dry_run=dry_run, quiet=quiet, as_json=as_json
-    )
+    display = Display(metrics, baseline, quiet=quiet, as_json=as_json)
+    return run_and_report(trials, runs, workers, display, force=force, dry_run=dry_run)

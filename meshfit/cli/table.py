@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from meshfit.cli.console import err, out, say_error
-from meshfit.cli.options import DEFAULT_METRIC, Metric, RunDirs
+from meshfit.cli.options import Baseline, Metrics, RunDirs
 
 DEVIATES = 1
 
@@ -25,30 +25,29 @@ class Format(StrEnum):
 def table(
     runs: RunDirs,
     format: Annotated[Format, typer.Option("--format", "-f", help="How to write it.")] = Format.RICH,  # noqa: A002
-    metric: Metric = DEFAULT_METRIC,
-    baseline: Annotated[
-        str | None, typer.Option("--baseline", help="Scheme to compare the others with; by default the first.")
-    ] = None,
+    metrics: Metrics = None,
+    baseline: Baseline = None,
     check: Annotated[
         Path | None, typer.Option("--check", help="Compare with an expected file; exit 1 where it deviates.")
     ] = None,
 ) -> int:
-    """Make the table of some runs: schemes by targets, mean ± spread over seeds.
+    """Make the table of some runs: schemes by targets, mean, median and interval over seeds.
 
     Examples:
         meshfit table runs/table1
 
-        meshfit table runs/table1 --format latex --metric distance.mean
+        meshfit table runs/table1 --format latex --metric distance.mean --metric f_score.f1
 
         meshfit table runs/table1 --check configs/expected/table1.json
     """
-    from meshfit.cli.experiments import show_tables
+    from meshfit.cli.tables import show_tables
+    from meshfit.experiment.plan_file import with_planned_names
     from meshfit.experiment.store import read_results
 
-    results = read_results(runs)
+    results = with_planned_names(read_results(runs))
     if check is not None:
         return _check(runs, results, check)
-    show_tables(results, metric, baseline=baseline, format_name=format.value)
+    show_tables(results, metrics, baseline=baseline, format_name=format.value)
     return 0
 
 

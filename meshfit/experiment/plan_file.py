@@ -1,12 +1,22 @@
 """What a run set out to do: the `plan.json` of an experiment, which its latest run wrote when it started."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
 from meshfit.errors import StoreError
-from meshfit.experiment.store import PLAN, RunDirectory, make_folder, now, read_json, write_atomically, write_json
+from meshfit.experiment.store import (
+    PLAN,
+    Result,
+    RunDirectory,
+    make_folder,
+    now,
+    read_json,
+    write_atomically,
+    write_json,
+)
 
 if TYPE_CHECKING:  # plans are read by those who look on, without what making one needs
     from meshfit.experiment.plan import Trial
@@ -77,6 +87,27 @@ def read_plan(experiment: Path) -> PlanFile | None:
         return PlanFile(str(found["written"]), max(1, int(found["workers"])), trials)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise StoreError(f"{path}: not a plan: {_reason(error)}; the next `meshfit run` writes it anew") from None
+
+
+def with_planned_names(results: Iterable[Result]) -> list[Result]:
+    """Results with the names that the latest plan has for their points of a sweep, whatever they were when they ran."""
+    names: dict[Path, dict[str, str]] = {}
+    found = []
+    for result in results:
+        folder = Path(result["folder"])
+        experiment = folder.parents[2] if len(folder.parents) > 2 else folder
+        if experiment not in names:
+            names[experiment] = _names_in(experiment)
+        name = names[experiment].get(folder.relative_to(experiment).as_posix(), result.get("variant", ""))
+        found.append(result | {"variant": name})
+    return found
+
+
+def _names_in(experiment: Path) -> dict[str, str]:
+    with suppress(StoreError):  # names are a nicety; `meshfit status` says what is wrong with a plan
+        if (plan := read_plan(experiment)) is not None:
+            return {trial.folder.as_posix(): trial.variant for trial in plan.trials}
+    return {}
 
 
 def _entry(trial: "Trial") -> dict[str, Any]:

@@ -3,7 +3,7 @@
 import json
 import os
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -178,7 +178,21 @@ def read_results(roots: Iterable[Path]) -> list[Result]:
     for root in roots:
         if not root.exists():
             raise StoreError(f"{root}: no such run directory; `meshfit run` makes one")
-        paths += sorted(root.rglob(RESULT))
+        paths += _results_below(root)
     if not paths:
         raise StoreError(f"no complete trial under {', '.join(map(str, roots))}; `meshfit run` makes them")
     return [read_json(path) | {"folder": str(path.parent)} for path in dict.fromkeys(paths)]
+
+
+def _results_below(folder: Path) -> Iterator[Path]:
+    """Every result at any depth, in the order of their paths; links to folders are not followed."""
+    try:
+        with os.scandir(folder) as found:
+            entries = sorted(found, key=lambda entry: entry.name)
+    except (NotADirectoryError, PermissionError):
+        return
+    for entry in entries:
+        if entry.is_dir(follow_symlinks=False):
+            yield from _results_below(Path(entry))
+        elif entry.name == RESULT:
+            yield Path(entry)

@@ -26,12 +26,14 @@ class Group:
     Attributes:
         settings: the settings they have in common, by dotted key.
         experiments: names of the experiments they come from.
+        variants: what the results call their settings; empty for one that has no word for them.
         titles: how each target is called.
         samples: values by target and scheme, then by seed; a result without a value has an entry without that seed.
     """
 
     settings: dict[str, Any]
     experiments: list[str] = field(default_factory=list)
+    variants: set[str] = field(default_factory=set)
     titles: dict[str, str] = field(default_factory=dict)
     samples: dict[Cell, dict[int, float]] = field(default_factory=dict)
 
@@ -44,14 +46,15 @@ def gather(results: Sequence[Result], metric: str) -> list[Group]:
     """
     groups: dict[str, Group] = {}
     kept: dict[tuple[str, Cell, int], tuple[Result, float | None]] = {}
+    settings_of = _SharedSettings()
     for result in results:
-        settings = shared_settings(result)
-        key = json.dumps(settings, sort_keys=True)
+        key, settings = settings_of(result)
         cell, seed, value = (target_key(result), result["scheme"]), result["seed"], _value(result, metric)
         earlier, known = kept.setdefault((key, cell, seed), (result, value))
         if known != value:
             raise StoreError(_disagreement(metric, (earlier, known), (result, value)))
         group = groups.setdefault(key, Group(settings))
+        group.variants.add(result.get("variant") or "")
         if result["experiment"] not in group.experiments:
             group.experiments.append(result["experiment"])
         group.titles.setdefault(cell[0], result["target_title"])
@@ -59,6 +62,22 @@ def gather(results: Sequence[Result], metric: str) -> list[Group]:
         if value is not None:
             sample[seed] = value
     return list(groups.values())
+
+
+class _SharedSettings:
+    """The shared settings of one result after another; those of the same text, which is quick to make, only once."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, tuple[str, dict[str, Any]]] = {}
+
+    def __call__(self, result: Result) -> tuple[str, dict[str, Any]]:
+        """A key that is the same for the same settings, and these."""
+        own = {key: value for key, value in result["settings"].items() if key not in _VARIED}
+        text = json.dumps([own, result["schema_version"], result.get("inputs", {}).get("source")])
+        if text not in self._known:
+            settings = shared_settings(result)
+            self._known[text] = json.dumps(settings, sort_keys=True), settings
+        return self._known[text]
 
 
 def shared_settings(result: Result) -> dict[str, Any]:

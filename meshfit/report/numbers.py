@@ -1,4 +1,4 @@
-"""Numbers as they are printed: the spread decides how many digits of a mean are worth showing."""
+"""Numbers as they are printed: the interval decides how many digits of a mean are worth showing."""
 
 import math
 
@@ -8,23 +8,30 @@ MINUS = "\u2212"
 _MOST_DECIMALS = 6
 
 
-def mean_and_spread(summary: Summary, *, whole: bool = False) -> str:
-    """`0.1830 ± 0.0021`: two digits of the spread, the mean to the same decimal; four digits of a mean without one.
+def mean_median_interval(summary: Summary, *, whole: bool = False) -> tuple[str, str]:
+    """`0.1100 (0.1093)` and `[0.1040, 0.1153]`: all to the decimal that shows two digits of the interval's half width.
+
+    A single value stands alone, and the second text is empty; so it is for equal values, `0.1830 ± 0`.
 
     Args:
         summary: of a cell.
         whole: the values are counts, so that a single one has no decimals.
     """
-    if summary.spread is None:
-        return plain(summary.mean, whole=whole)
-    if summary.spread == 0:
-        return f"{plain(summary.mean, whole=whole)} ± 0"
-    power = _power(max(abs(summary.mean), summary.spread))
-    mean, spread = summary.mean / 10**power, summary.spread / 10**power
-    decimals = _decimals(spread)
+    mean, median = (plain(value, whole=whole) for value in (summary.mean, summary.median))
+    if summary.interval is None:
+        return mean, ""
+    low, high = summary.interval
+    half = (high - low) / 2
+    if half == 0:
+        return f"{mean} ± 0", ""
+    power = _power(max(abs(low), abs(high)))
+    decimals = _decimals(half / 10**power)
     if decimals > _MOST_DECIMALS:
-        return f"{plain(summary.mean, whole=whole)} ± {summary.spread:.1e}".replace("-", MINUS)
-    return _with_power(f"{_fixed(mean, decimals)} ± {spread:.{decimals}f}", power)
+        return f"{mean} ({median})", f"± {half:.1e}".replace("-", MINUS)
+    values = (summary.mean, summary.median, low, high)
+    mean, median, least, most = (_fixed(value / 10**power, decimals) for value in values)
+    ending = f" e{power}".replace("-", MINUS) if power else ""
+    return f"{mean} ({median}){ending}", f"[{least}, {most}]{ending}"
 
 
 def difference_and_interval(paired: PairedDifference) -> str:

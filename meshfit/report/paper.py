@@ -27,3 +27,8 @@ def paper_value(target: str, scheme: str, reading: str = LIKELIER) -> float | No
     Only the scheme as the paper has it counts: one with a parameter set, `interp-loop:alpha=0.5`, has no number.
     """
     return READINGS[reading].get((target, scheme))
+
+
+def value_beside(metric: str, target: str, scheme: str) -> float | None:
+    """The paper's number, where it has one, and the metric is the one that it may stand beside."""
+    return paper_value(target, scheme) if metric == PAPER_METRIC else None

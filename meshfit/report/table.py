@@ -1,30 +1,21 @@
 """The result table: schemes by targets, each cell a summary over seeds; a pure function of results."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from meshfit.errors import ConfigError
-from meshfit.experiment.statistics import PairedDifference, Summary, paired_difference, summarise
+from meshfit.experiment.statistics import BySeed, Summary, summarise
 from meshfit.measuring.metrics import METRICS
+from meshfit.report.comparison import Difference, best_on_targets, differences_on_targets, differences_over_targets
 from meshfit.report.gather import Cell, Group, Result, gather
 from meshfit.report.paper import PAPER_TARGETS
+from meshfit.report.variations import differing_keys, shown
 from meshfit.specs import suggest
 from meshfit.subdivision.choose import canonical
 from meshfit.subdivision.table import SCHEMES
 
 DEFAULT_METRIC = "hausdorff.symmetric"
-
-
-@dataclass(frozen=True)
-class Difference:
-    """How a scheme differs from the baseline on one target: the scheme's value minus the baseline's."""
-
-    target: str
-    scheme: str
-    baseline: str
-    paired: PairedDifference
 
 
 @dataclass(frozen=True)
@@ -34,25 +25,31 @@ class ResultTable:
     Attributes:
         title: names of the experiments, and the settings in which the table differs from those beside it.
         experiment: names of the experiments.
+        variant: what its results call these settings; empty where they have no word for them, or several.
         metric: dotted name of the metric.
         settings: the settings that all results share, by dotted key.
         targets: the columns: each target with its title.
         schemes: the rows.
         samples: values by (target, scheme), then by seed.
         cells: their summaries; a cell without values is left out.
+        baseline: the scheme that the others are compared with.
         differences: of each target and scheme, from the baseline, where both have a seed in common.
+        over_targets: of each scheme, from the baseline, the mean over the targets; none where these are not several.
         best: by target, the scheme that differs significantly from every other one, for the better.
     """
 
     title: str
     experiment: str
+    variant: str
     metric: str
     settings: Mapping[str, Any]
     targets: Mapping[str, str]
     schemes: tuple[str, ...]
     samples: Mapping[Cell, Mapping[int, float]]
     cells: Mapping[Cell, Summary]
+    baseline: str
     differences: tuple[Difference, ...]
+    over_targets: tuple[Difference, ...]
     best: Mapping[str, str]
 
     @property
@@ -87,7 +84,7 @@ def build_tables(
     groups = gather(results, metric)
     if baseline is not None:
         baseline = _check_baseline(canonical(baseline), groups)
-    differing = _differing_keys(groups)
+    differing = differing_keys([group.settings for group in groups])
     return [_table(group, metric, differing, baseline, (schemes, targets)) for group in groups]
 
 
@@ -101,6 +98,12 @@ def require_metric(name: str) -> None:
         raise ConfigError(f"'{name}' is not a metric: {suggest(name, METRICS)}")
 
 
+def title_of(experiment: str, settings: Mapping[str, Any], keys: Sequence[str]) -> str:
+    """The experiment, and those of its settings by which it is told apart."""
+    details = ", ".join(f"{key}={shown(settings.get(key))}" for key in keys)
+    return f"{experiment} · {details}" if details else experiment
+
+
 def _table(
     group: Group,
     metric: str,
@@ -111,58 +114,26 @@ def _table(
     rows = sorted({scheme for _, scheme in group.samples}, key=_ranks(order[0], list(SCHEMES)))
     columns = sorted(group.titles, key=_ranks(order[1], PAPER_TARGETS))
     experiment = " + ".join(group.experiments)
-    details = ", ".join(f"{key}={_plain(group.settings.get(key))}" for key in differing)
+    samples, compared = group.samples, (columns, rows, baseline or rows[0], metric)
     return ResultTable(
-        title=f"{experiment} · {details}" if details else experiment,
+        title=title_of(experiment, group.settings, differing),
         experiment=experiment,
+        variant=next(iter(group.variants)) if len(group.variants) == 1 else "",
         metric=metric,
         settings=group.settings,
         targets=_titles(columns, group.titles),
         schemes=tuple(rows),
-        samples=group.samples,
-        cells={cell: summarise(_by_seed(sample)) for cell, sample in group.samples.items() if sample},
-        differences=_differences(group, columns, rows, baseline or rows[0]),
-        best=_best(group, columns, rows, METRICS[metric].smaller_is_better),
+        samples=samples,
+        cells={cell: summarise(_in_order(sample)) for cell, sample in samples.items() if sample},
+        baseline=baseline or rows[0],
+        differences=differences_on_targets(samples, *compared),
+        over_targets=differences_over_targets(samples, *compared),
+        best=best_on_targets(samples, columns, rows, metric),
     )
 
 
-def _by_seed(sample: Mapping[int, float]) -> list[float]:
+def _in_order(sample: BySeed) -> list[float]:
     return [sample[seed] for seed in sorted(sample)]
-
-
-def _differences(group: Group, columns: Sequence[str], rows: Sequence[str], baseline: str) -> tuple[Difference, ...]:
-    def samples(target: str, scheme: str) -> tuple[Mapping[int, float], Mapping[int, float]]:
-        return group.samples.get((target, scheme), {}), group.samples.get((target, baseline), {})
-
-    return tuple(
-        Difference(target, scheme, baseline, paired_difference(ours, theirs))
-        for target in columns
-        for scheme in rows
-        for ours, theirs in [samples(target, scheme)]
-        if scheme != baseline and ours.keys() & theirs.keys()
-    )
-
-
-def _best(
-    group: Group,
-    columns: Sequence[str],
-    rows: Sequence[str],
-    smaller_is_better: bool | None,  # noqa: FBT001
-) -> dict[str, str]:
-    found = {}
-    for target in columns if smaller_is_better is not None else ():
-        samples = {scheme: sample for scheme in rows if (sample := group.samples.get((target, scheme)))}
-        if len(samples) < 2:
-            continue
-        means = {scheme: summarise(_by_seed(sample)).mean for scheme, sample in samples.items()}
-        first = (min if smaller_is_better else max)(means, key=means.__getitem__)
-        if all(_differ(samples[first], sample) for scheme, sample in samples.items() if scheme != first):
-            found[target] = first
-    return found
-
-
-def _differ(first: Mapping[int, float], second: Mapping[int, float]) -> bool:
-    return bool(first.keys() & second.keys()) and paired_difference(first, second).significant is True
 
 
 def _ranks(wanted: Sequence[str], known: Sequence[str]) -> Any:  # noqa: ANN401  a sort key
@@ -178,15 +149,6 @@ def _titles(columns: Sequence[str], titles: Mapping[str, str]) -> dict[str, str]
     """Titles by target; where two targets share one, the target is added to it."""
     shared = [title for title in titles.values() if list(titles.values()).count(title) > 1]
     return {name: f"{titles[name]} [{name}]" if titles[name] in shared else titles[name] for name in columns}
-
-
-def _differing_keys(groups: Sequence[Group]) -> list[str]:
-    keys = dict.fromkeys(key for group in groups for key in group.settings)
-    return [key for key in keys if len({json.dumps(group.settings.get(key)) for group in groups}) > 1]
-
-
-def _plain(value: object) -> str:
-    return value if isinstance(value, str) else json.dumps(value)
 
 
 def _check_baseline(baseline: str, groups: Sequence[Group]) -> str:

@@ -1,12 +1,11 @@
-"""What is said above and below a table: what its numbers are, how schemes differ, and what to bear in mind."""
+"""What is said above and below a table: what its numbers are, and what to bear in mind."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from meshfit.measuring.metrics import METRICS
-from meshfit.report.grid import columns, shown_paper_value
-from meshfit.report.numbers import difference_and_interval
-from meshfit.report.paper import LIKELIER, OTHER, paper_value
-from meshfit.report.table import Difference, ResultTable
+from meshfit.report.grid import columns, row_names
+from meshfit.report.paper import LIKELIER, OTHER, PAPER_METRIC, paper_value
+from meshfit.report.sheet import VARIED, Sheet
 
 _FRAMES = {
     "tutorial": "the tutorial frame (mean of the target's verts at 0, largest |coordinate| 1)",
@@ -15,113 +14,131 @@ _FRAMES = {
 }
 _STAND_IN = "stand-in"
 
-# What follows the mark of the best, whichever mark a format has for it.
-BEST = "best of its column, and significantly so against each other scheme"
+
+def best_note(sheet: Sheet) -> str:
+    """What follows the mark of the best, whichever mark a format has for it; nothing where none is marked."""
+    other = "scheme" if len(sheet.variations) == 1 else "row"
+    return f"best of its column, and significantly so against each other {other}" if sheet.best else ""
 
 
-def metric_line(table: ResultTable) -> str:
-    """The metric, and what a cell is: `Hausdorff distance (smaller is better): mean ± …`."""
-    metric = METRICS[table.metric]
-    better = {True: " (smaller is better)", False: " (larger is better)", None: ""}[metric.smaller_is_better]
-    seeds = table.seeds
+def alike_note(sheet: Sheet) -> str:
+    """What follows the mark of cells that do not differ significantly; nothing where none is marked."""
+    alike = [one for one in sheet.contrasts if one.paired.significant is False and one.target is not None]
+    if not alike:
+        return ""
+    against = {one.against for one in alike}
+    rival = alike[0].against.scheme if len(against) == 1 and len(sheet.variations) == 1 else "what it is compared with"
+    return f"not significantly different from {rival}"
+
+
+def metric_line(sheet: Sheet) -> str:
+    """The metrics, and which way is better: `Hausdorff distance (smaller is better); F-score (larger is better)`."""
+    words = {True: " (smaller is better)", False: " (larger is better)", None: ""}
+    found = [METRICS[name] for name in sheet.metrics]
+    return "; ".join(f"{_capital(metric.title)}{words[metric.smaller_is_better]}" for metric in found)
+
+
+def cell_line(sheet: Sheet) -> str:
+    """What a cell is."""
+    seeds = sheet.seeds
     if len(seeds) == 1:
-        return f"{_capital(metric.title)}{better}, one run with seed {seeds[0]}"
-    return f"{_capital(metric.title)}{better}, mean ± standard deviation over {len(seeds)} seeds ({_listed(seeds)})"
+        return f"Cells: one run with seed {seeds[0]}"
+    return f"Cells: mean (median) [95 % bootstrap interval of the mean] over {len(seeds)} seeds ({_listed(seeds)})"
 
 
-def setting_lines(table: ResultTable) -> list[str]:
+def setting_lines(sheet: Sheet) -> list[str]:
     """The frame of lengths, the fit, the measurement and the source."""
-    found = {key: "?" if value is None else value for key, value in table.settings.items()}
+    found = {key: "?" if value is None else value for key, value in sheet.settings.items()}
 
     def get(key: str) -> str:
         return str(found.get(key, "?"))
 
     source = [get("source.mesh"), _count(get("source.levels"), "level")]
-    if table.settings.get("source.decimate"):
+    if sheet.settings.get("source.decimate"):
         source.insert(1, f"decimated to {get('source.decimate')} faces")
-    if table.settings.get("source.project", "none") != "none":
+    if sheet.settings.get("source.project", "none") != "none":
         source.append(f"projected to the {get('source.project')}")
+    scheme = f"; scheme {sheet.schemes[0]}" if row_names(sheet) == ("variation",) else ""
     return [
         f"Lengths in {_FRAMES.get(get('normalise'), get('normalise'))}",
         f"Fit: {_fit(get)}; measured on {get('measure.samples')} samples",
-        f"Source: {', '.join(source)}",
+        f"Source: {', '.join(source)}{scheme}",
     ]
 
 
 def _fit(get: Callable[[str], str]) -> str:
+    if get("fit.method") == VARIED:
+        return "by several methods"
     if get("fit.method") == "gauss-newton":
         return f"gauss-newton, {_count(get('fit.levels'), 'level')}, connectivity {get('fit.connectivity')}"
     return f"{_count(get('fit.steps'), 'step')} of {get('fit.optimizer.name')}, {get('fit.samples')} samples a step"
 
 
-def difference_lines(table: ResultTable) -> list[str]:
-    """A line for each difference; a single one for all, if none of them has an interval."""
-    found = table.differences
-    if len(found) > 1 and all(difference.paired.interval is None for difference in found):
-        return [f"Difference from {found[0].baseline}: one seed, so no interval; several seeds are needed to compare"]
-    return [
-        f"{difference.scheme} vs {difference.baseline} on {table.targets[difference.target]}: "
-        f"{difference_and_interval(difference.paired)}, {verdict(table, difference)}"
-        f"{' (interval holds 0)' if difference.paired.significant is False else ''}"
-        for difference in found
-    ]
-
-
-def verdict(table: ResultTable, difference: Difference) -> str:
-    """`significant` or not, and over how many seeds, if not all."""
-    paired = difference.paired
-    if paired.significant is None:
-        return "one seed: no interval"
-    text = "significant" if paired.significant else "not significant"
-    return f"{text} ({paired.count} seeds)" if paired.count < len(table.seeds) else text
-
-
-def notes(table: ResultTable) -> list[str]:
+def notes(sheet: Sheet) -> list[str]:
     """What a reader has to know to read the numbers rightly."""
-    found = [_few_seeds(table), _intervals(table), *_stand_ins(table), _paper(table)]
+    found = [_few_seeds(sheet), *_differences(sheet), *_stand_ins(sheet), _paper(sheet)]
     return [note for note in found if note]
 
 
-def _few_seeds(table: ResultTable) -> str:
+def _few_seeds(sheet: Sheet) -> str:
     short = [
-        f"{scheme} on {title}: {_count(str(len(sample)), 'seed')} ({_listed(sorted(sample))})"
-        for scheme in table.schemes
-        for target, title in table.targets.items()
-        if (sample := table.samples.get((target, scheme))) and len(sample) < len(table.seeds)
+        f"{row.scheme}{' at ' if sheet.variations[row.variation] else ''}{sheet.variations[row.variation]} on {title}: "
+        f"{_count(str(len(sample)), 'seed')} ({_listed(sorted(sample))})"
+        for row in sheet.rows
+        for target, title in sheet.targets.items()
+        for sample in [sheet.sample(metric, target, row) for metric in sheet.metrics]
+        if sample and len(sample) < len(sheet.seeds)
     ]
-    return f"Fewer seeds: {'; '.join(short)}" if short else ""
+    return f"Fewer seeds: {'; '.join(dict.fromkeys(short))}" if short else ""
 
 
-def _intervals(table: ResultTable) -> str:
-    if all(difference.paired.interval is None for difference in table.differences):
-        return ""
-    return (
+def _differences(sheet: Sheet) -> Iterator[str]:
+    found = [contrast for contrast in sheet.contrasts if contrast.paired.interval is not None]
+    if not found:
+        return
+    yield (
         "Differences are paired by seed, with 95 % bootstrap intervals; one whose interval holds 0 is not significant. "
         "Each is taken by itself: of twenty pairs of equal schemes, one is expected to seem different"
     )
+    if any(contrast.target is None for contrast in found):
+        yield (
+            "Over targets: the mean of the differences on each, which count alike; its interval is for other seeds on "
+            "the same targets, and not for other targets"
+        )
+    better = "P(better): share of all pairs of runs in which the one named first is better, a tie counting a half. "
+    yield (
+        f"{better if any(contrast.paired.improvement is not None for contrast in found) else ''}"
+        "Seeds needed: with so many on each target, such a difference is found significant in 4 of 5 experiments"
+    )
 
 
-def _stand_ins(table: ResultTable) -> list[str]:
+def _stand_ins(sheet: Sheet) -> list[str]:
     return [
         f"{title}: made by this project in place of the paper's model, which is not public; "
         "its numbers cannot be compared with the paper's"
-        for title in table.targets.values()
+        for title in sheet.targets.values()
         if _STAND_IN in title
     ]
 
 
-def _paper(table: ResultTable) -> str:
-    if not any(column.paper for column in columns(table)):
+def _paper(sheet: Sheet) -> str:
+    known = [
+        (target, scheme)
+        for target in sheet.targets
+        for scheme in sheet.schemes
+        if PAPER_METRIC in sheet.metrics and paper_value(target, scheme) is not None
+    ]
+    if not known:
         return ""
-    other = "; ".join(
-        f"{target} {scheme} {paper_value(target, scheme, OTHER)}"
-        for target in table.targets
-        for scheme in table.schemes
-        if shown_paper_value(table, target, scheme) is not None
+    likelier, other = (
+        "; ".join(f"{target} {scheme} {paper_value(target, scheme, reading)}" for target, scheme in known)
+        for reading in (LIKELIER, OTHER)
     )
+    beside = any(column.paper for column in columns(sheet))
+    first = f"shown {LIKELIER}, the likelier" if beside else f"{LIKELIER}, the likelier, they are {likelier}"
     return (
         "The paper's numbers are those of its Table 1, one run each, its settings not all known. Its columns can be "
-        f"read in two ways: shown {LIKELIER}, the likelier; {OTHER} they are {other}"
+        f"read in two ways: {first}; {OTHER} they are {other}"
     )
 
 

@@ -73,9 +73,7 @@ def main(kills, seed):
             assert contents(folder / "runs", *KEPT) == contents(quiet / "runs", *KEPT)
             left = {path.name for path in (folder / "runs").rglob("*") if path.is_file()}
             halves = sum(name.startswith(".") and name != ".lock" for name in left)
-            sys.stdout.write(
-                f"{done} kills: same table, same bytes; {halves} half-written files, none taken\n"
-            )
+            sys.stdout.write(f"{done} kills: same table, same bytes; {halves} half-written files, none taken\n")
             sys.stdout.flush()
     return 0
 

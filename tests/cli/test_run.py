@@ -1,6 +1,7 @@
 import csv
 import io
 import json
+import re
 import shutil
 
 import pytest
@@ -15,6 +16,9 @@ def complete(tmp_path_factory):
     """A folder in which the small experiment was run, and what that printed."""
     folder = tmp_path_factory.mktemp("complete")
     return folder, meshfit("run", config_file(folder), folder=folder)
+
+
+SMALL = ("--config", "small.yaml")
 
 
 @pytest.fixture
@@ -85,6 +89,38 @@ def test_table_is_made_from_the_files_alone(copied):
         assert "interp-loop" in out
 
 
+def test_several_metrics_stand_in_one_table(complete):
+    metrics = ("--metric", "hausdorff.symmetric", "--metric", "f_score.f1")
+    for command in (("table", "runs"), ("run", "small.yaml")):
+        out, _ = meshfit(*command, *metrics, folder=complete[0])
+        assert out.count("Cells: mean (median)") == 1
+        assert "Hausdorff distance (smaller is better); F-score (larger is better)" in out
+    out, _ = meshfit("table", "runs", "--format", "csv", *metrics, "--metric", "f_score.f1", folder=complete[0])
+    rows = list(csv.DictReader(io.StringIO(out)))
+    assert [row["metric"] for row in rows] == ["hausdorff.symmetric"] * 2 + ["f_score.f1"] * 2
+
+
+def test_differences_are_from_the_baseline(complete):
+    for command in (("table", "runs"), ("run", "small.yaml"), ("compare", "loop", "interp-loop", *SMALL)):
+        out, _ = meshfit(*command, folder=complete[0])
+        assert "Difference from loop" in out
+        out, _ = meshfit(*command, "--baseline", "interp-loop:alpha=1", folder=complete[0])
+        assert "Difference from interp-loop" in out
+
+
+def test_variations_of_an_experiment_are_rows_of_one_table(copied):
+    before, _ = meshfit("table", "runs", "--format", "json", folder=copied)
+    meshfit("run", "small.yaml", "-q", "--set", "fit.steps=10", folder=copied)
+    out, _ = meshfit("table", "runs", folder=copied)
+    assert out.count("Cells: ") == 1
+    assert [line.strip() for line in out.splitlines() if re.fullmatch(r"steps=\d+ *", line)] == ["steps=10", "steps=20"]
+    after, _ = meshfit("table", "runs", "--format", "json", folder=copied)
+    (alone,), both = json.loads(before)["tables"], json.loads(after)["tables"]
+    assert [table["settings"]["fit.steps"] for table in both] == [10, 20]
+    assert both[1]["cells"] == alone["cells"]
+    assert both[1]["differences"] == alone["differences"]
+
+
 def test_check_is_green_on_its_own_numbers_and_red_on_others(copied):
     meshfit("expect", "runs", "-o", "expected.json", folder=copied)
     out, _ = meshfit("table", "runs", "--check", "expected.json", folder=copied)
@@ -118,6 +154,21 @@ def test_an_unknown_metric_is_refused_before_anything_runs(tmp_path):
     assert "did you mean 'distance.mean'?" in refused(
         "run", config_file(tmp_path), "--runs", tmp_path / "runs", "--metric", "distance.meen"
     )
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize("command", [("run",), ("compare", "loop", "interp-loop", "--config")])
+@pytest.mark.parametrize(
+    ("baseline", "message"),
+    [
+        ("butterfly", "baseline 'butterfly' is not among the schemes: allowed: loop, interp-loop"),
+        ("interp-loop:alpha=0.5", "did you mean 'interp-loop'?"),
+        ("loopy", "'loopy' is not a scheme: did you mean 'loop'?"),
+    ],
+)
+def test_a_baseline_that_is_not_run_is_refused_before_anything_runs(tmp_path, command, baseline, message):
+    arguments = (*command, config_file(tmp_path), "--runs", tmp_path / "runs")
+    assert message in refused(*arguments, "--baseline", baseline)
     assert not (tmp_path / "runs").exists()
 
 

@@ -15,16 +15,26 @@ from meshfit.report.formats import FORMATS
 from meshfit.report.formats.csv_text import FIELDS
 from meshfit.report.formats.latex import to_latex
 from meshfit.report.formats.markdown import to_markdown
-from meshfit.report.formats.rich_text import TablesView, to_text
-from meshfit.report.table import build_tables
+from meshfit.report.formats.rich_text import SheetsView, to_text
+from meshfit.report.sheet import arrange
+from meshfit.report.table import DEFAULT_METRIC, build_tables
+from meshfit.report.verdicts import difference_lines
 from tests.unit.test_table import CLEAR, grid, result
 
-TABLES = build_tables(grid(CLEAR))
-WITH_A_GAP = build_tables(grid({**CLEAR, ("cow", "loop"): [0.1, 0.2]}))
+
+def sheets(results, *metrics, **options):
+    tables = [table for metric in metrics or [DEFAULT_METRIC] for table in build_tables(results, metric)]
+    return arrange(tables, **options)
+
+
+SHEETS = sheets(grid(CLEAR))
+WITH_A_GAP = sheets(grid({**CLEAR, ("cow", "loop"): [0.1, 0.2]}))
 SCHEMES = ("loop", "interp-loop", "interp-loop:alpha=0.5")
-WIDE = build_tables(
-    grid({(t, s): [0.3, 0.31, 0.35] for t in ("bunny", "mousehead", "cow", "airplane") for s in SCHEMES})
+WIDE = sheets(grid({(t, s): [0.3, 0.31, 0.35] for t in ("bunny", "mousehead", "cow", "airplane") for s in SCHEMES}))
+SWEEP = sheets(
+    [result for edge in (1.0, 0.1) for result in grid(CLEAR, fit__losses__edge=edge)], DEFAULT_METRIC, "f_score.f1"
 )
+LOOP_ONLY = {("bunny", "loop"): CLEAR["bunny", "loop"]}
 AWKWARD = "a_b%c&d#e{f}[g]|h*i<j>k~l^m$n"
 
 
@@ -34,7 +44,7 @@ def squeezed(text):
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_format_says_stand_in_and_gives_both_readings(name):
-    text = squeezed(FORMATS[name](TABLES))
+    text = squeezed(FORMATS[name](SHEETS))
     assert "mousehead (stand-in)" in text
     for number in ("0.025621", "0.035352", "0.07518", "0.013013"):
         assert number in text
@@ -43,22 +53,22 @@ def test_every_format_says_stand_in_and_gives_both_readings(name):
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_format_takes_no_tables_and_several(name):
     assert isinstance(FORMATS[name]([]), str)
-    two = FORMATS[name](build_tables(grid(CLEAR) + grid(CLEAR, fit__steps=100)))
-    assert "fit.steps=2000" in two.replace("\\", "")
-    assert "fit.steps=100" in two.replace("\\", "")
+    two = FORMATS[name](sheets(grid(CLEAR) + grid(CLEAR, fit__steps=100)))
+    assert "steps=2000" in two.replace("\\", "")
+    assert "steps=100" in two.replace("\\", "")
 
 
 @pytest.mark.parametrize("name", ["rich", "md", "latex"])
 def test_a_heading_states_what_the_numbers_are(name):
-    text = squeezed(FORMATS[name](TABLES))
+    text = squeezed(FORMATS[name](SHEETS))
     for words in ("Hausdorff distance", "3 seeds", "tutorial frame", "2000 steps", "5000 samples", "icosahedron, 4"):
         assert words in text
 
 
 @pytest.mark.parametrize("name", ["rich", "md", "latex"])
 def test_the_papers_numbers_stand_beside_its_own_metric_only(name):
-    assert "paper's bunny" in squeezed(FORMATS[name](TABLES)) or name == "rich"
-    assert "0.025621" not in FORMATS[name](build_tables(grid(CLEAR), "hausdorff.forward"))
+    assert "paper's bunny" in squeezed(FORMATS[name](SHEETS)) or name == "rich"
+    assert "0.025621" not in FORMATS[name](sheets(grid(CLEAR), "hausdorff.forward"))
 
 
 @pytest.mark.parametrize("name", ["rich", "md", "latex"])
@@ -69,39 +79,43 @@ def test_a_missing_cell_is_a_dash_and_fewer_seeds_are_noted(name):
 
 
 @pytest.mark.parametrize("width", [80, 120])
-@pytest.mark.parametrize("tables", [TABLES, WITH_A_GAP, WIDE], ids=["small", "gap", "wide"])
-def test_text_fits_its_width_with_no_cell_broken(width, tables):
-    lines = to_text(tables, width).splitlines()
+@pytest.mark.parametrize("shown", [SHEETS, WITH_A_GAP, WIDE], ids=["small", "gap", "wide"])
+def test_text_fits_its_width_with_no_cell_broken(width, shown):
+    lines = to_text(shown, width).splitlines()
     assert max(map(len, lines)) <= width
-    whole = r"\d\.\d+ ± \d\.\d+"
-    assert sum(len(re.findall(whole, line)) for line in lines) == len(tables[0].cells)
+    (table,) = shown[0].all_tables
+    for whole in (r"\d\.\d+ \(\d\.\d+\)", r"(?<=  )\[−?\d\.\d+, \d\.\d+\]"):
+        assert sum(len(re.findall(whole, line)) for line in lines) == len(table.cells)
     assert not any("…" in line for line in lines)
 
 
 def test_text_marks_the_best_without_colour():
-    lines = [line for line in to_text(TABLES).splitlines() if re.search(r"± \S+ +\*", line)]
+    lines = [line for line in to_text(SHEETS).splitlines() if re.search(r"\) \*", line)]
     assert len(lines) == 1
     assert lines[0].startswith("interp-loop")
 
 
 def test_text_states_each_difference():
-    text = to_text(TABLES)
-    assert re.search(r"bunny\n  interp-loop +−0\.1000 \[−0\.\d+, −0\.\d+\] +significant", text)
+    text = to_text(SHEETS)
+    assert re.search(
+        r"bunny +P\(better\)  needed\n  interp-loop +−0\.1000 \[−0\.\d+, −0\.\d+\]  significant +1\.00 +2", text
+    )
+    assert re.search(r"over 2 targets\n  interp-loop +−0\.0\d+ \[−0\.\d+, −0\.\d+\] +significant +0\.72 +\d", text)
     assert "not significant" in text
-    one = to_text(build_tables([result(), result(scheme="interp-loop", value=0.1)]))
+    one = to_text(sheets([result(), result(scheme="interp-loop", value=0.1)]))
     assert "−0.1000" in one
     assert "one seed: no interval" in one
 
 
 def test_differences_of_single_runs_are_summed_up_in_a_line():
     found = [result(target, scheme) for target in ("bunny", "cow") for scheme in ("loop", "interp-loop")]
-    assert "one seed, so no interval" in to_markdown(build_tables(found))
+    assert "one seed, so no interval" in to_markdown(sheets(found))
 
 
 def test_colour_is_left_to_the_console(monkeypatch):
     def printed(**options):
         console = Console(file=StringIO(), force_terminal=True, color_system="standard", width=80, **options)
-        console.print(TablesView(TABLES))
+        console.print(SheetsView(SHEETS))
         return console.file.getvalue()
 
     green = re.compile(r"\x1b\[[\d;]*32m")
@@ -111,19 +125,18 @@ def test_colour_is_left_to_the_console(monkeypatch):
 
 
 def test_names_are_never_taken_for_markup():
-    tables = build_tables([result(value=0.2, experiment="[red]x[/red]")])
-    assert to_text(tables).startswith("[red]x[/red]\n")
+    assert to_text(sheets([result(value=0.2, experiment="[red]x[/red]")])).startswith("[red]x[/red]\n")
 
 
 def test_markdown_has_as_many_columns_in_every_row():
     rows = [line for line in to_markdown(WITH_A_GAP).splitlines() if line.startswith("|")]
     assert [len(re.findall(r"(?<!\\)\|", row)) - 1 for row in rows] == [6, 6, 6, 6]
     assert rows[0].split(" | ")[1:3] == ["bunny", "paper's bunny"]
-    assert "**0.2100 ± 0.0095**" in rows[3]
+    assert re.search(r"\*\*0\.210 \(0\.211\) \\\[0\.1\d+, 0\.2\d+\\\]\*\*", rows[3])
 
 
 def test_markdown_escapes_what_would_be_markup():
-    text = to_markdown(build_tables([result(), result(seed=1, experiment="a|b_c*d")]))
+    text = to_markdown(sheets([result(), result(seed=1, experiment="a|b_c*d")]))
     assert r"a\|b\_c\*d" in text
 
 
@@ -131,23 +144,31 @@ def test_csv_is_tidy():
     rows = list(csv.DictReader(StringIO(FORMATS["csv"](WITH_A_GAP))))
     assert tuple(rows[0]) == FIELDS
     assert [(row["target"], row["scheme"]) for row in rows] == [
-        (target, scheme) for target in ("bunny", "mousehead", "cow") for scheme in ("loop", "interp-loop")
+        *((target, scheme) for target in ("bunny", "mousehead", "cow") for scheme in ("loop", "interp-loop")),
+        ("", "interp-loop"),
     ]
-    first, second, *_, gap = rows
-    assert float(first["mean"]) == WITH_A_GAP[0].cells["bunny", "loop"].mean
+    first, second, *_, gap, over = rows
+    (table,) = WITH_A_GAP[0].all_tables
+    assert float(first["mean"]) == table.cells["bunny", "loop"].mean
+    assert (float(first["mean_low"]), float(first["mean_high"])) == table.cells["bunny", "loop"].interval
     assert (first["seeds"], first["paper"], first["baseline"]) == ("0 1 2", "0.025621", "")
     assert (second["baseline"], second["significant"], second["best"]) == ("loop", "true", "true")
     assert float(second["low"]) < float(second["difference"]) < float(second["high"]) < 0
+    assert (second["improvement"], second["seeds_needed"]) == ("1.0", "2")
     assert (gap["mean"], gap["count"], gap["seeds"]) == ("", "0", "")
+    assert (over["target_title"], over["baseline"], over["mean"]) == ("mean over 2 targets", "loop", "")
+    assert float(over["low"]) < float(over["difference"]) < float(over["high"])
 
 
 def test_json_holds_everything():
-    (table,) = json.loads(FORMATS["json"](TABLES))["tables"]
+    (table,) = json.loads(FORMATS["json"](SHEETS))["tables"]
     cells = {(cell["target"], cell["scheme"]): cell for cell in table["cells"]}
     assert list(cells["bunny", "loop"]["values_by_seed"].values()) == CLEAR["bunny", "loop"]
     assert cells["bunny", "interp-loop"]["paper"] == {"by column": 0.035352, "by row": 0.07518}
     assert table["settings"]["fit.steps"] == 2000
     assert [difference["significant"] for difference in table["differences"]] == [True, False]
+    assert [difference["improvement"] for difference in table["differences"]] == [1.0, pytest.approx(4 / 9)]
+    assert [difference["targets"] for difference in table["over_targets"]] == [2]
     assert table["best"] == {"bunny": "interp-loop"}
 
 
@@ -156,11 +177,11 @@ def latex_body(text):
 
 
 def test_latex_is_a_booktabs_table_with_caption_and_label():
-    text = to_latex(TABLES)
+    text = to_latex(SHEETS)
     rows = [line for line in latex_body(text).splitlines() if line.endswith(r"\\")]
     assert r"\begin{tabular}{lrrrr}" in text
     assert [row.count("&") for row in rows] == [4, 4, 4]
-    assert r"\textbf{0.2100 $\pm$ 0.0095}" in text
+    assert re.search(r"\\textbf\{0\.210 \(0\.211\) \{\[\}0\.1\d+, 0\.2\d+\{\]\}\}", text)
     assert text.isascii() or not re.search(r"[^\x00-\x7f]", re.sub(r"%.*", "", text))
     begun = re.findall(r"\\begin\{(\w+)\}", text)
     assert sorted(begun) == sorted(re.findall(r"\\end\{(\w+)\}", text)) == ["table", "tabular"]
@@ -168,7 +189,7 @@ def test_latex_is_a_booktabs_table_with_caption_and_label():
 
 
 def test_latex_escapes_what_would_be_a_command():
-    text = to_latex(build_tables([result(experiment=AWKWARD)]))
+    text = to_latex(sheets([result(experiment=AWKWARD)]))
     assert r"\caption{a\_b\%c\&d\#e\{f\}{[}g{]}\textbar{}h*i\textless{}j" in text
     bare = re.sub(r"\\[&%$#_{}\\]", "", text)
     assert bare.count("{") == bare.count("}")
@@ -177,7 +198,7 @@ def test_latex_escapes_what_would_be_a_command():
 
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="pdflatex is not installed")
 def test_latex_compiles(tmp_path):
-    tables = to_latex([*WITH_A_GAP, *build_tables([result(experiment=AWKWARD)])])
+    tables = to_latex([*WITH_A_GAP, *SWEEP, *sheets([result(experiment=AWKWARD)])])
     text = "\\documentclass{article}\\usepackage{booktabs}\\begin{document}\n" + tables + "\\end{document}\n"
     (tmp_path / "t.tex").write_text(text, encoding="utf-8")
     done = subprocess.run(
@@ -188,6 +209,107 @@ def test_latex_compiles(tmp_path):
         check=False,
     )
     assert done.returncode == 0, done.stdout[-2000:]
+
+
+ONE_SCHEME = sheets([one for steps in (10, 9, 100) for one in grid(LOOP_ONLY, fit__steps=steps)])
+
+
+@pytest.mark.parametrize("name", ["rich", "md", "latex"])
+def test_variations_are_rows_and_a_setting_that_is_varied_says_so(name):
+    text = squeezed(FORMATS[name](ONE_SCHEME))
+    assert text.index("steps=9") < text.index("steps=10") < text.index("steps=100")
+    assert "Fit: varied steps of sgd" in text
+    assert "scheme loop" in text
+    both = squeezed(FORMATS[name](SWEEP)).replace("{", "").replace("}", "")
+    assert re.search(r"edge=0\.1.{1,20}loop .*edge=0\.1.{1,20}interp-loop|edge=0\.1.{1,20}loop .*interp-loop ", both)
+
+
+@pytest.mark.parametrize("name", ["rich", "md", "latex"])
+def test_beside_variations_the_papers_numbers_are_in_a_note_alone(name):
+    text = squeezed(FORMATS[name](ONE_SCHEME))
+    assert "by column, the likelier, they are bunny loop 0.025621" in text
+    assert text.count("0.025621") == 2
+
+
+@pytest.mark.parametrize("name", ["csv", "json"])
+def test_data_formats_list_every_table_by_itself(name):
+    text = FORMATS[name](SWEEP)
+    if name == "json":
+        found = [
+            (table["metric"]["name"], table["settings"]["fit.losses.edge"]) for table in json.loads(text)["tables"]
+        ]
+    else:
+        rows = csv.DictReader(StringIO(text))
+        found = list(dict.fromkeys((row["metric"], float(row["table"].partition("edge=")[2])) for row in rows))
+    assert found == [(metric, edge) for edge in (0.1, 1.0) for metric in (DEFAULT_METRIC, "f_score.f1")]
+
+
+def test_cells_that_do_not_differ_are_marked_and_the_mark_is_explained():
+    text = to_text(SHEETS)
+    assert [line.split()[0] for line in text.splitlines() if ") ≈" in line] == ["interp-loop"]
+    assert "≈ not significantly different from loop" in text
+    assert "≈ not significantly different from what it is compared with" in to_text(SWEEP)
+    clear = sheets(grid({cell: sample for cell, sample in CLEAR.items() if cell[0] == "bunny"}))
+    assert "≈" not in to_text(clear)
+
+
+def test_a_difference_is_stated_in_full_in_a_line():
+    lines = difference_lines(SHEETS[0])
+    bounds = r"\[[−+]0\.\d+, [−+]0\.\d+\]"
+    patterns = [
+        rf"interp-loop vs loop on bunny: −0\.1000 {bounds}, significant, P\(better\) 1\.00, 2 seeds needed",
+        rf"interp-loop vs loop on mousehead \(stand-in\): \+0\.002 {bounds}, not significant, P\(better\) 0\.44, "
+        r"1,\d+ seeds needed",
+        rf"interp-loop vs loop over 2 targets: −0\.049 {bounds}, significant, P\(better\) 0\.72, 3 seeds needed",
+    ]
+    assert all(re.fullmatch(pattern, line) for pattern, line in zip(patterns, lines, strict=True)), lines
+
+
+def test_differences_of_variations_name_what_is_held_against_what():
+    starts = {line.partition(" on ")[0].partition(" over ")[0] for line in difference_lines(SWEEP[0])}
+    assert starts == {
+        f"{metric}: {rivals}"
+        for metric in ("Hausdorff distance", "F-score")
+        for rivals in (
+            "interp-loop vs loop at edge=0.1",
+            "interp-loop vs loop at edge=1.0",
+            "edge=1.0 vs edge=0.1 with loop",
+        )
+    }
+    assert difference_lines(ONE_SCHEME[0])[0].startswith("steps=10 vs steps=9 on bunny: ")
+
+
+def test_more_seeds_than_anyone_has_are_said_so_and_no_difference_needs_none():
+    noisy = {("bunny", "loop"): [0.1, 0.2, 0.3], ("bunny", "interp-loop"): [0.2, 0.3, 0.1003]}
+    assert difference_lines(sheets(grid(noisy))[0])[0].endswith("more than 10,000 seeds needed")
+    equal = {("bunny", "loop"): [0.1, 0.2], ("bunny", "interp-loop"): [0.1, 0.2]}
+    assert difference_lines(sheets(grid(equal))[0])[0].endswith("not significant, P(better) 0.50")
+
+
+def test_where_neither_direction_is_better_nothing_is_said_of_it():
+    assert "P(better)" not in to_text(sheets(grid(CLEAR), "quality.euler_number"))
+
+
+def test_markdown_has_columns_for_variation_and_scheme():
+    rows = [line for line in to_markdown(SWEEP).splitlines() if line.startswith("|")]
+    assert rows[0].startswith("| variation | scheme | bunny: Hausdorff distance | bunny: F-score |")
+    assert [row.split(" | ")[:2] for row in rows[2:4]] == [["| edge=0.1", "loop"], ["| edge=0.1", "interp-loop"]]
+
+
+def test_latex_has_targets_above_metrics_and_variations_above_schemes():
+    body = latex_body(to_latex(SWEEP)).splitlines()
+    assert r"     & \multicolumn{2}{c}{bunny} & \multicolumn{2}{c}{mousehead (stand-in)} \\" in body
+    assert r"    \cmidrule(lr){2-3} \cmidrule(lr){4-5}" in body
+    assert r"    \multicolumn{5}{l}{\emph{edge=0.1}} \\" in body
+    assert body.count(r"    \addlinespace") == 1
+    rows = [line for line in body if line.endswith(r"\\") and "multicolumn" not in line]
+    assert {row.count("&") for row in rows} == {4}
+
+
+@pytest.mark.parametrize("width", [40, 60, 80, 120])
+@pytest.mark.parametrize("shown", [SWEEP, ONE_SCHEME], ids=["sweep", "one scheme"])
+def test_sweeps_fit_their_width_too(width, shown):
+    assert max(map(len, to_text(shown, width).splitlines())) <= width
 
 
 def test_reports_import_nothing_heavy():

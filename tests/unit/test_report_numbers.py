@@ -3,30 +3,46 @@
 import pytest
 
 from meshfit.experiment.statistics import PairedDifference, Summary
-from meshfit.report.numbers import difference_and_interval, mean_and_spread, plain
+from meshfit.report.numbers import difference_and_interval, mean_median_interval, plain
+
+
+def summary(mean, half, median=None):
+    interval = None if half is None else (mean - half, mean + half)
+    return Summary(mean, half, mean if median is None else median, interval, 5, ())
 
 
 @pytest.mark.parametrize(
-    ("mean", "spread", "text"),
+    ("mean", "half", "texts"),
     [
-        (0.18304, 0.00213, "0.1830 ± 0.0021"),
-        (0.18304, 0.00996, "0.183 ± 0.010"),
-        (0.18304, 0.5, "0.18 ± 0.50"),
-        (211.4, 121.7, "211 ± 122"),
-        (-0.00004, 0.0021, "0.0000 ± 0.0021"),
-        (0.000123, 0.0000042, "(1.230 ± 0.042)e−4"),
-        (0.18304, 0.0, "0.1830 ± 0"),
-        (0.18304, 1e-12, "0.1830 ± 1.0e−12"),
-        (0.18304, None, "0.1830"),
-        (-1.5, 0.25, "−1.50 ± 0.25"),
+        (0.18304, 0.00213, ("0.1830 (0.1830)", "[0.1809, 0.1852]")),
+        (0.18304, 0.00996, ("0.183 (0.183)", "[0.173, 0.193]")),
+        (0.18304, 0.5, ("0.18 (0.18)", "[−0.32, 0.68]")),
+        (211.4, 121.7, ("211 (211)", "[90, 333]")),
+        (-0.00004, 0.0021, ("0.0000 (0.0000)", "[−0.0021, 0.0021]")),
+        (0.000123, 0.0000042, ("1.230 (1.230) e−4", "[1.188, 1.272] e−4")),
+        (0.18304, 0.0, ("0.1830 ± 0", "")),
+        (0.18304, 1e-12, ("0.1830 (0.1830)", "± 1.0e−12")),
+        (0.18304, None, ("0.1830", "")),
+        (-1.5, 0.25, ("−1.50 (−1.50)", "[−1.75, −1.25]")),
+        (3e7, 2e6, ("3.00 (3.00) e7", "[2.80, 3.20] e7")),
     ],
 )
-def test_the_spread_decides_the_decimals(mean, spread, text):
-    assert mean_and_spread(Summary(mean, spread, mean, 5, ())) == text
+def test_the_interval_decides_the_decimals(mean, half, texts):
+    assert mean_median_interval(summary(mean, half)) == texts
 
 
-def test_a_single_count_has_no_decimals():
-    assert mean_and_spread(Summary(211.0, None, 211.0, 1, (211.0,)), whole=True) == "211"
+def test_the_median_has_the_decimals_of_the_mean():
+    assert mean_median_interval(summary(0.11, 0.0056, 0.109342)) == ("0.1100 (0.1093)", "[0.1044, 0.1156]")
+
+
+def test_an_interval_is_printed_as_it_lies_about_the_mean():
+    lopsided = Summary(0.11, 0.01, 0.1, (0.104, 0.1153), 5, ())
+    assert mean_median_interval(lopsided)[1] == "[0.1040, 0.1153]"
+
+
+def test_a_count_that_never_varies_has_no_decimals():
+    assert mean_median_interval(summary(211.0, None), whole=True) == ("211", "")
+    assert mean_median_interval(summary(0.0, 0.0), whole=True) == ("0 ± 0", "")
 
 
 @pytest.mark.parametrize(

@@ -39,6 +39,21 @@ def test_results_are_found_below_any_folder_and_name_where_they_lie(tmp_path):
     assert len(read_results([tmp_path / "a", tmp_path])) == 2
 
 
+def test_results_are_found_at_any_depth_in_the_order_of_their_paths(tmp_path):
+    folders = ["z", "a-b", "a/c/d/e", "a", "a.b", ".hidden"]
+    for folder in folders:
+        (tmp_path / folder).mkdir(parents=True, exist_ok=True)
+        (tmp_path / folder / "result.json").write_text(f'{{"seed": "{folder}"}}')
+        (tmp_path / folder / "other.json").write_text("{}")
+    (tmp_path / "z/round").symlink_to(tmp_path, target_is_directory=True)
+    expected = sorted(tmp_path / folder / "result.json" for folder in folders)
+    found = read_results([tmp_path])
+    assert [Path(result["folder"]) for result in found] == [path.parent for path in expected]
+    assert [result["seed"] for result in found] == [str(path.parent.relative_to(tmp_path)) for path in expected]
+    with pytest.raises(StoreError, match="no complete trial under"):
+        read_results([tmp_path / "z/other.json"])
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [("{", "not valid JSON"), ("[]", "found a list, a JSON object is needed"), ("", "not valid JSON")],

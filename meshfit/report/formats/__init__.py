@@ -8,9 +8,9 @@ from meshfit.report.formats.json_text import to_json
 from meshfit.report.formats.latex import to_latex
 from meshfit.report.formats.markdown import to_markdown
 from meshfit.report.formats.rich_text import to_text
-from meshfit.report.table import ResultTable
+from meshfit.report.sheet import Sheet
 
-FORMATS: Mapping[str, Callable[[Sequence[ResultTable]], str]] = MappingProxyType(
+FORMATS: Mapping[str, Callable[[Sequence[Sheet]], str]] = MappingProxyType(
     {
         "rich": to_text,
         "md": to_markdown,

@@ -3,35 +3,43 @@
 import re
 from collections.abc import Sequence
 
-from meshfit.report.grid import columns, entry
-from meshfit.report.table import ResultTable
-from meshfit.report.wording import BEST, difference_lines, metric_line, notes, setting_lines
+from meshfit.report.grid import Entry, columns, entries, row_labels, row_names
+from meshfit.report.sheet import Sheet
+from meshfit.report.verdicts import difference_lines
+from meshfit.report.wording import alike_note, best_note, cell_line, metric_line, notes, setting_lines
 
+_ALIKE = "≈"
 _SPECIAL = re.compile(r"([\\`*_\[\]<>|~#])")
 
 
-def to_markdown(tables: Sequence[ResultTable]) -> str:
+def to_markdown(sheets: Sequence[Sheet]) -> str:
     """A heading, the table, the differences and the notes of each."""
-    return "\n".join(_section(table) for table in tables)
+    return "\n".join(_section(sheet) for sheet in sheets)
 
 
-def _section(table: ResultTable) -> str:
-    shown = columns(table)
-    rows = [["scheme", *(escape(column.heading) for column in shown)], ["---", *("---:" for _ in shown)]]
-    for scheme in table.schemes:
-        entries = [entry(table, scheme, column) for column in shown]
-        texts = [f"**{found.text}**" if found.best else found.text for found in entries]
-        rows.append([escape(scheme), *texts])
-    best = [f"Bold: {BEST}"] if table.best else []
+def _section(sheet: Sheet) -> str:
+    shown, names = columns(sheet), row_names(sheet)
+    head = [*names, *(escape(column.heading) for column in shown)]
+    body = zip(*(entries(sheet, column) for column in shown), strict=True)
+    rows = [
+        [*map(escape, row_labels(sheet, row)), *map(_cell, found)] for row, found in zip(sheet.rows, body, strict=True)
+    ]
+    marks = [("Bold", best_note(sheet)), (_ALIKE, alike_note(sheet))]
     parts = [
-        f"### {escape(table.title)}",
-        escape(". ".join([metric_line(table), *setting_lines(table)]) + "."),
-        "\n".join(f"| {' | '.join(row)} |" for row in rows),
-        _items(difference_lines(table)),
+        f"### {escape(sheet.title)}",
+        escape(". ".join([metric_line(sheet), cell_line(sheet), *setting_lines(sheet)]) + "."),
+        "\n".join(f"| {' | '.join(row)} |" for row in (head, ["---"] * len(names) + ["---:"] * len(shown), *rows)),
+        _items(difference_lines(sheet)),
         # Paragraphs, since two lists in a row would run into one.
-        *(escape(note) for note in [*best, *notes(table)]),
+        *(f"{mark}: {escape(note)}" for mark, note in marks if note),
+        *(escape(note) for note in notes(sheet)),
     ]
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _cell(entry: Entry) -> str:
+    text = escape(" ".join(filter(None, (entry.text, entry.interval))))
+    return f"**{text}**" if entry.best else f"{text} {_ALIKE}" if entry.alike else text
 
 
 def escape(text: str) -> str:
