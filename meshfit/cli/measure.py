@@ -58,12 +58,12 @@ def measure(
 
 
 def _table(result: str, target: str, figures: dict[str, Any]) -> Table:
-    from meshfit.measuring.metrics import METRICS
+    from meshfit.measuring.metrics import MEASURED
 
     table = Table(box=None, pad_edge=False, title=f"{escape(result)} against {escape(target)}", title_justify="left")
     table.add_column("metric")
     table.add_column("value", justify="right", style="bold")
-    for name, metric in METRICS.items():
+    for name, metric in MEASURED.items():
         group, _, key = name.partition(".")
         value = figures[group][key]
         table.add_row(metric.title, str(value) if isinstance(value, bool) else format(value, metric.format))

@@ -23,6 +23,7 @@ from meshfit.measuring.measure import measure
 from meshfit.mesh.alignment import aligned, apart
 from meshfit.mesh.files import encode_mesh
 from meshfit.mesh.frames import Frame, Normalisation, frame_of
+from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.manifold import topology_in_words
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.targets import file_sha256, load_target, target_path
@@ -68,6 +69,7 @@ class Attempt:
         for note in self._notes:
             self._note(f"warning: {note}")
         self.store.write(self.trial, "config.yaml", dump(self.trial.plain_settings))
+        self._source = source
         self._write_mesh("source.ply", source)
         checkpoint = read_checkpoint(self.trial, self.store)
         before = checkpoint.get("seconds", 0.0) if checkpoint is not None else 0.0
@@ -95,7 +97,9 @@ class Attempt:
         start = time.perf_counter()
         measured = measure(fitted.mesh, self._target, self.trial.settings.measure)
         seconds["measure"] = time.perf_counter() - start
-        work = {"seconds": seconds, "peak_memory_mb": peak_memory_mb(), "warnings": self._notes}
+        source = {"area": float(face_areas(self._source).sum())}
+        source |= {"verts": self._source.num_verts, "faces": self._source.num_faces}
+        work = {"source": source, "seconds": seconds, "peak_memory_mb": peak_memory_mb(), "warnings": self._notes}
         result = result_of(self.trial, self._frame, fitted, measured, work)
         self.store.write(self.trial, RESULT, write_json(result))
         self.store.remove(self.trial, CHECKPOINT, FAILURE, LAST_GOOD)

@@ -32,7 +32,7 @@ class Measurement:
     quality: Quality
 
     def to_dict(self) -> dict[str, dict[str, Any]]:
-        """Nested dicts of plain numbers and booleans, fit for JSON; `METRICS` names each as `group.figure`."""
+        """Nested dicts of plain numbers and booleans, fit for JSON; `MEASURED` names each as `group.figure`."""
         return asdict(self)
 
 

@@ -1,4 +1,4 @@
-"""The table of metrics: how each figure of a `Measurement` is titled, ranked and printed. Imports nothing heavy."""
+"""The table of metrics: how each figure of a result is titled, ranked and printed. Imports nothing heavy."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ def _neutral(title: str, spec: str) -> Metric:
 
 _LENGTH, _SHARE, _COUNT = ".4g", ".4f", "d"
 
-METRICS: Mapping[str, Metric] = MappingProxyType(
+MEASURED: Mapping[str, Metric] = MappingProxyType(
     {
         "hausdorff.forward": _less("Hausdorff distance, result to target", _LENGTH),
         "hausdorff.backward": _less("Hausdorff distance, target to result", _LENGTH),
@@ -67,3 +67,14 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
         "quality.faces": _neutral("faces", _COUNT),
     }
 )
+"""The figures of a `Measurement`."""
+
+METRICS: Mapping[str, Metric] = MappingProxyType(
+    {
+        **MEASURED,
+        "source.area": _neutral("area of the source", ".6g"),
+        "source.verts": _neutral("verts of the source", _COUNT),
+        "source.faces": _neutral("faces of the source", _COUNT),
+    }
+)
+"""All figures that a result has: those of its measurement, and of the source, in which no seed has a part."""

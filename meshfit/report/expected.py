@@ -14,6 +14,7 @@ from meshfit.report.table import ResultTable
 _SPREADS = 4
 _LEAST = 0.02
 _ONE_SEED = 0.2
+_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,7 @@ def tolerance(summary: Summary, noise: float) -> float:
     own. The difference of two means of n draws has a standard deviation of spread · sqrt(2/n), and four of these are
     allowed. A spread over few seeds can be small by luck, so the one taken is at least `noise` times the mean. Below
     2 % of the mean, differences say more about libraries than about schemes. One seed has no spread: 20 % are allowed.
+    Where no cell of the table has any spread, seeds have no part in its figures, and only rounding may move them.
 
     Args:
         summary: of the cell.
@@ -63,6 +65,8 @@ def tolerance(summary: Summary, noise: float) -> float:
     mean = abs(summary.mean)
     if summary.spread is None:
         return _ONE_SEED * mean
+    if summary.spread == noise == 0:
+        return _ROUNDING * mean
     spread = max(summary.spread, noise * mean)
     return max(_SPREADS * spread * math.sqrt(2 / summary.count), _LEAST * mean)
 

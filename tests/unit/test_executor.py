@@ -3,7 +3,7 @@
 import json
 import os
 import signal
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -19,6 +19,7 @@ from meshfit.experiment.remote import FileStopSign, Remote
 from meshfit.experiment.store import RunDirectory
 from meshfit.experiment.work import Errand, Job, work
 from meshfit.fitting.progress import Step
+from tests.inline import Inline
 from tests.small import experiment
 
 posix = pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs POSIX signals")
@@ -111,18 +112,6 @@ def test_a_trial_that_is_killed_once_goes_on_from_its_checkpoint_and_disturbs_no
     for trial in trials:
         for name in ("result.ply", "trace.csv"):
             assert (store.folder(trial) / name).read_bytes() == (quiet.folder(trial) / name).read_bytes()
-
-
-class Inline(Executor):
-    """Calls at once, in this thread: the least that an executor can be."""
-
-    def submit(self, fn, /, *args, **kwargs):
-        future = Future()
-        try:
-            future.set_result(fn(*args, **kwargs))
-        except Exception as error:  # noqa: BLE001  it belongs to the call
-            future.set_exception(error)
-        return future
 
 
 @pytest.mark.parametrize("transfer", ["auto", "shared", "returned"])

@@ -9,7 +9,7 @@ import pytest
 
 from meshfit.errors import ConfigError, MeasureError
 from meshfit.measuring.measure import measure
-from meshfit.measuring.metrics import METRICS
+from meshfit.measuring.metrics import MEASURED
 from meshfit.measuring.settings import MeasureSettings
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, octahedron
@@ -29,25 +29,25 @@ def test_the_dict_survives_json_and_holds_plain_values():
 
 def test_the_table_names_every_figure_and_can_print_it():
     found = flat(measure(octahedron(), cube(), FEW))
-    assert list(found) == list(METRICS)
+    assert list(found) == list(MEASURED)
     for name, value in found.items():
-        assert format(value, METRICS[name].format)
-    assert len({metric.title for metric in METRICS.values()}) == len(METRICS)
+        assert format(value, MEASURED[name].format)
+    assert len({metric.title for metric in MEASURED.values()}) == len(MEASURED)
 
 
 def test_the_table_cannot_be_changed():
     with pytest.raises(TypeError):
-        METRICS["hausdorff.forward"] = METRICS["hausdorff.backward"]
+        MEASURED["hausdorff.forward"] = MEASURED["hausdorff.backward"]
 
 
-@pytest.mark.parametrize("name", [name for name, metric in METRICS.items() if metric.smaller_is_better is not None])
+@pytest.mark.parametrize("name", [name for name, metric in MEASURED.items() if metric.smaller_is_better is not None])
 def test_a_perfect_result_is_no_worse_than_a_poor_one(name):
     poor = Mesh(
         np.concatenate([0.5 * cube().verts, 0.4 * cube().verts + 0.2]),
         np.concatenate([cube().faces, octahedron().faces + 8]),
     )
     good, bad = flat(measure(cube(), cube(), FEW)), flat(measure(poor, cube(), FEW))
-    assert good[name] <= bad[name] if METRICS[name].smaller_is_better else good[name] >= bad[name]
+    assert good[name] <= bad[name] if MEASURED[name].smaller_is_better else good[name] >= bad[name]
 
 
 def test_figures_are_those_asked_for():
