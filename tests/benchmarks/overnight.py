@@ -1,0 +1,52 @@
+"""What many short trials cost besides their own fits and measurements, and what it takes to find them all complete.
+
+python -m tests.benchmarks.overnight
+"""
+
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from meshfit.config.load import load_experiment
+from meshfit.experiment.executor import run_trials
+from meshfit.experiment.plan import plan
+from meshfit.experiment.store import RunDirectory, read_results
+from tests.cli.processes import meshfit
+
+_TRIALS, _WORKERS = 300, 2
+_CONFIG = f"""\
+targets: [bunny]
+schemes: [loop]
+seeds: {list(range(_TRIALS))}
+source: {{levels: 3}}
+fit: {{steps: 20, samples: 500}}
+measure: {{samples: 1000, points: 1000}}
+device: cpu
+"""
+
+
+def main() -> int:
+    with tempfile.TemporaryDirectory(prefix="overnight-") as name:
+        folder = Path(name)
+        (folder / "short.yaml").write_text(_CONFIG, encoding="utf-8")
+        trials = plan([load_experiment(str(folder / "short.yaml"))])
+        start = time.perf_counter()
+        run_trials(trials, RunDirectory(folder / "runs"), jobs=_WORKERS)
+        wall = time.perf_counter() - start
+        own = sum(sum(result["seconds"].values()) for result in read_results([folder / "runs"]))
+        _say(f"{_TRIALS} short trials on {_WORKERS} workers: {wall:.0f} s, of which fits and measurements {own:.0f} s")
+        _say(f"besides, for each trial: {(wall * _WORKERS - own) / _TRIALS:.3f} s (asked: at most 0.3 s)")
+        start = time.perf_counter()
+        meshfit("run", "short.yaml", "-q", folder=folder)
+        _say(f"the same command, all complete: {time.perf_counter() - start:.2f} s (asked: at most 3 s)")
+    return 0
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(text + "\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
