@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from meshfit.config.load import bundled_configs, load_experiment
+from meshfit.config.sweep import variants_of
 from meshfit.mesh.files import load_mesh
 from meshfit.subdivision import table
 from meshfit.subdivision.scheme import SchemeEntry
@@ -44,10 +45,15 @@ def test_the_example_of_a_scheme_is_an_entry_of_the_table():
     assert found["my-butterfly"].declare().inserted.wing == Fraction(-1, 20)
 
 
-def test_the_config_example_is_a_config(tmp_path):
-    (example,) = blocks("yaml")
-    (tmp_path / "example.yaml").write_text(example)
-    assert load_experiment(str(tmp_path / "example.yaml")).settings.fit.losses.edge == 0.5
+def test_the_config_examples_are_configs(tmp_path):
+    loaded = []
+    for number, example in enumerate(blocks("yaml")):
+        (tmp_path / f"{number}.yaml").write_text(example)
+        loaded.append(load_experiment(str(tmp_path / f"{number}.yaml")).settings)
+    config, grid, named = loaded
+    assert config.fit.losses.edge == 0.5
+    assert len(variants_of(grid)) == 8
+    assert [variant.name for variant in variants_of(named)] == ["as it is", "softer", "second engine"]
 
 
 @pytest.mark.parametrize("line", re.findall(r"^    (meshfit .+?) *(?:#.*)?$", README, flags=re.MULTILINE))
