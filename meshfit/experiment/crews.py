@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Future, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from typing import Protocol
 
 from meshfit.errors import DeviceError
@@ -131,14 +132,16 @@ class RemoteCrew:
         return self._futures[-1]
 
     def stop(self) -> None:
-        """Ask workers to write checkpoints and stop."""
-        self._stop.set()
+        """Ask workers to write checkpoints and stop, if they can be reached."""
+        with suppress(OSError, RuntimeError, TimeoutError):
+            self._stop.set()
 
     def close(self) -> None:
         """Drop what does not run yet, and wait for what does."""
         # Nothing is cancelled: Dask would forget a running trial's files, and one that waits sees the sign and ends.
         wait(self._futures)
-        self._stop.clear()
+        with suppress(OSError, RuntimeError, TimeoutError):
+            self._stop.clear()
 
 
 def _threads(trials: Iterable[Trial]) -> int:

@@ -118,8 +118,9 @@ def _connected(address: str) -> Any:  # noqa: ANN401  distributed is optional
         distributed = importlib.import_module("distributed")
     except ImportError:
         raise ConfigError("--cluster needs Dask, which is not installed: pip install 'meshfit[dask]'") from None
-    # What goes wrong reaches us as an exception; its own log would be written over the progress bars.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    # What goes wrong reaches us as an exception; its own logs would be written over the progress bars.
+    for name in [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]:
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     where = {"scheduler_file": address} if Path(address).is_file() else {"address": address}
     try:
         return distributed.Client(**where, timeout=_CONNECT_SECONDS, set_as_default=False, name="meshfit")

@@ -4,7 +4,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, as_completed, wait
 
-from meshfit.errors import ClusterError, TrialError
+from meshfit.errors import ClusterError, MeshfitError, TrialError
 from meshfit.experiment.crews import Crew, LocalCrew, ProgressBoard, RemoteCrew, is_death
 from meshfit.experiment.failure import RETRIED, death_of, failed_attempts
 from meshfit.experiment.file_board import FileBoard
@@ -150,7 +150,7 @@ class _Session:
             raise ClusterError("lost touch with the workers; the same command goes on from here")
         error = future.exception()
         if error is None or not is_death(error):
-            raise error or TrialError("a worker gave nothing back")
+            raise self._explained(error)
         if len(numbers) > 1:
             self._again.extend(numbers)
             return
@@ -164,6 +164,12 @@ class _Session:
         outcome = self._record_death(i)
         if not self._crew.on_this_machine or not self._try_again(i):
             self._outcomes[i] = outcome
+
+    def _explained(self, error: BaseException | None) -> BaseException:
+        """What was raised outside of any trial: here a fault of meshfit's own, elsewhere one of the workers'."""
+        if isinstance(error, MeshfitError) or (error is not None and self._crew.on_this_machine):
+            return error
+        return ClusterError(f"a worker could not run its trials: {type(error).__name__}: {error}")
 
     def _record_death(self, i: int) -> Outcome:
         trial, step = self._trials[i], self._crew.board.step(i).done

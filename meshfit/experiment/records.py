@@ -1,5 +1,6 @@
 """What the files of one trial say: its settings, its result, and when that was written."""
 
+from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Any
 
@@ -41,8 +42,11 @@ def read_settings(trial: Standing, result: Result | None) -> dict[str, Any]:
 
 
 def ended(trial: Standing) -> datetime | None:
-    """When a trial became complete or failed; None if it has not."""
+    """When a trial became complete or failed: as its record says, else when that was written; None if it has not."""
     for name in (RESULT, FAILURE):
         if name in trial.folder.files:
-            return datetime.fromtimestamp((trial.path / name).stat().st_mtime, UTC)
+            path = trial.path / name
+            with suppress(StoreError, KeyError, TypeError, ValueError):
+                return datetime.fromisoformat(read_json(path)["finished"])
+            return datetime.fromtimestamp(path.stat().st_mtime, UTC)
     return None

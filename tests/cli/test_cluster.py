@@ -6,7 +6,7 @@ import signal
 import socket
 import subprocess
 import sys
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 
 import pytest
 
@@ -35,9 +35,9 @@ def dask(folder, *arguments):
     )
 
 
-@pytest.fixture(scope="module")
-def cluster(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("cluster")
+@contextmanager
+def running_cluster(folder):
+    """The file of a scheduler with two workers, and their processes."""
     file = folder / "scheduler.json"
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -47,10 +47,19 @@ def cluster(tmp_path_factory):
     wait_until(file.is_file, processes[0])
     options += ["--local-directory", str(folder), "--nthreads", "1"]
     processes += [dask(folder, "worker", *options) for _ in range(2)]
-    yield file
-    for process in processes:
-        os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
+    try:
+        yield file, processes
+    finally:
+        for process in processes:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    with running_cluster(tmp_path_factory.mktemp("cluster")) as (file, _):
+        yield file
 
 
 @pytest.fixture(scope="module")
@@ -115,6 +124,20 @@ def test_ctrl_c_brings_checkpoints_back_and_the_next_run_goes_on_from_them(tmp_p
     assert stopped
     meshfit("run", config, "-q", folder=tmp_path)
     assert all("going on from a checkpoint" in (path.parent / "trial.log").read_text() for path in stopped)
+    assert same(contents(tmp_path / "runs", *NAMES), undisturbed[0])
+
+
+def test_a_scheduler_that_is_lost_is_one_line_and_the_next_run_goes_on(tmp_path, undisturbed):
+    config = config_file(tmp_path, LONG)
+    with running_cluster(tmp_path) as (file, processes):
+        process = start("run", config, "--cluster", file, folder=tmp_path)
+        wait_until(lambda: any(trial["step"] > 100 for trial in running(tmp_path / "runs")), process)
+        os.killpg(processes[0].pid, signal.SIGKILL)
+        _, err = process.communicate(timeout=120)
+    assert process.returncode == 2, err
+    assert "Traceback" not in err
+    assert "lost touch with the workers; the same command goes on from here" in err
+    meshfit("run", config, "-q", folder=tmp_path)
     assert same(contents(tmp_path / "runs", *NAMES), undisturbed[0])
 
 
