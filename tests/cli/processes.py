@@ -1,6 +1,7 @@
 """meshfit as a user runs it: a process of its own, with its own signals, output and exit code."""
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -20,7 +21,13 @@ def start(*arguments: object, folder: Path) -> subprocess.Popen[str]:
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        preexec_fn=_heed_ctrl_c,  # noqa: PLW1509  no threads here
     )
+
+
+def _heed_ctrl_c() -> None:
+    """Whoever runs the tests in the background has it ignored, and what is started here would inherit that."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def meshfit(*arguments: object, folder: Path, code: int = 0) -> tuple[str, str]:

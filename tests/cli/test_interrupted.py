@@ -73,6 +73,7 @@ def test_kill_9_loses_no_finished_trial_and_leaves_no_process_behind(tmp_path, u
     assert contents(tmp_path / "runs", "result.ply", "trace.csv") == undisturbed
 
 
+@pytest.mark.slow
 def test_two_runs_in_one_directory_do_each_trial_once(tmp_path, undisturbed):
     config = config_file(tmp_path, LONG)
     first, second = (start("run", config, "-j", 1, folder=tmp_path) for _ in range(2))

@@ -100,6 +100,7 @@ def test_a_trial_whose_process_is_killed_is_tried_again_and_then_recorded(tmp_pa
 
 
 @posix
+@pytest.mark.slow
 def test_a_trial_that_is_killed_once_goes_on_from_its_checkpoint_and_disturbs_no_other(tmp_path):
     trials = plan([experiment(tmp_path, seeds=[0, 1], fit={"steps": 3000})])
     quiet, store = RunDirectory(tmp_path / "quiet"), RunDirectory(tmp_path / "runs")

@@ -125,7 +125,7 @@ def test_a_fit_that_is_interrupted_saves_and_goes_on_from_there(kind, stop):
 
     with pytest.raises(Interrupted):
         fitted(kind, on_step=interrupt, save=saved.append)
-    (checkpoint,) = saved
+    *_, checkpoint = saved  # on a busy machine there are earlier ones
     assert bytes_of(fitted(kind, resume=through_a_file(checkpoint), on_step=seen.append)) == expected(kind)
     assert [step.done for step in seen] == list(range(stop + 1, STEPS + 1))
 
