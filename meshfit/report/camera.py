@@ -13,6 +13,9 @@ UP = (0.0, 1.0, 0.0)
 MARGIN = 0.04
 """The share of half a picture that stays free on each side of what it frames."""
 
+_LONGEST = 2.5
+_SMALLEST = 1e-9
+
 
 @dataclass(frozen=True)
 class Camera:
@@ -44,6 +47,26 @@ class Camera:
         reach = max((float(np.abs(self.project(mesh.verts)[:, :2]).max(initial=0.0)) for mesh in meshes), default=0.0)
         return replace(self, scale=self.scale * max(1.0, reach / (1 - MARGIN)))
 
+    def framing(self, *meshes: Mesh, aspect: float | None = None) -> tuple["Camera", float]:
+        """The same view, of just these meshes.
+
+        Args:
+            meshes: at least one, with a vert.
+            aspect: width by height of the picture; by default what the meshes fill, within reason.
+
+        Returns:
+            The camera, and width by height of its picture.
+        """
+        seen = np.concatenate([self.project(mesh.verts) for mesh in meshes])
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        focal = np.asarray(self.focal) + self.scale * (low + high) / 2 @ np.array([self.right, self.up, self.direction])
+        across, down = np.maximum((high - low)[:2] * self.scale / 2, _SMALLEST * self.scale)
+        pad = MARGIN * max(across, down)
+        if aspect is None:
+            aspect = float(np.clip((across + pad) / (down + pad), 1 / _LONGEST, _LONGEST))
+        height = max(down + pad, (across + pad) / aspect)
+        return replace(self, focal=_vector(focal), scale=float(height * min(1.0, aspect))), aspect
+
 
 def camera_of(mesh: Mesh) -> Camera:
     """A three-quarter view of a mesh, y up, a little from above, all of it in the picture.
@@ -67,7 +90,7 @@ def looking_from(mesh: Mesh, direction: Vector) -> Camera:
     seen = camera.project(mesh.verts)
     low, high = seen.min(axis=0), seen.max(axis=0)
     focal = (low + high) / 2 @ np.array([camera.right, camera.up, camera.direction])
-    smallest = 1e-9 * max(1.0, float(np.abs(mesh.verts).max()))  # a mesh that is one point has no size of its own
+    smallest = _SMALLEST * max(1.0, float(np.abs(mesh.verts).max()))  # a mesh that is one point has no size of its own
     half = max(float((high - low)[:2].max()) / 2, smallest)
     return replace(camera, focal=_vector(focal), scale=half / (1 - MARGIN))
 

@@ -1,16 +1,15 @@
 """One mesh, one picture: drawn off-screen with pyvista (the extra `report`), softly lit, its relief deepened."""
 
-import importlib
 import io
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
-from meshfit.errors import ConfigError
 from meshfit.mesh.mesh import Mesh
 from meshfit.report.camera import Camera
 from meshfit.report.colours import MISSING, SURFACE, ramp, rgb
+from meshfit.report.extra import needed
 from meshfit.report.relief import occlusion_shade
 
 Image = UInt8[np.ndarray, "H W 4"]
@@ -21,8 +20,8 @@ _FEATURE_ANGLE = 60.0
 _FINE = 3
 # Where from (right, up, towards the eye), and how bright: a key light from the upper left, a fill from the right, and
 # one beside the eye that leaves nothing in sight black.
-_LIGHTS = (((-0.9, 1.1, 1.0), 0.5), ((1.0, 0.1, 0.6), 0.14), ((0.0, 0.2, 1.0), 0.38))
-_AMBIENT = 0.2
+_LIGHTS = (((-0.9, 1.1, 1.0), 0.5), ((1.0, 0.1, 0.6), 0.14), ((0.0, 0.2, 1.0), 0.42))
+_AMBIENT = 0.24
 
 
 def draw(  # noqa: PLR0913  all but two have a default, and each can be set without the others
@@ -74,24 +73,17 @@ def png(image: Image) -> bytes:
     """A picture as the bytes of a PNG file; the same picture gives the same bytes.
 
     Raises:
-        ConfigError: pillow, which comes with pyvista, is not installed.
+        ConfigError: pillow is not installed.
     """
-    pillow = _needed("PIL.Image")
+    pillow = needed("PIL.Image")
     content = io.BytesIO()
     pillow.fromarray(np.ascontiguousarray(image)).save(content, "PNG")
     return content.getvalue()
 
 
-def _needed(name: str) -> Any:  # noqa: ANN401  an optional library
-    try:
-        return importlib.import_module(name)
-    except ImportError:
-        raise ConfigError("pictures need pyvista, which is not installed: pip install 'meshfit[report]'") from None
-
-
 def _plotter(size: tuple[int, int]) -> Any:  # noqa: ANN401  pyvista is optional
-    pyvista = _needed("pyvista")
-    logger = _needed("vtkmodules.vtkCommonCore").vtkLogger
+    pyvista = needed("pyvista")
+    logger = needed("vtkmodules.vtkCommonCore").vtkLogger
     # Without a display VTK draws in memory, and needs not say so.
     logger.SetStderrVerbosity(logger.VERBOSITY_OFF)
     plotter = pyvista.Plotter(off_screen=True, window_size=list(size), border=False, lighting="none")
@@ -114,7 +106,7 @@ def _painted(values: Float[np.ndarray, " V"], limits: tuple[float, float] | None
 
 
 def _add(plotter: Any, mesh: Mesh, style: dict[str, Any], *, edges: bool) -> None:  # noqa: ANN401  pyvista is optional
-    surface = _needed("pyvista").PolyData.from_regular_faces(mesh.verts, mesh.faces)
+    surface = needed("pyvista").PolyData.from_regular_faces(mesh.verts, mesh.faces)
     if "scalars" in style:
         surface.point_data["values"] = style["scalars"]
         style = style | {"scalars": "values"}
@@ -149,7 +141,7 @@ def _look(plotter: Any, camera: Camera, mesh: Mesh) -> tuple[float, float]:  # n
 
 def _buffers(plotter: Any) -> tuple[UInt8[np.ndarray, "H W 3"], Float32[np.ndarray, "H W"]]:  # noqa: ANN401
     """The colours and the depths, from 0 to 1, of what was drawn; the first row is the top."""
-    core, support = _needed("vtkmodules.vtkCommonCore"), _needed("vtkmodules.util.numpy_support")
+    core, support = needed("vtkmodules.vtkCommonCore"), needed("vtkmodules.util.numpy_support")
     width, height = plotter.window_size
     window, corners = plotter.render_window, (0, 0, width - 1, height - 1)
     window.Render()

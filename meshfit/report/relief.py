@@ -11,7 +11,9 @@ Depth = Float32[np.ndarray, "H W"]
 
 _DIRECTIONS = 6
 # Radii as shares of the picture's shorter side, and how much each of them darkens at most.
-_RADII = ((0.006, 0.35), (0.018, 0.4), (0.05, 0.4))
+_RADII = ((0.01, 0.45), (0.025, 0.45), (0.06, 0.45))
+# What a ball may be filled beyond the half before it counts: the edges between faces of a coarse mesh are no creases.
+_SPARED = 0.06
 
 
 def occlusion_shade(depth: Depth) -> Depth:
@@ -43,5 +45,5 @@ def _hidden(depth: Depth, radius: float) -> Depth:
             # What is far in front of the ball hides no light that comes from beside it.
             faded = np.where(nearer > 3 * radius, 3 * radius - (nearer - 3 * radius), nearer)
             pair += np.clip(faded, -2 * radius, 2 * radius)
-        total += np.clip(pair / (2 * radius), 0.0, 1.0)
+        total += np.clip(pair / (2 * radius) - _SPARED, 0.0, 1.0)
     return np.asarray(total / _DIRECTIONS, dtype=np.float32)

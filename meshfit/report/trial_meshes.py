@@ -17,12 +17,14 @@ class TrialMeshes:
 
     Attributes:
         facts: the content of its `result.json`.
+        frame: from the target file's coordinates to those of the meshes.
         source: the subdivided source mesh.
         result: the fitted mesh.
         target: the target.
     """
 
     facts: Result
+    frame: Frame
     source: Mesh
     result: Mesh
     target: Mesh
@@ -47,4 +49,4 @@ def trial_meshes(folder: Path) -> TrialMeshes:
     source, result = load_mesh(folder / "source.ply"), load_mesh(folder / "result.ply")
     if written == "target":
         source, result = frame.normalise(source), frame.normalise(result)
-    return TrialMeshes(facts, source, result, frame.normalise(load_target(target)))
+    return TrialMeshes(facts, frame, source, result, frame.normalise(load_target(target)))
