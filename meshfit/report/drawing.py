@@ -63,10 +63,11 @@ def draw(  # noqa: PLR0913  all but two have a default, and each can be set with
     finally:
         plotter.close()
     seen = depth < 1.0
-    pixel = 2 * camera.scale / (_FINE * min(size))
+    pixel = 2 * camera.scale / min(size)
     away = np.where(seen, depth * np.float32((depths[1] - depths[0]) / pixel), np.float32(np.inf))
-    shaded = pixels.astype(np.float32) * occlusion_shade(away)[:, :, None]
-    return _reduced(shaded, seen.astype(np.float32), background)
+    nearest = away.reshape(size[1], _FINE, size[0], _FINE).min(axis=(1, 3))
+    shade = np.repeat(np.repeat(occlusion_shade(nearest), _FINE, axis=0), _FINE, axis=1)
+    return _reduced(pixels * shade[:, :, None], seen.astype(np.float32), background)
 
 
 def png(image: Image) -> bytes:

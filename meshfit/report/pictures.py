@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from meshfit.mesh.mesh import Mesh
 from meshfit.report.camera import Camera, camera_of
 from meshfit.report.plate import ColourBar, Row
@@ -63,7 +65,17 @@ def draw_row(row: Sequence[Shown], path: Path, *, edges: bool = False, label: st
 
 def _cameras(row: Sequence[Shown]) -> list[Camera]:
     """The camera of each; those of one target are drawn back until all that it shows are in the picture."""
-    cameras = {}
-    for view in {id(one.view): one.view for one in row}.values():
-        cameras[id(view)] = camera_of(view).holding(*(one.mesh for one in row if one.view is view))
-    return [cameras[id(one.view)] for one in row]
+    views: list[tuple[Mesh, list[Mesh]]] = []
+    places = []
+    for one in row:
+        place = next((place for place, (view, _) in enumerate(views) if _same(view, one.view)), len(views))
+        if place == len(views):
+            views.append((one.view, []))
+        views[place][1].append(one.mesh)
+        places.append(place)
+    cameras = [camera_of(view).holding(*meshes) for view, meshes in views]
+    return [cameras[place] for place in places]
+
+
+def _same(first: Mesh, second: Mesh) -> bool:
+    return first is second or (np.array_equal(first.verts, second.verts) and np.array_equal(first.faces, second.faces))

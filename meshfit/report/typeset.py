@@ -121,10 +121,10 @@ class _Sheet:
         if row.free:
             across = row.free * (column + _GAP) - _GAP
             below = top - max(height, _BAR * line) / 2
-            self._add_bar(row.bar, (0.12 * across, below), 0.76 * across)
+            self._add_bar(row.bar, (0.12 * across, below), 0.76 * across, across)
         else:
             below = top - height - (row.lines + 1.4) * line
-            self._add_bar(row.bar, (0.3 * self.width, below), 0.4 * self.width)
+            self._add_bar(row.bar, (0.3 * self.width, below), 0.4 * self.width, self.width)
 
     def _add_panel(self, panel: Panel, left: float, across: float, top: float) -> None:
         high, wide = panel.image.shape[0] / self.dpi, panel.image.shape[1] / self.dpi
@@ -151,7 +151,7 @@ class _Sheet:
             radius = 0.5 * self.font * self.dpi / 72
             axes.add_patch(circle((ring.left, ring.top), radius, fill=False, clip_on=False, edgecolor=colour, **style))
 
-    def _add_bar(self, bar: ColourBar, corner: tuple[float, float], across: float) -> None:
+    def _add_bar(self, bar: ColourBar, corner: tuple[float, float], across: float, room: float) -> None:
         colours, cm = needed("matplotlib.colors"), needed("matplotlib.cm")
         axes = self._axes(*corner, across, 0.8 * self.font / 72)
         shades = colours.LinearSegmentedColormap.from_list("distances", DISTANCES)
@@ -163,7 +163,7 @@ class _Sheet:
         drawn.set_ticks([0.0, bar.limit / 2, bar.limit])
         drawn.set_ticklabels(["0", f"{bar.limit / 2:.4g}", f"{bar.limit:.4g}"])
         axes.tick_params(labelsize=self.font, length=2, width=0.5, pad=1.5, colors=INK)
-        size = min(self.font, 1.4 * across * 72 / (_LETTER * len(bar.label)))
+        size = min(self.font, room * 72 / (_LETTER * len(bar.label)))
         axes.set_xlabel(bar.label, fontsize=size, labelpad=1.5, color=INK)
 
     def _axes(self, left: float, bottom: float, across: float, high: float) -> Any:  # noqa: ANN401  matplotlib is optional
