@@ -10,12 +10,11 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.report.camera import Camera, camera_of
 from meshfit.report.plate import ColourBar, Row
 from meshfit.report.surface_errors import distances_to, shared_limit
-from meshfit.report.typeset import write_plate
+from meshfit.report.typeset import DPI, write_plate
 from meshfit.report.view import View
 
 _PANEL = 2.6
 _FONT = 9.0
-_DPI = 200
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,8 @@ def draw_row(row: Sequence[Shown], path: Path, *, edges: bool = False, label: st
         MeshError: a mesh without faces.
         MeasureError: distances to what has no surface.
     """
-    size = round(_PANEL * _DPI), round(_PANEL * _DPI)
+    dpi = DPI[path.suffix.lower()]
+    size = round(_PANEL * dpi), round(_PANEL * dpi)
     cameras = _cameras(row)
     distances = [None if one.against is None else distances_to(one.mesh, one.against) for one in row]
     measured = [values for values in distances if values is not None]
@@ -60,7 +60,7 @@ def draw_row(row: Sequence[Shown], path: Path, *, edges: bool = False, label: st
         shown = view.plain(one.mesh, one.title) if values is None else view.coloured(one.mesh, values, limit, one.title)
         panels.append(shown)
     bar = ColourBar(limit, label, more=any(values.max() > limit for values in measured)) if measured else None
-    write_plate([Row(tuple(panels), bar)], path, width=_PANEL * len(row), font=_FONT, dpi=_DPI)
+    write_plate([Row(tuple(panels), bar)], path, width=_PANEL * len(row), font=_FONT, dpi=dpi)
 
 
 def _cameras(row: Sequence[Shown]) -> list[Camera]:
