@@ -79,8 +79,8 @@ figures: $(DEV)  ## Draw the README's pictures from real runs (under 10 minutes)
 	$(BIN)/meshfit run accurate --runs $(RUNS) --quiet
 	$(BIN)/meshfit render $(RUNS)/accurate/bunny/loop/seed-0-* -o data/pictures/fit.png
 	$(BIN)/meshfit render bunny mousehead cow bone airplane -o data/pictures/targets.png
-	$(BIN)/meshfit figure $(RUNS)/table1/*/*/seed-0-* -o data/pictures/table1.png
-	$(BIN)/meshfit figure $(RUNS)/accurate/*/*/seed-0-* -o data/pictures/accurate.png
+	$(BIN)/meshfit figure $(RUNS)/table1/*/*/seed-0-* -o data/pictures/table1.png --targets bunny,mousehead
+	$(BIN)/meshfit figure $(RUNS)/accurate/*/*/seed-0-* -o data/pictures/accurate.png --targets bunny,mousehead
 
 mousehead: $(RUN)  ## Make the mousehead target anew
 	$(BIN)/python data/mousehead.py

@@ -54,6 +54,8 @@ def _sentences(strips: Sequence[Strip], metric: str) -> Iterator[str]:
         "Below, the distance from each vert of a result to the target; the results of a row share one scale, which "
         "ends where 99 of 100 verts of each are nearer"
     )
+    if metric.startswith("hausdorff."):
+        yield "A Hausdorff distance can be larger, since it is looked for on all of the faces, and from the target too"
     yield "A ring marks the vert that is farthest off, a dashed one where it is out of sight"
     normalise = dict.fromkeys(str(strip.shown.settings.get("normalise")) for strip in strips)
     yield f"Lengths are in {'; '.join(FRAMES.get(name, name) for name in normalise)}"

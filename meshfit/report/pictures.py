@@ -50,7 +50,7 @@ def draw_row(row: Sequence[Shown], path: Path, *, edges: bool = False, label: st
     """
     dpi = DPI[path.suffix.lower()]
     size = round(_PANEL * dpi), round(_PANEL * dpi)
-    cameras = _cameras(row)
+    cameras = cameras_of(row)
     distances = [None if one.against is None else distances_to(one.mesh, one.against) for one in row]
     measured = [values for values in distances if values is not None]
     limit = shared_limit(measured)
@@ -63,7 +63,7 @@ def draw_row(row: Sequence[Shown], path: Path, *, edges: bool = False, label: st
     write_plate([Row(tuple(panels), bar)], path, width=_PANEL * len(row), font=_FONT, dpi=dpi)
 
 
-def _cameras(row: Sequence[Shown]) -> list[Camera]:
+def cameras_of(row: Sequence[Shown]) -> list[Camera]:
     """The camera of each; those of one target are drawn back until all that it shows are in the picture."""
     views: list[tuple[Mesh, list[Mesh]]] = []
     places = []

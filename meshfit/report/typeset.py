@@ -25,6 +25,7 @@ _STYLE = {
     "font.family": ["STIXGeneral", "DejaVu Sans"],
     "pdf.fonttype": 42,  # outlines of TrueType, which every publisher takes
     "svg.hashsalt": "meshfit",
+    "text.hinting": "none",
     "text.parse_math": False,
     "axes.linewidth": 0.5,
 }
