@@ -113,5 +113,5 @@ def run_and_report(
             say_warning(note)
         show_tables(results, display.metrics, baseline=display.baseline, planned=True)
         folders = dict.fromkeys(str(runs / trial.experiment) for trial in trials)
-        out.print(f"\nResults: {', '.join(folders)}", style="dim", soft_wrap=True, markup=False)
+        out.print(f"\nResults: {', '.join(folders)}", soft_wrap=True, markup=False)
     return print_failures(trials, outcomes, runs)

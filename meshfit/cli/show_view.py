@@ -146,7 +146,7 @@ def _file_grid(files: list[tuple[str, int, str]]) -> Padding:
     grid = Table.grid(padding=(0, 2, 0, 0))
     grid.add_column()
     grid.add_column(justify="right")
-    grid.add_column(style="dim")
+    grid.add_column()
     for name, count, what in files:
         grid.add_row(Text(name), size(count), what)
     return Padding(grid, (0, 0, 0, 2))
@@ -154,7 +154,7 @@ def _file_grid(files: list[tuple[str, int, str]]) -> Padding:
 
 def _grid(facts: Iterator[tuple[str, str]]) -> Table:
     grid = Table.grid(padding=(0, 2, 0, 0))
-    grid.add_column(style="dim")
+    grid.add_column(style="bold")
     grid.add_column(overflow="fold")
     for name, text in facts:
         grid.add_row(name, Text(text))

@@ -67,7 +67,7 @@ def _labels(sheet: Sheet, most: int) -> _Drawn:
     cells: list[list[Styled]] = []
     for heading, rows in row_groups(sheet):
         if heading:
-            cells.append([(line, "italic") for line in wrap(heading, most)])
+            cells.append([(line, "bold") for line in wrap(heading, most)])
         indent = _GAP if heading else ""
         cells += [
             [(line, "") for line in wrap(label, most, initial_indent=indent, subsequent_indent=indent)]
@@ -83,7 +83,7 @@ def _drawn(sheet: Sheet, column: Column, places: Sequence[int | None]) -> _Drawn
     marks = len(_GAP) if any(entry.best or entry.alike for entry in found) else 0
     heading = _heading(sheet, column, numbers + marks)
     width = max(numbers + marks, *map(len, heading))
-    style = "dim" if column.paper else ""
+    style = "italic" if column.paper else ""
     cells = [[] if place is None else _cell(found[place], width - marks, style) for place in places]
     return _Drawn(width, [(line.rjust(width), "bold") for line in heading], cells)
 
@@ -98,4 +98,4 @@ def _heading(sheet: Sheet, column: Column, width: int) -> list[str]:
 def _cell(entry: Entry, width: int, style: str) -> list[Styled]:
     mark = f" {BEST}" if entry.best else f" {ALIKE}" if entry.alike else ""
     first = (entry.text.rjust(width) + mark, "bold green" if entry.best else style)
-    return [first, (entry.interval.rjust(width), "green" if entry.best else "dim")] if entry.interval else [first]
+    return [first, (entry.interval.rjust(width), "green" if entry.best else "")] if entry.interval else [first]
