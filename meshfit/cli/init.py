@@ -10,10 +10,12 @@ from meshfit.errors import ConfigError
 
 
 def init(
-    path: Annotated[Path, typer.Argument(help="Where to write it.")] = Path("experiment.yaml"),
+    path: Annotated[Path, typer.Argument(help="Where to write it.", metavar="[FILE]")] = Path("experiment.yaml"),
     force: Annotated[bool, typer.Option("--force", help="Write over a file that is there.")] = False,
 ) -> int:
-    """Write a starter config that holds every setting at its default, each with a comment.
+    """Write a starter config, every setting with its meaning.
+
+    All settings are at their defaults; delete what you do not change.
 
     Example:
         meshfit init mine.yaml && meshfit run mine.yaml

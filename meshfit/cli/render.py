@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from meshfit.cli import completions
 from meshfit.cli.console import out
 
 if TYPE_CHECKING:
@@ -15,16 +16,18 @@ def render(
     what: Annotated[
         list[str],
         typer.Argument(
-            help="Mesh files, names of targets, or folders of trials; TITLE=… gives a title.", metavar="WHAT..."
+            help="Mesh files, names of targets, or folders of trials; TITLE=… gives a title.",
+            metavar="WHAT...",
+            autocompletion=completions.meshes_or_trials,
         ),
     ],
-    output: Annotated[Path, typer.Option("--output", "-o", help="The PNG to write.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="The PNG to write.", metavar="FILE")],
     edges: Annotated[bool, typer.Option("--edges", help="Draw the edges of faces too.")] = False,
 ) -> int:
-    r"""Draw meshes side by side from one view, y up, targets in their tutorial frame.
+    """Draw meshes, or trials, side by side.
 
-    The folder of a trial stands for its source, its result and its target.
-    Needs the extra: pip install 'meshfit\[report]'.
+    They are drawn from one view, y up, targets in their tutorial frame. The folder of a trial stands for its source,
+    its result and its target. Needs the extra: pip install 'meshfit[report]'.
 
     Examples:
         meshfit render bunny mousehead -o targets.png

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from meshfit.errors import MeshError, MeshfitWarning
-from meshfit.mesh.files import load_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.resources import bundled
 from meshfit.specs import suggest
@@ -100,6 +99,8 @@ def load_target(target: str) -> Mesh:
     Raises:
         MeshError: as `target_path` and `load_mesh` do.
     """
+    from meshfit.mesh.files import load_mesh  # brings scipy, which those who only want names need not wait for
+
     path = target_path(target)
     with warnings.catch_warnings():
         if target in NAMED_TARGETS:  # what there is to warn of is known, and told by `origin`

@@ -20,21 +20,11 @@ COMMANDS = (
 )
 
 
-@pytest.mark.parametrize("arguments", [(), ("--help",), ("-h",)])
-def test_help_names_every_command(arguments):
-    out = answered(*arguments)
-    assert "Usage: meshfit" in out
-    for command in COMMANDS:
-        assert re.search(rf"│ {command} ", out), command
-    panels = ("Experiments", "Looking after runs", "Single meshes", "Look up")
-    assert [out.index(panel) for panel in panels] == sorted(out.index(panel) for panel in panels)
-
-
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", [(), *((command,) for command in COMMANDS)])
 def test_every_command_has_help(command):
-    out = answered(command, "--help")
-    assert f"Usage: meshfit {command}" in out
-    assert answered(command, "-h") == out
+    out = answered(*command, "--help")
+    assert out.startswith(f"Usage: {' '.join(['meshfit', *command])} ")
+    assert answered(*command, "-h") == out
 
 
 def test_version():
