@@ -4,8 +4,8 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-MESHES = (".obj", ".ply", ".stl", ".off", ".glb")
-_CONFIGS = (".yaml", ".yml")
+from meshfit.paths import CONFIG_SUFFIXES, MESH_SUFFIXES
+
 _TRIAL = "seed-"
 
 Completions = list[tuple[str, str]]
@@ -16,7 +16,7 @@ def configs(incomplete: str) -> Completions:
     """Bundled configs and YAML files."""
     from meshfit.config.load import bundled_configs
 
-    return _named(dict.fromkeys(bundled_configs(), "bundled"), incomplete) + _files(incomplete, _CONFIGS)
+    return _named(dict.fromkeys(bundled_configs(), "bundled"), incomplete) + _files(incomplete, CONFIG_SUFFIXES)
 
 
 def schemes(incomplete: str) -> Completions:
@@ -41,7 +41,7 @@ def listed_targets(incomplete: str) -> Completions:
 
 def meshes(incomplete: str) -> Completions:
     """Mesh files."""
-    return _files(incomplete, MESHES)
+    return _files(incomplete, MESH_SUFFIXES)
 
 
 def metrics(incomplete: str) -> Completions:

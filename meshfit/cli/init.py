@@ -7,6 +7,7 @@ import typer
 
 from meshfit.cli.console import out
 from meshfit.errors import ConfigError
+from meshfit.paths import unwritable
 
 
 def init(
@@ -27,6 +28,6 @@ def init(
     try:
         path.write_text(starter_config(), encoding="utf-8")
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror}") from error
+        raise ConfigError(f"{path}: {unwritable(path, error)}") from error
     out.print(f"wrote {path}; now: meshfit run {path}", soft_wrap=True, markup=False)
     return 0

@@ -98,7 +98,8 @@ def run_app() -> int:
     except TyperException as error:
         context = getattr(error, "ctx", None)
         command = context.command_path if context is not None else "meshfit"
-        say_error(f"{' '.join(error.format_message().split())} See '{command} --help'.")
+        said = " ".join(error.format_message().replace("Value error, ", "").split())
+        say_error(f"{said}{'' if said.endswith(('.', '?')) else '.'} See '{command} --help'.")
         return USAGE_ERROR
     except typer.Abort:
         return EXIT_INTERRUPTED

@@ -15,7 +15,7 @@ from meshfit.subdivision.choose import canonical
 def _unique(values: tuple[object, ...]) -> tuple[object, ...]:
     twice = {value for value in values if values.count(value) > 1}
     if twice:
-        raise ValueError(f"{sorted(map(str, twice))[0]} is listed twice")
+        raise ValueError(f"{sorted(map(str, twice))[0]} is listed twice; once is enough")
     return values
 
 

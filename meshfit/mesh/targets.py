@@ -8,6 +8,7 @@ from pathlib import Path
 
 from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.mesh import Mesh
+from meshfit.paths import MESH_SUFFIXES, missing
 from meshfit.resources import bundled
 from meshfit.specs import suggest
 
@@ -87,7 +88,7 @@ def target_path(target: str) -> Path:
     if path.is_dir():
         raise MeshError(f"{target}: a directory; the path of a mesh file is needed")
     if path.suffix or len(path.parts) > 1:
-        raise MeshError(f"{target}: no such file")
+        raise MeshError(f"{target}: {missing(path, MESH_SUFFIXES)}")
     raise MeshError(
         f"'{target}' is no target and no file: {suggest(target, NAMED_TARGETS)}, or the path of a mesh file"
     )

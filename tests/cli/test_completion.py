@@ -9,7 +9,6 @@ import pytest
 from meshfit.cli import completions
 from meshfit.config.load import bundled_configs
 from meshfit.measuring.metrics import METRICS
-from meshfit.mesh.files import SUFFIXES
 from meshfit.mesh.targets import NAMED_TARGETS
 from meshfit.subdivision.table import SCHEMES
 from tests.runs import complete
@@ -94,10 +93,6 @@ def test_each_shell_has_a_script_to_install(shell):
 def test_what_is_not_there_completes_to_nothing():
     assert completions.folders("no/such/place") == []
     assert completions.configs("no/such/place") == []
-
-
-def test_mesh_files_are_those_that_can_be_read():
-    assert completions.MESHES == SUFFIXES
 
 
 def test_completing_loads_no_heavy_library():

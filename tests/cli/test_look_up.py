@@ -109,14 +109,17 @@ def test_init_writes_a_config_once(tmp_path, monkeypatch):
 
 def test_init_where_nothing_can_be_written(tmp_path):
     path = tmp_path / "gone" / "a.yaml"
-    assert refused("init", path) == f"error: {path}: cannot be written: No such file or directory"
+    assert (
+        refused("init", path)
+        == f"error: {path}: cannot be written: there is no folder {path.parent}; make it, or choose another place"
+    )
 
 
 USAGE = {
-    ("--bad",): "error: No such option: --bad See 'meshfit --help'.",
+    ("--bad",): "error: No such option: --bad. See 'meshfit --help'.",
     ("bad",): "error: No such command 'bad'. See 'meshfit --help'.",
     ("scheme",): "error: No such command 'scheme'. Did you mean",
-    ("schemes", "--bad"): "error: No such option: --bad See 'meshfit schemes --help'.",
+    ("schemes", "--bad"): "error: No such option: --bad. See 'meshfit schemes --help'.",
     ("schemes", "a", "b"): "error: Got unexpected extra argument",
     ("schema", "a"): "error: Got unexpected extra argument",
     ("subdivide", "cow"): "error: Missing argument 'OUT'. See 'meshfit subdivide --help'.",
