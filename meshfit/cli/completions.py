@@ -53,11 +53,13 @@ def metrics(incomplete: str) -> Completions:
 
 def settings(incomplete: str) -> Completions:
     """The keys of settings, up to the equals sign."""
-    from meshfit.config.changed import defaults
+    from meshfit.config.experiment import ExperimentSettings
     from meshfit.fitting.settings import METHODS
     from meshfit.report.gather import flat
 
-    found = {key: value for method in reversed(METHODS) for key, value in flat(defaults(method)).items()}
+    plain = ExperimentSettings().model_dump(mode="json")
+    fits = [plain["fit"] | model().model_dump(mode="json") for model in reversed(METHODS.values())]
+    found = {key: value for fit in fits for key, value in flat(plain | {"fit": fit}).items()}
     return _named({f"{key}=": f"default {value}" for key, value in found.items()}, incomplete)
 
 
