@@ -43,6 +43,17 @@ def distances_to(surface: Mesh, points: Points) -> PointDistances:
     return _together(parts)
 
 
+def distance_of_each(surface: Mesh, points: Points) -> Float64[np.ndarray, " N"]:
+    """(N,) the distance from each point to its nearest point on a surface.
+
+    Args:
+        surface: with at least one face, and coordinates that are finite.
+        points: (N, 3), at least one, likewise finite.
+    """
+    squared = igl.point_mesh_squared_distance(np.ascontiguousarray(points), surface.verts, surface.faces)[0]
+    return np.asarray(np.sqrt(np.reshape(squared, -1)))
+
+
 def _probe(surface: Mesh, points: Points) -> Float64[np.ndarray, " N"]:
     """Roughly how far the points are: the distance to the nearest of some points of the surface, never too small."""
     probes = sample_surface(surface, _PROBES, np.random.default_rng(0)).points
@@ -50,9 +61,9 @@ def _probe(surface: Mesh, points: Points) -> Float64[np.ndarray, " N"]:
 
 
 def _by_tree(surface: Mesh, points: Points) -> PointDistances:
-    squared = igl.point_mesh_squared_distance(np.ascontiguousarray(points), surface.verts, surface.faces)[0]
-    distance = np.sqrt(squared)
-    return PointDistances(float(distance.max()), float(distance.mean()), math.sqrt(float(squared.mean())), len(points))
+    distance = distance_of_each(surface, points)
+    rms = math.sqrt(float((distance**2).mean()))
+    return PointDistances(float(distance.max()), float(distance.mean()), rms, len(points))
 
 
 def _together(parts: list[PointDistances]) -> PointDistances:

@@ -1,82 +1,81 @@
-"""Pictures of meshes, drawn off-screen with pyvista (the extra `report`)."""
+"""Pictures of meshes side by side, each from its target's camera, plain or in the colours of their distances."""
 
-import importlib
-from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from meshfit.errors import ConfigError
-from meshfit.mesh.geometry import bounding_box
 from meshfit.mesh.mesh import Mesh
+from meshfit.report.camera import Camera, camera_of
+from meshfit.report.plate import ColourBar, Row
+from meshfit.report.surface_errors import distances_to, shared_limit
+from meshfit.report.typeset import write_plate
+from meshfit.report.view import View
 
-_COLOUR = "#c9d3dc"
-_EDGES = "#3b4a57"
-_TEXT = "#22303c"
-_PANEL = 520
-_VIEW = (0.55, 0.35, 1.0)
-_ZOOM = 1.35
+_PANEL = 2.6
+_FONT = 9.0
+_DPI = 200
 
 
-def draw_row(meshes: Mapping[str, Mesh], path: Path, *, edges: bool = False) -> None:
-    """Draw meshes side by side from one three-quarter view, y up, at one scale, each with its title below.
+@dataclass(frozen=True)
+class Shown:
+    """A mesh of a row.
+
+    Attributes:
+        title: what is written below it.
+        mesh: what is drawn.
+        view: the mesh whose camera it is seen from, its target; meshes with the same one are drawn alike.
+        against: the mesh that its distances are taken to; None where it is to be plain.
+    """
+
+    title: str
+    mesh: Mesh
+    view: Mesh
+    against: Mesh | None = None
+
+
+def draw_row(row: Sequence[Shown], path: Path, *, edges: bool = False, label: str = "") -> None:
+    """Draw meshes side by side, y up, each with its title below; distances share one scale, and one colour bar.
 
     Args:
-        meshes: by title; they should be in one frame.
-        path: the PNG to write.
+        row: from left to right.
+        path: .png, .pdf or .svg.
         edges: draw the edges of faces too.
+        label: of the colour bar, with the unit of distances.
 
     Raises:
-        ConfigError: pyvista is not installed, or the picture cannot be written.
+        ConfigError: a library is missing, or the picture cannot be written.
+        MeshError: a mesh without faces.
+        MeasureError: distances to what has no surface.
     """
-    plotter = _plotter(len(meshes))
-    low, high = bounding_box(np.concatenate([mesh.verts for mesh in meshes.values()]))
-    for column, (title, mesh) in enumerate(meshes.items()):
-        plotter.subplot(0, column)
-        style = {"show_edges": True, "edge_color": _EDGES, "line_width": 0.6} if edges else {"smooth_shading": True}
-        plotter.add_mesh(_surface(mesh), color=_COLOUR, split_sharp_edges=not edges, feature_angle=60, **style)
-        plotter.add_text(title, position=(0.03, 0.03), viewport=True, font_size=11, color=_TEXT)
-        _look(plotter, low, high)
-    plotter.link_views()
-    try:
-        plotter.screenshot(str(path), return_img=False)
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"{path}: cannot be written: {error}") from error
-    finally:
-        plotter.close()
+    size = round(_PANEL * _DPI), round(_PANEL * _DPI)
+    cameras = _cameras(row)
+    distances = [None if one.against is None else distances_to(one.mesh, one.against) for one in row]
+    measured = [values for values in distances if values is not None]
+    limit = shared_limit(measured)
+    panels = []
+    for one, camera, values in zip(row, cameras, distances, strict=True):
+        view = View(camera, size, edges)
+        shown = view.plain(one.mesh, one.title) if values is None else view.coloured(one.mesh, values, limit, one.title)
+        panels.append(shown)
+    bar = ColourBar(limit, label, more=any(values.max() > limit for values in measured)) if measured else None
+    write_plate([Row(tuple(panels), bar)], path, width=_PANEL * len(row), font=_FONT, dpi=_DPI)
 
 
-def _plotter(columns: int) -> Any:  # noqa: ANN401  pyvista is optional
-    try:
-        pyvista = importlib.import_module("pyvista")
-        logger = importlib.import_module("vtkmodules.vtkCommonCore").vtkLogger
-    except ImportError:
-        raise ConfigError("pictures need pyvista, which is not installed: pip install 'meshfit[report]'") from None
-    # Without a display VTK draws in memory, and needs not say so.
-    logger.SetStderrVerbosity(logger.VERBOSITY_OFF)
-    plotter = pyvista.Plotter(
-        off_screen=True,
-        shape=(1, columns),
-        window_size=(columns * _PANEL, _PANEL),
-        border=False,
-        lighting="three lights",
-    )
-    plotter.set_background("white")
-    plotter.enable_anti_aliasing("ssaa")
-    return plotter
+def _cameras(row: Sequence[Shown]) -> list[Camera]:
+    """The camera of each; those of one target are drawn back until all that it shows are in the picture."""
+    views: list[tuple[Mesh, list[Mesh]]] = []
+    places = []
+    for one in row:
+        place = next((place for place, (view, _) in enumerate(views) if _same(view, one.view)), len(views))
+        if place == len(views):
+            views.append((one.view, []))
+        views[place][1].append(one.mesh)
+        places.append(place)
+    cameras = [camera_of(view).holding(*meshes) for view, meshes in views]
+    return [cameras[place] for place in places]
 
 
-def _surface(mesh: Mesh) -> Any:  # noqa: ANN401  pyvista is optional
-    return importlib.import_module("pyvista").PolyData.from_regular_faces(mesh.verts, mesh.faces)
-
-
-def _look(plotter: Any, low: np.ndarray, high: np.ndarray) -> None:  # noqa: ANN401  likewise
-    middle, extent = (low + high) / 2, float(np.linalg.norm(high - low))
-    away = np.asarray(_VIEW) / np.linalg.norm(_VIEW)
-    plotter.camera.focal_point = middle
-    plotter.camera.position = middle + 3 * extent * away
-    plotter.camera.up = (0.0, 1.0, 0.0)
-    plotter.camera.parallel_projection = True
-    plotter.camera.parallel_scale = extent / 2 / _ZOOM * 1.15
-    plotter.camera.clipping_range = (0.1 * extent, 10 * extent)
+def _same(first: Mesh, second: Mesh) -> bool:
+    return first is second or (np.array_equal(first.verts, second.verts) and np.array_equal(first.faces, second.faces))

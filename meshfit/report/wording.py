@@ -7,7 +7,7 @@ from meshfit.report.grid import columns, row_names
 from meshfit.report.paper import LIKELIER, OTHER, PAPER_METRIC, paper_value
 from meshfit.report.sheet import VARIED, Sheet
 
-_FRAMES = {
+FRAMES = {
     "tutorial": "the target's tutorial frame (mean of verts 0, largest |coordinate| 1)",
     "box": "the box frame (centre of the target's bounding box at 0, its diagonal 1)",
     "none": "the unit of the target's file",
@@ -60,7 +60,7 @@ def setting_lines(sheet: Sheet) -> list[str]:
         source.append(f"projected to the {get('source.project')}")
     scheme = f"; scheme {sheet.schemes[0]}" if row_names(sheet) == ("variation",) else ""
     return [
-        f"Lengths in {_FRAMES.get(get('normalise'), get('normalise'))}",
+        f"Lengths in {FRAMES.get(get('normalise'), get('normalise'))}",
         f"Fit: {_fit(get)}; measured on {get('measure.samples')} samples",
         f"Source: {', '.join(source)}{scheme}",
     ]

@@ -1,0 +1,72 @@
+"""`meshfit figure`: the paper-ready figure of some runs, with its caption."""
+
+import re
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from meshfit.cli import completions
+from meshfit.cli.console import out
+from meshfit.cli.options import DEFAULT_METRIC, RunDirs
+
+
+def figure(
+    runs: RunDirs,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="The figure to write: .pdf, .svg or .png.", metavar="FILE")
+    ],
+    metric: Annotated[
+        str,
+        typer.Option(
+            "--metric",
+            help="What is told of each result; of its median the seed is.",
+            metavar="NAME",
+            autocompletion=completions.metrics,
+        ),
+    ] = DEFAULT_METRIC,
+    targets: Annotated[
+        str | None,
+        typer.Option(
+            "--targets",
+            help="Only these, in this order, separated by commas.",
+            metavar="A,B",
+            autocompletion=completions.listed_targets,
+        ),
+    ] = None,
+    schemes: Annotated[
+        str | None, typer.Option("--schemes", help="Only these, in this order, separated by commas.", metavar="A,B")
+    ] = None,
+) -> int:
+    """Draw the figure of some runs for a paper, with its caption.
+
+    It shows target, sources and results, and where results are off: of each target and scheme the trial whose value is
+    the median over the seeds. The caption is written beside it, as .txt and, with what LaTeX needs around it, as .tex.
+    Needs the extra: pip install 'meshfit[report]'.
+
+    Examples:
+        meshfit figure runs/table1 -o figure.pdf
+
+        meshfit figure runs/accurate -o cow.svg --targets cow --metric distance.mean
+    """
+    from meshfit.experiment.plan_file import with_planned_names
+    from meshfit.experiment.store import read_results, write_atomically
+    from meshfit.report.caption import latex_figure, plain_caption
+    from meshfit.report.figure import read_strips, write_figure
+    from meshfit.report.picks import pick_trials
+    from meshfit.report.typeset import require_suffix
+
+    require_suffix(output)
+    results = with_planned_names(read_results(runs))
+    strips = read_strips(pick_trials(results, metric, targets=_names(targets), schemes=_names(schemes)))
+    write_figure(strips, output, metric)
+    written = [output, output.with_suffix(".txt"), output.with_suffix(".tex")]
+    write_atomically(written[1], plain_caption(strips, metric))
+    write_atomically(written[2], latex_figure(strips, metric, output.name))
+    out.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, markup=False)
+    return 0
+
+
+def _names(text: str | None) -> list[str]:
+    # A comma before `key=` is one between the parameters of a scheme.
+    return [name.strip() for name in re.split(r",(?!\s*\w+=)", text or "") if name.strip()]

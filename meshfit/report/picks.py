@@ -1,0 +1,105 @@
+"""Which trials stand for all: of each target and scheme, the one whose figure is the median over the seeds."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from meshfit.errors import ConfigError
+from meshfit.report.gather import Result, shared_settings, target_key
+from meshfit.report.table import ResultTable, build_tables
+from meshfit.specs import suggest
+from meshfit.subdivision.choose import canonical
+
+
+@dataclass(frozen=True)
+class Pick:
+    """A trial that stands for those of its target and scheme.
+
+    Attributes:
+        scheme: its scheme.
+        seed: its seed.
+        value: its figure, the median over the seeds.
+        seeds: how many seeds there are.
+        folder: of the trial.
+    """
+
+    scheme: str
+    seed: int
+    value: float
+    seeds: int
+    folder: Path
+
+
+@dataclass(frozen=True)
+class TargetPicks:
+    """The trials shown for a target.
+
+    Attributes:
+        title: of the target, with what tells its settings from others in the same figure.
+        settings: what its trials have in common, by dotted key.
+        picks: one for each scheme.
+    """
+
+    title: str
+    settings: dict[str, object]
+    picks: tuple[Pick, ...]
+
+
+def pick_trials(
+    results: Sequence[Result], metric: str, *, targets: Sequence[str] = (), schemes: Sequence[str] = ()
+) -> tuple[TargetPicks, ...]:
+    """The trials that a figure shows, target by target.
+
+    Args:
+        results: with their `folder`, as `read_results` gives them.
+        metric: a name of `METRICS`; the median is taken of it.
+        targets: those wanted, in this order; by default all.
+        schemes: those wanted, in this order; by default all.
+
+    Raises:
+        ConfigError: no such metric, or a target or a scheme that no result has.
+        SchemeError: what is no scheme.
+        StoreError: results that contradict each other.
+    """
+    wanted = tuple(canonical(scheme) for scheme in schemes)
+    _require(wanted, "scheme", (result["scheme"] for result in results))
+    _require(targets, "target", map(target_key, results))
+    chosen = [
+        result
+        for result in results
+        if (not wanted or result["scheme"] in wanted) and (not targets or target_key(result) in targets)
+    ]
+    tables = build_tables(chosen, metric, schemes=wanted, targets=targets)
+    found = []
+    for table in tables:
+        same = [result for result in chosen if shared_settings(result) == table.settings]
+        for target, title in table.targets.items():
+            picks = tuple(_picks(table, target, same))
+            name = f"{title} ({table.title})" if len(tables) > 1 else title
+            found.append(TargetPicks(name, dict(table.settings), picks))
+    shown = tuple(each for each in found if each.picks)
+    if not shown:
+        raise ConfigError(f"no trial that could be shown has a value of {metric}")
+    return shown
+
+
+def _picks(table: ResultTable, target: str, results: Sequence[Result]) -> Iterable[Pick]:
+    for scheme in table.schemes:
+        sample = table.samples.get((target, scheme), {})
+        if not sample:
+            continue
+        ranked = sorted(sample, key=lambda seed: (sample[seed], seed))
+        seed = ranked[(len(ranked) - 1) // 2]
+        folder = next(
+            result["folder"]
+            for result in results
+            if (target_key(result), result["scheme"], result["seed"]) == (target, scheme, seed)
+        )
+        yield Pick(scheme, seed, sample[seed], len(sample), Path(folder))
+
+
+def _require(wanted: Sequence[str], noun: str, there: Iterable[str]) -> None:
+    known = dict.fromkeys(there)
+    for name in wanted:
+        if name not in known:
+            raise ConfigError(f"no result has the {noun} '{name}': {suggest(name, known)}")

@@ -1,0 +1,88 @@
+import re
+
+import numpy as np
+import pytest
+
+from meshfit.mesh.files import save_mesh
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.solids import icosahedron
+from meshfit.report.figure import WIDTH
+from meshfit.report.typeset import DPI
+from tests.cli import answered, refused
+from tests.runs import complete
+
+png = pytest.importorskip("PIL.Image", reason="figures need pyvista, matplotlib and pillow")
+pytest.importorskip("pyvista")
+pytest.importorskip("matplotlib")
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    root = tmp_path_factory.mktemp("runs")
+    ball = icosahedron()
+    for scheme, size in (("loop", 0.8), ("interp-loop", 1.0)):
+        for seed in range(3):
+            folder = complete(root, "bone", scheme, seed)
+            save_mesh(Mesh(size * ball.verts, ball.faces), folder / "source.ply")
+            save_mesh(Mesh(ball.verts * [1.0, 0.3, 0.2], ball.faces), folder / "result.ply")
+    return root
+
+
+def test_a_figure_is_written_with_its_captions(runs, tmp_path):
+    said = answered("figure", runs, "-o", tmp_path / "figure.pdf")
+    for name in ("figure.pdf", "figure.txt", "figure.tex"):
+        assert name in said
+        assert (tmp_path / name).stat().st_size > 100
+    text = (tmp_path / "figure.txt").read_text()
+    assert "The bone: from left to right the target" in text
+    assert "Of 3 seeds, the run with the median Hausdorff distance" in text
+    assert "the bone, loop seed 1, interp-loop seed 1" in text
+    assert "tutorial frame" in text
+
+
+def test_the_latex_has_no_comment_and_asks_for_the_figure(runs, tmp_path):
+    answered("figure", runs, "-o", tmp_path / "my fig_1.pdf", "--metric", "hausdorff.percent_of_diagonal")
+    latex = (tmp_path / "my fig_1.tex").read_text()
+    assert not re.search(r"(?<!\\)%", latex)
+    assert r"\%" in latex
+    assert r"\includegraphics[width=\textwidth]{my fig_1.pdf}" in latex
+    assert r"\label{fig:my-fig-1}" in latex
+
+
+def test_a_pdf_has_its_fonts_as_truetype_in_it_and_pictures_of_300_dpi(runs, tmp_path):
+    answered("figure", runs, "-o", tmp_path / "figure.pdf", "--schemes", "loop")
+    content = (tmp_path / "figure.pdf").read_bytes()
+    assert b"/FontFile2" in content
+    assert b"/Type3" not in content
+    width = float(re.search(rb"/MediaBox \[ ?0 0 ([\d.]+)", content)[1])
+    assert width == pytest.approx(72 * WIDTH)
+    columns = 3  # target, source, result
+    widths = [int(found) for found in re.findall(rb"/Width (\d+)", content)]
+    assert sum(width == pytest.approx(WIDTH / columns * DPI, rel=0.03) for width in widths) == 4
+
+
+def test_the_same_runs_give_the_same_bytes(runs, tmp_path):
+    for suffix in ("pdf", "svg", "png"):
+        for name in ("one", "two"):
+            answered("figure", runs, "-o", tmp_path / f"{name}.{suffix}", "--schemes", "loop", "--targets", "bone")
+        assert (tmp_path / f"one.{suffix}").read_bytes() == (tmp_path / f"two.{suffix}").read_bytes()
+    image = np.asarray(png.open(tmp_path / "one.png").convert("L"))
+    assert image.shape[1] == pytest.approx(WIDTH * DPI, abs=1)
+    assert 0.02 < (image < 240).mean() < 0.8
+
+
+def test_what_cannot_be_drawn_is_refused(runs, tmp_path):
+    assert "no such run directory" in refused("figure", tmp_path / "nowhere", "-o", tmp_path / "x.pdf")
+    assert ".docx" in refused("figure", runs, "-o", tmp_path / "x.docx")
+    assert "cannot be written" in refused("figure", runs, "-o", tmp_path / "missing" / "x.pdf")
+    assert "no result has the target 'cow'" in refused("figure", runs, "-o", tmp_path / "x.pdf", "--targets", "cow")
+    assert "not a metric" in refused("figure", runs, "-o", tmp_path / "x.pdf", "--metric", "size")
+    (tmp_path / "folder.pdf").mkdir()
+    assert "folder.pdf" in refused("figure", runs, "-o", tmp_path / "folder.pdf")
+
+
+def test_a_result_whose_mesh_is_gone_is_told_in_one_line(tmp_path):
+    folder = complete(tmp_path, "bone")
+    (folder / "result.ply").unlink()
+    save_mesh(icosahedron(), folder / "source.ply")
+    assert "result.ply: no such file" in refused("figure", tmp_path, "-o", tmp_path / "x.pdf")

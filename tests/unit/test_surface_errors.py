@@ -1,0 +1,35 @@
+import numpy as np
+import pytest
+
+from meshfit.errors import MeasureError
+from meshfit.measuring.proximity import distances_to as measured
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.solids import icosahedron
+from meshfit.mesh.targets import load_target
+from meshfit.report.surface_errors import distances_to, worst_vert
+
+SQUARE = Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+
+
+def test_distances_to_a_square_are_what_geometry_says():
+    points = Mesh([[0.5, 0.5, 0.25], [2.0, 0.5, 0.0], [4.0, 5.0, 0.0], [0.1, 0.2, 0.0]], [])
+    found = distances_to(points, SQUARE)
+    assert found == pytest.approx([0.25, 1.0, 5.0, 0.0], abs=1e-12)
+    assert worst_vert(found) == 2
+
+
+def test_largest_and_mean_are_those_that_the_measurement_has():
+    bone = load_target("bone")
+    ball = Mesh(0.1 * icosahedron().verts + bone.verts.mean(axis=0), icosahedron().faces)
+    found, known = distances_to(ball, bone), measured(bone, ball.verts)
+    assert (found.max(), found.mean()) == pytest.approx((known.largest, known.mean), rel=1e-5)
+    assert distances_to(bone, bone) == pytest.approx(np.zeros(bone.num_verts), abs=1e-9)
+
+
+def test_what_has_no_distances_is_refused():
+    with pytest.raises(MeasureError, match="no faces"):
+        distances_to(SQUARE, Mesh(SQUARE.verts, []))
+    with pytest.raises(MeasureError, match="finite"):
+        distances_to(Mesh([[np.nan, 0, 0]], []), SQUARE)
+    with pytest.raises(MeasureError, match="worst"):
+        worst_vert(distances_to(Mesh([], []), SQUARE))
