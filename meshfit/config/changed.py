@@ -3,9 +3,11 @@
 from collections.abc import Mapping
 from typing import Any
 
-from meshfit.config.experiment import WITHOUT_EFFECT, ExperimentSettings
+from meshfit.config.experiment import ExperimentSettings
 from meshfit.fitting.settings import METHODS
 from meshfit.settings import TAG
+
+_WITHOUT_EFFECT = {"jobs", "threads"}
 
 
 def defaults(method: str = "first-order") -> dict[str, Any]:
@@ -14,9 +16,9 @@ def defaults(method: str = "first-order") -> dict[str, Any]:
     Args:
         method: the engine that the settings of the fit are for.
     """
-    plain = ExperimentSettings().model_dump(mode="json", exclude=WITHOUT_EFFECT)
+    plain = ExperimentSettings().model_dump(mode="json", exclude=_WITHOUT_EFFECT)
     fit = METHODS.get(method)
-    return plain | ({"fit": fit().model_dump(mode="json", exclude=WITHOUT_EFFECT["fit"])} if fit else {})
+    return plain | ({"fit": fit().model_dump(mode="json")} if fit else {})
 
 
 def changed(settings: Mapping[str, Any]) -> dict[str, Any]:
