@@ -141,7 +141,7 @@ def _entry(name: str, meaning: str, width: int) -> Iterator[Text]:
 
 def _shown_option(param: Any) -> str:  # noqa: ANN401  likewise
     """`--jobs -j N`."""
-    names = sorted(param.opts, key=lambda name: not name.startswith("--"))
+    names = sorted([*param.opts, *param.secondary_opts], key=lambda name: not name.startswith("--"))
     return " ".join([*names, _shown_value(param)] if not _is_flag(param) else names)
 
 

@@ -7,6 +7,7 @@ import typer
 from typer.exceptions import TyperException
 
 from meshfit.cli import (
+    animate,
     clean,
     compare,
     expect,
@@ -62,6 +63,7 @@ for panel, name, command in (
     (EXPERIMENTS, "init", init.init),
     (RUNS, "status", status.status),
     (RUNS, "show", show.show),
+    (RUNS, "animate", animate.animate),
     (RUNS, "export", export.export),
     (RUNS, "clean", clean.clean),
     (MESHES, "subdivide", subdivide.subdivide),
