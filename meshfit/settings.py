@@ -129,7 +129,7 @@ _NEEDS = {
     "float": "a number",
     "finite_number": "a finite number",
     "string": "a text",
-    "tuple": "a list",
+    "tuple": "a list, such as [a, b],",
     "model": "a mapping of keys to values",
     "dict": "a mapping of keys to values",
     "too_short": "at least one entry",

@@ -61,6 +61,6 @@ def _parse_value(text: str) -> Value:
 def suggest(word: str, allowed: Iterable[str]) -> str:
     """A phrase for an error message: the nearest allowed word, if one is near, and all that are allowed."""
     words = list(allowed)
-    near = difflib.get_close_matches(word, words, n=1)
+    near = difflib.get_close_matches(word, words, n=1) or [other for other in words if word and word in other]
     hint = f"did you mean '{near[0]}'? " if near else ""
     return f"{hint}allowed: {', '.join(words)}"

@@ -25,7 +25,7 @@ def clean(
     ] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="List what would be removed; remove nothing.")] = False,
 ) -> int:
-    """Remove what failed or was interrupted from run directories.
+    """Remove what failed or was interrupted.
 
     Complete trials and those that run now are left as they are. Of interrupted trials the checkpoints go too:
     what is run again starts over.

@@ -4,8 +4,10 @@ from typing import Annotated
 
 import typer
 
+from meshfit.cli import completions
 from meshfit.cli.options import (
     DEFAULT_RUNS,
+    WHAT,
     AsJson,
     Baseline,
     Cluster,
@@ -23,15 +25,39 @@ from meshfit.errors import ConfigError
 
 
 def compare(
-    schemes: Annotated[list[str], typer.Argument(help="Two schemes or more, as in interp-loop:alpha=0.5.")],
-    config: Annotated[str, typer.Option("--config", help="Settings of the fits: a config file or a bundled one.")] = (
-        "table1"
-    ),
+    schemes: Annotated[
+        list[str],
+        typer.Argument(
+            help="Two schemes or more, as in interp-loop:alpha=0.5.",
+            metavar="SCHEMES...",
+            autocompletion=completions.schemes,
+        ),
+    ],
+    config: Annotated[
+        str,
+        typer.Option(
+            "--config",
+            help="Settings of the fits: a config file or a bundled one.",
+            metavar="CONFIG",
+            rich_help_panel=WHAT,
+            autocompletion=completions.configs,
+        ),
+    ] = "table1",
     targets: Annotated[
-        str | None, typer.Option("--targets", help="Targets, comma-separated, in place of the config's.")
+        str | None,
+        typer.Option(
+            "--targets",
+            help="Targets, comma-separated, in place of the config's.",
+            metavar="A,B",
+            rich_help_panel=WHAT,
+            autocompletion=completions.listed_targets,
+        ),
     ] = None,
     seeds: Annotated[
-        int | None, typer.Option("--seeds", min=1, help="Seeds 0 to N-1, in place of the config's.", metavar="N")
+        int | None,
+        typer.Option(
+            "--seeds", min=1, help="Seeds 0 to N-1, in place of the config's.", metavar="N", rich_help_panel=WHAT
+        ),
     ] = None,
     runs: Runs = DEFAULT_RUNS,
     overrides: Sets = None,
@@ -45,12 +71,14 @@ def compare(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> int:
-    """Compare subdivision schemes: run what is missing, then a table with differences and their intervals.
+    """Compare subdivision schemes, paired by seed.
+
+    What is missing is run; then comes a table with the differences and their intervals.
 
     Examples:
         meshfit compare loop interp-loop
 
-        meshfit compare loop interp-loop modified-butterfly --targets bunny,cow --seeds 3
+        meshfit compare loop interp-loop butterfly --targets bunny,cow --seeds 3
 
         meshfit compare interp-loop:alpha=0.5 interp-loop --config quickstart
     """

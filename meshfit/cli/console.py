@@ -3,16 +3,44 @@
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderHook
 from rich.markup import escape
+from rich.segment import Segment
 
 from meshfit.errors import MeshfitError, MeshfitWarning
 
 EXIT_INTERRUPTED = 130
 
+
+@dataclass(frozen=True)
+class _Trimmed:
+    """What is printed, without blanks at the ends of its lines."""
+
+    printed: ConsoleRenderable
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Segment]:
+        for line in Segment.split_lines(console.render(self.printed, options)):
+            while line and not line[-1].control and not line[-1].text.strip():
+                line.pop()
+            if line:
+                yield from line[:-1]
+                yield line[-1] if line[-1].control else Segment(line[-1].text.rstrip(), line[-1].style)
+            yield Segment.line()
+
+
+class _Trimming(RenderHook):
+    def process_renderables(self, renderables: list[ConsoleRenderable]) -> list[ConsoleRenderable]:
+        return [_Trimmed(one) for one in renderables]
+
+
 out = Console(highlight=False)
+out.push_render_hook(_Trimming())
 err = Console(stderr=True, highlight=False)
+
+# Of the 16 colours, whose shades are the terminal's, red, green, magenta and cyan can be read on white and on black
+# alike; yellow and blue cannot, nor can dim text. What is told by colour is told by words too.
 
 
 def say_error(message: str) -> None:
@@ -22,7 +50,7 @@ def say_error(message: str) -> None:
 
 def say_warning(message: str) -> None:
     """One line on stderr: what was mended, or is worth knowing."""
-    err.print(f"[yellow]warning:[/] {escape(message)}", soft_wrap=True)
+    err.print(f"[bold magenta]warning:[/] {escape(message)}", soft_wrap=True)
 
 
 @contextmanager
@@ -52,7 +80,7 @@ def exit_code_of(command: Callable[[], int]) -> int:
         say_error(str(error))
         return error.exit_code
     except KeyboardInterrupt:
-        err.print("interrupted; the same command goes on from here", style="yellow")
+        err.print("interrupted; the same command goes on from here", style="bold magenta")
         return EXIT_INTERRUPTED
     except BrokenPipeError:
         return 0

@@ -6,19 +6,28 @@ from typing import Annotated
 
 import typer
 
+from meshfit.cli import completions
 from meshfit.cli.console import out
 from meshfit.cli.options import DEFAULT_METRIC, RunDirs
 
 
 def expect(
     runs: RunDirs,
-    output: Annotated[Path, typer.Option("--output", "-o", help="The file to write.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="The file to write.", metavar="FILE")],
     metrics: Annotated[
         list[str] | None,
-        typer.Option("--metric", help="A metric to write down; may be repeated.", show_default=DEFAULT_METRIC),
+        typer.Option(
+            "--metric",
+            help="A metric to write down; may be repeated.",
+            show_default=DEFAULT_METRIC,
+            metavar="NAME",
+            autocompletion=completions.metrics,
+        ),
     ] = None,
 ) -> int:
-    """Write an expected file for `meshfit table --check`: each cell with the spread over seeds and a tolerance from it.
+    """Write the file that `meshfit table --check` compares with.
+
+    It holds each cell, its spread over the seeds, and a tolerance that follows from it.
 
     Example:
         meshfit expect runs/table1 -o configs/expected/table1.json

@@ -14,6 +14,7 @@ from meshfit.cli.failures import print_failures
 from meshfit.cli.plan import print_plan
 from meshfit.cli.tables import check_display, show_tables
 from meshfit.experiment.progress import Outcome
+from meshfit.experiment.snapshots import snapshots_in
 from meshfit.experiment.store import Result, RunDirectory, make_folder
 
 if TYPE_CHECKING:
@@ -104,6 +105,8 @@ def run_and_report(
         elsewhere, as_json = workers.elsewhere, display.as_json
         print_plan(trials, runs, jobs=workers.jobs, elsewhere=elsewhere, force=force, as_json=as_json)
         return 0
+    if not force:
+        _warn_of_missing_snapshots(trials, RunDirectory(runs))
     outcomes = run_missing(trials, runs, workers=workers, force=force, quiet=display.quiet)
     results = results_of(trials, runs)
     if display.as_json:
@@ -113,5 +116,15 @@ def run_and_report(
             say_warning(note)
         show_tables(results, display.metrics, baseline=display.baseline, planned=True)
         folders = dict.fromkeys(str(runs / trial.experiment) for trial in trials)
-        out.print(f"\nResults: {', '.join(folders)}", style="dim", soft_wrap=True, markup=False)
+        out.print(f"\nResults: {', '.join(folders)}", soft_wrap=True, markup=False)
     return print_failures(trials, outcomes, runs)
+
+
+def _warn_of_missing_snapshots(trials: Sequence["Trial"], store: RunDirectory) -> None:
+    wanted = [trial for trial in trials if trial.settings.fit.snapshots is not None and store.is_complete(trial)]
+    without = sum(not snapshots_in(store.folder(trial)) for trial in wanted)
+    if without:
+        trials_are = "1 trial is" if without == 1 else f"{without} trials are"
+        say_warning(
+            f"{trials_are} complete without the snapshots that are wanted; --force runs them anew, and takes some"
+        )

@@ -13,12 +13,14 @@ from meshfit.errors import StoreError
 
 def export(
     runs: RunDirs,
-    output: Annotated[Path, typer.Option("--output", "-o", help="The file to write: .csv or .parquet.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="The file to write: .csv or .parquet.", metavar="FILE")
+    ],
 ) -> int:
-    r"""Write a row for each trial that is complete or failed, with every metric and every setting.
+    """Write a row a trial, with every metric and every setting.
 
-    Columns are called as in configs and tables: fit.losses.edge, hausdorff.symmetric; lists are JSON.
-    Parquet needs the extra: pip install 'meshfit\[parquet]'.
+    Trials that are complete or failed have one. Columns are called as in configs and tables: fit.losses.edge,
+    hausdorff.symmetric; lists are JSON. Parquet needs the extra: pip install 'meshfit[parquet]'.
 
     Examples:
         meshfit export runs/table1 -o results.csv

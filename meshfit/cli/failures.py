@@ -30,7 +30,7 @@ def print_failures(trials: Sequence["Trial"], outcomes: Mapping[int, Outcome], r
         err.print(escape(message), soft_wrap=True)
         for i in alike[:_MOST_ALIKE]:
             record = escape(str(store.folder(trials[i]) / FAILURE))
-            err.print(f"  {escape(trials[i].label.ljust(width))}  [dim]{record}[/]", soft_wrap=True)
+            err.print(f"  {escape(trials[i].label.ljust(width))}  {record}", soft_wrap=True)
         if len(alike) > _MOST_ALIKE:
             where = escape(str(runs / trials[alike[0]].experiment))
             err.print(f"  and {len(alike) - _MOST_ALIKE} more: meshfit status {where} --all", soft_wrap=True)

@@ -6,30 +6,43 @@ from typing import Annotated
 
 import typer
 
+from meshfit.cli import completions
 from meshfit.cli.console import out
 from meshfit.cli.options import DEFAULT_METRIC, RunDirs
 
 
 def figure(
     runs: RunDirs,
-    output: Annotated[Path, typer.Option("--output", "-o", help="The figure to write: .pdf, .svg or .png.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="The figure to write: .pdf, .svg or .png.", metavar="FILE")
+    ],
     metric: Annotated[
         str,
-        typer.Option("--metric", help="Told below each result; its median picks the seed.", metavar="NAME"),
+        typer.Option(
+            "--metric",
+            help="Told below each result; its median picks the seed.",
+            metavar="NAME",
+            autocompletion=completions.metrics,
+        ),
     ] = DEFAULT_METRIC,
     targets: Annotated[
-        str | None, typer.Option("--targets", help="Only these, in this order, separated by commas.", metavar="NAMES")
+        str | None,
+        typer.Option(
+            "--targets",
+            help="Only these, in this order, separated by commas.",
+            metavar="A,B",
+            autocompletion=completions.listed_targets,
+        ),
     ] = None,
     schemes: Annotated[
-        str | None, typer.Option("--schemes", help="Only these, in this order, separated by commas.", metavar="NAMES")
+        str | None, typer.Option("--schemes", help="Only these, in this order, separated by commas.", metavar="A,B")
     ] = None,
 ) -> int:
-    r"""Draw target, sources and results of some runs, and where results are off, as a figure for a paper.
+    """Draw the figure of some runs for a paper, with its caption.
 
-    Of each target and scheme the trial is shown whose value is the median over the seeds.
-
-    The caption is written beside it, as .txt, and with what LaTeX needs around it, as .tex.
-    Needs the extra: pip install 'meshfit\[report]'.
+    It shows target, sources and results, and where results are off: of each target and scheme the trial whose value is
+    the median over the seeds. The caption is written beside it, as .txt and, with what LaTeX needs around it, as .tex.
+    Needs the extra: pip install 'meshfit[report]'.
 
     Examples:
         meshfit figure runs/table1 -o figure.pdf

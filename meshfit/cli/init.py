@@ -7,13 +7,16 @@ import typer
 
 from meshfit.cli.console import out
 from meshfit.errors import ConfigError
+from meshfit.paths import unwritable
 
 
 def init(
-    path: Annotated[Path, typer.Argument(help="Where to write it.")] = Path("experiment.yaml"),
+    path: Annotated[Path, typer.Argument(help="Where to write it.", metavar="[FILE]")] = Path("experiment.yaml"),
     force: Annotated[bool, typer.Option("--force", help="Write over a file that is there.")] = False,
 ) -> int:
-    """Write a starter config that holds every setting at its default, each with a comment.
+    """Write a starter config, every setting with its meaning.
+
+    All settings are at their defaults; delete what you do not change.
 
     Example:
         meshfit init mine.yaml && meshfit run mine.yaml
@@ -25,6 +28,6 @@ def init(
     try:
         path.write_text(starter_config(), encoding="utf-8")
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror}") from error
+        raise ConfigError(f"{path}: {unwritable(path, error)}") from error
     out.print(f"wrote {path}; now: meshfit run {path}", soft_wrap=True, markup=False)
     return 0

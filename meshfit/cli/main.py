@@ -7,6 +7,7 @@ import typer
 from typer.exceptions import TyperException
 
 from meshfit.cli import (
+    animate,
     clean,
     compare,
     expect,
@@ -25,14 +26,30 @@ from meshfit.cli import (
     targets,
 )
 from meshfit.cli.console import EXIT_INTERRUPTED, exit_code_of, out, say_error
+from meshfit.cli.help import Command, Group
+from meshfit.cli.welcome import print_welcome
 
 USAGE_ERROR = 2
 
+HELP = """Fit a source mesh, refined by a subdivision scheme, to target shapes; measure it; print the table.
+
+A config is targets × schemes × seeds over one set of settings. What is complete is never run twice.
+
+Examples:
+    meshfit run quickstart  # two targets, two schemes, in under 2 minutes
+
+    meshfit run my.yaml  # an experiment of your own; meshfit init writes one
+
+    meshfit table runs/my --format latex
+
+    meshfit run --help  # the options of a command, with examples
+"""
+
 app = typer.Typer(
     name="meshfit",
-    help="Batch mesh-deformation experiments: fit a subdivided source mesh to a target, measure it, print the table.",
-    epilog="Start here:  meshfit run quickstart   ·   meshfit compare loop interp-loop   ·   meshfit init",
-    rich_markup_mode="rich",
+    help=HELP,
+    cls=Group,
+    rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -46,6 +63,7 @@ for panel, name, command in (
     (EXPERIMENTS, "init", init.init),
     (RUNS, "status", status.status),
     (RUNS, "show", show.show),
+    (RUNS, "animate", animate.animate),
     (RUNS, "export", export.export),
     (RUNS, "clean", clean.clean),
     (MESHES, "subdivide", subdivide.subdivide),
@@ -55,7 +73,7 @@ for panel, name, command in (
     (LOOK_UP, "targets", targets.targets),
     (LOOK_UP, "schema", schema.schema),
 ):
-    app.command(name, rich_help_panel=panel)(command)
+    app.command(name, cls=Command, rich_help_panel=panel)(command)
 
 
 def _print_version(wanted: bool) -> None:
@@ -74,7 +92,7 @@ def _options(
     ] = False,
 ) -> None:
     if context.invoked_subcommand is None:
-        out.print(context.get_help())
+        print_welcome()
 
 
 def run_app() -> int:
@@ -84,7 +102,8 @@ def run_app() -> int:
     except TyperException as error:
         context = getattr(error, "ctx", None)
         command = context.command_path if context is not None else "meshfit"
-        say_error(f"{' '.join(error.format_message().split())} See '{command} --help'.")
+        said = " ".join(error.format_message().replace("Value error, ", "").split())
+        say_error(f"{said}{'' if said.endswith(('.', '?')) else '.'} See '{command} --help'.")
         return USAGE_ERROR
     except typer.Abort:
         return EXIT_INTERRUPTED

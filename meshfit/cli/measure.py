@@ -8,6 +8,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from meshfit.cli import completions
 from meshfit.cli.console import out
 from meshfit.cli.options import AsJson
 
@@ -21,20 +22,31 @@ class Normalisation(StrEnum):
 
 
 def measure(
-    result: Annotated[str, typer.Argument(help="Mesh file of the result.", metavar="RESULT")],
-    target: Annotated[str, typer.Argument(help="Mesh file or name of the target.", metavar="TARGET")],
+    result: Annotated[
+        str, typer.Argument(help="Mesh file of the result.", metavar="RESULT", autocompletion=completions.targets)
+    ],
+    target: Annotated[
+        str,
+        typer.Argument(help="Mesh file or name of the target.", metavar="TARGET", autocompletion=completions.targets),
+    ],
     samples: Annotated[
         int | None,
-        typer.Option("--samples", min=100, help="Area-uniform points on each surface.", show_default="200000"),
+        typer.Option(
+            "--samples", min=100, help="Area-uniform points on each surface.", show_default="200000", metavar="N"
+        ),
     ] = None,
     normalise: Annotated[
-        Normalisation, typer.Option("--normalise", help="Frame of the target that both are put in.")
+        Normalisation,
+        typer.Option(
+            "--normalise", help="Frame of the target that both are put in: tutorial, box or none.", metavar="FRAME"
+        ),
     ] = Normalisation.NONE,
     as_json: AsJson = False,
 ) -> int:
-    """Measure a mesh against a target: Hausdorff, mean and RMS distance, chamfer, F-score, normals, soundness.
+    """Measure a mesh against a target.
 
-    Lengths are in the files' own units unless --normalise names a frame; the frame is always that of the target.
+    Hausdorff, mean and RMS distance, chamfer distance, F-score, normals, and whether the mesh is sound. Lengths
+    are in the files' own units unless --normalise names a frame; the frame is always that of the target.
 
     Examples:
         meshfit measure result.ply target.obj

@@ -6,23 +6,70 @@ from typing import Annotated
 
 import typer
 
-Runs = Annotated[Path, typer.Option("--runs", help="Run directory: one folder a trial.", metavar="DIR")]
-RunDirs = Annotated[list[Path], typer.Argument(help="Run directories, or folders in them.", metavar="RUNS...")]
+from meshfit.cli import completions
+
+WHAT, WHO, SHOWN = "What is run", "Who runs it", "What is shown"
+
+Runs = Annotated[
+    Path,
+    typer.Option(
+        "--runs", help="Run directory: one folder a trial.", metavar="DIR", autocompletion=completions.folders
+    ),
+]
+RunDirs = Annotated[
+    list[Path],
+    typer.Argument(help="Run directories, or folders in them.", metavar="RUNS...", autocompletion=completions.folders),
+]
 OptionalRunDirs = Annotated[
     list[Path] | None,
-    typer.Argument(help="Run directories, or folders in them.", metavar="[RUNS...]", show_default="runs"),
+    typer.Argument(
+        help="Run directories, or folders in them.",
+        metavar="[RUNS...]",
+        show_default="runs",
+        autocompletion=completions.folders,
+    ),
+]
+OneTrial = Annotated[
+    str,
+    typer.Argument(
+        help="A trial's folder, a file in it, or the first digits of its identity (4 or more).",
+        metavar="TRIAL",
+        autocompletion=completions.trials,
+    ),
 ]
 Sets = Annotated[
     list[str] | None,
-    typer.Option("--set", help="Override a setting; the value is YAML. May be repeated.", metavar="KEY=VALUE"),
+    typer.Option(
+        "--set",
+        help="Override a setting; the value is YAML. May be repeated.",
+        metavar="KEY=VALUE",
+        rich_help_panel=WHAT,
+        autocompletion=completions.settings,
+    ),
 ]
-Force = Annotated[bool, typer.Option("--force", help="Run trials anew that are complete already.")]
-DryRun = Annotated[bool, typer.Option("--dry-run", help="Print the plan, and what of it is complete; run nothing.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress; errors and the table only.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON to stdout, and nothing else there.")]
+Force = Annotated[
+    bool, typer.Option("--force", help="Run trials anew that are complete already.", rich_help_panel=WHAT)
+]
+DryRun = Annotated[
+    bool,
+    typer.Option("--dry-run", help="Print the plan, and what of it is complete; run nothing.", rich_help_panel=WHAT),
+]
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", help="No progress; errors and the table only.", rich_help_panel=SHOWN)
+]
+AsJson = Annotated[
+    bool, typer.Option("--json", help="Print JSON to stdout, and nothing else there.", rich_help_panel=SHOWN)
+]
 Jobs = Annotated[
     int | None,
-    typer.Option("--jobs", "-j", min=1, help="Trials side by side on the CPU, in place of the config's `jobs`."),
+    typer.Option(
+        "--jobs",
+        "-j",
+        min=1,
+        help="Trials side by side on the CPU, in place of the config's `jobs`.",
+        metavar="N",
+        rich_help_panel=WHO,
+    ),
 ]
 Cluster = Annotated[
     str | None,
@@ -30,6 +77,7 @@ Cluster = Annotated[
         "--cluster",
         help="Send trials to a Dask cluster: tcp://HOST:PORT, or the scheduler's file. Needs the extra `dask`.",
         metavar="ADDRESS",
+        rich_help_panel=WHO,
     ),
 ]
 
@@ -45,7 +93,10 @@ class TransferChoice(StrEnum):
 Transfer = Annotated[
     TransferChoice,
     typer.Option(
-        "--transfer", help="For --cluster: workers write to a shared directory, or return files; auto looks which."
+        "--transfer",
+        help="For --cluster: workers write to a `shared` directory, or files are `returned`; `auto` looks which.",
+        metavar="HOW",
+        rich_help_panel=WHO,
     ),
 ]
 DEFAULT_RUNS = Path("runs")
@@ -57,9 +108,17 @@ Metrics = Annotated[
         help="What cells hold, such as distance.mean or quality.self_intersecting_faces. May be repeated.",
         show_default=DEFAULT_METRIC,
         metavar="NAME",
+        rich_help_panel=SHOWN,
+        autocompletion=completions.metrics,
     ),
 ]
 Baseline = Annotated[
     str | None,
-    typer.Option("--baseline", help="Scheme to compare the others with; by default the first.", metavar="SCHEME"),
+    typer.Option(
+        "--baseline",
+        help="Scheme to compare the others with; by default the first.",
+        metavar="SCHEME",
+        rich_help_panel=SHOWN,
+        autocompletion=completions.schemes,
+    ),
 ]

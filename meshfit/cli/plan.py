@@ -48,8 +48,8 @@ def print_plan(
         typer.echo(json.dumps({"trials": rows} | counts, indent=2))
         return
     for trial, done in zip(trials, complete, strict=True):
-        mark = "[green]complete[/]" if done else "[yellow]to run  [/]"
-        out.print(f"{mark}  {escape(trial.label)}  [dim]{escape(str(store.folder(trial)))}[/]", soft_wrap=True)
+        mark = "[green]complete[/]" if done else "[magenta]to run  [/]"
+        out.print(f"{mark}  {escape(trial.label)}  {escape(str(store.folder(trial)))}", soft_wrap=True)
     out.print(f"{len(trials)} trials: {sum(complete)} complete, {len(left)} to run")
     if found is not None:
         workers = "1 worker" if found.workers == 1 else f"{found.workers} workers"

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from meshfit.cli import completions
 from meshfit.cli.console import out
 
 
@@ -12,21 +13,30 @@ def render(
     what: Annotated[
         list[str],
         typer.Argument(
-            help="Mesh files, names of targets, or folders of trials; TITLE=… gives a title.", metavar="WHAT..."
+            help="Mesh files, names of targets, or folders of trials; TITLE=… gives a title.",
+            metavar="WHAT...",
+            autocompletion=completions.meshes_or_trials,
         ),
     ],
-    output: Annotated[Path, typer.Option("--output", "-o", help="The picture to write: .png, .pdf or .svg.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="The picture to write: .png, .pdf or .svg.", metavar="FILE")
+    ],
     against: Annotated[
         str | None,
-        typer.Option("--against", help="Colour meshes by their distance to this target.", metavar="TARGET"),
+        typer.Option(
+            "--against",
+            help="Colour meshes by their distance to this target.",
+            metavar="TARGET",
+            autocompletion=completions.targets,
+        ),
     ] = None,
     edges: Annotated[bool, typer.Option("--edges", help="Draw the edges of faces too.")] = False,
 ) -> int:
-    r"""Draw meshes side by side, y up, targets in their tutorial frame.
+    """Draw meshes, or trials, side by side.
 
-    The folder of a trial stands for its source, its result and its target. Each mesh is seen from three quarters, from
-    where its target looks best; mesh files are taken to share a frame, and the view of --against, or of the first.
-    Needs the extra: pip install 'meshfit\[report]'.
+    The folder of a trial stands for its source, its result and its target. Each mesh is seen from three quarters, y up,
+    from where its target looks best; named targets are in their tutorial frame, mesh files are taken to share one, and
+    the view of --against, or of the first. Needs the extra: pip install 'meshfit[report]'.
 
     Examples:
         meshfit render bunny mousehead -o targets.png

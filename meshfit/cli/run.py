@@ -4,6 +4,7 @@ from typing import Annotated
 
 import typer
 
+from meshfit.cli import completions
 from meshfit.cli.options import (
     DEFAULT_RUNS,
     AsJson,
@@ -22,7 +23,12 @@ from meshfit.cli.options import (
 
 
 def run(
-    configs: Annotated[list[str], typer.Argument(help="Config files, or names of bundled ones.", metavar="CONFIG...")],
+    configs: Annotated[
+        list[str],
+        typer.Argument(
+            help="Config files, or names of bundled ones.", metavar="CONFIG...", autocompletion=completions.configs
+        ),
+    ],
     runs: Runs = DEFAULT_RUNS,
     overrides: Sets = None,
     jobs: Jobs = None,
@@ -35,17 +41,19 @@ def run(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> int:
-    """Run experiments: every target with every scheme and every seed, then the table.
+    """Run experiments and print their table.
 
-    Complete trials are kept, an interrupted one goes on from its last checkpoint.
-    Bundled configs: quickstart, table1, tutorial, schemes, reproduce.
+    Every target is fitted with every scheme and every seed. Complete trials are kept, an interrupted one goes on from
+    its last checkpoint.
+
+    Bundled configs: quickstart (under 2 minutes), table1, reproduce, tutorial, schemes, accurate, accurate-fixed.
 
     Examples:
         meshfit run quickstart
 
         meshfit run my.yaml --set fit.steps=500 --set fit.losses.edge=0.5
 
-        meshfit run table1 --dry-run
+        meshfit run table1 --dry-run  # what would run, and about how long it takes
     """
     from meshfit.cli.experiments import Display, Workers, run_and_report
     from meshfit.config.load import load_experiment

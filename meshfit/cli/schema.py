@@ -6,7 +6,9 @@ import typer
 
 
 def schema() -> int:
-    """Print the JSON Schema of a config, for editors that complete and check YAML.
+    """Print the JSON Schema of a config, for editors.
+
+    An editor that knows it completes and checks configs as they are written.
 
     Example:
         meshfit schema > meshfit.schema.json

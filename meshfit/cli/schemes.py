@@ -7,6 +7,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from meshfit.cli import completions
 from meshfit.cli.console import out
 from meshfit.cli.options import AsJson
 from meshfit.subdivision.scheme import SchemeEntry
@@ -14,7 +15,12 @@ from meshfit.subdivision.scheme import SchemeEntry
 
 def schemes(
     name: Annotated[
-        str | None, typer.Argument(help="A scheme, as in interp-loop:alpha=0.5, to show its masks.")
+        str | None,
+        typer.Argument(
+            help="A scheme, as in interp-loop:alpha=0.5, to show its masks.",
+            metavar="[SCHEME]",
+            autocompletion=completions.schemes,
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> int:
@@ -57,7 +63,7 @@ def _one(text: str, as_json: bool) -> int:
         return 0
     out.print(f"[bold]{escape(canonical(text))}[/]  {entry.title}, {entry.kind}")
     facts = Table(box=None, pad_edge=False, show_header=False)
-    facts.add_column(style="dim")
+    facts.add_column(style="bold")
     facts.add_column()
     for key, value in (("split", scheme.split.value), ("continuity", entry.continuity), ("source", entry.source)):
         facts.add_row(key, value)
@@ -75,7 +81,7 @@ def _one(text: str, as_json: bool) -> int:
 
 
 def _with_parameters(name: str, entry: SchemeEntry) -> str:
-    return name + (f"\n  [dim]:{', '.join(entry.parameters)}[/]" if entry.parameters else "")
+    return name + (f"\n  [not bold]:{', '.join(entry.parameters)}[/]" if entry.parameters else "")
 
 
 def _plain(name: str, entry: SchemeEntry) -> dict[str, object]:

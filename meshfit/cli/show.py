@@ -6,26 +6,21 @@ from typing import Annotated
 
 import typer
 
-from meshfit.cli.options import DEFAULT_RUNS, AsJson, Runs
+from meshfit.cli.options import DEFAULT_RUNS, AsJson, OneTrial, Runs
 
 
 def show(
-    trial: Annotated[
-        str,
-        typer.Argument(
-            help="A trial's folder, a file in it, or the first digits of its identity (4 or more).", metavar="TRIAL"
-        ),
-    ],
+    trial: OneTrial,
     runs: Runs = DEFAULT_RUNS,
     every: Annotated[bool, typer.Option("--all", help="Every setting, not only those not at their defaults.")] = False,
     as_json: AsJson = False,
 ) -> int:
-    """Show one trial: its state, settings, metrics, why it failed, and where its files are.
+    """Show one trial: state, figures, settings, files, why it failed.
 
     Examples:
         meshfit show runs/table1/bunny/loop/seed-0-*
 
-        meshfit show 3f9a
+        meshfit show 3f9a  # the trial whose identity begins so
 
         meshfit show 3f9a --all --runs elsewhere
     """

@@ -16,6 +16,7 @@ from meshfit.experiment.folders import State
 from meshfit.experiment.overview import ExperimentOverview, Standing
 from meshfit.experiment.progress_file import read_progress
 from meshfit.experiment.records import ended, read_result, read_settings
+from meshfit.experiment.snapshots import SNAPSHOTS, snapshots_in
 from meshfit.experiment.store import LOCK, Result
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.amounts import size
@@ -135,7 +136,20 @@ def _files(trial: Standing) -> list[tuple[str, int, str]]:
     found = [name for name in trial.folder.files if name != LOCK and (trial.path / name).is_file()]
     places = list(_FILES)
     ordered = sorted(found, key=lambda name: (places.index(name) if name in _FILES else len(places), name))
-    return [(name, (trial.path / name).stat().st_size, _meaning(name)) for name in ordered]
+    listed = [(name, (trial.path / name).stat().st_size, _meaning(name)) for name in ordered]
+    return [*listed, *_snapshots(trial)]
+
+
+def _snapshots(trial: Standing) -> Iterator[tuple[str, int, str]]:
+    """The folder of snapshots as one entry."""
+    if found := snapshots_in(trial.path):
+        steps = list(found)
+        count = f"{len(found):,} meshes" if len(found) > 1 else "a mesh"
+        yield (
+            f"{SNAPSHOTS}/",
+            sum(path.stat().st_size for path in found.values()),
+            f"{count}, steps {steps[0]} to {steps[-1]}",
+        )
 
 
 def _meaning(name: str) -> str:
@@ -146,7 +160,7 @@ def _file_grid(files: list[tuple[str, int, str]]) -> Padding:
     grid = Table.grid(padding=(0, 2, 0, 0))
     grid.add_column()
     grid.add_column(justify="right")
-    grid.add_column(style="dim")
+    grid.add_column()
     for name, count, what in files:
         grid.add_row(Text(name), size(count), what)
     return Padding(grid, (0, 0, 0, 2))
@@ -154,7 +168,7 @@ def _file_grid(files: list[tuple[str, int, str]]) -> Padding:
 
 def _grid(facts: Iterator[tuple[str, str]]) -> Table:
     grid = Table.grid(padding=(0, 2, 0, 0))
-    grid.add_column(style="dim")
+    grid.add_column(style="bold")
     grid.add_column(overflow="fold")
     for name, text in facts:
         grid.add_row(name, Text(text))

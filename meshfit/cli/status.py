@@ -18,17 +18,18 @@ def status(
     ] = False,
     as_json: AsJson = False,
 ) -> int:
-    """Say how experiments stand: what is complete, running, failed or waiting, and about how long is left.
+    """Say how experiments stand, and about how long is left.
 
-    It reads the run directory alone, at any time, while others write there. Interrupted trials are those that were
-    begun and have not ended: the command that ran them goes on with them.
+    It tells what is complete, running, failed, interrupted or waiting. It reads the run directory alone, at any
+    time, while others write there. Interrupted trials are those that were begun and have not ended: the command that
+    ran them goes on with them.
 
     Examples:
         meshfit status
 
         meshfit status runs/table1 --all
 
-        watch -n 5 meshfit status
+        watch -n 5 meshfit status  # again every 5 seconds
     """
     from meshfit.cli.status_view import plain_overview, print_overview
     from meshfit.experiment.overview import overview

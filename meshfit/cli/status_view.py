@@ -22,7 +22,7 @@ STYLES = {
     State.COMPLETE: "green",
     State.RUNNING: "cyan",
     State.FAILED: "red",
-    State.INTERRUPTED: "yellow",
+    State.INTERRUPTED: "magenta",
     State.WAITING: "",
 }
 
@@ -70,19 +70,19 @@ def _running(experiment: ExperimentOverview, now: datetime, most: int | None) ->
     for _ in range(3):
         grid.add_column(justify="right", no_wrap=True)
     grid.add_column(overflow="fold")
-    grid.add_row(*(Text(heading, "dim") for heading in ("running", "step", "loss", "for", "where")))
+    grid.add_row(*(Text(heading, "bold") for heading in ("running", "step", "loss", "for", "where")))
     for trial in running[:most]:
         progress = read_progress(trial.path)
         grid.add_row(Text(trial.label, "cyan"), *_last_said(progress, now))
         if progress is not None and progress.silent_seconds(now) >= FRESH_SECONDS:
-            grid.add_row(Text(f"  no sign of life for {duration(progress.silent_seconds(now))}", "bold yellow"))
+            grid.add_row(Text(f"  no sign of life for {duration(progress.silent_seconds(now))}", "bold magenta"))
     yield Padding(grid, (0, 0, 0, 2))
     yield from _more(len(running), most)
 
 
 def _last_said(progress: LastProgress | None, now: datetime) -> Sequence[Text]:
     if progress is None:
-        return [Text("starting", "dim")]
+        return [Text("starting")]
     step = f"{progress.step:,}/{progress.steps:,}" if progress.phase == "fitting" else progress.phase
     loss = "" if progress.loss is None else f"{progress.loss:.3g}"
     host = progress.host.partition(".")[0]
@@ -91,7 +91,7 @@ def _last_said(progress: LastProgress | None, now: datetime) -> Sequence[Text]:
         Text(step),
         Text(loss),
         Text(duration((now - progress.started).total_seconds())),
-        Text(f"{host}:{progress.pid}", "dim"),
+        Text(f"{host}:{progress.pid}"),
     ]
 
 
@@ -106,13 +106,13 @@ def _failed(experiment: ExperimentOverview, most: int | None) -> Iterator[Render
                 yield Padding(Text(said), (0, 0, 0, 4))
             step = "" if failure.step is None else f", step {failure.step:,}"
             yield Text.assemble("      ", (failure.trial.label, "red"), step)
-            yield Text(f"        {failure.where}", "dim")
+            yield Text(f"        {failure.where}")
         yield from _more(len(failures), most)
 
 
 def _more(count: int, most: int | None) -> Iterator[Text]:
     if most is not None and count > most:
-        yield Text(f"  and {count - most:,} more; --all lists them", "dim")
+        yield Text(f"  and {count - most:,} more; --all lists them")
 
 
 def plain_overview(experiment: ExperimentOverview) -> dict[str, object]:

@@ -5,22 +5,64 @@ from typing import Annotated
 
 import typer
 
+from meshfit.cli import completions
 from meshfit.cli.console import out
+
+_PARAMETERS = "Parameters of schemes"
 
 
 def subdivide(
-    source: Annotated[str, typer.Argument(help="Mesh file or name of a target.", metavar="IN")],
-    destination: Annotated[
-        Path, typer.Argument(help="Mesh file to write; its suffix names the format.", metavar="OUT")
+    source: Annotated[
+        str,
+        typer.Argument(help="Mesh file or name of a target.", metavar="IN", autocompletion=completions.targets),
     ],
-    scheme: Annotated[str, typer.Option("--scheme", "-s", help="Subdivision scheme; see `meshfit schemes`.")] = "loop",
-    levels: Annotated[int, typer.Option("--levels", "-n", min=0, max=10, help="How many times.")] = 1,
+    destination: Annotated[
+        Path,
+        typer.Argument(
+            help="Mesh file to write; its suffix names the format.", metavar="OUT", autocompletion=completions.meshes
+        ),
+    ],
+    scheme: Annotated[
+        str,
+        typer.Option(
+            "--scheme",
+            "-s",
+            help="Subdivision scheme; see `meshfit schemes`.",
+            metavar="SCHEME",
+            autocompletion=completions.schemes,
+        ),
+    ] = "loop",
+    levels: Annotated[
+        int, typer.Option("--levels", "-n", min=0, max=10, help="How many times, 0 to 10.", metavar="N")
+    ] = 1,
     alpha: Annotated[
-        float | None, typer.Option("--alpha", help="For interp-loop: from 0, Loop, to 1, interpolatory.", metavar="A")
+        float | None,
+        typer.Option(
+            "--alpha",
+            help="For interp-loop: from 0, Loop, to 1, interpolatory.",
+            metavar="A",
+            rich_help_panel=_PARAMETERS,
+        ),
     ] = None,
-    weights: Annotated[str | None, typer.Option("--weights", help="For Loop's vertex rule: loop or warren.")] = None,
-    tension: Annotated[float | None, typer.Option("--tension", help="For butterfly: w.", metavar="W")] = None,
-    valence3: Annotated[str | None, typer.Option("--valence3", help="For interp-loop: displacement or zorin.")] = None,
+    weights: Annotated[
+        str | None,
+        typer.Option(
+            "--weights", help="For Loop's vertex rule: loop or warren.", metavar="NAME", rich_help_panel=_PARAMETERS
+        ),
+    ] = None,
+    tension: Annotated[
+        float | None,
+        typer.Option("--tension", help="For butterfly: w.", metavar="W", rich_help_panel=_PARAMETERS),
+    ] = None,
+    valence3: Annotated[
+        str | None,
+        typer.Option(
+            "--valence3",
+            help="For interp-loop: displacement or zorin.",
+            metavar="NAME",
+            rich_help_panel=_PARAMETERS,
+        ),
+    ] = None,
 ) -> int:
     """Refine a mesh by a subdivision scheme.
 

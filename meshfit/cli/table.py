@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from meshfit.cli.console import err, out, say_error
-from meshfit.cli.options import Baseline, Metrics, RunDirs
+from meshfit.cli.options import SHOWN, Baseline, Metrics, RunDirs
 
 DEVIATES = 1
 
@@ -24,19 +24,33 @@ class Format(StrEnum):
 
 def table(
     runs: RunDirs,
-    format: Annotated[Format, typer.Option("--format", "-f", help="How to write it.")] = Format.RICH,  # noqa: A002
+    format: Annotated[  # noqa: A002
+        Format,
+        typer.Option(
+            "--format",
+            "-f",
+            help="`rich`, for a terminal; `md` or `latex`, with the notes in full; `csv` or `json`.",
+            metavar="FORMAT",
+            rich_help_panel=SHOWN,
+        ),
+    ] = Format.RICH,
     metrics: Metrics = None,
     baseline: Baseline = None,
     check: Annotated[
-        Path | None, typer.Option("--check", help="Compare with an expected file; exit 1 where it deviates.")
+        Path | None,
+        typer.Option("--check", help="Compare with an expected file; exit 1 where it deviates.", metavar="FILE"),
     ] = None,
 ) -> int:
-    """Make the table of some runs: schemes by targets, mean, median and interval over seeds.
+    """Print the table of some runs, from their files alone.
+
+    Schemes by targets; each cell is the mean (median) [95 % interval] over the seeds, differences follow.
 
     Examples:
         meshfit table runs/table1
 
-        meshfit table runs/table1 --format latex --metric distance.mean --metric f_score.f1
+        meshfit table runs/table1 --metric distance.mean --metric f_score.f1
+
+        meshfit table runs/table1 --format latex > table1.tex
 
         meshfit table runs/table1 --check configs/expected/table1.json
     """

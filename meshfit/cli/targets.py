@@ -10,7 +10,13 @@ from meshfit.cli.options import AsJson
 
 
 def targets(as_json: AsJson = False) -> int:
-    """List the targets that a config can name, with their counts and origin. Any mesh file is a target too."""
+    """List the named targets.
+
+    Any mesh file (.obj, .ply, .stl, .off, .glb) is a target too.
+
+    Example:
+        meshfit targets
+    """
     from meshfit.mesh.targets import NAMED_TARGETS, load_target
 
     meshes = {name: load_target(name) for name in NAMED_TARGETS}

@@ -15,7 +15,7 @@ from meshfit.subdivision.choose import canonical
 def _unique(values: tuple[object, ...]) -> tuple[object, ...]:
     twice = {value for value in values if values.count(value) > 1}
     if twice:
-        raise ValueError(f"{sorted(map(str, twice))[0]} is listed twice")
+        raise ValueError(f"{sorted(map(str, twice))[0]} is listed twice; once is enough")
     return values
 
 
@@ -36,6 +36,9 @@ def _canonical_scheme(text: str) -> str:
 
 SchemeSpec = Annotated[str, AfterValidator(_canonical_scheme)]
 Count = Annotated[Literal["auto"] | Annotated[int, Field(ge=1)], WrapValidator(_count)]
+# What says how the work is done, or is spent when the trials are planned, and moves no number.
+WITHOUT_EFFECT: dict[str, Any] = {**dict.fromkeys(("jobs", "threads", "retries", "sweep"), True), "fit": {"snapshots"}}
+
 Listed = (Field(min_length=1), AfterValidator(_unique))
 
 

@@ -9,11 +9,12 @@ from meshfit.config.experiment import ExperimentSettings
 from meshfit.config.strict_yaml import Document, parse_document, parse_value
 from meshfit.config.sweep import variants_of
 from meshfit.errors import ConfigError
+from meshfit.paths import CONFIG_SUFFIXES, missing
 from meshfit.resources import bundled
 from meshfit.settings import Key, build, changed, merged, nested
 from meshfit.specs import suggest
 
-SUFFIXES = (".yaml", ".yml")
+_INIT = "`meshfit init {}` writes one"
 
 
 @dataclass(frozen=True)
@@ -67,8 +68,8 @@ def config_path(name_or_path: str) -> Path:
         return path
     if path.is_dir():
         raise ConfigError(f"{name_or_path}: a directory; the path of a YAML file is needed")
-    if path.suffix in SUFFIXES or len(path.parts) > 1:
-        raise ConfigError(f"{name_or_path}: no such file")
+    if path.suffix in CONFIG_SUFFIXES or len(path.parts) > 1:
+        raise ConfigError(f"{name_or_path}: {missing(path, CONFIG_SUFFIXES, _INIT.format(path))}")
     raise ConfigError(f"'{name_or_path}' is no config and no file: {suggest(name_or_path, configs)}")
 
 

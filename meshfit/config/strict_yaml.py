@@ -82,7 +82,7 @@ def parse_document(text: str, origin: str) -> Document:
     """
     loader, node = _compose(text, origin)
     if node is None:
-        raise ConfigError(f"{origin}: the file is empty; a mapping of settings is needed")
+        raise ConfigError(f"{origin}: the file is empty; a mapping of settings is needed: `meshfit init` writes one")
     if not isinstance(node, yaml.MappingNode):
         raise ConfigError(
             f"{origin}: found a {_KINDS[type(node)]}, a mapping of settings ('key: value' lines) is needed"

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
-from meshfit.config.experiment import ExperimentSettings
+from meshfit.config.experiment import WITHOUT_EFFECT, ExperimentSettings
 from meshfit.errors import ConfigError
 from meshfit.settings import TAG, build, changed, merged, nested
 
 ZIP, VARIANTS = "zip", "variants"
 _AXES = ("targets", "schemes", "seeds")
-_WITHOUT_EFFECT = ("jobs", "threads", "retries", "sweep")
 _LONGEST_VALUE = 30
 
 
@@ -115,10 +114,10 @@ def _flat(tree: Mapping[str, Any], *, lists: bool, above: str = "") -> Iterator[
 def _check_keys(axes: Sequence[Mapping[str, Any]]) -> None:
     keys = [key for axis in axes for key in axis]
     for key in keys:
-        first = key.partition(".")[0]
+        first, _, last = key.partition(".")
         if first in _AXES:
             raise ConfigError(f"sweep: {key}: always varied; list the values under '{first}'")
-        if first in _WITHOUT_EFFECT:
+        if WITHOUT_EFFECT.get(first) is True or last in WITHOUT_EFFECT.get(first, ()):
             raise ConfigError(f"sweep: {key}: no result depends on it, so it cannot be swept")
         if keys.count(key) > 1:
             raise ConfigError(f"sweep: {key}: varied in two ways; once among {ZIP}, {VARIANTS} and the grid is allowed")

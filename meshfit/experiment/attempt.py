@@ -15,9 +15,10 @@ from meshfit.experiment.memory import peak_memory_mb
 from meshfit.experiment.plan import Trial
 from meshfit.experiment.progress import Outcome, Phase, Progress
 from meshfit.experiment.result import result_of
+from meshfit.experiment.snapshots import keep_snapshots, steps_before, write_snapshot
 from meshfit.experiment.source import build_source
 from meshfit.experiment.store import CHECKPOINT, FAILURE, RESULT, RunDirectory, write_json
-from meshfit.fitting.problem import Diverged, Problem
+from meshfit.fitting.problem import Checkpoint, Diverged, Problem
 from meshfit.fitting.run import FitResult
 from meshfit.measuring.measure import measure
 from meshfit.mesh.alignment import aligned, apart
@@ -71,7 +72,7 @@ class Attempt:
         self.store.write(self.trial, "config.yaml", dump(self.trial.plain_settings))
         self._source = source
         self._write_mesh("source.ply", source)
-        checkpoint = read_checkpoint(self.trial, self.store)
+        checkpoint = self._checkpoint()
         before = checkpoint.get("seconds", 0.0) if checkpoint is not None else 0.0
         if checkpoint is not None:
             self._note("going on from a checkpoint")
@@ -83,8 +84,19 @@ class Attempt:
             on_step=lambda step: self._tell(Progress(Phase.FITTING, step)),
             resume=checkpoint,
             scheme=self.trial.scheme,
+            on_snapshot=lambda step, mesh: write_snapshot(self.trial, self.store, step, self._encoded(mesh)),
             save=lambda state: write_checkpoint(self.trial, self.store, state | {"seconds": self._seconds()}),
         )
+
+    def _checkpoint(self) -> Checkpoint | None:
+        """Where to go on, if nothing is missing of what has been made until there."""
+        checkpoint = read_checkpoint(self.trial, self.store)
+        done = 0 if checkpoint is None else int(checkpoint["done"])
+        if keep_snapshots(self.trial, self.store, steps_before(self.trial, done)):
+            return checkpoint
+        self._note("starting over, since snapshots are wanted of steps that were made without")
+        keep_snapshots(self.trial, self.store, ())
+        return None
 
     def finish(self, fitted: FitResult) -> None:
         """Measure and write."""
@@ -137,8 +149,11 @@ class Attempt:
             self._journal.close(text)
 
     def _write_mesh(self, name: str, mesh: Mesh) -> None:
+        self.store.write(self.trial, name, self._encoded(mesh))
+
+    def _encoded(self, mesh: Mesh) -> bytes:
         own = self.trial.settings.write_frame == "target"
-        self.store.write(self.trial, name, encode_mesh(self._frame.restore(mesh) if own else mesh, ".ply"))
+        return encode_mesh(self._frame.restore(mesh) if own else mesh, ".ply")
 
 
 class _Placed(NamedTuple):

@@ -121,12 +121,18 @@ def _connected(address: str) -> Any:  # noqa: ANN401  distributed is optional
     # What goes wrong reaches us as an exception; its own logs would be written over the progress bars.
     for name in [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]:
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    if ":" not in address and not Path(address).is_file():
+        raise ClusterError(
+            f"{address}: no such file; the file of a scheduler, or its address tcp://HOST:PORT, is needed"
+        )
     where = {"scheduler_file": address} if Path(address).is_file() else {"address": address}
     try:
         return distributed.Client(**where, timeout=_CONNECT_SECONDS, set_as_default=False, name="meshfit")
     except (OSError, ValueError, TypeError) as error:
         reason = str(error).partition("\n")[0]
-        raise ClusterError(f"{address}: no Dask scheduler to be reached there: {reason}") from None
+        raise ClusterError(
+            f"{address}: no Dask scheduler to be reached there: {reason}; `dask scheduler` starts one"
+        ) from None
 
 
 def _workers(client: Any, address: str) -> Mapping[str, Any]:  # noqa: ANN401  distributed is optional

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from meshfit.errors import StoreError
 from meshfit.experiment.plan import Trial
-from meshfit.experiment.store import CHECKPOINT, FAILURE, LOCK, PROGRESS, RESULT, RunDirectory
+from meshfit.experiment.snapshots import SNAPSHOTS, keep_snapshots, snapshots_in
+from meshfit.experiment.store import CHECKPOINT, FAILURE, LOCK, PROGRESS, RESULT, RunDirectory, make_folder
 
 Files = Mapping[str, bytes]
 """The content of files by name; those under `inputs/` are what a trial reads, the others lie in its folder."""
@@ -24,7 +25,8 @@ def parcel_for(trial: Trial, store: RunDirectory) -> Files:
     for name in (CHECKPOINT, FAILURE):
         if (path := store.folder(trial) / name).is_file():
             files[name] = _content(path)
-    return files
+    snapshots = snapshots_in(store.folder(trial)).values()
+    return files | {f"{SNAPSHOTS}/{path.name}": _content(path) for path in snapshots}
 
 
 def open_parcel(trial: Trial, files: Files, store: RunDirectory, inputs: Path) -> Trial:
@@ -44,7 +46,8 @@ def open_parcel(trial: Trial, files: Files, store: RunDirectory, inputs: Path) -
 def parcel_of(trial: Trial, store: RunDirectory) -> Files:
     """The files of a trial that a worker has done with."""
     folder = store.folder(trial)
-    return {path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.name not in (LOCK, PROGRESS)}
+    files = [path for path in sorted(folder.rglob("*")) if path.is_file() and path.name not in (LOCK, PROGRESS)]
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
 
 
 def put_back(trial: Trial, files: Files, store: RunDirectory, *, force: bool = False) -> None:
@@ -62,6 +65,9 @@ def put_back(trial: Trial, files: Files, store: RunDirectory, *, force: bool = F
     with store.lock(trial):
         if store.is_complete(trial) and not force:
             return
+        keep_snapshots(trial, store, ())
+        if any(name.startswith(SNAPSHOTS) for name in files):
+            make_folder(store.folder(trial) / SNAPSHOTS)
         for name in sorted(files, key=lambda name: (name == RESULT, name)):
             store.write(trial, name, files[name])
         if RESULT in files:

@@ -9,7 +9,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from meshfit.config.experiment import ExperimentSettings, SourceSettings
+from meshfit.config.experiment import WITHOUT_EFFECT, ExperimentSettings, SourceSettings
 from meshfit.config.load import Experiment
 from meshfit.config.sweep import Variant, variants_of
 from meshfit.experiment.source import build_source, source_file
@@ -17,10 +17,6 @@ from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target
 
 # Raised whenever the same settings would give other numbers, so that older results are not taken for newer ones.
 SCHEMA_VERSION = 2
-
-
-# What says how the work is done, or is spent when the trials are planned, and moves no number.
-_WITHOUT_EFFECT = {"jobs", "threads", "retries", "sweep"}
 
 
 @dataclass(frozen=True)
@@ -69,7 +65,7 @@ class Trial:
     @property
     def plain_settings(self) -> dict[str, Any]:
         """The settings as plain data, without those that no result depends on."""
-        return self.settings.model_dump(mode="json", exclude=_WITHOUT_EFFECT)
+        return self.settings.model_dump(mode="json", exclude=WITHOUT_EFFECT)
 
     @cached_property
     def identity(self) -> str:

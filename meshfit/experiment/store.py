@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from filelock import FileLock
 
 from meshfit.errors import StoreError
+from meshfit.paths import unwritable
 
 if TYPE_CHECKING:  # tables are made from files alone, without what a plan needs
     from meshfit.experiment.plan import Trial
@@ -93,7 +94,7 @@ class RunDirectory:
             with path.open("a", encoding="utf-8") as file:
                 file.write(text)
         except OSError as error:
-            raise StoreError(f"{path}: cannot be written: {error.strerror}") from error
+            raise StoreError(f"{path}: {unwritable(path, error)}") from error
 
     def remove(self, trial: "Trial", *names: str) -> None:
         """Remove files of a trial that are no longer wanted, if they are there."""
@@ -138,7 +139,7 @@ def write_atomically(path: Path, content: bytes | str, *, lasting: bool = True) 
     except OSError as error:
         if part is not None:
             part.unlink(missing_ok=True)
-        raise StoreError(f"{path}: cannot be written: {error.strerror}") from error
+        raise StoreError(f"{path}: {unwritable(path, error)}") from error
 
 
 def read_json(path: Path) -> Result:

@@ -39,6 +39,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     on_step: Callable[[Step], None] | None = None,
     resume: Checkpoint | None = None,
     save: Callable[[Checkpoint], None] | None = None,
+    on_snapshot: Callable[[int, Mesh], None] | None = None,
     **overrides: Any,  # noqa: ANN401  any key of the settings
 ) -> FitResult:
     """Deform a source mesh until it lies on a target.
@@ -58,6 +59,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         on_step: called after every step.
         resume: a checkpoint of the same fit to go on from.
         save: called with a checkpoint every few seconds, and if `on_step` raises `Interrupted`.
+        on_snapshot: called with the number of steps made and the surface, as often as `snapshots` says.
         **overrides: keys of the settings in place of those given, such as `steps=500, losses={"edge": 0.5}`, or
             `method="gauss-newton", connectivity="fixed"`.
 
@@ -70,7 +72,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         MeshError: a mesh that has no area or coordinates that are not finite.
         Diverged: a step was not finite.
     """
-    problem = Problem(source, target, seed, on_step, resume, save, scheme)
+    problem = Problem(source, target, seed, on_step, resume, save, scheme, on_snapshot)
     (outcome,) = fit_batch([problem], settings, device=device, dtype=dtype, threads=threads, **overrides)
     if isinstance(outcome, Diverged):
         raise outcome
@@ -128,7 +130,7 @@ def fit_batch(
             engine = ENGINES[settings.method](together, settings, place, getattr(torch, dtype), pool)
             if done_before(together[0]):
                 engine.restore([problem.resume for problem in together if problem.resume is not None])
-            outcomes |= run(engine, save_end=group is not groups[-1])
+            outcomes |= run(engine, save_end=group is not groups[-1], snapshots=settings.snapshots)
     return [outcomes[problem] for problem in problems]
 
 

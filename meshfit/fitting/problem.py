@@ -24,6 +24,8 @@ class Problem:
         target: what to reach.
         seed: of the samples.
         scheme: the subdivision scheme that carries the fit from level to level, where the method has levels.
+        on_snapshot: called with the number of steps made and the surface, as often as the settings want snapshots;
+            before a checkpoint of the same step is saved.
         on_step: called after every step; it may raise `Interrupted`.
         resume: a checkpoint of the same problem to go on from.
         save: called with a checkpoint every few seconds, and if an `on_step` raises `Interrupted`.
@@ -36,6 +38,7 @@ class Problem:
     resume: Checkpoint | None = None
     save: Callable[[Checkpoint], None] | None = None
     scheme: str = "loop"
+    on_snapshot: Callable[[int, Mesh], None] | None = None
 
 
 class Diverged(TrialError):  # noqa: N818  an outcome of a fit, named as the field names it

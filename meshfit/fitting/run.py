@@ -69,11 +69,12 @@ class FitResult:
     control: Mesh | None = None
 
 
-def run(engine: Engine, *, save_end: bool = False) -> dict[Problem, FitResult | Diverged]:
+def run(engine: Engine, *, save_end: bool = False, snapshots: int | None = None) -> dict[Problem, FitResult | Diverged]:
     """Make all the steps that are left; a problem that diverges is stopped, and the others go on.
 
     Args:
         engine: where to start from.
+        snapshots: steps between two snapshots.
         save_end: save checkpoints after the last step, too, for when there is more to do that may be interrupted.
 
     Raises:
@@ -97,6 +98,8 @@ def run(engine: Engine, *, save_end: bool = False) -> dict[Problem, FitResult | 
                 for member, problem in enumerate(engine.problems)
             }
         losses = engine.step()
+        if snapshots is not None and engine.done % snapshots == 0:
+            _show(engine)
         if time.monotonic() - saved > SECONDS_BETWEEN_CHECKPOINTS:
             _save(engine)
             saved = time.monotonic()
@@ -111,6 +114,12 @@ def _tell(engine: Engine, losses: list[float]) -> None:
     except Interrupted:
         _save(engine)
         raise
+
+
+def _show(engine: Engine) -> None:
+    for member, problem in enumerate(engine.problems):
+        if problem.on_snapshot is not None and member not in engine.failed:
+            problem.on_snapshot(engine.done, engine.mesh(member))
 
 
 def _save(engine: Engine) -> None:

@@ -6,6 +6,7 @@ from pydantic import ConfigDict, Discriminator, Field, Tag
 
 from meshfit.settings import TAG, UNTAGGED, Settings
 
+Every = Annotated[int, Field(ge=1)]
 Weight = Annotated[float, Field(ge=0)]
 Dtype = Literal["float32", "float64"]
 
@@ -66,8 +67,10 @@ class FirstOrderSettings(Settings):
     """Weights of the Laplacian term."""
     optimizer: OptimizerSettings = OptimizerSettings()
     """What turns gradients into steps."""
-    trace_every: Annotated[int, Field(ge=1)] = 10
+    trace_every: Every = 10
     """Steps between two rows of `trace.csv`; the first and the last step always have one."""
+    snapshots: Every | None = None
+    """Steps between two snapshots of the surface, for `meshfit animate`; null takes none. No figure depends on it."""
 
 
 class GaussNewtonSettings(Settings):
@@ -103,8 +106,10 @@ class GaussNewtonSettings(Settings):
     """Weight of smoothness that each level ends with."""
     last_fairness: Annotated[float, Field(gt=0)] = 0.02
     """Weight of smoothness that the last steps end with."""
-    trace_every: Annotated[int, Field(ge=1)] = 1
+    trace_every: Every = 1
     """Steps between two rows of `trace.csv`; the first and the last step always have one."""
+    snapshots: Every | None = None
+    """Steps between two snapshots of the surface, for `meshfit animate`; null takes none. No figure depends on it."""
 
     @property
     def steps(self) -> int:

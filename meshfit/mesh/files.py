@@ -12,8 +12,9 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.ply_files import read_ply, write_ply
 from meshfit.mesh.repair import clean
 from meshfit.mesh.text_files import read_obj, read_off, write_obj, write_off
+from meshfit.paths import MESH_SUFFIXES, missing, unwritable
 
-SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb")
+SUFFIXES = MESH_SUFFIXES
 
 # trimesh takes OBJ's backward indices to count from the end of the file, a comment in OFF for the line before it, and
 # binary PLY to hold polygons of one size.
@@ -55,7 +56,7 @@ def save_mesh(mesh: Mesh, path: str | Path) -> None:
     try:
         path.write_bytes(content)
     except OSError as error:
-        raise MeshError(f"{path}: cannot be written: {error.strerror}") from error
+        raise MeshError(f"{path}: {unwritable(path, error)}") from error
 
 
 def encode_mesh(mesh: Mesh, suffix: str) -> bytes:
@@ -71,8 +72,10 @@ def encode_mesh(mesh: Mesh, suffix: str) -> bytes:
 def _checked_suffix(path: Path) -> str:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        found = f"'{path.suffix}'" if path.suffix else "no suffix"
-        raise MeshError(f"{path}: {found} is not a mesh format that is known; allowed: {', '.join(SUFFIXES)}")
+        found = (
+            f"'{path.suffix}' is not a mesh format that is known" if path.suffix else "no suffix to tell its format by"
+        )
+        raise MeshError(f"{path}: {found}; allowed: {', '.join(SUFFIXES)}")
     return suffix
 
 
@@ -80,7 +83,7 @@ def _read(path: Path, suffix: str) -> tuple[NDArray[np.floating], NDArray[np.int
     try:
         content = path.read_bytes()
     except FileNotFoundError:
-        raise MeshError(f"{path}: no such file") from None
+        raise MeshError(f"{path}: {missing(path, SUFFIXES)}") from None
     except OSError as error:
         raise MeshError(f"{path}: cannot be read: {error.strerror}") from error
     if not content.strip():

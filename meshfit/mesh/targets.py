@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from meshfit.errors import MeshError, MeshfitWarning
-from meshfit.mesh.files import load_mesh
 from meshfit.mesh.mesh import Mesh
+from meshfit.paths import MESH_SUFFIXES, missing
 from meshfit.resources import bundled
 from meshfit.specs import suggest
 
@@ -88,7 +88,7 @@ def target_path(target: str) -> Path:
     if path.is_dir():
         raise MeshError(f"{target}: a directory; the path of a mesh file is needed")
     if path.suffix or len(path.parts) > 1:
-        raise MeshError(f"{target}: no such file")
+        raise MeshError(f"{target}: {missing(path, MESH_SUFFIXES)}")
     raise MeshError(
         f"'{target}' is no target and no file: {suggest(target, NAMED_TARGETS)}, or the path of a mesh file"
     )
@@ -100,6 +100,8 @@ def load_target(target: str) -> Mesh:
     Raises:
         MeshError: as `target_path` and `load_mesh` do.
     """
+    from meshfit.mesh.files import load_mesh  # brings scipy, which those who only want names need not wait for
+
     path = target_path(target)
     with warnings.catch_warnings():
         if target in NAMED_TARGETS:  # what there is to warn of is known, and told by `origin`

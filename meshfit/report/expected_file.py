@@ -50,9 +50,9 @@ def read_expected(path: Path) -> Expected:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}; `meshfit expect` writes such files") from error
     except ValueError as error:
-        raise ConfigError(f"{path}: not valid JSON: {error}") from None
+        raise ConfigError(f"{path}: not valid JSON: {error}; `meshfit expect` writes such files") from None
     return parse_expected(content, f"{path}: ")
 
 

@@ -8,7 +8,7 @@ from meshfit.report.paper import LIKELIER, OTHER, PAPER_METRIC, paper_value
 from meshfit.report.sheet import VARIED, Sheet
 
 FRAMES = {
-    "tutorial": "the tutorial frame (mean of the target's verts at 0, largest |coordinate| 1)",
+    "tutorial": "the target's tutorial frame (mean of verts 0, largest |coordinate| 1)",
     "box": "the box frame (centre of the target's bounding box at 0, its diagonal 1)",
     "none": "the unit of the target's file",
 }
@@ -76,11 +76,12 @@ def _fit(get: Callable[[str], str]) -> str:
 
 def notes(sheet: Sheet) -> list[str]:
     """What a reader has to know to read the numbers rightly."""
-    found = [_few_seeds(sheet), *_differences(sheet), *_stand_ins(sheet), _paper(sheet)]
+    found = [few_seeds(sheet), *_differences(sheet), *_stand_ins(sheet), _paper(sheet)]
     return [note for note in found if note]
 
 
-def _few_seeds(sheet: Sheet) -> str:
+def few_seeds(sheet: Sheet) -> str:
+    """Which cells have fewer seeds than others; nothing where none has."""
     short = [
         f"{row.scheme}{' at ' if sheet.variations[row.variation] else ''}{sheet.variations[row.variation]} on {title}: "
         f"{_count(str(len(sample)), 'seed')} ({_listed(sorted(sample))})"
@@ -116,24 +117,32 @@ def _stand_ins(sheet: Sheet) -> list[str]:
     return [
         f"{title}: made by this project in place of the paper's model, which is not public; "
         "its numbers cannot be compared with the paper's"
-        for title in sheet.targets.values()
-        if _STAND_IN in title
+        for title in stand_ins(sheet)
     ]
+
+
+def stand_ins(sheet: Sheet) -> list[str]:
+    """The titles of targets that stand in for the paper's."""
+    return [title for title in sheet.targets.values() if _STAND_IN in title]
+
+
+def paper_numbers(sheet: Sheet, reading: str) -> str:
+    """The paper's numbers for what is in a sheet, in one reading of its table; nothing where it has none."""
+    if PAPER_METRIC not in sheet.metrics:
+        return ""
+    found = [
+        f"{target} {scheme} {value}"
+        for target in sheet.targets
+        for scheme in sheet.schemes
+        if (value := paper_value(target, scheme, reading)) is not None
+    ]
+    return "; ".join(found)
 
 
 def _paper(sheet: Sheet) -> str:
-    known = [
-        (target, scheme)
-        for target in sheet.targets
-        for scheme in sheet.schemes
-        if PAPER_METRIC in sheet.metrics and paper_value(target, scheme) is not None
-    ]
-    if not known:
+    likelier, other = (paper_numbers(sheet, reading) for reading in (LIKELIER, OTHER))
+    if not likelier:
         return ""
-    likelier, other = (
-        "; ".join(f"{target} {scheme} {paper_value(target, scheme, reading)}" for target, scheme in known)
-        for reading in (LIKELIER, OTHER)
-    )
     beside = any(column.paper for column in columns(sheet))
     first = f"shown {LIKELIER}, the likelier" if beside else f"{LIKELIER}, the likelier, they are {likelier}"
     return (

@@ -20,21 +20,11 @@ COMMANDS = (
 )
 
 
-@pytest.mark.parametrize("arguments", [(), ("--help",), ("-h",)])
-def test_help_names_every_command(arguments):
-    out = answered(*arguments)
-    assert "Usage: meshfit" in out
-    for command in COMMANDS:
-        assert re.search(rf"│ {command} ", out), command
-    panels = ("Experiments", "Looking after runs", "Single meshes", "Look up")
-    assert [out.index(panel) for panel in panels] == sorted(out.index(panel) for panel in panels)
-
-
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", [(), *((command,) for command in COMMANDS)])
 def test_every_command_has_help(command):
-    out = answered(command, "--help")
-    assert f"Usage: meshfit {command}" in out
-    assert answered(command, "-h") == out
+    out = answered(*command, "--help")
+    assert out.startswith(f"Usage: {' '.join(['meshfit', *command])} ")
+    assert answered(*command, "-h") == out
 
 
 def test_version():
@@ -119,14 +109,17 @@ def test_init_writes_a_config_once(tmp_path, monkeypatch):
 
 def test_init_where_nothing_can_be_written(tmp_path):
     path = tmp_path / "gone" / "a.yaml"
-    assert refused("init", path) == f"error: {path}: cannot be written: No such file or directory"
+    assert (
+        refused("init", path)
+        == f"error: {path}: cannot be written: there is no folder {path.parent}; make it, or choose another place"
+    )
 
 
 USAGE = {
-    ("--bad",): "error: No such option: --bad See 'meshfit --help'.",
+    ("--bad",): "error: No such option: --bad. See 'meshfit --help'.",
     ("bad",): "error: No such command 'bad'. See 'meshfit --help'.",
     ("scheme",): "error: No such command 'scheme'. Did you mean",
-    ("schemes", "--bad"): "error: No such option: --bad See 'meshfit schemes --help'.",
+    ("schemes", "--bad"): "error: No such option: --bad. See 'meshfit schemes --help'.",
     ("schemes", "a", "b"): "error: Got unexpected extra argument",
     ("schema", "a"): "error: Got unexpected extra argument",
     ("subdivide", "cow"): "error: Missing argument 'OUT'. See 'meshfit subdivide --help'.",

@@ -57,8 +57,8 @@ def test_a_bundled_name_comes_before_a_file_of_that_name_and_a_path_before_both(
 
 def test_what_is_not_there_is_said(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert refusal("gone.yaml") == "gone.yaml: no such file"
-    assert refusal("gone/quickstart") == "gone/quickstart: no such file"
+    assert refusal("gone.yaml") == f"gone.yaml: no such file in {Path.cwd()}; `meshfit init gone.yaml` writes one"
+    assert refusal("gone/quickstart") == "gone/quickstart: no such file: there is no folder gone"
     said = "'quikstart' is no config and no file: did you mean 'quickstart'? allowed: quickstart"
     assert refusal("quikstart").startswith(said.removesuffix("allowed: quickstart"))
     assert refusal(str(tmp_path)) == f"{tmp_path}: a directory; the path of a YAML file is needed"

@@ -42,6 +42,7 @@ RANGES = {
     "fit.optimizer.schedule.every": (["1"], ["0"]),
     "fit.optimizer.schedule.factor": (["1", "0.1"], ["0", "1.1"]),
     "fit.trace_every": (["1"], ["0"]),
+    "fit.snapshots": (["1", "null"], ["0"]),
     "measure.samples": (["100"], ["99"]),
     "measure.points": (["100"], ["99"]),
     "measure.f_score_tau": (["0.1"], ["0", "-1"]),

@@ -37,8 +37,10 @@ def written(path, content):
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_a_file_that_is_not_there(tmp_path, suffix):
-    assert refusal(tmp_path / f"gone{suffix}") == "no such file"
-    assert refusal(tmp_path / "gone" / f"gone{suffix}") == "no such file"
+    assert refusal(tmp_path / f"gone{suffix}") == f"no such file in {tmp_path}"
+    assert refusal(tmp_path / "gone" / f"gone{suffix}") == f"no such file: there is no folder {tmp_path / 'gone'}"
+    (tmp_path / f"gane{suffix}").touch()
+    assert refusal(tmp_path / f"gone{suffix}") == f"no such file; did you mean '{tmp_path / 'gane'}{suffix}'?"
 
 
 def test_a_directory(tmp_path):
@@ -66,7 +68,7 @@ def test_a_format_that_is_not_known(tmp_path, name):
 
 
 def test_a_name_without_suffix(tmp_path):
-    assert refusal(written(tmp_path / "bunny", OBJ)).startswith("no suffix is not a mesh format that is known; allowed")
+    assert refusal(written(tmp_path / "bunny", OBJ)).startswith("no suffix to tell its format by; allowed")
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -91,7 +91,7 @@ def test_a_slip_of_the_pen_is_answered_with_the_nearest_name():
 @pytest.mark.parametrize("name", ["gone.obj", "gone/bunny"])
 def test_what_looks_like_a_path_is_called_a_file(name):
     assert said_of(name).startswith(name)
-    assert said_of(name).endswith(": no such file")
+    assert ": no such file" in said_of(name)
 
 
 def test_a_directory_is_no_mesh(tmp_path):

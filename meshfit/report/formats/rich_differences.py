@@ -90,7 +90,7 @@ def _printed(line: _Line, layout: _Layout) -> Iterator[Text]:
         yield Text(line.label)
     parts = (f"{text:{side}{one}}" for text, side, one in zip(line.figures, _SIDES, layout.widths, strict=True))
     label = "" if layout.stacked else line.label
-    yield Text(_GAP.join([label.ljust(layout.indent), *parts]).rstrip(), "yellow" if line.doubtful else "")
+    yield Text(_GAP.join([label.ljust(layout.indent), *parts]).rstrip(), "magenta" if line.doubtful else "")
 
 
 def _with_heading(text: str, heading: str, width: int) -> Text:
@@ -99,5 +99,5 @@ def _with_heading(text: str, heading: str, width: int) -> Text:
         return Text(text)
     room = width - len(text) - len(heading)
     if room < len(_GAP):
-        return Text.assemble(text, "\n", (heading.rjust(width), "dim"))
-    return Text.assemble(text, " " * room, (heading, "dim"))
+        return Text(f"{text}\n{heading.rjust(width)}")
+    return Text(f"{text}{' ' * room}{heading}")

@@ -8,10 +8,11 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from meshfit.report.brief import brief_notes
 from meshfit.report.formats.rich_differences import differences_view
 from meshfit.report.formats.rich_grid import ALIKE, BEST, grid_view
 from meshfit.report.sheet import Sheet
-from meshfit.report.wording import alike_note, best_note, cell_line, metric_line, notes, setting_lines
+from meshfit.report.wording import alike_note, best_note, cell_line, metric_line, setting_lines
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class SheetsView:
             yield Text(sheet.title, "bold")
             yield Text(metric_line(sheet))
             yield Text(cell_line(sheet))
-            yield from (Text(line, "dim") for line in setting_lines(sheet))
+            yield from map(Text, setting_lines(sheet))
             yield Text()
             yield from grid_view(sheet, options.max_width)
             yield from differences_view(sheet, options.max_width)
@@ -49,7 +50,7 @@ def _notes(sheet: Sheet) -> Table:
     grid = Table.grid(padding=(0, 1, 0, 0))
     for mark, note in ((BEST, best_note(sheet)), (ALIKE, alike_note(sheet))):
         if note:
-            grid.add_row(Text(mark), Text(note, "dim"))
-    for note in notes(sheet):
-        grid.add_row(Text("-", "dim"), Text(note, "dim"))
+            grid.add_row(Text(mark), Text(note))
+    for note in brief_notes(sheet):
+        grid.add_row(Text("-"), Text(note))
     return grid

@@ -1,0 +1,105 @@
+"""What a shell completes: the names and paths that a command would take. Quick, so free of heavy libraries."""
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+from meshfit.paths import CONFIG_SUFFIXES, MESH_SUFFIXES
+
+_TRIAL = "seed-"
+
+Completions = list[tuple[str, str]]
+"""Values, each with what to say of it."""
+
+
+def configs(incomplete: str) -> Completions:
+    """Bundled configs and YAML files."""
+    from meshfit.config.load import bundled_configs
+
+    return _named(dict.fromkeys(bundled_configs(), "bundled"), incomplete) + _files(incomplete, CONFIG_SUFFIXES)
+
+
+def schemes(incomplete: str) -> Completions:
+    """Subdivision schemes."""
+    from meshfit.subdivision.table import SCHEMES
+
+    return _named({name: f"{entry.title}, {entry.kind}" for name, entry in SCHEMES.items()}, incomplete)
+
+
+def targets(incomplete: str) -> Completions:
+    """Named targets and mesh files."""
+    from meshfit.mesh.targets import NAMED_TARGETS
+
+    return _named({name: one.title for name, one in NAMED_TARGETS.items()}, incomplete) + meshes(incomplete)
+
+
+def listed_targets(incomplete: str) -> Completions:
+    """The last of some targets between commas."""
+    before, comma, last = incomplete.rpartition(",")
+    return [(before + comma + value, help_text) for value, help_text in targets(last)]
+
+
+def meshes(incomplete: str) -> Completions:
+    """Mesh files."""
+    return _files(incomplete, MESH_SUFFIXES)
+
+
+def metrics(incomplete: str) -> Completions:
+    """Metrics by their dotted names."""
+    from meshfit.measuring.metrics import METRICS
+
+    return _named({name: metric.title for name, metric in METRICS.items()}, incomplete)
+
+
+def settings(incomplete: str) -> Completions:
+    """The keys of settings, up to the equals sign."""
+    from meshfit.config.experiment import ExperimentSettings
+    from meshfit.fitting.settings import METHODS
+    from meshfit.report.gather import flat
+
+    plain = ExperimentSettings().model_dump(mode="json")
+    fits = [plain["fit"] | model().model_dump(mode="json") for model in reversed(METHODS.values())]
+    found = {key: value for fit in fits for key, value in flat(plain | {"fit": fit}).items()}
+    return _named({f"{key}=": f"default {value}" for key, value in found.items()}, incomplete)
+
+
+def folders(incomplete: str) -> Completions:
+    """Folders, such as run directories and what is in them."""
+    return [(str(path), "") for path in _starting(incomplete) if path.is_dir()]
+
+
+def trials(incomplete: str) -> Completions:
+    """Folders of trials, and those above them as far as there is a choice."""
+    found = [path for path in _starting(incomplete) if path.is_dir()]
+    while len(found) == 1 and not found[0].name.startswith(_TRIAL):
+        below = [path for path in _starting(f"{found[0]}{os.sep}") if path.is_dir()]
+        if not below:
+            break
+        found = below
+    return [(str(path), "") for path in found]
+
+
+def meshes_or_trials(incomplete: str) -> Completions:
+    """Whatever can be drawn."""
+    return [*targets(incomplete), *((value, said) for value, said in trials(incomplete) if _TRIAL in value)]
+
+
+def _named(names: dict[str, str], incomplete: str) -> Completions:
+    return [(name, said) for name, said in names.items() if name.startswith(incomplete)]
+
+
+def _files(incomplete: str, suffixes: Iterable[str]) -> Completions:
+    """Files of some kinds, and the folders in which there may be more."""
+    wanted = tuple(suffixes)
+    found = [(f"{path}{os.sep}" if path.is_dir() else str(path)) for path in _starting(incomplete)]
+    return [(name, "") for name in found if name.endswith((os.sep, *wanted))]
+
+
+def _starting(incomplete: str) -> list[Path]:
+    """Paths that begin so; hidden ones only where that is what was typed."""
+    folder, name = os.path.split(incomplete)
+    try:
+        found = sorted(Path(os.path.expanduser(folder) or ".").iterdir())  # noqa: PTH111  a part of a path
+    except OSError:
+        return []
+    return [path for path in found if path.name.startswith(name) and path.name.startswith(".") == name.startswith(".")]

@@ -1,0 +1,134 @@
+"""A fit as a film: its moments from one camera, with a caption below each, as MP4 or GIF (the extra `report`)."""
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from meshfit.errors import ConfigError
+from meshfit.paths import unwritable
+from meshfit.report.camera import camera_of
+from meshfit.report.drawing import Image, draw
+from meshfit.report.extra import needed
+from meshfit.report.moments import Course
+
+SUFFIXES = (".mp4", ".gif")
+_SECONDS_OF_FIRST, _SECONDS_OF_LAST = 0.5, 2.0
+_TEXT = "#22303c"
+_CAPTION = 0.075
+"""Height of the caption, by that of the picture."""
+_LEAST_TEXT = 9
+_COLOURS = 128
+
+Frame = tuple[Image, int]
+"""A picture, and for how many frames it stays."""
+
+
+def require_film(path: Path) -> None:
+    """Refuse a file that is no film by its name.
+
+    Raises:
+        ConfigError: saying which are.
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        found = f"'{path.suffix}'" if path.suffix else "no suffix"
+        raise ConfigError(f"{path}: {found} is not a film that can be written; allowed: {', '.join(SUFFIXES)}")
+
+
+def frames_of(course: Course, *, size: int, fps: int, edges: bool | None = None) -> Iterator[Frame]:
+    """Draw a fit, moment by moment, from where its target looks best; the last picture stays for a while.
+
+    Args:
+        course: what to draw.
+        size: width and height of the meshes in pixels.
+        fps: pictures a second.
+        edges: draw the edges of faces; by default where the faces change on the way, and then not in the result.
+
+    Raises:
+        ConfigError: pyvista or pillow is not installed.
+    """
+    camera = camera_of(course.target).holding(*(moment.mesh for moment in course.moments))
+    last = len(course.moments) - 1
+    for place, moment in enumerate(course.moments):
+        shown = edges if edges is not None else course.changes_faces and place < last
+        image = draw(moment.mesh, camera, size=(size, size), edges=shown)
+        stays = {0: round(fps * _SECONDS_OF_FIRST), last: round(fps * _SECONDS_OF_LAST)}.get(place, 1)
+        yield _captioned(image, moment.said), max(1, stays)
+
+
+def write_film(frames: Iterator[Frame], path: Path, fps: int) -> int:
+    """Write a film, whole or not at all; the number of its frames is returned.
+
+    Raises:
+        ConfigError: it cannot be written, or what writes it is not installed.
+    """
+    part = path.with_name(f".{path.stem}.part{path.suffix}")
+    try:
+        part.touch()
+        count = _WRITERS[path.suffix.lower()](frames, part, fps)
+        part.replace(path)
+    except OSError as error:
+        raise ConfigError(f"{path}: {unwritable(path, error)}") from error
+    finally:
+        part.unlink(missing_ok=True)
+    return count
+
+
+def _captioned(image: Image, text: str) -> Image:
+    """A picture with a line of text below it, of even width and height, as films need it."""
+    pillow, drawing, fonts = needed("PIL.Image"), needed("PIL.ImageDraw"), needed("PIL.ImageFont")
+    height, width = image.shape[:2]
+    strip = 2 * round(_CAPTION * height / 2)
+    page = pillow.new("RGB", (width + width % 2, height + height % 2 + strip), "white")
+    page.paste(pillow.fromarray(np.ascontiguousarray(image[..., :3])))
+    pen, at = drawing.Draw(page), (width / 2, height + strip * 0.4)
+    largest = max(_LEAST_TEXT, round(0.5 * strip))
+    sizes = (size for size in range(largest, _LEAST_TEXT - 1, -1))
+    font = next(
+        (one for size in sizes if pen.textlength(text, one := fonts.load_default(size)) <= 0.96 * width),
+        fonts.load_default(_LEAST_TEXT),
+    )
+    pen.text(at, text, fill=_TEXT, font=font, anchor="mm")
+    return np.asarray(page, dtype=np.uint8)
+
+
+def _write_mp4(frames: Iterator[Frame], path: Path, fps: int) -> int:
+    first, *_ = frame = next(frames)
+    size = (first.shape[1], first.shape[0])
+    writer = needed("imageio_ffmpeg").write_frames(
+        str(path), size, fps=fps, codec="libx264", quality=8, macro_block_size=2, ffmpeg_log_level="error"
+    )
+    writer.send(None)
+    try:
+        return sum(_send(writer, one) for one in _chained(frame, frames))
+    finally:
+        writer.close()
+
+
+def _send(writer: Any, frame: Frame) -> int:  # noqa: ANN401  imageio-ffmpeg is optional
+    image, stays = frame
+    for _ in range(stays):
+        writer.send(np.ascontiguousarray(image))
+    return stays
+
+
+def _chained(first: Frame, rest: Iterator[Frame]) -> Iterator[Frame]:
+    yield first
+    yield from rest
+
+
+def _write_gif(frames: Iterator[Frame], path: Path, fps: int) -> int:
+    pillow = needed("PIL.Image")
+    pictures, stays = zip(*((pillow.fromarray(image).quantize(_COLOURS), stay) for image, stay in frames), strict=True)
+    # GIF counts hundredths of a second, and viewers make two of one.
+    _save_gif(pictures, path, [10 * max(2, round(100 * stay / fps)) for stay in stays])
+    return sum(stays)
+
+
+def _save_gif(pictures: Sequence[Any], path: Path, milliseconds: Sequence[int]) -> None:
+    first, *rest = pictures
+    first.save(path, save_all=True, append_images=rest, duration=list(milliseconds), loop=0, optimize=False)
+
+
+_WRITERS: dict[str, Callable[[Iterator[Frame], Path, int], int]] = {".mp4": _write_mp4, ".gif": _write_gif}

@@ -1,0 +1,140 @@
+"""Snapshots: they are of the steps that they say, move no number, and are the same for a trial that was stopped."""
+
+import pytest
+
+from meshfit.errors import ConfigError
+from meshfit.experiment.parcels import open_parcel, parcel_for, parcel_of, put_back
+from meshfit.experiment.plan import plan
+from meshfit.experiment.progress import Phase
+from meshfit.experiment.snapshots import SNAPSHOTS, snapshots_in
+from meshfit.experiment.store import RunDirectory
+from meshfit.experiment.trial import run_together
+from meshfit.fitting.fit import fit
+from meshfit.fitting.progress import Interrupted
+from meshfit.mesh.files import load_mesh
+from meshfit.mesh.solids import octahedron
+from tests.small import experiment
+from tests.unit.test_trial import prepared, run_trial
+
+FIRST = {"steps": 20}
+SECOND = {"method": "gauss-newton", "verts": 200, "coarse_steps": 6, "tries": 1, "level_steps": 4, "last_steps": 2}
+ENGINES = {"first-order": FIRST, "gauss-newton": SECOND}
+
+
+def quietly(_progress):
+    pass
+
+
+def stopping_at(step):
+    def on_progress(progress):
+        if progress.step is not None and progress.step.done == step:
+            raise Interrupted
+
+    return on_progress
+
+
+def bytes_of(folder):
+    return {step: path.read_bytes() for step, path in snapshots_in(folder).items()}
+
+
+def taken(folder, every, engine="first-order", **changes):
+    """A trial with its snapshots, made undisturbed."""
+    trial, store, place = prepared(folder, fit=ENGINES[engine] | {"snapshots": every}, **changes)
+    assert run_trial(trial, store, quietly).phase is Phase.COMPLETE
+    return trial, store, place
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_snapshots_move_no_number_and_no_identity(tmp_path, engine):
+    plain, store, place = prepared(tmp_path, fit=ENGINES[engine])
+    run_trial(plain, store, quietly)
+    assert not (place / SNAPSHOTS).exists()
+    before = {name: (place / name).read_bytes() for name in ("result.ply", "trace.csv", "config.yaml")}
+    trial, _, _ = prepared(tmp_path, fit=ENGINES[engine] | {"snapshots": 4})
+    assert (trial.identity, trial.folder, trial.plain_settings) == (plain.identity, plain.folder, plain.plain_settings)
+    run_trial(trial, store, quietly, force=True)
+    assert list(snapshots_in(place)) == list(range(4, trial.settings.fit.steps + 1, 4))
+    assert {name: (place / name).read_bytes() for name in before} == before
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_snapshot_is_the_surface_after_so_many_steps(tmp_path, engine):
+    trial, _, place = taken(tmp_path, 5, engine)
+    last = max(snapshots_in(place))
+    assert len({load_mesh(path).verts.tobytes() for path in snapshots_in(place).values()}) == len(snapshots_in(place))
+    if last == trial.settings.fit.steps:
+        assert bytes_of(place)[last] == (place / "result.ply").read_bytes()
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_trial_that_was_stopped_has_the_snapshots_of_one_that_was_not(tmp_path, engine):
+    trial, store, place = taken(tmp_path, 3, engine)
+    stopped = RunDirectory(tmp_path / "stopped")
+    for step in (4, 6, 9):
+        assert run_trial(trial, stopped, stopping_at(step)).phase is Phase.INTERRUPTED
+    # As a kill leaves it: a snapshot of a step that is to come again, and one half written.
+    (stopped.folder(trial) / SNAPSHOTS / "step-000012.ply").write_bytes(b"older")
+    (stopped.folder(trial) / SNAPSHOTS / ".step-000012.ply.abcdefgh").write_bytes(b"half")
+    assert run_trial(trial, stopped, quietly).phase is Phase.COMPLETE
+    assert bytes_of(stopped.folder(trial)) == bytes_of(place)
+    names = [sorted(path.name for path in (one.folder(trial) / SNAPSHOTS).iterdir()) for one in (store, stopped)]
+    assert names[0] == names[1]
+
+
+def test_where_snapshots_are_wanted_otherwise_than_before_a_stopped_trial_starts_over(tmp_path):
+    trial, store, place = prepared(tmp_path, fit=FIRST | {"snapshots": 3})
+    run_trial(trial, store, stopping_at(7))
+    assert list(snapshots_in(place)) == [3, 6]
+    other, _, _ = prepared(tmp_path, fit=FIRST | {"snapshots": 5})
+    run_trial(other, store, quietly)
+    assert list(snapshots_in(place)) == [5, 10, 15, 20]
+    assert "starting over" in (place / "trial.log").read_text()
+
+
+def test_trials_of_a_batch_have_the_snapshots_that_each_has_alone(tmp_path):
+    trials = plan([experiment(tmp_path, fit=FIRST | {"snapshots": 8}, seeds=[0, 1])])
+    together, alone = RunDirectory(tmp_path / "together"), RunDirectory(tmp_path / "alone")
+    run_together(trials, together, lambda *_: None)
+    for trial in trials:
+        run_trial(trial, alone, quietly)
+        assert bytes_of(together.folder(trial)) == bytes_of(alone.folder(trial))
+        assert list(snapshots_in(alone.folder(trial))) == [8, 16]
+
+
+def test_they_are_written_in_the_frame_of_the_result(tmp_path):
+    _, _, place = taken(tmp_path, 20, write_frame="target")
+    assert bytes_of(place)[20] == (place / "result.ply").read_bytes()
+
+
+def test_they_travel_to_other_machines_and_back(tmp_path):
+    trial, _, place = taken(tmp_path, 5)
+    here, there = RunDirectory(tmp_path / "here"), RunDirectory(tmp_path / "there")
+    run_trial(trial, here, stopping_at(12))
+    there.folder(trial).mkdir(parents=True)
+    opened = open_parcel(trial, parcel_for(trial, here), there, tmp_path / "inputs")
+    run_trial(opened, there, quietly)
+    assert "starting over" not in (there.folder(trial) / "trial.log").read_text()
+    (here.folder(trial) / SNAPSHOTS / "step-000007.ply").write_bytes(b"of no use")
+    put_back(trial, parcel_of(trial, there), here)
+    assert bytes_of(here.folder(trial)) == bytes_of(place)
+
+
+def test_a_python_caller_gets_them_too():
+    seen = []
+    result = fit(
+        octahedron(),
+        octahedron(),
+        steps=6,
+        samples=20,
+        snapshots=2,
+        device="cpu",
+        on_snapshot=lambda step, mesh: seen.append((step, mesh)),
+    )
+    assert [step for step, _ in seen] == [2, 4, 6]
+    assert seen[-1][1].verts.tobytes() == result.mesh.verts.tobytes()
+
+
+@pytest.mark.parametrize("key", ["fit.snapshots", "jobs", "sweep"])
+def test_what_moves_no_number_cannot_be_swept(tmp_path, key):
+    with pytest.raises(ConfigError, match="no result depends on it"):
+        prepared(tmp_path, sweep={key: [1, 2]})
