@@ -126,7 +126,7 @@ def _rows(strip: Strip, metric: str, pixels: int, columns: int) -> Iterator[Row]
 def _figure(pick: Pick, metric: str) -> str:
     title = METRICS[metric].title
     value = plain(pick.value, whole=METRICS[metric].format == "d")
-    return f"{title} {value}" if len(title) < 20 else value
+    return f"{title} {value}"
 
 
 def _filled(panels: Sequence[Panel | None], columns: int) -> tuple[Panel | None, ...]:

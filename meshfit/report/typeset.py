@@ -1,9 +1,10 @@
 """Plates as files, PNG, PDF or SVG, by matplotlib (the extra `report`): text and axes stay vectors where they can."""
 
 import io
+import textwrap
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,8 @@ DPI = {".png": 200, ".pdf": 300, ".svg": 300}
 _GAP = 0.06
 _LINE = 1.22
 _BAR = 3.4  # lines that a colour bar takes, with its numbers and its label
-_SMALLEST = 6.0  # points; what is too long for it is cut
+_SMALLEST = 7.0  # points; what is too long for it is broken into lines
+_MOST_LINES = 3
 _LETTER = 0.47  # mean width of a letter, as a share of the size of the font
 _STYLE = {
     "font.family": ["STIXGeneral", "DejaVu Sans"],
@@ -70,6 +72,7 @@ def write_plate(rows: Sequence[Row], path: Path, *, width: float, font: float, d
     """
     matplotlib, figures = needed("matplotlib"), needed("matplotlib.figure")
     font = max(_SMALLEST, min([font, *(_fitted(font, row, width) for row in rows)]))
+    rows = [_broken(row, width, font) for row in rows]
     line = font * _LINE / 72
     heights = [round(_height(row, line, dpi) * dpi) / dpi for row in rows]
     with matplotlib.rc_context(_STYLE), warnings.catch_warnings():
@@ -94,8 +97,15 @@ def _fitted(font: float, row: Row, width: float) -> float:
     return min(font, column_width(width, len(row.panels)) * 72 / (_LETTER * max(1, longest)))
 
 
-def _cut(text: str, letters: int) -> str:
-    return text if len(text) <= letters + 1 else f"{text[: max(1, letters - 1)]}…"
+def _broken(row: Row, width: float, font: float) -> Row:
+    """The same row with its text in lines that fit, what is longer than three of them cut."""
+    letters = max(4, round(column_width(width, len(row.panels)) * 72 / (_LETTER * font)))
+    wrap = textwrap.TextWrapper(letters, max_lines=_MOST_LINES, placeholder="…", break_on_hyphens=False)
+    panels = [
+        None if panel is None else replace(panel, lines=tuple(part for text in panel.lines for part in wrap.wrap(text)))
+        for panel in row.panels
+    ]
+    return replace(row, panels=tuple(panels))
 
 
 def _height(row: Row, line: float, dpi: int) -> float:
@@ -146,7 +156,7 @@ class _Sheet:
             self.figure.text(
                 (left + across / 2) / self.width,
                 (top - high - (number + 0.95) * self.font * _LINE / 72) / self.height,
-                _cut(text, round(across * 72 / (_LETTER * self.font))),
+                text,
                 ha="center",
                 va="baseline",
                 fontsize=self.font,

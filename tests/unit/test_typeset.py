@@ -73,6 +73,9 @@ def test_a_pdf_embeds_truetype_and_keeps_its_text(tmp_path):
 def test_long_lines_and_letters_that_no_font_has_do_no_harm(tmp_path):
     found = image(written([row("a very long line, " * 20, "\U0001f400 $x_y$")], tmp_path / "x.png"))
     assert (found[:, 199:201] > 250).all()  # nothing runs from one column into the next
+    short = image(written([row("Hausdorff distance")], tmp_path / "x.png"))
+    long = image(written([row("Hausdorff distance from the result to the target 0.1176")], tmp_path / "x.png"))
+    assert len(long) > len(short)  # broken into lines, and not cut
 
 
 def test_where_nothing_can_be_written_is_known_at_once(tmp_path):
