@@ -1,0 +1,171 @@
+"""The pictures of a wall: target, sources and results from one camera, where results are off, and the worst place."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from meshfit.mesh.mesh import Mesh
+from meshfit.report.camera import Camera, camera_of
+from meshfit.report.drawing import draw
+from meshfit.report.numbers import plain
+from meshfit.report.page.close_up import CloseUp, close_up
+from meshfit.report.page.images import data_uri
+from meshfit.report.page.subjects import Subject, Subjects
+from meshfit.report.surface_errors import shared_limit, worst_vert
+
+_Drawn = TypeVar("_Drawn")
+
+_SIZE = (480, 480)
+_LARGE = (640, 640)
+_INSET = (300, 300)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture and what is said of it.
+
+    Attributes:
+        source: of the `<img>`.
+        title: in a few words.
+        detail: what else there is to say; may be empty.
+        alt: for those who do not see it.
+    """
+
+    source: str
+    title: str
+    detail: str
+    alt: str
+
+
+@dataclass(frozen=True)
+class DistancePicture:
+    """A result in the colours of its distances, and its worst place seen near by.
+
+    Attributes:
+        picture: the whole.
+        inset: the worst place, with its edges.
+        left: of the worst place in the whole, in percent from the left.
+        top: likewise, from the top.
+        hidden: whether the worst place is behind something there.
+    """
+
+    picture: Picture
+    inset: Picture
+    left: float
+    top: float
+    hidden: bool
+
+
+@dataclass(frozen=True)
+class Gallery:
+    """All pictures of a wall.
+
+    Attributes:
+        plain: target, sources, results.
+        distances: one for each result; none where there is no target.
+        limit: where the scale of colours ends, which all of them share; as text.
+        half: half of that.
+        beyond: whether some distance is larger.
+    """
+
+    plain: tuple[Picture, ...]
+    distances: tuple[DistancePicture, ...]
+    limit: str
+    half: str
+    beyond: bool
+
+
+def gallery_of(subjects: Subjects, tick: Callable[[], None]) -> Gallery:
+    """Draw a wall; there is at least one subject to draw.
+
+    Args:
+        subjects: of the wall.
+        tick: called after each picture.
+    """
+    first = subjects.target if subjects.target is not None else subjects.shown[0].result
+    camera = camera_of(first).holding(*(subject.result for subject in subjects.shown))
+    limit = limit_of(subjects)
+    found = [subject.distances for subject in subjects.shown if subject.distances is not None]
+    return Gallery(
+        plain=tuple(_ticked(_plain(subjects, camera), tick)),
+        distances=tuple(_ticked(_distances(subjects, camera, limit), tick)),
+        limit=plain(limit),
+        half=plain(limit / 2),
+        beyond=any(float(each.max(initial=0.0)) > limit for each in found),
+    )
+
+
+def limit_of(subjects: Subjects) -> float:
+    """Where the scale of distances ends, for all that shows them."""
+    return shared_limit([subject.distances for subject in subjects.shown if subject.distances is not None])
+
+
+def pictures_in(subjects: Subjects) -> int:
+    """How many pictures `gallery_of` draws."""
+    if not subjects.shown:
+        return 0
+    return (subjects.target is not None) + len(sources_in(subjects.shown)) + len(subjects.shown) * (
+        2 if subjects.target is not None else 1
+    )
+
+
+def sources_in(shown: Sequence[Subject]) -> list[tuple[str, Mesh]]:
+    """The sources that differ, each with the labels of those that began with it."""
+    found: list[tuple[list[str], Mesh]] = []
+    for subject in shown:
+        same = next((labels for labels, mesh in found if np.array_equal(mesh.verts, subject.source.verts)), None)
+        if same is None:
+            found.append(([subject.exhibit.label], subject.source))
+        else:
+            same.append(subject.exhibit.label)
+    return [(", ".join(labels), mesh) for labels, mesh in found]
+
+
+def _ticked(pictures: Iterator[_Drawn], tick: Callable[[], None]) -> Iterator[_Drawn]:
+    for picture in pictures:
+        tick()
+        yield picture
+
+
+def _plain(subjects: Subjects, camera: Camera) -> Iterator[Picture]:
+    title = subjects.wall.title
+    if subjects.target is not None:
+        yield _drawn(subjects.target, camera, "target", title, f"The target, {title}")
+    sources = sources_in(subjects.shown)
+    for labels, mesh in sources:
+        detail = labels if len(sources) > 1 else ""
+        yield _drawn(mesh, camera.holding(mesh), "source", detail, f"The source of {labels} for {title}")
+    for subject in subjects.shown:
+        exhibit = subject.exhibit
+        detail = f"{subjects.wall.metric} {exhibit.figure}, seed {exhibit.seed}" if exhibit.figure else ""
+        yield _drawn(subject.result, camera, exhibit.label, detail, f"The result of {exhibit.label} on {title}")
+
+
+def _drawn(mesh: Mesh, camera: Camera, title: str, detail: str, alt: str) -> Picture:
+    image = draw(mesh, camera, size=_SIZE, background=None)
+    return Picture(data_uri(image), title, detail, f"{alt}: {mesh.num_faces:,} faces")
+
+
+def _distances(subjects: Subjects, camera: Camera, limit: float) -> Iterator[DistancePicture]:
+    for subject in subjects.shown:
+        if subject.distances is not None:
+            yield _distance(subject, subject.distances, subjects.wall.title, camera, limit)
+
+
+def _distance(subject: Subject, values: np.ndarray, title: str, camera: Camera, limit: float) -> DistancePicture:
+    style = {"limits": (0.0, limit), "background": None}
+    mesh, label, worst = subject.result, subject.exhibit.label, worst_vert(values)
+    whole = draw(mesh, camera, size=_LARGE, values=values, **style)
+    near: CloseUp = close_up(mesh, worst, camera)
+    inset = draw(near.mesh, near.camera, size=_INSET, values=values[near.verts], edges=True, **style)
+    right, up, _ = camera.project(mesh.verts[[worst]])[0]
+    farthest = plain(float(values[worst]))
+    return DistancePicture(
+        Picture(data_uri(whole), label, f"farthest vert {farthest} off", f"Distance to {title} on the result of {label}"),
+        Picture(data_uri(inset), "worst place", near.view, f"Edges around the worst place of {label}, {farthest} off"),
+        left=round(50 + 50 * float(right), 2),
+        top=round(50 - 50 * float(up), 2),
+        hidden=near.hidden,
+    )
