@@ -1,34 +1,32 @@
-"""A vert seen from near by: the faces around it, from a side on which it is in sight."""
+"""A vert seen from near by: from where the whole is seen, if it is in sight from there, else from where it is."""
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Int64
+from jaxtyping import Float64
 
 from meshfit.mesh.mesh import Mesh
 from meshfit.report.camera import Camera, looking_from
+from meshfit.report.sight import in_sight
 
 _ZOOM = 7.0
-_REACH = 1.6
 _LEAST_FACES = 30
-_FACING = 0.25
-_STEEPEST = 0.95
+_AROUND = 12
+_HEIGHTS = (0.0, 0.6, -0.6, 2.0, -2.0)
 
 
 @dataclass(frozen=True)
 class CloseUp:
-    """What there is to draw.
+    """How to look at a vert from near by.
 
     Attributes:
-        mesh: the faces near by.
-        verts: indices of its verts in the whole mesh.
         camera: where from.
-        hidden: whether the vert faces away from the camera that sees the whole mesh.
+        hidden: whether the vert is behind something as the whole is seen.
         view: from where it is seen, in words.
     """
 
-    mesh: Mesh
-    verts: Int64[np.ndarray, " N"]
     camera: Camera
     hidden: bool
     view: str
@@ -37,28 +35,20 @@ class CloseUp:
 def close_up(mesh: Mesh, vert: int, camera: Camera) -> CloseUp:
     """Look at a vert of a mesh from near by.
 
-    Faces that lie farther off are left out, so that none of them is in the way.
-
     Args:
-        mesh: the whole.
+        mesh: the mesh.
         vert: index of the vert.
-        camera: that the whole is seen with; turned only where the vert faces away from it.
+        camera: that the whole is seen with; turned only where the vert is hidden from it.
     """
     point = mesh.verts[vert]
-    scale = _scale(mesh, vert, camera)
-    near = (np.linalg.norm(mesh.verts - point, axis=1) <= _REACH * scale)[mesh.faces].any(axis=1)
-    verts, faces = np.unique(mesh.faces[near], return_inverse=True)
-    away = _normal(mesh, vert)
-    hidden = bool(away @ np.asarray(camera.direction) < _FACING)
-    turned = looking_from(mesh, _level(away)) if hidden else camera
     focal = (float(point[0]), float(point[1]), float(point[2]))
-    return CloseUp(
-        mesh=Mesh(mesh.verts[verts], faces.reshape(-1, 3).astype(np.int64)),
-        verts=verts.astype(np.int64),
-        camera=replace(turned, focal=focal, scale=scale),
-        hidden=hidden,
-        view="seen from its own side, since it faces away" if hidden else "seen from the same side",
-    )
+    near = replace(camera, focal=focal, scale=_scale(mesh, vert, camera))
+    if in_sight(mesh, vert, camera):
+        return CloseUp(near, hidden=False, view="seen from the same side")
+    turned = next((each for each in _turned(mesh, vert, near) if in_sight(mesh, vert, each)), None)
+    if turned is None:
+        return CloseUp(near, hidden=True, view="behind the faces that are seen here, from every side")
+    return CloseUp(turned, hidden=True, view="seen from another side, since it is hidden from this one")
 
 
 def _scale(mesh: Mesh, vert: int, camera: Camera) -> float:
@@ -68,17 +58,18 @@ def _scale(mesh: Mesh, vert: int, camera: Camera) -> float:
     return max(camera.scale / _ZOOM, min(enough, camera.scale))
 
 
-def _normal(mesh: Mesh, vert: int) -> np.ndarray:
-    """The mean normal of the faces at a vert; straight at the eye of nobody where they have no area."""
+def _turned(mesh: Mesh, vert: int, near: Camera) -> Iterator[Camera]:
+    """Cameras on rings around a vert, those first that see it from straight before it."""
+    normal = _normal(mesh, vert)
+    angles = [2 * math.pi * step / _AROUND for step in range(_AROUND)]
+    sides = [np.array([math.cos(a), height, math.sin(a)]) for height in _HEIGHTS for a in angles]
+    for side in sorted(sides, key=lambda side: -float(normal @ side) / float(np.linalg.norm(side))):
+        right, up, towards = map(float, side)
+        yield replace(looking_from(mesh, (right, up, towards)), focal=near.focal, scale=near.scale)
+
+
+def _normal(mesh: Mesh, vert: int) -> Float64[np.ndarray, "3"]:
+    """The sum of the normals of the faces at a vert, the larger ones counting more."""
     corners = mesh.verts[mesh.faces[(mesh.faces == vert).any(axis=1)]]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(axis=0)
-    length = float(np.linalg.norm(normal))
-    return normal / length if length else np.array([0.0, 0.0, 1.0])
-
-
-def _level(direction: np.ndarray) -> tuple[float, float, float]:
-    """A direction made less steep, since a camera has to know what is up."""
-    right, up, towards = (float(each) for each in direction)
-    if abs(up) < _STEEPEST:
-        return right, up, towards
-    return right, up, towards + 0.4
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return np.asarray(normals.sum(axis=0))

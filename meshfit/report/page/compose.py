@@ -118,7 +118,7 @@ def page_text(content: Content, now: datetime, progress: Progress) -> str:
         lstrip_blocks=True,
         undefined=needed("jinja2").StrictUndefined,
     )
-    return str(environment.get_template("page.html").render(_names(content, shown, now)))
+    return str(environment.get_template("page.html").render(_names(content, trials, shown, now)))
 
 
 def _exhibitions(walls: Sequence[Wall], trials: Sequence[Keyed], progress: Progress) -> list[Exhibition]:
@@ -147,7 +147,7 @@ def _exhibition(subjects: Subjects, trials: Sequence[Keyed], tick: Callable[[], 
     return Exhibition(subjects, gallery, scene, packed(scene.content()) if scene else "", curves, chart)
 
 
-def _names(content: Content, shown: Sequence[Exhibition], now: datetime) -> dict[str, Any]:
+def _names(content: Content, trials: Sequence[Keyed], shown: Sequence[Exhibition], now: datetime) -> dict[str, Any]:
     """What the template may name."""
     return {
         "title": " + ".join(experiment.name for experiment in content.experiments),
@@ -159,7 +159,7 @@ def _names(content: Content, shown: Sequence[Exhibition], now: datetime) -> dict
         "exhibitions": shown,
         "differing": records.differing_settings(content.sheets),
         "shared": records.shared_by_all(content.sheets),
-        "trials": records.trials_grid(content.sheets),
+        "trials": records.trials_grid(content.sheets, trials),
         "failures": records.failures_grid(content.experiments),
         "machines": records.machines_grid(content.results) if content.results else None,
         "warnings": records.warnings_of(content.results),

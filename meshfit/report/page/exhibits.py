@@ -14,9 +14,9 @@ from meshfit.report.numbers import plain
 from meshfit.report.sheet import Sheet
 
 _UNITS = {
-    "tutorial": "its largest |coordinate|",
-    "box": "diagonals of its bounding box",
-    "none": "the unit of its file",
+    "tutorial": "its largest |coordinate| is 1",
+    "box": "the diagonal of its bounding box is 1",
+    "none": "in the unit of its file",
 }
 
 
@@ -81,8 +81,8 @@ class Wall:
 
     @property
     def unit(self) -> str:
-        """The unit of its lengths."""
-        return _UNITS.get(str(self.sheet.settings.get("normalise")), "the unit of its frame")
+        """What its lengths are stated in."""
+        return _UNITS.get(str(self.sheet.settings.get("normalise")), "in the unit of its frame")
 
 
 def walls_of(sheets: Sequence[Sheet], trials: Sequence[Keyed], most: int) -> list[Wall]:

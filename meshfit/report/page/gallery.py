@@ -10,7 +10,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.report.camera import Camera, camera_of
 from meshfit.report.drawing import draw
 from meshfit.report.numbers import plain
-from meshfit.report.page.close_up import CloseUp, close_up
+from meshfit.report.page.close_up import close_up
 from meshfit.report.page.images import data_uri
 from meshfit.report.page.subjects import Subject, Subjects
 from meshfit.report.surface_errors import shared_limit, worst_vert
@@ -91,8 +91,8 @@ def gallery_of(subjects: Subjects, tick: Callable[[], None]) -> Gallery:
     return Gallery(
         plain=tuple(_ticked(_plain(subjects, camera), tick)),
         distances=tuple(_ticked(_distances(subjects, camera, limit), tick)),
-        limit=plain(limit),
-        half=plain(limit / 2),
+        limit=f"{limit:g}",
+        half=f"{limit / 2:g}",
         beyond=any(float(each.max(initial=0.0)) > limit for each in found),
     )
 
@@ -106,8 +106,10 @@ def pictures_in(subjects: Subjects) -> int:
     """How many pictures `gallery_of` draws."""
     if not subjects.shown:
         return 0
-    return (subjects.target is not None) + len(sources_in(subjects.shown)) + len(subjects.shown) * (
-        2 if subjects.target is not None else 1
+    return (
+        (subjects.target is not None)
+        + len(sources_in(subjects.shown))
+        + len(subjects.shown) * (2 if subjects.target is not None else 1)
     )
 
 
@@ -155,15 +157,14 @@ def _distances(subjects: Subjects, camera: Camera, limit: float) -> Iterator[Dis
 
 
 def _distance(subject: Subject, values: np.ndarray, title: str, camera: Camera, limit: float) -> DistancePicture:
-    style = {"limits": (0.0, limit), "background": None}
-    mesh, label, worst = subject.result, subject.exhibit.label, worst_vert(values)
-    whole = draw(mesh, camera, size=_LARGE, values=values, **style)
-    near: CloseUp = close_up(mesh, worst, camera)
-    inset = draw(near.mesh, near.camera, size=_INSET, values=values[near.verts], edges=True, **style)
+    mesh, limits, label, worst = subject.result, (0.0, limit), subject.exhibit.label, worst_vert(values)
+    whole = draw(mesh, camera, size=_LARGE, values=values, limits=limits, background=None)
+    near = close_up(mesh, worst, camera)
+    inset = draw(mesh, near.camera, size=_INSET, values=values, limits=limits, edges=True, background=None)
     right, up, _ = camera.project(mesh.verts[[worst]])[0]
     farthest = plain(float(values[worst]))
     return DistancePicture(
-        Picture(data_uri(whole), label, f"farthest vert {farthest} off", f"Distance to {title} on the result of {label}"),
+        Picture(data_uri(whole), label, f"farthest vert {farthest} off", f"Distances from {label} to {title}"),
         Picture(data_uri(inset), "worst place", near.view, f"Edges around the worst place of {label}, {farthest} off"),
         left=round(50 + 50 * float(right), 2),
         top=round(50 - 50 * float(up), 2),

@@ -11,7 +11,7 @@ from meshfit.report.amounts import duration, size
 from meshfit.report.contrast import Row
 from meshfit.report.gather import Result
 from meshfit.report.numbers import plain
-from meshfit.report.page.exhibits import row_title
+from meshfit.report.page.exhibits import Keyed, row_title, trials_on
 from meshfit.report.sheet import VARIED, Sheet
 from meshfit.report.variations import differing_keys, shown
 
@@ -45,27 +45,38 @@ def shared_by_all(sheets: Sequence[Sheet]) -> Grid:
     return Grid(("setting", "value"), tuple((key, shown(found[key])) for key in found if key not in differing))
 
 
-def trials_grid(sheets: Sequence[Sheet]) -> Grid:
+def trials_grid(sheets: Sequence[Sheet], trials: Sequence[Keyed]) -> Grid:
     """Every value of every trial, by experiment, target, row and seed."""
     metrics = dict.fromkeys(metric for sheet in sheets for metric in sheet.metrics)
     rows = [
-        (sheet.title, sheet.targets[target], row_title(sheet, row), str(seed))
-        + tuple(_value(sheet, metric, target, row, seed) for metric in metrics)
+        (
+            sheet.targets[target],
+            row_title(sheet, sheet.rows[place]),
+            str(seed),
+            *(_value(sheet, metric, target, sheet.rows[place], seed) for metric in metrics),
+            f"{_seconds(result, 'fit'):.3g}",
+            str(result["folder"]),
+        )
         for sheet in sheets
         for target in sheet.targets
-        for row in sheet.rows
-        for seed in sorted(sheet.sample(sheet.metrics[0], target, row))
+        for place, by_seed in trials_on(sheet, target, trials).items()
+        for seed, result in by_seed.items()
     ]
     titles = [METRICS[metric].title for metric in metrics]
-    return Grid(("experiment", "target", "row", "seed", *titles), tuple(rows))
+    return Grid(("target", "row", "seed", *titles, "seconds of the fit", "folder"), tuple(rows))
 
 
 def failures_grid(experiments: Sequence[ExperimentOverview]) -> Grid:
     """The trials that failed, and why."""
     found = [read_failure(trial) for experiment in experiments for trial in experiment.of(State.FAILED)]
     rows = [
-        (failure.trial.label, failure.kind, "" if failure.step is None else f"{failure.step:,}", failure.message)
-        + (str(failure.where),)
+        (
+            failure.trial.label,
+            failure.kind,
+            "" if failure.step is None else f"{failure.step:,}",
+            failure.message,
+            str(failure.where),
+        )
         for failure in found
     ]
     return Grid(("trial", "kind", "step", "message", "look into"), tuple(rows))
@@ -88,7 +99,7 @@ def machines_grid(results: Sequence[Result]) -> Grid:
     rows.append(("trials", *(f"{len(found):,}" for found in kinds.values())))
     rows.append(("seconds a fit", *(_range([_seconds(result, "fit") for result in found]) for found in kinds.values())))
     rows.append(("all together", *(duration(sum(map(_all_seconds, found))) for found in kinds.values())))
-    memory = [max((float(result.get("peak_memory_mb") or 0) for result in found)) for found in kinds.values()]
+    memory = [max(float(result.get("peak_memory_mb") or 0) for result in found) for found in kinds.values()]
     rows.append(("most memory", *(size(most * 1e6) if most else "" for most in memory)))
     return Grid(("", *(f"machine {place + 1}" if len(kinds) > 1 else "" for place in range(len(kinds)))), tuple(rows))
 

@@ -15,6 +15,7 @@ from meshfit.report.camera import camera_of
 from meshfit.report.page.gallery import limit_of
 from meshfit.report.page.subjects import Subjects
 from meshfit.report.surface_errors import distances_to
+from meshfit.report.viewpoint import Vector
 
 MOST_FACES = 12_000
 _STEPS = 65_535
@@ -65,8 +66,8 @@ class Scene:
     """
 
     views: tuple[View, ...]
-    eye: tuple[tuple[float, ...], ...]
-    centre: tuple[float, ...]
+    eye: tuple[Vector, Vector, Vector]
+    centre: Vector
     radius: float
 
     def content(self) -> bytes:
@@ -100,13 +101,13 @@ def scene_of(subjects: Subjects, tick: Callable[[], None]) -> Scene:
         views.append(_view(subject.exhibit.label, subject.result, subject.distances, limit, subjects.target))
         tick()
     first = subjects.target if subjects.target is not None else subjects.shown[0].result
-    low, high = bounding_box(np.concatenate([first.verts, *(subject.result.verts for subject in subjects.shown)]))
-    camera = camera_of(first)
+    verts = np.concatenate([first.verts, *(subject.result.verts for subject in subjects.shown)])
+    centre, camera = np.mean(bounding_box(verts), axis=0), camera_of(first)
     return Scene(
         views=tuple(views),
         eye=(camera.right, camera.up, camera.direction),
-        centre=tuple(float(x) for x in (low + high) / 2),
-        radius=float(np.linalg.norm(high - low)) / 2,
+        centre=(float(centre[0]), float(centre[1]), float(centre[2])),
+        radius=float(np.linalg.norm(verts - centre, axis=1).max()) or 1.0,
     )
 
 

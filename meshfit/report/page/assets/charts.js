@@ -97,8 +97,10 @@ function ends(wall) {
 }
 
 function logarithmic(wall, term) {
-  const positive = wall.curves.every((curve) => (curve.values[term] || []).every((value) => value === null || value > 0));
-  return positive && document.getElementById("log-scale").checked ? { type: "log" } : { rangemode: "tozero" };
+  const values = wall.curves.flatMap((curve) => curve.values[term] || []).filter((value) => value !== null);
+  const [least, most] = values.reduce(([low, high], value) => [Math.min(low, value), Math.max(high, value)], [Infinity, 0]);
+  if (!document.getElementById("log-scale").checked || !(least > 0)) return { rangemode: "tozero" };
+  return most > 30 * least ? { type: "log", dtick: 1 } : { type: "log" };
 }
 
 async function drawCurves() {
@@ -164,17 +166,19 @@ async function drawHistograms() {
     const { limit, rows } = wall.histogram;
     if (!rows.length) continue;
     const bins = rows[0].shares.length;
-    const middles = Array.from({ length: bins }, (_, i) => ((i + 0.5) * limit) / bins);
+    const ends = Array.from({ length: bins + 1 }, (_, i) => (i * limit) / bins);
     const traces = rows.map(({ row, shares, beyond }) => ({
       type: "scatter",
       mode: "lines",
-      line: { shape: "hvh", color: colour(row), width: 1.8, dash: dash(row) },
-      x: middles,
-      y: shares,
+      line: { shape: "hv", color: colour(row), width: 1.8, dash: dash(row) },
+      x: ends,
+      y: [...shares, shares[bins - 1]],
+      fill: "tozeroy",
+      fillcolor: `color-mix(in srgb, ${colour(row)} 12%, transparent)`,
       name: beyond >= 0.05 ? `${wall.rows[row]} (${beyond.toFixed(1)} % beyond)` : wall.rows[row],
-      hovertemplate: `%{y:.2f} % of the area about %{x:.3g} off<extra>%{fullData.name}</extra>`,
+      hovertemplate: `%{y:.2f} % of the area from %{x:.3g} off<extra>%{fullData.name}</extra>`,
     }));
-    const shape = layout(wall.title, `distance to the target, in ${wall.unit}`, "% of area", {
+    const shape = layout(wall.title, `distance to the target (${wall.unit})`, "% of area", {
       xaxis: { range: [0, limit] },
       yaxis: { rangemode: "tozero" },
     });
