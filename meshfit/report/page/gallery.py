@@ -1,7 +1,7 @@
 """The pictures of a wall: target, sources and results from one camera, where results are off, and the worst place."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -17,9 +17,10 @@ from meshfit.report.surface_errors import shared_limit, worst_vert
 
 _Drawn = TypeVar("_Drawn")
 
-_SIZE = (480, 480)
-_LARGE = (640, 640)
+_WIDTH = 480
+_LARGE = 640
 _INSET = (300, 300)
+_NARROWEST = 0.8
 
 
 @dataclass(frozen=True)
@@ -28,12 +29,14 @@ class Picture:
 
     Attributes:
         source: of the `<img>`.
+        size: width and height in pixels.
         title: in a few words.
         detail: what else there is to say; may be empty.
         alt: for those who do not see it.
     """
 
     source: str
+    size: tuple[int, int]
     title: str
     detail: str
     alt: str
@@ -56,6 +59,23 @@ class DistancePicture:
     left: float
     top: float
     hidden: bool
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """What the pictures of a row have in common: a camera, and width by height."""
+
+    camera: Camera
+    aspect: float
+
+    def size(self, width: int) -> tuple[int, int]:
+        """Width and height in pixels."""
+        return width, round(width / self.aspect)
+
+    def fitting(self, mesh: Mesh) -> "_Frame":
+        """The frame of a source, in its middle: at the scale of the others, unless it is too large for that."""
+        camera, _ = self.camera.framing(mesh, aspect=self.aspect)
+        return replace(self, camera=replace(camera, scale=max(camera.scale, self.camera.scale)))
 
 
 @dataclass(frozen=True)
@@ -84,13 +104,11 @@ def gallery_of(subjects: Subjects, tick: Callable[[], None]) -> Gallery:
         subjects: of the wall.
         tick: called after each picture.
     """
-    first = subjects.target if subjects.target is not None else subjects.shown[0].result
-    camera = camera_of(first).holding(*(subject.result for subject in subjects.shown))
-    limit = limit_of(subjects)
+    limit, frame = limit_of(subjects), _frame_of(subjects)
     found = [subject.distances for subject in subjects.shown if subject.distances is not None]
     return Gallery(
-        plain=tuple(_ticked(_plain(subjects, camera), tick)),
-        distances=tuple(_ticked(_distances(subjects, camera, limit), tick)),
+        plain=tuple(_ticked(_plain(subjects, frame), tick)),
+        distances=tuple(_ticked(_distances(subjects, frame, limit), tick)),
         limit=f"{limit:g}",
         half=f"{limit / 2:g}",
         beyond=any(float(each.max(initial=0.0)) > limit for each in found),
@@ -125,48 +143,66 @@ def sources_in(shown: Sequence[Subject]) -> list[tuple[str, Mesh]]:
     return [(", ".join(labels), mesh) for labels, mesh in found]
 
 
+def _frame_of(subjects: Subjects) -> _Frame:
+    """The target, if there is one, and all results within one frame, which is at most a little higher than wide."""
+    meshes = [subject.result for subject in subjects.shown]
+    meshes = meshes if subjects.target is None else [subjects.target, *meshes]
+    camera, aspect = camera_of(meshes[0]).framing(*meshes)
+    if aspect < _NARROWEST:
+        camera, aspect = camera.framing(*meshes, aspect=_NARROWEST)
+    return _Frame(camera, aspect)
+
+
 def _ticked(pictures: Iterator[_Drawn], tick: Callable[[], None]) -> Iterator[_Drawn]:
     for picture in pictures:
         tick()
         yield picture
 
 
-def _plain(subjects: Subjects, camera: Camera) -> Iterator[Picture]:
+def _plain(subjects: Subjects, frame: _Frame) -> Iterator[Picture]:
     title = subjects.wall.title
     if subjects.target is not None:
-        yield _drawn(subjects.target, camera, "target", title, f"The target, {title}")
+        yield _drawn(subjects.target, frame, "target", title, f"The target, {title}")
     sources = sources_in(subjects.shown)
     for labels, mesh in sources:
         detail = labels if len(sources) > 1 else ""
-        yield _drawn(mesh, camera.holding(mesh), "source", detail, f"The source of {labels} for {title}")
+        yield _drawn(mesh, frame.fitting(mesh), "source", detail, f"The source of {labels} for {title}")
     for subject in subjects.shown:
         exhibit = subject.exhibit
         detail = f"{subjects.wall.metric} {exhibit.figure}, seed {exhibit.seed}" if exhibit.figure else ""
-        yield _drawn(subject.result, camera, exhibit.label, detail, f"The result of {exhibit.label} on {title}")
+        yield _drawn(subject.result, frame, exhibit.label, detail, f"The result of {exhibit.label} on {title}")
 
 
-def _drawn(mesh: Mesh, camera: Camera, title: str, detail: str, alt: str) -> Picture:
-    image = draw(mesh, camera, size=_SIZE, background=None)
-    return Picture(data_uri(image), title, detail, f"{alt}: {mesh.num_faces:,} faces")
+def _drawn(mesh: Mesh, frame: _Frame, title: str, detail: str, alt: str) -> Picture:
+    size = frame.size(_WIDTH)
+    image = draw(mesh, frame.camera, size=size, background=None)
+    return Picture(data_uri(image), size, title, detail, f"{alt}: {mesh.num_faces:,} faces")
 
 
-def _distances(subjects: Subjects, camera: Camera, limit: float) -> Iterator[DistancePicture]:
+def _distances(subjects: Subjects, frame: _Frame, limit: float) -> Iterator[DistancePicture]:
     for subject in subjects.shown:
         if subject.distances is not None:
-            yield _distance(subject, subject.distances, subjects.wall.title, camera, limit)
+            yield _distance(subject, subject.distances, subjects.wall.title, frame, limit)
 
 
-def _distance(subject: Subject, values: np.ndarray, title: str, camera: Camera, limit: float) -> DistancePicture:
+def _distance(subject: Subject, values: np.ndarray, title: str, frame: _Frame, limit: float) -> DistancePicture:
     mesh, limits, label, worst = subject.result, (0.0, limit), subject.exhibit.label, worst_vert(values)
-    whole = draw(mesh, camera, size=_LARGE, values=values, limits=limits, background=None)
-    near = close_up(mesh, worst, camera)
+    size = frame.size(_LARGE)
+    whole = draw(mesh, frame.camera, size=size, values=values, limits=limits, background=None)
+    near = close_up(mesh, worst, frame.camera)
     inset = draw(mesh, near.camera, size=_INSET, values=values, limits=limits, edges=True, background=None)
-    right, up, _ = camera.project(mesh.verts[[worst]])[0]
+    right, up, _ = frame.camera.project(mesh.verts[[worst]])[0] * min(size) / 2
     farthest = plain(float(values[worst]))
     return DistancePicture(
-        Picture(data_uri(whole), label, f"farthest vert {farthest} off", f"Distances from {label} to {title}"),
-        Picture(data_uri(inset), "worst place", near.view, f"Edges around the worst place of {label}, {farthest} off"),
-        left=round(50 + 50 * float(right), 2),
-        top=round(50 - 50 * float(up), 2),
+        Picture(data_uri(whole), size, label, f"farthest vert {farthest} off", f"Distances from {label} to {title}"),
+        Picture(
+            data_uri(inset),
+            _INSET,
+            "worst place",
+            near.view,
+            f"Edges around the worst place of {label}, {farthest} off",
+        ),
+        left=round(50 + 100 * float(right) / size[0], 2),
+        top=round(50 - 100 * float(up) / size[1], 2),
         hidden=near.hidden,
     )

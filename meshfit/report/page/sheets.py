@@ -6,7 +6,7 @@ from meshfit.report.contrast import Contrast
 from meshfit.report.grid import Entry, columns, entries, row_groups, row_names
 from meshfit.report.numbers import difference_and_interval
 from meshfit.report.page.forest import Whisker, whiskers
-from meshfit.report.sections import sections
+from meshfit.report.sections import Section, sections
 from meshfit.report.sheet import Sheet
 from meshfit.report.verdicts import chance, difference_lines, seeds_text, verdict, without_intervals
 from meshfit.report.wording import alike_note, best_note, cell_line, metric_line, notes, setting_lines
@@ -98,26 +98,27 @@ def shown_sheet(sheet: Sheet) -> ShownSheet:
 
 
 def _sections(sheet: Sheet) -> list[ShownSection]:
-    return [
-        ShownSection(
-            section.title,
-            tuple((place, _differences(sheet, contrasts)) for place, contrasts in section.places.items()),
-        )
-        for section in sections(sheet)
-    ]
+    return [_section(sheet, section) for section in sections(sheet)]
 
 
-def _differences(sheet: Sheet, contrasts: list[tuple[str, Contrast]]) -> tuple[ShownDifference, ...]:
-    drawn = whiskers([contrast.paired for _, contrast in contrasts])
-    return tuple(
-        ShownDifference(
-            label,
-            difference_and_interval(contrast.paired),
-            verdict(sheet, contrast.paired),
-            chance(contrast.paired),
-            seeds_text(contrast.paired),
-            doubtful=contrast.paired.significant is False,
-            whisker=whisker,
-        )
-        for (label, contrast), whisker in zip(contrasts, drawn, strict=True)
+def _section(sheet: Sheet, section: Section) -> ShownSection:
+    """A section; all of its whiskers lie along one axis."""
+    drawn = iter(whiskers([contrast.paired for found in section.places.values() for _, contrast in found]))
+    places = tuple(
+        (place, tuple(_difference(sheet, label, contrast, next(drawn)) for label, contrast in found))
+        for place, found in section.places.items()
+    )
+    return ShownSection(section.title, places)
+
+
+def _difference(sheet: Sheet, label: str, contrast: Contrast, whisker: Whisker | None) -> ShownDifference:
+    paired = contrast.paired
+    return ShownDifference(
+        label,
+        difference_and_interval(paired),
+        verdict(sheet, paired),
+        chance(paired),
+        seeds_text(paired),
+        doubtful=paired.significant is False,
+        whisker=whisker,
     )

@@ -100,7 +100,7 @@ function logarithmic(wall, term) {
   const values = wall.curves.flatMap((curve) => curve.values[term] || []).filter((value) => value !== null);
   const [least, most] = values.reduce(([low, high], value) => [Math.min(low, value), Math.max(high, value)], [Infinity, 0]);
   if (!document.getElementById("log-scale").checked || !(least > 0)) return { rangemode: "tozero" };
-  return most > 30 * least ? { type: "log", dtick: 1 } : { type: "log" };
+  return { type: "log", dtick: most > 30 * least ? 1 : most > 4 * least ? "D2" : undefined };
 }
 
 async function drawCurves() {
@@ -174,7 +174,7 @@ async function drawHistograms() {
       x: ends,
       y: [...shares, shares[bins - 1]],
       fill: "tozeroy",
-      fillcolor: `color-mix(in srgb, ${colour(row)} 12%, transparent)`,
+      fillcolor: `${colour(row)}22`,
       name: beyond >= 0.05 ? `${wall.rows[row]} (${beyond.toFixed(1)} % beyond)` : wall.rows[row],
       hovertemplate: `%{y:.2f} % of the area from %{x:.3g} off<extra>%{fullData.name}</extra>`,
     }));
