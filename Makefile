@@ -74,10 +74,13 @@ ablation: $(DEV)  ## Leave out the second engine's ingredients one by one; write
 bench-compare: $(DEV)  ## Set two such files side by side: make bench-compare OLD=a.json NEW=b.json
 	$(BIN)/python -m tests.benchmarks.compare $(OLD) $(NEW)
 
-figures: $(DEV)  ## Draw the README's pictures from real runs
+figures: $(DEV)  ## Draw the README's pictures from real runs (under 10 minutes)
 	$(BIN)/meshfit run table1 --runs $(RUNS) --set seeds=[0] --quiet
-	$(BIN)/meshfit render $(RUNS)/table1/bunny/loop/seed-0-* -o data/pictures/fit.png
+	$(BIN)/meshfit run accurate --runs $(RUNS) --quiet
+	$(BIN)/meshfit render $(RUNS)/accurate/bunny/loop/seed-0-* -o data/pictures/fit.png
 	$(BIN)/meshfit render bunny mousehead cow bone airplane -o data/pictures/targets.png
+	$(BIN)/meshfit figure $(RUNS)/table1/*/*/seed-0-* -o data/pictures/table1.png --targets bunny,mousehead
+	$(BIN)/meshfit figure $(RUNS)/accurate/*/*/seed-0-* -o data/pictures/accurate.png --targets bunny,mousehead
 
 mousehead: $(RUN)  ## Make the mousehead target anew
 	$(BIN)/python data/mousehead.py

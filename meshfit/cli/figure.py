@@ -14,7 +14,8 @@ def figure(
     runs: RunDirs,
     output: Annotated[Path, typer.Option("--output", "-o", help="The figure to write: .pdf, .svg or .png.")],
     metric: Annotated[
-        str, typer.Option("--metric", help="What is told of each result; of its median the seed is.", metavar="NAME")
+        str,
+        typer.Option("--metric", help="Told below each result; its median picks the seed.", metavar="NAME"),
     ] = DEFAULT_METRIC,
     targets: Annotated[
         str | None, typer.Option("--targets", help="Only these, in this order, separated by commas.", metavar="NAMES")
@@ -25,8 +26,9 @@ def figure(
 ) -> int:
     r"""Draw target, sources and results of some runs, and where results are off, as a figure for a paper.
 
-    Of each target and scheme the trial is shown whose value is the median over the seeds. The caption is written
-    beside it, as .txt and, with what LaTeX needs around it, as .tex.
+    Of each target and scheme the trial is shown whose value is the median over the seeds.
+
+    The caption is written beside it, as .txt, and with what LaTeX needs around it, as .tex.
     Needs the extra: pip install 'meshfit\[report]'.
 
     Examples:

@@ -51,14 +51,16 @@ def _sentences(strips: Sequence[Strip], metric: str) -> Iterator[str]:
     )
     yield from _seeds(strips, title)
     yield (
-        "Below, the distance from each vert of a result to the target; a target's results share one scale, which ends "
-        "where 99 of 100 verts of each are nearer"
+        "Below, the distance from each vert of a result to the target; the results of a row share one scale, which "
+        "ends where 99 of 100 verts of each are nearer"
     )
+    if metric.startswith("hausdorff."):
+        yield "A Hausdorff distance can be larger, since it is looked for on all of the faces, and from the target too"
     yield "A ring marks the vert that is farthest off, a dashed one where it is out of sight"
     normalise = dict.fromkeys(str(strip.shown.settings.get("normalise")) for strip in strips)
     yield f"Lengths are in {'; '.join(FRAMES.get(name, name) for name in normalise)}"
     yield "All meshes of a target are seen from one side, and but for sources that would not fit, at one scale"
-    if any(_hides_sources(strip) for strip in strips):
+    if any(strip.hidden for strip in strips):
         yield "Only the first scheme's source is shown; those of the others differ"
 
 
@@ -83,10 +85,3 @@ def _named(pick: Pick) -> str:
 def _titles(strips: Sequence[Strip]) -> list[str]:
     titles = [strip.shown.title for strip in strips]
     return [titles[0][:1].upper() + titles[0][1:], *titles[1:]]
-
-
-def _hides_sources(strip: Strip) -> bool:
-    first = strip.trials[0].source.verts
-    return len(strip.sources) == 1 and any(
-        trial.source.verts.shape != first.shape or (trial.source.verts != first).any() for trial in strip.trials
-    )

@@ -4,9 +4,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from meshfit.measuring.metrics import METRICS
+from meshfit.mesh.geometry import bounding_box_diagonal
 from meshfit.mesh.mesh import Mesh
 from meshfit.report.camera import Camera, camera_of
 from meshfit.report.numbers import plain
@@ -23,6 +22,7 @@ WIDTH = 7.0
 _TALLEST = 9.0
 _FONT = 8.0
 _MOST_SOURCES = 2
+_ALIKE = 0.01
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,8 @@ class Strip:
     Attributes:
         shown: the picks, and what they are called.
         trials: the meshes of each pick.
-        sources: the sources that differ, each with the names of its schemes.
+        sources: the sources that look unlike, each with its title; only the first where there is no room for more.
+        hidden: whether there are more of them.
         camera: the view of all its meshes.
         aspect: width by height of a picture.
     """
@@ -40,6 +41,7 @@ class Strip:
     shown: TargetPicks
     trials: tuple[TrialMeshes, ...]
     sources: tuple[tuple[str, Mesh], ...]
+    hidden: bool
     camera: Camera
     aspect: float
 
@@ -55,12 +57,14 @@ def read_strips(picked: Iterable[TargetPicks]) -> tuple[Strip, ...]:
     Raises:
         StoreError, MeshError: a result or a mesh cannot be read.
     """
+    read = [(shown, tuple(trial_meshes(pick.folder) for pick in shown.picks)) for shown in picked]
     strips = []
-    for shown in picked:
-        trials = tuple(trial_meshes(pick.folder) for pick in shown.picks)
-        view = camera_of(trials[0].target)
-        camera, aspect = view.framing(trials[0].target, *(trial.result for trial in trials))
-        strips.append(Strip(shown, trials, tuple(_sources(shown.picks, trials)), camera, aspect))
+    for shown, trials in read:
+        same = [each for other, its in read if other.target == shown.target for each in its]
+        camera, aspect = camera_of(trials[0].target).framing(trials[0].target, *(each.result for each in same))
+        sources = tuple(_sources(shown.picks, trials))
+        hidden = len(sources) > _MOST_SOURCES
+        strips.append(Strip(shown, trials, sources[:1] if hidden else sources, hidden, camera, aspect))
     return tuple(strips)
 
 
@@ -80,28 +84,33 @@ def write_figure(strips: Sequence[Strip], path: Path, metric: str) -> None:
     # Pictures get smaller where all of them would be more than a page is high.
     tall = 2 * sum(widest / strip.aspect for strip in strips)
     across = widest * min(1.0, (_TALLEST - 0.5 * len(strips)) / tall)
-    rows = [row for strip in strips for row in _rows(strip, metric, across, columns)]
-    write_plate(rows, path, width=WIDTH, font=_FONT)
+    dpi = DPI[path.suffix.lower()]
+    rows = [row for strip in strips for row in _rows(strip, metric, round(across * dpi), columns)]
+    write_plate(rows, path, width=WIDTH, font=_FONT, dpi=dpi)
 
 
 def _sources(picks: Sequence[Pick], trials: Sequence[TrialMeshes]) -> Iterator[tuple[str, Mesh]]:
-    """The sources that differ, or the first where there is no room for more."""
-    named: list[tuple[list[str], Mesh]] = []
+    """The sources that look unlike, each with its title."""
+    found: list[tuple[list[str], Mesh]] = []
     for pick, trial in zip(picks, trials, strict=True):
-        same = next((names for names, mesh in named if np.array_equal(mesh.verts, trial.source.verts)), None)
+        same = next((schemes for schemes, mesh in found if _look_alike(mesh, trial.source)), None)
         if same is None:
-            named.append(([pick.scheme], trial.source))
+            found.append(([pick.scheme], trial.source))
         else:
             same.append(pick.scheme)
-    if len(named) == 1:
-        yield "source", named[0][1]
-        return
-    for names, mesh in named if len(named) <= _MOST_SOURCES else named[:1]:
-        yield f"source, {', '.join(names)}", mesh
+    for schemes, mesh in found:
+        yield "source" if len(found) == 1 else f"source, {', '.join(schemes)}", mesh
 
 
-def _rows(strip: Strip, metric: str, across: float, columns: int) -> Iterator[Row]:
-    view = View(strip.camera, (round(across * DPI), max(1, round(across * DPI / strip.aspect))))
+def _look_alike(first: Mesh, second: Mesh) -> bool:
+    """Whether two sources are one shape to the eye, as spheres are whose verts lie elsewhere on them."""
+    size = bounding_box_diagonal(first.verts)
+    apart = max(float(distances_to(first, second).max()), float(distances_to(second, first).max()))
+    return apart <= _ALIKE * size
+
+
+def _rows(strip: Strip, metric: str, pixels: int, columns: int) -> Iterator[Row]:
+    view = View(strip.camera, (pixels, max(1, round(pixels / strip.aspect))))
     picked = list(zip(strip.shown.picks, strip.trials, strict=True))
     target = view.plain(strip.trials[0].target, strip.shown.title)
     sources = [view.fitting(mesh).plain(mesh, name) for name, mesh in strip.sources]

@@ -7,6 +7,7 @@ from pathlib import Path
 from meshfit.errors import ConfigError
 from meshfit.report.gather import Result, shared_settings, target_key
 from meshfit.report.table import ResultTable, build_tables
+from meshfit.report.variations import variation_names
 from meshfit.specs import suggest
 from meshfit.subdivision.choose import canonical
 
@@ -35,11 +36,13 @@ class TargetPicks:
     """The trials shown for a target.
 
     Attributes:
-        title: of the target, with what tells its settings from others in the same figure.
+        target: its name, or that of its file.
+        title: how it is called, with what tells its settings from others in the same figure.
         settings: what its trials have in common, by dotted key.
         picks: one for each scheme.
     """
 
+    target: str
     title: str
     settings: dict[str, object]
     picks: tuple[Pick, ...]
@@ -48,7 +51,7 @@ class TargetPicks:
 def pick_trials(
     results: Sequence[Result], metric: str, *, targets: Sequence[str] = (), schemes: Sequence[str] = ()
 ) -> tuple[TargetPicks, ...]:
-    """The trials that a figure shows, target by target.
+    """The trials that a figure shows, target by target, and for each of them, settings by settings.
 
     Args:
         results: with their `folder`, as `read_results` gives them.
@@ -71,16 +74,29 @@ def pick_trials(
     ]
     tables = build_tables(chosen, metric, schemes=wanted, targets=targets)
     found = []
-    for table in tables:
+    for table, name in zip(tables, _names(tables), strict=True):
         same = [result for result in chosen if shared_settings(result) == table.settings]
         for target, title in table.targets.items():
-            picks = tuple(_picks(table, target, same))
-            name = f"{title} ({table.title})" if len(tables) > 1 else title
-            found.append(TargetPicks(name, dict(table.settings), picks))
-    shown = tuple(each for each in found if each.picks)
+            called = f"{title} ({name})" if name else title
+            found.append(TargetPicks(target, called, dict(table.settings), tuple(_picks(table, target, same))))
+    order = list(targets) or list(dict.fromkeys(each.target for each in found))
+    shown = tuple(sorted((each for each in found if each.picks), key=lambda each: order.index(each.target)))
     if not shown:
         raise ConfigError(f"no trial that could be shown has a value of {metric}")
     return shown
+
+
+def _names(tables: Sequence[ResultTable]) -> list[str]:
+    """What tells tables apart: the experiment where that does, and else what their settings differ in."""
+    if len(tables) == 1:
+        return [""]
+    experiments = [table.experiment for table in tables]
+    if len(set(experiments)) == len(tables):
+        return experiments
+    variations = variation_names([table.settings for table in tables], [table.variant for table in tables])
+    if len(set(experiments)) == 1:
+        return variations
+    return [f"{table.experiment}, {name}" for table, name in zip(tables, variations, strict=True)]
 
 
 def _picks(table: ResultTable, target: str, results: Sequence[Result]) -> Iterable[Pick]:

@@ -10,12 +10,11 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.report.camera import Camera, camera_of
 from meshfit.report.plate import ColourBar, Row
 from meshfit.report.surface_errors import distances_to, shared_limit
-from meshfit.report.typeset import write_plate
+from meshfit.report.typeset import DPI, write_plate
 from meshfit.report.view import View
 
 _PANEL = 2.6
 _FONT = 9.0
-_DPI = 200
 
 
 @dataclass(frozen=True)
@@ -49,8 +48,9 @@ def draw_row(row: Sequence[Shown], path: Path, *, edges: bool = False, label: st
         MeshError: a mesh without faces.
         MeasureError: distances to what has no surface.
     """
-    size = round(_PANEL * _DPI), round(_PANEL * _DPI)
-    cameras = _cameras(row)
+    dpi = DPI[path.suffix.lower()]
+    size = round(_PANEL * dpi), round(_PANEL * dpi)
+    cameras = cameras_of(row)
     distances = [None if one.against is None else distances_to(one.mesh, one.against) for one in row]
     measured = [values for values in distances if values is not None]
     limit = shared_limit(measured)
@@ -60,10 +60,10 @@ def draw_row(row: Sequence[Shown], path: Path, *, edges: bool = False, label: st
         shown = view.plain(one.mesh, one.title) if values is None else view.coloured(one.mesh, values, limit, one.title)
         panels.append(shown)
     bar = ColourBar(limit, label, more=any(values.max() > limit for values in measured)) if measured else None
-    write_plate([Row(tuple(panels), bar)], path, width=_PANEL * len(row), font=_FONT, dpi=_DPI)
+    write_plate([Row(tuple(panels), bar)], path, width=_PANEL * len(row), font=_FONT, dpi=dpi)
 
 
-def _cameras(row: Sequence[Shown]) -> list[Camera]:
+def cameras_of(row: Sequence[Shown]) -> list[Camera]:
     """The camera of each; those of one target are drawn back until all that it shows are in the picture."""
     views: list[tuple[Mesh, list[Mesh]]] = []
     places = []

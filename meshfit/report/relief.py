@@ -11,12 +11,12 @@ from scipy.ndimage import uniform_filter
 Depth = Float32[np.ndarray, "H W"]
 
 # Radii as shares of the picture's shorter side, and how much each of them darkens at most.
-_RADII = ((0.012, 0.5), (0.03, 0.5), (0.07, 0.5))
+_RADII = ((0.012, 0.65), (0.03, 0.6), (0.07, 0.55))
 # Directions at unlike distances, as shares of the radius: at like ones they would make copies of an outline.
 _DIRECTIONS = 12
 _DISTANCES = (1.0, 0.55, 0.8, 0.35, 0.9)
 # What a ball may be filled beyond the half before it counts: the edges between faces of a coarse mesh are no creases.
-_SPARED = 0.05
+_SPARED = 0.09
 
 
 def occlusion_shade(depth: Depth) -> Depth:

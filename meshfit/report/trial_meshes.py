@@ -42,10 +42,11 @@ def trial_meshes(folder: Path) -> TrialMeshes:
     """
     facts = read_json(folder / RESULT)
     try:
-        frame = Frame(tuple(facts["frame"]["centre"]), facts["frame"]["scale"])
+        across, up, towards = map(float, facts["frame"]["centre"])
+        frame = Frame((across, up, towards), float(facts["frame"]["scale"]))
         target, written = facts["settings"]["targets"][0], facts["settings"]["write_frame"]
-    except (KeyError, TypeError, IndexError) as error:
-        raise StoreError(f"{folder / RESULT}: not the result of a trial: {error} is missing") from None
+    except (KeyError, TypeError, IndexError, ValueError) as error:
+        raise StoreError(f"{folder / RESULT}: not the result of a trial: {error}") from None
     source, result = load_mesh(folder / "source.ply"), load_mesh(folder / "result.ply")
     if written == "target":
         source, result = frame.normalise(source), frame.normalise(result)

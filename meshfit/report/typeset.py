@@ -13,16 +13,19 @@ from meshfit.report.extra import needed
 from meshfit.report.plate import ColourBar, Panel, Ring, Row
 
 SUFFIXES = (".png", ".pdf", ".svg")
-DPI = 300
+DPI = {".png": 200, ".pdf": 300, ".svg": 300}
+"""Pixels of pictures an inch, by the suffix of the file: for a screen, and for print."""
 
 _GAP = 0.06
 _LINE = 1.22
 _BAR = 3.4  # lines that a colour bar takes, with its numbers and its label
+_SMALLEST = 6.0  # points; what is too long for it is cut
 _LETTER = 0.47  # mean width of a letter, as a share of the size of the font
 _STYLE = {
     "font.family": ["STIXGeneral", "DejaVu Sans"],
     "pdf.fonttype": 42,  # outlines of TrueType, which every publisher takes
     "svg.hashsalt": "meshfit",
+    "text.hinting": "none",
     "text.parse_math": False,
     "axes.linewidth": 0.5,
 }
@@ -52,7 +55,7 @@ def column_width(width: float, columns: int) -> float:
     return (width - _GAP * (columns - 1)) / columns
 
 
-def write_plate(rows: Sequence[Row], path: Path, *, width: float, font: float, dpi: int = DPI) -> None:
+def write_plate(rows: Sequence[Row], path: Path, *, width: float, font: float, dpi: int) -> None:
     """Write rows of pictures, one below the other.
 
     Args:
@@ -66,9 +69,9 @@ def write_plate(rows: Sequence[Row], path: Path, *, width: float, font: float, d
         ConfigError: matplotlib is not installed, or the file cannot be written.
     """
     matplotlib, figures = needed("matplotlib"), needed("matplotlib.figure")
-    font = min([font, *(_fitted(font, row, width) for row in rows)])
+    font = max(_SMALLEST, min([font, *(_fitted(font, row, width) for row in rows)]))
     line = font * _LINE / 72
-    heights = [_height(row, line, dpi) for row in rows]
+    heights = [round(_height(row, line, dpi) * dpi) / dpi for row in rows]
     with matplotlib.rc_context(_STYLE), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a letter that no font has is drawn as a box
         figure = figures.Figure(figsize=(width, sum(heights)), facecolor="white")
@@ -89,6 +92,10 @@ def _fitted(font: float, row: Row, width: float) -> float:
     """The size at which each line of text of a row fits into its column."""
     longest = max((len(text) for panel in row.panels if panel is not None for text in panel.lines), default=0)
     return min(font, column_width(width, len(row.panels)) * 72 / (_LETTER * max(1, longest)))
+
+
+def _cut(text: str, letters: int) -> str:
+    return text if len(text) <= letters + 1 else f"{text[: max(1, letters - 1)]}…"
 
 
 def _height(row: Row, line: float, dpi: int) -> float:
@@ -128,7 +135,9 @@ class _Sheet:
 
     def _add_panel(self, panel: Panel, left: float, across: float, top: float) -> None:
         high, wide = panel.image.shape[0] / self.dpi, panel.image.shape[1] / self.dpi
-        axes = self._axes(left + (across - wide) / 2, top - high, wide, high)
+        # On whole pixels, or each would be a mixture of two.
+        corner = round((left + (across - wide) / 2) * self.dpi) / self.dpi, round((top - high) * self.dpi) / self.dpi
+        axes = self._axes(*corner, wide, high)
         axes.imshow(panel.image, interpolation="none", aspect="auto")
         axes.set_axis_off()
         if panel.ring is not None:
@@ -137,7 +146,7 @@ class _Sheet:
             self.figure.text(
                 (left + across / 2) / self.width,
                 (top - high - (number + 0.95) * self.font * _LINE / 72) / self.height,
-                text,
+                _cut(text, round(across * 72 / (_LETTER * self.font))),
                 ha="center",
                 va="baseline",
                 fontsize=self.font,

@@ -50,13 +50,6 @@ def test_meshes_are_drawn_side_by_side(tmp_path):
         assert panel[:, 0].min() > 250
 
 
-def test_the_same_command_gives_the_same_file(tmp_path):
-    for suffix in ("png", "pdf", "svg"):
-        for name in ("one", "two"):
-            answered("render", "bone", "-o", tmp_path / f"{name}.{suffix}")
-        assert (tmp_path / f"one.{suffix}").read_bytes() == (tmp_path / f"two.{suffix}").read_bytes()
-
-
 def test_edges_make_a_picture_darker(tmp_path):
     for name, options in (("plain", []), ("edges", ["--edges"])):
         assert invoke("render", "bone", "-o", tmp_path / f"{name}.png", *options).code == 0

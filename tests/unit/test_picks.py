@@ -34,12 +34,14 @@ def test_targets_and_schemes_are_those_asked_for_in_that_order():
     assert len(pick_trials(grid([0]), METRIC, targets=["cow"], schemes=["loop"])[0].picks) == 1
 
 
-def test_other_settings_are_other_rows_and_say_so():
-    both = results(("bunny", "loop", 0)) + results(("bunny", "loop", 0), experiment="other", steps=7)
-    titles = [each.title for each in pick_trials(both, METRIC)]
-    assert len(set(titles)) == 2
-    assert all(title.startswith("the bunny (") for title in titles)
-    assert "steps=7" in titles[1]
+def test_other_settings_are_other_rows_below_their_target_and_say_so():
+    both = grid([0]) + results(("cow", "loop", 0), experiment="other", steps=7)
+    titles = [each.title for each in pick_trials(both, METRIC, targets=["cow", "bunny"])]
+    assert titles == ["the cow (small)", "the cow (other)", "the bunny (small)"]
+    swept = grid([0]) + results(("cow", "loop", 0), steps=7)
+    titles = [each.title for each in pick_trials(swept, METRIC)]
+    assert len(set(titles)) == 3
+    assert titles[-1] == "the cow (steps=7)"
 
 
 def test_what_is_not_there_is_refused():

@@ -1,0 +1,59 @@
+import json
+
+import numpy as np
+import pytest
+
+from meshfit.mesh.files import save_mesh
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.solids import icosahedron
+from meshfit.report.camera import MARGIN
+from meshfit.report.pictures import cameras_of
+from meshfit.report.scene import scene_of
+
+BALL = icosahedron()
+LARGE = Mesh(3.0 * BALL.verts, BALL.faces)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    save_mesh(BALL, tmp_path / "ball.ply")
+    save_mesh(LARGE, tmp_path / "large.ply")
+    for name in ("one", "two"):
+        settings = {"targets": ["bone"], "write_frame": "normalised", "normalise": "tutorial"}
+        facts = {"scheme": name, "target_title": "bone", "settings": settings}
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "result.json").write_text(json.dumps(facts | {"frame": {"centre": [0, 0, 0], "scale": 1}}))
+        save_mesh(BALL, tmp_path / name / "source.ply")
+        save_mesh(LARGE if name == "two" else BALL, tmp_path / name / "result.ply")
+    return tmp_path
+
+
+def test_all_meshes_of_a_target_have_its_camera_and_are_in_the_picture(folder):
+    row, label = scene_of(["one", "Second=two"])
+    assert [one.title for one in row] == [
+        "source, one", "result, one", "bone", "source, Second", "result, Second", "bone",
+    ]  # fmt: skip
+    assert label == ""
+    cameras = cameras_of(row)
+    assert len(set(cameras)) == 1
+    reach = max(np.abs(cameras[0].project(one.mesh.verts)[:, :2]).max() for one in row)
+    assert reach == pytest.approx(1 - MARGIN)
+
+
+def test_files_share_the_first_ones_view_and_named_targets_have_their_own(folder):
+    row, _ = scene_of(["ball.ply", "bone", "large.ply", "cow"])
+    first, bone, second, cow = cameras_of(row)
+    assert first == second
+    assert len({first, bone, cow}) == 3
+
+
+def test_against_a_target_all_are_seen_from_its_side_and_measured(folder):
+    row, label = scene_of(["ball.ply", "bone"], "cow")
+    assert len(set(cameras_of(row))) == 1
+    assert label == "distance to cow, in the tutorial frame, where the target's largest |coordinate| is 1"
+    assert all(one.against is row[0].view for one in row)
+    row, label = scene_of(["ball.ply"], "large.ply")
+    assert label == "distance to large, in the unit of the target's file"
+    row, _ = scene_of(["one"], "bone")
+    assert [one.against is not None for one in row] == [False, True, False]
