@@ -132,15 +132,18 @@ def pictures_in(subjects: Subjects) -> int:
 
 
 def sources_in(shown: Sequence[Subject]) -> list[tuple[str, Mesh]]:
-    """The sources that differ, each with the labels of those that began with it."""
-    found: list[tuple[list[str], Mesh]] = []
+    """The sources that differ, each with what tells those that began with it: their schemes, or else their labels."""
+    found: list[tuple[list[Subject], Mesh]] = []
     for subject in shown:
-        same = next((labels for labels, mesh in found if np.array_equal(mesh.verts, subject.source.verts)), None)
+        same = next((those for those, mesh in found if np.array_equal(mesh.verts, subject.source.verts)), None)
         if same is None:
-            found.append(([subject.exhibit.label], subject.source))
+            found.append(([subject], subject.source))
         else:
-            same.append(subject.exhibit.label)
-    return [(", ".join(labels), mesh) for labels, mesh in found]
+            same.append(subject)
+    schemes = [", ".join(dict.fromkeys(str(each.exhibit.result["scheme"]) for each in those)) for those, _ in found]
+    labels = ["; ".join(each.exhibit.label for each in those) for those, _ in found]
+    names = schemes if len(set(schemes)) == len(schemes) else labels
+    return [(name, mesh) for name, (_, mesh) in zip(names, found, strict=True)]
 
 
 def _frame_of(subjects: Subjects) -> _Frame:
