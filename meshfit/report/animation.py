@@ -49,12 +49,12 @@ def frames_of(course: Course, *, size: int, fps: int, edges: bool | None = None)
         ConfigError: pyvista or pillow is not installed.
     """
     camera = camera_of(course.target).holding(*(moment.mesh for moment in course.moments))
-    last = len(course.moments) - 1
+    last, longest = len(course.moments) - 1, max((moment.said for moment in course.moments), key=len)
     for place, moment in enumerate(course.moments):
         shown = edges if edges is not None else course.changes_faces and place < last
         image = draw(moment.mesh, camera, size=(size, size), edges=shown)
         stays = {0: round(fps * _SECONDS_OF_FIRST), last: round(fps * _SECONDS_OF_LAST)}.get(place, 1)
-        yield _captioned(image, moment.said), max(1, stays)
+        yield _captioned(image, moment.said, longest), max(1, stays)
 
 
 def write_film(frames: Iterator[Frame], path: Path, fps: int) -> int:
@@ -75,8 +75,8 @@ def write_film(frames: Iterator[Frame], path: Path, fps: int) -> int:
     return count
 
 
-def _captioned(image: Image, text: str) -> Image:
-    """A picture with a line of text below it, of even width and height, as films need it."""
+def _captioned(image: Image, text: str, longest: str) -> Image:
+    """A picture, of even width and height, as films need it, above a line of text in which the longest would fit."""
     pillow, drawing, fonts = needed("PIL.Image"), needed("PIL.ImageDraw"), needed("PIL.ImageFont")
     height, width = image.shape[:2]
     strip = 2 * round(_CAPTION * height / 2)
@@ -86,7 +86,7 @@ def _captioned(image: Image, text: str) -> Image:
     largest = max(_LEAST_TEXT, round(0.5 * strip))
     sizes = (size for size in range(largest, _LEAST_TEXT - 1, -1))
     font = next(
-        (one for size in sizes if pen.textlength(text, one := fonts.load_default(size)) <= 0.96 * width),
+        (one for size in sizes if pen.textlength(longest, one := fonts.load_default(size)) <= 0.96 * width),
         fonts.load_default(_LEAST_TEXT),
     )
     pen.text(at, text, fill=_TEXT, font=font, anchor="mm")

@@ -1,0 +1,114 @@
+"""Films of fits: as many pictures as snapshots, from one camera; or one line that says how to get snapshots."""
+
+import re
+import subprocess
+
+import numpy as np
+import pytest
+
+from meshfit.experiment.snapshots import snapshots_in
+from meshfit.mesh.files import load_mesh
+from meshfit.report.moments import course_of
+from tests.cli import answered, invoke, refused
+from tests.small import config_file
+from tests.unit.test_snapshots import SECOND, quietly, taken
+from tests.unit.test_trial import prepared, run_trial
+
+pillow = pytest.importorskip("PIL.Image", reason="films need pillow")
+pytest.importorskip("pyvista")
+
+
+def pictures(path):
+    with pillow.open(path) as film:
+        found = []
+        for number in range(film.n_frames):
+            film.seek(number)
+            found.append(np.asarray(film.convert("L"), dtype=float))
+        return found
+
+
+def test_a_gif_has_a_picture_for_each_moment_from_one_camera(tmp_path):
+    _, _, place = taken(tmp_path, 5)
+    out = answered("animate", place, "-o", tmp_path / "fit.gif", "--size", 96, "--fps", 10)
+    assert re.fullmatch(r"wrote .*fit\.gif: 29 frames, 2\.9 s, [\d.]+ kB\n", out)
+    found = pictures(tmp_path / "fit.gif")
+    assert 4 <= len(found) <= 6
+    assert {picture.shape for picture in found} == {(96 + 8, 96)}
+    assert all(0.1 < (picture[:96] < 240).mean() < 0.9 for picture in found)
+    assert np.abs(found[0][:96] - found[-1][:96]).mean() > 1
+    assert np.array_equal(found[0][:96], pictures(tmp_path / "fit.gif")[0][:96])
+
+
+def test_an_mp4_has_even_sides_and_ends_with_the_result(tmp_path):
+    ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="films need imageio-ffmpeg")
+    _, _, place = taken(tmp_path, 10)
+    answered("animate", place, "-o", tmp_path / "fit.mp4", "--size", 97, "--fps", 6)
+    assert ffmpeg.count_frames_and_secs(str(tmp_path / "fit.mp4"))[0] == 3 + 2 + 12
+    asked = [ffmpeg.get_ffmpeg_exe(), "-i", tmp_path / "fit.mp4"]
+    assert " 98x106" in subprocess.run(asked, capture_output=True, text=True, check=False).stderr
+    assert [path.name for path in tmp_path.glob("*fit*")] == ["fit.mp4"]
+
+
+def test_captions_tell_step_figure_and_verts_and_of_the_second_engine_the_stage(tmp_path):
+    _, _, place = taken(tmp_path, 5)
+    course = course_of(place)
+    assert not course.changes_faces
+    said = [moment.said for moment in course.moments]
+    assert [text.split("  ·  ")[0] for text in said] == [
+        "source",
+        *(f"step {k} of 20" for k in (5, 10, 15, 20)),
+        "result",
+    ]
+    assert all(
+        text.endswith(f"  ·  {moment.mesh.num_verts:,} verts")
+        for text, moment in zip(said, course.moments, strict=True)
+    )
+    assert all("loss" in text for text in said[:-1])
+    assert "Hausdorff distance" in said[-1]
+    (tmp_path / "second").mkdir()
+    _, _, place = taken(tmp_path / "second", 1, "gauss-newton")
+    course = course_of(place)
+    assert course.changes_faces
+    stages = dict.fromkeys(moment.said.split("  ·  ")[0] for moment in course.moments)
+    assert list(stages) == ["source", "rough shape", "level 0", "level 1", "last", "result"]
+
+
+def test_moments_are_in_the_targets_frame_whatever_frame_they_were_written_in(tmp_path):
+    _, _, place = taken(tmp_path, 10, write_frame="target")
+    *_, last, result = course_of(place).moments
+    assert np.allclose(last.mesh.verts, result.mesh.verts)
+    assert not np.allclose(load_mesh(place / "result.ply").verts, result.mesh.verts)
+
+
+def test_a_surface_that_has_not_moved_is_shown_once(tmp_path):
+    settings = SECOND | {"coarse_steps": 40, "tries": 2, "snapshots": 1}
+    trial, store, place = prepared(tmp_path, fit=settings)
+    run_trial(trial, store, quietly)
+    assert len(course_of(place).moments) < len(snapshots_in(place)) + 2
+
+
+def test_without_snapshots_one_line_says_how_to_get_them(tmp_path):
+    trial, store, place = prepared(tmp_path)
+    run_trial(trial, store, quietly)
+    said = refused("animate", place, "-o", tmp_path / "fit.mp4")
+    assert "no snapshots were taken; to take some: meshfit run small.yaml --set fit.snapshots=1 " in said
+    assert said.endswith("--set targets=[ellipsoid] --set schemes=[loop] --set seeds=[0] --force")
+    assert "'.avi' is not a film" in refused("animate", place, "-o", tmp_path / "fit.avi")
+
+
+def test_what_cannot_be_written_is_refused(tmp_path):
+    _, _, place = taken(tmp_path, 10)
+    assert "there is no folder" in refused("animate", place, "-o", tmp_path / "gone" / "fit.gif")
+
+
+def test_complete_trials_without_the_snapshots_that_are_wanted_are_told_of(tmp_path):
+    arguments = ["run", config_file(tmp_path), "--runs", tmp_path / "runs", "--set", "seeds=[0]", "--quiet"]
+    arguments += ["--set", "schemes=[loop]"]
+    assert invoke(*arguments).err == ""
+    wanted = [*arguments, "--set", "fit.snapshots=10"]
+    assert "1 trial is complete without the snapshots that are wanted; --force runs" in invoke(*wanted).err
+    assert invoke(*wanted, "--force").err == ""
+    (place,) = (tmp_path / "runs" / "small" / "ellipsoid" / "loop").iterdir()
+    assert list(snapshots_in(place)) == [10, 20]
+    assert "snapshots/" in answered("show", place)
+    assert invoke(*wanted).err == ""
