@@ -17,20 +17,20 @@ _LINES = 4
 
 def report(
     runs: RunDirs,
-    output: Annotated[Path, typer.Option("--output", "-o", help="The folder to write index.html into.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="The folder to write index.html into.", metavar="DIR")],
     metrics: Metrics = None,
     baseline: Baseline = None,
     quiet: Quiet = False,
 ) -> int:
-    r"""Write a page of some runs: tables, pictures, 3D views, curves, settings, failures and versions.
+    """Write a page of some runs that can be mailed.
 
-    It is a single file, index.html, that needs no network and may be mailed.
-    Needs the extra: pip install 'meshfit\[report]'.
+    It has tables, pictures, 3D views, curves, settings, failures and versions, in a single file, index.html, that needs
+    no network. Needs the extra: pip install 'meshfit[report]'.
 
     Examples:
         meshfit report runs/table1 -o report
 
-        meshfit report runs -o report --metric hausdorff.symmetric --metric distance.mean
+        meshfit report runs -o report --metric distance.mean
     """
     from meshfit.experiment.store import make_folder, write_atomically
     from meshfit.report.amounts import size
