@@ -144,7 +144,11 @@ def test_a_histogram_holds_all_of_the_area():
 
 
 def test_whiskers_keep_the_order_of_what_they_stand_for():
-    paired = [PairedDifference(0.2, (0.1, 0.3), 5), PairedDifference(-0.1, (-0.4, 0.05), 5), PairedDifference(1, None, 1)]
+    paired = [
+        PairedDifference(0.2, (0.1, 0.3), 5),
+        PairedDifference(-0.1, (-0.4, 0.05), 5),
+        PairedDifference(1, None, 1),
+    ]
     first, second, none = whiskers(paired)
     assert none is None
     assert first.zero == second.zero
