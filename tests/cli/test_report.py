@@ -1,0 +1,146 @@
+"""`meshfit report` after real runs: one file that needs no other, whatever the runs are like."""
+
+import importlib
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.cli import invoke, refused
+from tests.cli.processes import meshfit
+from tests.small import config_file
+
+pytest.importorskip("pyvista", reason="reports need the extra `report`")
+
+BAD_LR = ("--set", "seeds=[0]", "--set", "schemes=[loop]", "--set", "fit.optimizer.lr=1e30")
+
+
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory):
+    """A folder in which the small experiment was run, one trial that failed, and a sweep of one seed."""
+    folder = tmp_path_factory.mktemp("ran")
+    meshfit("run", config_file(folder), "-q", folder=folder)
+    meshfit("run", "small.yaml", "-q", *BAD_LR, folder=folder, code=1)
+    text = (folder / "small.yaml").read_text().replace("[0, 1]", "[0]") + "sweep: {fit.losses.edge: [0.1, 2.0]}\n"
+    (folder / "sweep.yaml").write_text(text)
+    meshfit("run", "sweep.yaml", "-q", folder=folder)
+    return folder
+
+
+@pytest.fixture
+def copied(ran, tmp_path, monkeypatch):
+    shutil.copytree(ran, tmp_path, dirs_exist_ok=True)
+    for path in tmp_path.glob("runs/*/*/*/*/result.json"):
+        path.write_text(path.read_text().replace(str(ran), str(tmp_path)))  # where the copy's target is
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def page_of(*runs, options=()):
+    """The text of the page, its one file having been told of."""
+    done = invoke("report", *runs, "-o", "page", *options)
+    assert done.code == 0, done.err
+    assert re.fullmatch(r"wrote page/index\.html: [\d.]+ [kM]B\n", done.out)
+    return done, Path("page/index.html").read_text(encoding="utf-8")
+
+
+def text_of(page):
+    """What a reader sees of it: no scripts, no pictures."""
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", re.sub(r"<(script|style)\b.*?</\1>", "", page, flags=re.DOTALL)))
+
+
+def test_a_page_has_every_section_and_nothing_that_is_loaded(copied):
+    done, page = page_of("runs/small")
+    assert re.search(r"drawing: \d+ of \d+\n", done.err)
+    assert [path.name for path in (copied / "page").iterdir()] == ["index.html"]
+    sections = re.findall(r'<section id="(\w+)">', page)
+    assert sections == [
+        "results",
+        "pictures",
+        "scenes",
+        "curves",
+        "histograms",
+        "settings",
+        "trials",
+        "failures",
+        "machines",
+    ]
+    for source in re.findall(r'\b(?:src|href)="([^"]*)"', page):
+        assert source.startswith(("data:image/webp;base64,", "#"))
+    assert page.count("<img") == page.count('alt="') > 6
+    text = text_of(page)
+    assert "the fit diverged at step" in text
+    assert "interp-loop" in text
+    assert "<small>[" in page
+    assert len(page) < 3e6
+
+
+def test_what_users_name_is_not_taken_for_markup(copied):
+    (copied / "ellipsoid.ply").rename(copied / "<i>&x.ply")
+    config = (copied / "small.yaml").read_text().replace("ellipsoid.ply", "'<i>&x.ply'").replace("[0, 1]", "[0]")
+    (copied / "odd.yaml").write_text(config)
+    meshfit("run", "odd.yaml", "-q", "--set", "schemes=[loop]", folder=copied)
+    _, page = page_of("runs/odd")
+    assert "<i>" not in page
+    assert "&lt;i&gt;&amp;x" in page
+
+
+def test_a_target_that_is_gone_or_has_changed_is_told_and_the_rest_is_kept(copied):
+    (copied / "ellipsoid.ply").write_text("ply\n")
+    _, page = page_of("runs/small")
+    assert "has changed since" in text_of(page)
+    (copied / "ellipsoid.ply").unlink()
+    next(copied.glob("runs/small/*/interp-loop/seed-0-*/result.ply")).write_text("ply\n")
+    next(copied.glob("runs/small/*/interp-loop/seed-1-*/result.ply")).write_text("ply\n")
+    _, page = page_of("runs/small")
+    text = text_of(page)
+    assert "The target is not shown" in text
+    assert re.search(r"interp-loop, seed \d, is not shown", text)
+    assert page.count("<img") == 2
+    assert "ramp" not in page.partition("</style>")[2].partition("<script>")[0]
+
+
+def test_a_sweep_of_one_seed_beside_another_experiment(copied):
+    _, page = page_of(
+        "runs", options=("--metric", "distance.mean", "--metric", "f_score.f1", "--baseline", "interp-loop")
+    )
+    text = text_of(page)
+    assert "edge=0.1" in text
+    assert "edge=2.0" in text
+    assert "fit.losses.edge" in text.partition("That differ between trials")[2]
+    assert "mean distance" in text
+    assert page.count("data-scene=") == 2
+
+
+def test_where_all_have_failed_the_page_says_why(copied):
+    for folder in copied.glob("runs/small/*/*/seed-*"):
+        if (folder / "result.json").exists():
+            shutil.rmtree(folder)
+    (copied / "runs/small/plan.json").unlink()
+    _, page = page_of("runs/small")
+    assert re.findall(r'<section id="(\w+)">', page) == ["results", "failures"]
+    assert "No trial is complete" in text_of(page)
+    assert "the fit diverged at step" in text_of(page)
+
+
+def test_what_cannot_be_reported_is_refused(copied):
+    assert "no such run directory" in refused("report", "nowhere", "-o", "page", "-q")
+    assert "is not a metric" in refused("report", "runs", "-o", "page", "-q", "--metric", "nothing")
+    assert "has no results" in refused("report", "runs", "-o", "page", "-q", "--baseline", "butterfly")
+    assert not (copied / "page").exists()
+
+
+@pytest.mark.parametrize("missing", ["plotly", "jinja2", "pyvista"])
+def test_without_a_library_the_extra_is_named(monkeypatch, missing):
+    real = importlib.import_module
+
+    def only_others(name, *rest):
+        if name.startswith(missing):
+            raise ImportError(name)
+        return real(name, *rest)
+
+    monkeypatch.setattr(importlib, "import_module", only_others)
+    said = refused("report", "runs", "-o", "page")
+    assert missing in said
+    assert "pip install 'meshfit[report]'" in said
