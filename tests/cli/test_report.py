@@ -12,6 +12,7 @@ from tests.cli.processes import meshfit
 from tests.small import config_file
 
 pytest.importorskip("pyvista", reason="reports need the extra `report`")
+pytestmark = pytest.mark.slow
 
 BAD_LR = ("--set", "seeds=[0]", "--set", "schemes=[loop]", "--set", "fit.optimizer.lr=1e30")
 
