@@ -52,6 +52,7 @@ def test_ctrl_c_while_workers_start_is_as_quiet(tmp_path):
     assert "Traceback" not in err
 
 
+@pytest.mark.slow
 def test_kill_9_loses_no_finished_trial_and_leaves_no_process_behind(tmp_path, undisturbed):
     config = config_file(tmp_path, LONG)
     process = start("run", config, "-j", 1, folder=tmp_path)

@@ -21,6 +21,8 @@ from tests.checkpoints import through_a_file
 from tests.ragged import bytes_of
 from tests.shapes import torus
 
+pytestmark = pytest.mark.slow  # whole fits, many times over
+
 # With a remesh among the first steps of either try.
 SMALL = {"verts": 120, "levels": 1, "coarse_steps": 6, "tries": 2, "level_steps": 1, "last_steps": 1}
 KINDS = {
@@ -152,7 +154,6 @@ def alone(place, kind):
     )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "places"), [("remeshed", (1, 0)), ("fixed", (2, 0, 1)), ("fixed", (0, 2))])
 def test_neither_order_nor_company_matters(kind, places):
     outcomes = fit_batch([PROBLEMS[place] for place in places], settings(kind, tries=1), device="cpu")
