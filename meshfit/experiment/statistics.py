@@ -80,6 +80,12 @@ def summarise(values: Sequence[float]) -> Summary:
     )
 
 
+def median_seed(sample: BySeed) -> int:
+    """The seed of the median; of two in the middle, that of the lower."""
+    ranked = sorted(sample, key=lambda seed: (sample[seed], seed))
+    return ranked[(len(ranked) - 1) // 2]
+
+
 def paired_difference(first: BySeed, second: BySeed, *, smaller_is_better: bool | None = None) -> PairedDifference:
     """The mean difference of two samples over the seeds that both have.
 

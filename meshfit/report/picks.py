@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from meshfit.errors import ConfigError
+from meshfit.experiment.statistics import median_seed
 from meshfit.report.gather import Result, shared_settings, target_key
 from meshfit.report.table import ResultTable, build_tables
 from meshfit.report.variations import variation_names
@@ -104,8 +105,7 @@ def _picks(table: ResultTable, target: str, results: Sequence[Result]) -> Iterab
         sample = table.samples.get((target, scheme), {})
         if not sample:
             continue
-        ranked = sorted(sample, key=lambda seed: (sample[seed], seed))
-        seed = ranked[(len(ranked) - 1) // 2]
+        seed = median_seed(sample)
         folder = next(
             result["folder"]
             for result in results

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from meshfit.experiment.statistics import BySeed
+from meshfit.experiment.statistics import median_seed
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.contrast import Row
 from meshfit.report.gather import Result, shared_settings, target_key
@@ -138,15 +138,9 @@ def _exhibits(sheet: Sheet, target: str, trials: Sequence[Keyed]) -> Iterator[Ex
     metric = sheet.metrics[0]
     for place, there in trials_on(sheet, target, trials).items():
         sample = sheet.sample(metric, target, sheet.rows[place])
-        seed = _median_seed(sample) if sample else min(there)
+        seed = median_seed(sample) if sample else min(there)
         figure = plain(sample[seed], whole=METRICS[metric].format == "d") if sample else ""
         yield Exhibit(place, row_title(sheet, sheet.rows[place]), seed, len(there), figure, there[seed])
-
-
-def _median_seed(sample: BySeed) -> int:
-    """The seed of the median; of two in the middle, that of the lower."""
-    ranked = sorted(sample, key=lambda seed: (sample[seed], seed))
-    return ranked[(len(ranked) - 1) // 2]
 
 
 def _room(wanted: Sequence[int], most: int) -> list[int]:
