@@ -13,8 +13,9 @@ from meshfit.mesh.solids import SOLIDS
 from meshfit.mesh.targets import NAMED_TARGETS, load_target, target_path
 from meshfit.mesh.topology import Topology
 from meshfit.specs import parse_spec, suggest
-from meshfit.subdivision.choose import scheme_of
+from meshfit.subdivision.choose import declared
 from meshfit.subdivision.refine import refine, subdivide
+from meshfit.subdivision.scheme import Scheme
 
 _ICOSPHERE_LEVEL = 2
 _MOST_LEVELS = 8
@@ -33,12 +34,12 @@ class _Ball:
         return np.asarray(self.centre + offset * (self.radius / length))
 
 
-def build_source(settings: SourceSettings, scheme: str) -> Mesh:
+def build_source(settings: SourceSettings, scheme: str | Scheme) -> Mesh:
     """The mesh that a fit starts from.
 
     Args:
         settings: which control mesh, how it is placed, and how many levels.
-        scheme: the spec of the scheme that refines it.
+        scheme: the scheme that refines it, or its spec.
 
     Raises:
         ConfigError: the control mesh is neither a base, nor a target, nor a file.
@@ -52,10 +53,10 @@ def build_source(settings: SourceSettings, scheme: str) -> Mesh:
         raise MeshError(f"{settings.mesh}: {error}") from None
 
 
-def _refined(mesh: Mesh, settings: SourceSettings, scheme: str) -> Mesh:
+def _refined(mesh: Mesh, settings: SourceSettings, scheme: str | Scheme) -> Mesh:
     if settings.project == "none":
         return subdivide(mesh, scheme, settings.levels)
-    ball, refinement = _ball_about(mesh), refine(Topology.of(mesh), scheme_of(scheme), settings.levels)
+    ball, refinement = _ball_about(mesh), refine(Topology.of(mesh), declared(scheme), settings.levels)
     verts = ball.put(mesh.verts)
     for operator in refinement.operators:
         verts = ball.put(operator @ verts)

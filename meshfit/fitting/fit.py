@@ -20,6 +20,7 @@ from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.mesh import Mesh
 from meshfit.settings import build, override
 from meshfit.specs import suggest
+from meshfit.subdivision.scheme import Scheme
 
 Settings = FirstOrderSettings | GaussNewtonSettings
 
@@ -32,7 +33,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     settings: Settings | None = None,
     *,
     seed: int = 0,
-    scheme: str = "loop",
+    scheme: str | Scheme = "loop",
     device: str = "auto",
     dtype: str = "float32",
     threads: int = 1,

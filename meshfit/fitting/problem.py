@@ -8,6 +8,7 @@ from meshfit.errors import TrialError
 from meshfit.fitting.progress import Step
 from meshfit.fitting.trace import Trace
 from meshfit.mesh.mesh import Mesh
+from meshfit.subdivision.scheme import Scheme
 
 Checkpoint = dict[str, Any]
 """All that the next step of a fit depends on, in types that `torch.load(weights_only=True)` reads."""
@@ -37,7 +38,7 @@ class Problem:
     on_step: Callable[[Step], None] | None = None
     resume: Checkpoint | None = None
     save: Callable[[Checkpoint], None] | None = None
-    scheme: str = "loop"
+    scheme: str | Scheme = "loop"
     on_snapshot: Callable[[int, Mesh], None] | None = None
 
 

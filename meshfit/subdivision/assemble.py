@@ -6,14 +6,14 @@ from scipy.sparse import csr_array, diags_array, eye_array, vstack
 
 from meshfit.mesh.topology import Indices, Topology, next_in_face, previous_in_face
 from meshfit.subdivision.masks import EdgeMask, FaceMask
-from meshfit.subdivision.scheme import PushBack, Scheme
 from meshfit.subdivision.splits import Division
 from meshfit.subdivision.stencils import Stencils
+from meshfit.subdivision.triangle_scheme import PushBack, TriangleScheme
 
 REGULAR_VALENCE = 6
 
 
-def assemble(topology: Topology, scheme: Scheme, division: Division) -> csr_array:
+def assemble(topology: Topology, scheme: TriangleScheme, division: Division) -> csr_array:
     """The operator S of one level: verts_fine = S verts_coarse, old vertices first.
 
     Args:
@@ -31,7 +31,7 @@ def assemble(topology: Topology, scheme: Scheme, division: Division) -> csr_arra
     return csr_array(vstack([even, odd], format="csr"))
 
 
-def _old_verts(topology: Topology, scheme: Scheme, division: Division) -> csr_array:
+def _old_verts(topology: Topology, scheme: TriangleScheme, division: Division) -> csr_array:
     if scheme.vert is None:
         return csr_array(eye_array(topology.num_verts, format="csr"))
     stencils = Stencils(topology)
@@ -50,7 +50,7 @@ def _old_verts(topology: Topology, scheme: Scheme, division: Division) -> csr_ar
     return stencils.operator(topology.num_verts)
 
 
-def _new_verts(topology: Topology, scheme: Scheme, division: Division) -> csr_array:
+def _new_verts(topology: Topology, scheme: TriangleScheme, division: Division) -> csr_array:
     stencils = Stencils(topology)
     rows, halfedge = division.inner_place, division.inner
     regular = np.ones(len(rows), dtype=bool)
@@ -96,7 +96,7 @@ def _add_regular(stencils: Stencils, mask: EdgeMask | FaceMask, rows: Indices, h
             stencils.add_wings(rows, tip, mask.wing)
 
 
-def _add_border(stencils: Stencils, scheme: Scheme, division: Division) -> None:
+def _add_border(stencils: Stencils, scheme: TriangleScheme, division: Division) -> None:
     topology, border = stencils.topology, division.border
     tail, head = topology.tail[border], topology.head[border]
     neighbours = topology.boundary_neighbours

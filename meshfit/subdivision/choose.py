@@ -27,6 +27,15 @@ def scheme_of(text: str, **overrides: Value | None) -> Scheme:
     return SCHEMES[name].declare(**parameters)
 
 
+def declared(scheme: str | Scheme) -> Scheme:
+    """The scheme of a spec; a scheme that is declared already is itself.
+
+    Raises:
+        SchemeError: as `scheme_of`.
+    """
+    return scheme_of(scheme) if isinstance(scheme, str) else scheme
+
+
 def canonical(text: str) -> str:
     """The one way to write a scheme spec: parameters in the table's order, those at their default left out.
 

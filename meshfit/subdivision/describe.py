@@ -9,8 +9,8 @@ from scipy.sparse import coo_array, csr_array
 
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.assemble import assemble
-from meshfit.subdivision.scheme import Scheme, Split
 from meshfit.subdivision.splits import divide
+from meshfit.subdivision.triangle_scheme import Split, TriangleScheme
 
 _SIDE = 12
 _AT = 5
@@ -27,7 +27,7 @@ class MaskRow:
     weights: str
 
 
-def describe(scheme: Scheme) -> Iterator[MaskRow]:
+def describe(scheme: TriangleScheme) -> Iterator[MaskRow]:
     """The masks of a scheme on a regular mesh, at extraordinary vertices, and along the boundary."""
     lattice = _torus()
     division = divide(lattice, scheme.split, step=0)
@@ -50,7 +50,7 @@ def describe(scheme: Scheme) -> Iterator[MaskRow]:
         )
 
 
-def _extraordinary(scheme: Scheme) -> Iterator[MaskRow]:
+def _extraordinary(scheme: TriangleScheme) -> Iterator[MaskRow]:
     if scheme.vert is not None:
         ring = ", ".join(f"n = {n}: {_number(scheme.vert.ring(n))}" for n in _VALENCES)
         base = "base: " if scheme.push_back is not None else ""
@@ -61,7 +61,7 @@ def _extraordinary(scheme: Scheme) -> Iterator[MaskRow]:
             yield MaskRow(f"new vertex beside valence {n}", f"{centre} centre; spokes {', '.join(spokes)}")
 
 
-def _boundary(scheme: Scheme) -> Iterator[MaskRow]:
+def _boundary(scheme: TriangleScheme) -> Iterator[MaskRow]:
     """Read off in the second step, the one in which √3 schemes refine the boundary."""
     patch = _patch()
     division = divide(patch, scheme.split, step=1)

@@ -1,79 +1,17 @@
-"""The noun of this layer: a scheme, which is masks on a split, and its entry in the table with its provenance."""
+"""The noun of this layer: a scheme on triangles, polygons or curves, and its entry in the table with its provenance."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from enum import Enum
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass
+from typing import Literal
 
 from meshfit.errors import SchemeError
 from meshfit.specs import Value, suggest
-from meshfit.subdivision.masks import CurveMask, EdgeMask, FaceMask, SpokeMask, VertMask
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+from meshfit.subdivision.triangle_scheme import TriangleScheme
 
 Kind = Literal["approximating", "interpolatory"]
-
-
-class Split(Enum):
-    """How faces are divided."""
-
-    QUADRISECT = "1-to-4: a vertex in every edge"
-    SQRT3 = "1-to-3: a vertex in every face, old edges flipped; boundary edges trisected at every second step"
-
-
-@dataclass(frozen=True)
-class PushBack:
-    """Take back, by α, what smoothing by the base masks does: from approximating (0) to interpolatory (1).
-
-    With E and O the base masks of old and inserted vertices, M the split's linear interpolation and D = I - E the
-    displacement, old vertices become E + αD and inserted ones O + αMD.
-
-    Attributes:
-        alpha: one value in [0, 1], or one for each vertex of the mesh that is refined.
-        at_valence3: masks that take the place of O + αMD, by α, at edges with an interior end of valence 3.
-    """
-
-    alpha: "float | NDArray[np.float64]"
-    at_valence3: "Scheme | None" = None
-
-    def __post_init__(self) -> None:
-        alpha = self.alpha
-        low, high = (alpha, alpha) if isinstance(alpha, float | int) else (alpha.min(initial=1), alpha.max(initial=0))
-        if not (low >= 0 and high <= 1):
-            raise SchemeError("alpha is not allowed: all its values must lie from 0 to 1")
-
-
-@dataclass(frozen=True)
-class Scheme:
-    """One subdivision scheme, every parameter fixed: declared data, which `assemble` lays down.
-
-    Attributes:
-        split: how faces are divided.
-        inserted: mask of the new vertex in an interior edge or a face.
-        boundary: masks along the boundary.
-        vert: mask of the old interior vertices; None keeps them where they are.
-        spokes: mask of a new vertex next to an interior vertex of valence other than 6; None uses `inserted` there too.
-        push_back: a blend towards interpolation.
-    """
-
-    split: Split
-    inserted: EdgeMask | FaceMask
-    boundary: CurveMask
-    vert: VertMask | None = None
-    spokes: SpokeMask | None = None
-    push_back: PushBack | None = None
-
-    def with_alpha(self, alpha: "float | NDArray[np.float64]") -> "Scheme":
-        """The same scheme with another α of its push-back.
-
-        Raises:
-            SchemeError: the scheme has none.
-        """
-        if self.push_back is None:
-            raise SchemeError("this scheme has no parameter alpha; interp-loop has")
-        return replace(self, push_back=replace(self.push_back, alpha=alpha))
+Domain = Literal["triangles", "polygons", "curves"]
+Scheme = TriangleScheme
+"""A scheme, every parameter fixed."""
 
 
 @dataclass(frozen=True)
@@ -113,14 +51,16 @@ class SchemeEntry:
 
     Attributes:
         title: its name in prose.
+        domain: what it refines.
         kind: whether old vertices move.
-        continuity: smoothness of the limit surface, on regular meshes and at extraordinary vertices.
+        continuity: smoothness of the limit, on regular meshes and at extraordinary vertices.
         source: the publication the rule comes from.
         declare: parameters → scheme.
         parameters: by name.
     """
 
     title: str
+    domain: Domain
     kind: Kind
     continuity: str
     source: str

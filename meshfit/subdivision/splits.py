@@ -7,7 +7,7 @@ from jaxtyping import Bool
 
 from meshfit.mesh.mesh import Faces
 from meshfit.mesh.topology import NONE, Indices, Topology, next_in_face, previous_in_face
-from meshfit.subdivision.scheme import Split
+from meshfit.subdivision.triangle_scheme import Split
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,12 +9,12 @@ from meshfit.mesh.topology import NONE, Topology, next_in_face
 from meshfit.subdivision.choose import scheme_of
 from meshfit.subdivision.masks import CurveMask, FaceMask
 from meshfit.subdivision.refine import refine
-from meshfit.subdivision.scheme import Scheme, Split
 from meshfit.subdivision.table import SCHEMES
+from meshfit.subdivision.triangle_scheme import Split, TriangleScheme
 from tests.shapes import fan, wheel
 
 
-def local_matrix(valence: int, scheme: str | Scheme, rings: int = 2) -> np.ndarray:
+def local_matrix(valence: int, scheme: str | TriangleScheme, rings: int = 2) -> np.ndarray:
     """Around an interior vertex, 1 + n r (r + 1) / 2 square; of two steps for √3 schemes, which turn back by then."""
     return _local_matrix(wheel(valence, rings + 2), scheme, rings)
 
@@ -24,7 +24,7 @@ def boundary_matrix(neighbours: int, scheme: str, rings: int = 2) -> np.ndarray:
     return _local_matrix(fan(neighbours, rings + 2), scheme, rings)
 
 
-def _local_matrix(mesh: Mesh, scheme: str | Scheme, rings: int) -> np.ndarray:
+def _local_matrix(mesh: Mesh, scheme: str | TriangleScheme, rings: int) -> np.ndarray:
     scheme = scheme_of(scheme) if isinstance(scheme, str) else scheme
     levels = 1 if scheme.split is Split.QUADRISECT else 2
     topology = Topology.of(mesh)
@@ -37,13 +37,13 @@ def _local_matrix(mesh: Mesh, scheme: str | Scheme, rings: int) -> np.ndarray:
     return rows[:, coarse_verts]
 
 
-def _linear(split: Split) -> Scheme:
+def _linear(split: Split) -> TriangleScheme:
     """Linear interpolation on either split."""
     midpoint = SCHEMES["midpoint"].declare()
     if split is Split.QUADRISECT:
         return midpoint
     boundary = midpoint.boundary
-    return Scheme(split, FaceMask(Fraction(1, 3)), CurveMask(boundary.vert, boundary.inserted * 2))
+    return TriangleScheme(split, FaceMask(Fraction(1, 3)), CurveMask(boundary.vert, boundary.inserted * 2))
 
 
 def ring_verts(topology: Topology, rings: int, places: np.ndarray) -> list[int]:

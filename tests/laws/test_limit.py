@@ -3,19 +3,28 @@
 import numpy as np
 import pytest
 
+from meshfit.errors import SchemeError
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.choose import scheme_of
-from meshfit.subdivision.limit import loop_limit
+from meshfit.subdivision.limit import has_loop_limit, loop_limit
 from meshfit.subdivision.refine import refine
 from tests.shapes import mixed_closed, mixed_open, patch
 
 
+@pytest.mark.parametrize("spec", ["loop", "loop:weights=warren"])
 @pytest.mark.parametrize("mesh", [mixed_closed(), mixed_open()], ids=["closed", "open"])
-def test_the_limit_of_a_refined_mesh_is_that_of_the_mesh(mesh):
-    topology = Topology.of(mesh)
-    refinement = refine(topology, scheme_of("loop"), 2)
-    fine = loop_limit(Topology(refinement.matrix.shape[0], refinement.faces)) @ refinement.matrix
-    np.testing.assert_allclose(fine.toarray()[: mesh.num_verts], loop_limit(topology).toarray(), atol=1e-12)
+def test_the_limit_of_a_refined_mesh_is_that_of_the_mesh(mesh, spec):
+    topology, scheme = Topology.of(mesh), scheme_of(spec)
+    refinement = refine(topology, scheme, 2)
+    fine = loop_limit(Topology(refinement.matrix.shape[0], refinement.faces), scheme) @ refinement.matrix
+    np.testing.assert_allclose(fine.toarray()[: mesh.num_verts], loop_limit(topology, scheme).toarray(), atol=1e-12)
+
+
+@pytest.mark.parametrize("spec", ["interp-loop", "midpoint", "modified-butterfly", "sqrt3"])
+def test_no_limit_is_claimed_for_other_schemes(spec):
+    assert not has_loop_limit(scheme_of(spec))
+    with pytest.raises(SchemeError, match="loop only"):
+        loop_limit(Topology.of(mixed_closed()), scheme_of(spec))
 
 
 @pytest.mark.parametrize("mesh", [mixed_closed(), mixed_open()], ids=["closed", "open"])

@@ -6,8 +6,8 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.choose import scheme_of
 from meshfit.subdivision.refine import Refinement, refine
-from meshfit.subdivision.scheme import Split
 from meshfit.subdivision.table import SCHEMES
+from meshfit.subdivision.triangle_scheme import Split
 
 VARIANTS = (
     *SCHEMES,

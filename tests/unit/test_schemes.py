@@ -11,8 +11,8 @@ from meshfit.mesh.topology import Topology
 from meshfit.subdivision.choose import scheme_of
 from meshfit.subdivision.masks import CurveMask, EdgeMask, FaceMask, SpokeMask, VertMask
 from meshfit.subdivision.refine import refine
-from meshfit.subdivision.scheme import PushBack, Scheme, Split
 from meshfit.subdivision.table import SCHEMES
+from meshfit.subdivision.triangle_scheme import PushBack, Split, TriangleScheme
 from tests.shapes import mixed_closed, mixed_open, patch, torus
 
 HALF = Fraction(1, 2)
@@ -96,7 +96,9 @@ def test_a_scheme_of_ones_own_is_laid_down_by_its_masks():
     """The ten-point butterfly family's member without wings' ends, under vertex smoothing of a fifth, on a torus."""
     mesh = torus(6, 5)
     masks = EdgeMask(Fraction(5, 8), opposite=Fraction(1, 8), wing=Fraction(-1, 8))
-    own = Scheme(Split.QUADRISECT, masks, CurveMask(KEPT, ({0: HALF, 1: HALF},)), vert=VertMask(lambda n: n / 30))
+    own = TriangleScheme(
+        Split.QUADRISECT, masks, CurveMask(KEPT, ({0: HALF, 1: HALF},)), vert=VertMask(lambda n: n / 30)
+    )
     matrix = refine(Topology.of(mesh), own, 1).matrix.toarray()
     old, new = matrix[: mesh.num_verts], matrix[mesh.num_verts :]
     np.testing.assert_allclose(np.diag(old), 4 / 5, rtol=0, atol=1e-15)
@@ -110,7 +112,7 @@ def test_push_back_works_on_any_split():
     base, topology = scheme_of("sqrt3"), Topology.of(mesh)
     smooth = refine(topology, base, 1).matrix.toarray()
     for alpha in (0.0, 0.5, 1.0):
-        blend = Scheme(base.split, base.inserted, base.boundary, base.vert, push_back=PushBack(alpha))
+        blend = TriangleScheme(base.split, base.inserted, base.boundary, base.vert, push_back=PushBack(alpha))
         found = refine(topology, blend, 1).matrix.toarray()
         displacement = np.eye(mesh.num_verts) - smooth[: mesh.num_verts]
         expected_new = smooth[mesh.num_verts :] + alpha * displacement[mesh.faces].mean(axis=1)
@@ -121,7 +123,7 @@ def test_push_back_works_on_any_split():
 def test_unified_sqrt3_has_the_weights_derived_for_it():
     """Regular, α = 1: 11/27 at the corners, -1/27 across the edges, -1/54 at the six others."""
     mesh, base = torus(9, 8), scheme_of("sqrt3")
-    blend = Scheme(base.split, base.inserted, base.boundary, base.vert, push_back=PushBack(1.0))
+    blend = TriangleScheme(base.split, base.inserted, base.boundary, base.vert, push_back=PushBack(1.0))
     rows = refine(Topology.of(mesh), blend, 1).matrix.toarray()[mesh.num_verts :]
     expected = np.array([-1 / 27] * 3 + [-1 / 54] * 6 + [11 / 27] * 3)
     for row in rows:
@@ -131,7 +133,7 @@ def test_unified_sqrt3_has_the_weights_derived_for_it():
 def test_pushed_back_ternary_bspline_is_labsik_and_greiners_boundary_rule():
     """Two thirds and one third of the displacements turn (1, 16, 10) / 27 into (-5, 60, 30, -4) / 81."""
     mesh, base = patch(9, 6), scheme_of("sqrt3")
-    blend = Scheme(base.split, base.inserted, base.boundary, base.vert, push_back=PushBack(1.0))
+    blend = TriangleScheme(base.split, base.inserted, base.boundary, base.vert, push_back=PushBack(1.0))
     rows = refine(Topology.of(mesh), blend, 2).operators[1].toarray()
     for weights in ([-5, 60, 30, -4], [-4, 30, 60, -5]):
         expected = np.zeros(rows.shape[1])

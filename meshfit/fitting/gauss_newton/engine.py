@@ -19,7 +19,8 @@ from meshfit.fitting.trace import Trace
 from meshfit.mesh.manifold import require_manifold
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
-from meshfit.specs import parse_spec
+from meshfit.subdivision.choose import declared
+from meshfit.subdivision.limit import has_loop_limit
 
 COLUMNS = ("step", "distance", "verts", "matched", "fairness", "point_weight", "held_back")
 _REMEDY = "raise fit.fairness, or place the source nearer to the target"
@@ -115,8 +116,8 @@ class GaussNewton:
 
     def _start(self, problem: Problem) -> MovingSurface:
         verts, faces = self._source(problem)
-        name = parse_spec(problem.scheme).name
-        if self.settings.limit and (self.settings.variables != "control" or name != "loop"):
+        has_limit = has_loop_limit(declared(problem.scheme))
+        if self.settings.limit and (self.settings.variables != "control" or not has_limit):
             raise ConfigError("limit: limit surfaces are fitted with variables: control and the scheme loop")
         surface = MovingSurface.of(verts, faces)
         if self.settings.connectivity == "fixed":

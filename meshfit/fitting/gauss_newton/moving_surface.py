@@ -19,10 +19,11 @@ from meshfit.loss.sparse import Sparse
 from meshfit.mesh.topology import Topology
 from meshfit.remeshing.moving import Moving
 from meshfit.remeshing.remesh import remeshed
-from meshfit.subdivision.choose import scheme_of
+from meshfit.subdivision.choose import declared, scheme_of
 from meshfit.subdivision.limit import loop_limit
 from meshfit.subdivision.refine import refine
-from meshfit.subdivision.scheme import Split
+from meshfit.subdivision.scheme import Scheme
+from meshfit.subdivision.triangle_scheme import Split
 
 _REMESH_ROUNDS = 3
 # Lengths go down with curvature to this power where a connectivity is placed: the map gives way to part of it only.
@@ -132,7 +133,7 @@ class MovingSurface:
         stiffness = torch.where(held[:, None], (relaxed * _STIFFER).clamp_max(_STIFFEST), relaxed)
         return Taken(replace(self, verts=verts, stiffness=stiffness), pairs, int(held.sum()))
 
-    def controlling(self, scheme: str, levels: int, *, limit: bool) -> "MovingSurface":
+    def controlling(self, scheme: str | Scheme, levels: int, *, limit: bool) -> "MovingSurface":
         """The surface as a control mesh, followed by some levels of a scheme.
 
         Args:
@@ -141,10 +142,10 @@ class MovingSurface:
             limit: put the verts of the last level where Loop subdivision would put them in the end.
         """
         topology = Topology(len(self.verts), self.pattern.connectivity.faces.cpu().numpy())
-        refinement = refine(topology, scheme_of(scheme), levels)
+        refinement = refine(topology, declared(scheme), levels)
         matrix = refinement.matrix
         if limit:
-            matrix = loop_limit(Topology(matrix.shape[0], refinement.faces)) @ matrix
+            matrix = loop_limit(Topology(matrix.shape[0], refinement.faces), declared(scheme)) @ matrix
         dtype, device = self.verts.dtype, self.verts.device
         faces = torch.tensor(refinement.faces, device=device)
         followers = Followers(
@@ -154,19 +155,19 @@ class MovingSurface:
         )
         return replace(self, on_sphere=None, followers=followers)
 
-    def refined(self, scheme: str) -> "MovingSurface":
+    def refined(self, scheme: str | Scheme) -> "MovingSurface":
         """One level of a scheme, as far as it leaves the surface sound: elsewhere verts stay nearer to its faces.
 
         Where edges are halved, there is always such a place, since the surface itself is one.
         """
-        declared, device = scheme_of(scheme), self.verts.device
+        masks, device = declared(scheme), self.verts.device
         topology = Topology(len(self.verts), self.pattern.connectivity.faces.cpu().numpy())
-        refinement, verts = refine(topology, declared), self.verts.cpu().double().numpy()
+        refinement, verts = refine(topology, masks), self.verts.cpu().double().numpy()
         fine = MovingSurface.of(
             torch.as_tensor(refinement(verts)).to(self.verts), torch.tensor(refinement.faces, device=device)
         )
         flat = refine(topology, scheme_of("midpoint"))
-        if declared.split is not Split.QUADRISECT:
+        if masks.split is not Split.QUADRISECT:
             return fine.untangled()
         start = torch.as_tensor(flat(verts)).to(self.verts)
         stiffness = torch.as_tensor(flat(self.stiffness.cpu().double().numpy())).to(self.verts)
