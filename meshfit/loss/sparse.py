@@ -82,5 +82,6 @@ def compressed_rows(start: Tensor, columns: Tensor, values: Tensor, width: int) 
         width: the number of columns.
     """
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Sparse CSR tensor support is in beta", UserWarning)
+        for said in ("Sparse CSR tensor support is in beta", "Sparse invariant checks are implicitly disabled"):
+            warnings.filterwarnings("ignore", said, UserWarning)
         return torch.sparse_csr_tensor(start, columns, values, (len(start) - 1, width), check_invariants=False)

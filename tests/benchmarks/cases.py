@@ -26,6 +26,7 @@ from meshfit.mesh.meshlab import decimate
 from meshfit.mesh.solids import icosahedron
 from meshfit.mesh.targets import load_target
 from meshfit.subdivision.refine import subdivide
+from tests.benchmarks.cuda_cases import CUDA_CASES
 from tests.benchmarks.plain_twin import PlainTwin
 from tests.benchmarks.timing import Benchmark
 
@@ -147,3 +148,5 @@ CASES: dict[str, Callable[[], Benchmark]] = {
         partial(measure, decimate(_bunny(), 20_000), _bunny()), 3
     ),
 }
+if torch.cuda.is_available():
+    CASES |= CUDA_CASES
