@@ -43,10 +43,10 @@ class Curves:
                 raise MeshError(f"{name} has shape {array.shape}; a plain list is needed")
         if len(rows["sizes"]) != len(rows["closed"]):
             raise MeshError(f"found {len(rows['sizes'])} sizes and {len(rows['closed'])} closed; one each a chain")
-        if (rows["sizes"] < 0).any() or rows["sizes"].sum() != len(rows["corners"]):
-            raise MeshError(
-                f"sizes add up to {rows['sizes'].sum()}; as many corners are needed, not {len(rows['corners'])}"
-            )
+        total, smallest = rows["sizes"].sum(), rows["sizes"].min(initial=0)
+        if total != len(rows["corners"]) or smallest < 0:
+            negative = f", one of them {smallest}" if smallest < 0 else ""
+            raise MeshError(f"found {len(rows['corners'])} corners, and sizes that add up to {total}{negative}")
         for name, array in {"verts": points, **rows}.items():
             object.__setattr__(self, name, array)
 
