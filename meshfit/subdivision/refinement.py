@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import prod
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -50,7 +51,7 @@ class Refinement:
         if len(values) != self.num_coarse:
             raise MeshError(f"found {len(values)} values; one for each of {self.num_coarse} coarse verts is needed")
         if isinstance(values, np.ndarray):
-            flat = values.reshape(self.num_coarse, -1)
+            flat = values.reshape(self.num_coarse, prod(values.shape[1:]))
             for operator in self.operators:
                 flat = operator @ flat
             fine = flat.reshape(-1, *values.shape[1:])

@@ -10,8 +10,10 @@ from meshfit.mesh.curves import Chains, Curves
 from meshfit.mesh.join_segments import join_segments
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.choose import scheme_of
-from meshfit.subdivision.curve_masks import CUBIC_BSPLINE, four_point
+from meshfit.subdivision.curve_masks import CUBIC_BSPLINE, TERNARY_BSPLINE, four_point
+from meshfit.subdivision.curve_scheme import CurveScheme
 from meshfit.subdivision.refine import refine, subdivide
+from meshfit.subdivision.triangle_scheme import PushBack
 from meshfit.subdivision.triangle_table import TRIANGLE_SCHEMES
 from tests.curve_shapes import SHAPES, arity, dense, rows_along
 from tests.shapes import OPEN
@@ -104,6 +106,15 @@ def test_new_verts_of_the_blend_are_those_of_four_point_with_tension_of_a_sixtee
         blend = rows_along(f"interp-bspline:alpha={alpha}", closed=closed)
         plain = rows_along(f"four-point:tension={alpha / 16}", closed=closed)
         np.testing.assert_allclose(blend[1::2], plain[1::2], rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_ternary_spline_pushed_back_is_the_ternary_four_point(shape):
+    """New verts take two thirds of the nearer end's displacement, and one third of the other's."""
+    curves = SHAPES[shape]()
+    blend = CurveScheme(TERNARY_BSPLINE, PushBack(1.0))
+    found = refine(Chains.of(curves), blend, 3).matrix.toarray()
+    np.testing.assert_allclose(found, dense(curves, "ternary-four-point", 3), rtol=0, atol=1e-14)
 
 
 def test_an_alpha_for_each_vertex():

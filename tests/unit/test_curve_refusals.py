@@ -59,6 +59,14 @@ def test_negative_levels(name, levels):
         subdivide(single(3, closed=True), name, levels)
 
 
+@by_curve_scheme
+@pytest.mark.parametrize("count", [0, 1])
+def test_no_curves_at_all_are_refined_to_none(name, count):
+    fine = subdivide(Curves(np.ones((count, 3)), [], [], []), name, 2)
+    assert np.array_equal(fine.verts, np.ones((count, 3)))
+    assert fine.num_segments == 0
+
+
 def test_level_0_changes_nothing():
     curves = single(4, closed=False)
     same = subdivide(curves, "four-point", 0)
