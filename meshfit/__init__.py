@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from meshfit.mesh.mesh import Mesh
     from meshfit.mesh.targets import load_target
     from meshfit.subdivision.refine import refine, subdivide
-    from meshfit.subdivision.refinement import Refinement
+    from meshfit.subdivision.refinement import CurveRefinement, Refinement
 
 _HOMES = {
     "MeshfitError": "meshfit.errors",
@@ -41,12 +41,14 @@ _HOMES = {
     "frame_of": "meshfit.mesh.frames",
     "Mesh": "meshfit.mesh.mesh",
     "load_target": "meshfit.mesh.targets",
+    "CurveRefinement": "meshfit.subdivision.refinement",
     "Refinement": "meshfit.subdivision.refinement",
     "refine": "meshfit.subdivision.refine",
     "subdivide": "meshfit.subdivision.refine",
 }
 
 __all__ = [
+    "CurveRefinement",
     "Curves",
     "Diverged",
     "FitResult",

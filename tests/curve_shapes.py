@@ -4,9 +4,9 @@ import numpy as np
 
 from meshfit.mesh.curves import Chains, Curves
 from meshfit.subdivision.choose import scheme_of
-from meshfit.subdivision.curve_refine import CurveRefinement
 from meshfit.subdivision.curve_table import CURVE_SCHEMES
 from meshfit.subdivision.refine import refine
+from meshfit.subdivision.refinement import CurveRefinement
 
 VARIANTS = (
     *CURVE_SCHEMES,

@@ -117,7 +117,7 @@ def read_ply_segments(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.i
     Raises:
         ValueError: saying where the file is at fault.
     """
-    verts, ends = arrays([], [])[0], np.empty((0, 2))
+    verts, ends = np.empty((0, 3)), np.empty((0, 2))
     for element, rows in _elements(content):
         if element.name == "vertex":
             verts = _points(element, rows)

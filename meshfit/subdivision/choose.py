@@ -5,8 +5,10 @@ from meshfit.specs import Spec, Value, parse_spec, suggest
 from meshfit.subdivision.curve_scheme import CurveScheme
 from meshfit.subdivision.scheme import Domain, Scheme, SchemeEntry
 from meshfit.subdivision.table import SCHEMES
+from meshfit.subdivision.triangle_scheme import TriangleScheme
 
 SURFACES: tuple[Domain, ...] = ("triangles", "polygons")
+_DOMAINS: dict[type[Scheme], Domain] = {TriangleScheme: "triangles", CurveScheme: "curves"}
 
 
 def entry_of(name: str) -> SchemeEntry:
@@ -53,7 +55,7 @@ def canonical(text: str) -> str:
 
 def domain_of(scheme: Scheme) -> Domain:
     """What a scheme refines."""
-    return "curves" if isinstance(scheme, CurveScheme) else "triangles"
+    return _DOMAINS[type(scheme)]
 
 
 def schemes_on(*domains: Domain) -> str:

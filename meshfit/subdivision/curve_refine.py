@@ -1,24 +1,11 @@
 """Refinement of curves: some levels of a scheme on their chains."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from meshfit.mesh.curves import Chains, require_chains
 from meshfit.subdivision.curve_assemble import assemble_curves, vertex_attribute_carry
 from meshfit.subdivision.curve_scheme import CurveScheme
-from meshfit.subdivision.refinement import Refinement
-
-
-@dataclass(frozen=True, eq=False)
-class CurveRefinement(Refinement):
-    """What some levels of a scheme make of the connectivity of curves.
-
-    Attributes:
-        chains: the finest chains.
-    """
-
-    chains: Chains
+from meshfit.subdivision.refinement import CurveRefinement
 
 
 def refine_chains(chains: Chains, scheme: CurveScheme, levels: int) -> CurveRefinement:

@@ -1,7 +1,7 @@
 """Refinement: some levels of a scheme on a connectivity, as sparse operators on anything given at its vertices."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, overload
 
 import numpy as np
@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from meshfit.errors import MeshError, SchemeError
 from meshfit.mesh.curves import Chains, Curves
 from meshfit.mesh.manifold import require_manifold
-from meshfit.mesh.mesh import Faces, Mesh
+from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
 from meshfit.specs import Value
 from meshfit.subdivision.assemble import assemble, vertex_attribute_carry
 from meshfit.subdivision.choose import scheme_of, unfit
-from meshfit.subdivision.curve_refine import CurveRefinement, refine_chains
+from meshfit.subdivision.curve_refine import refine_chains
 from meshfit.subdivision.curve_scheme import CurveScheme
-from meshfit.subdivision.refinement import Refinement
+from meshfit.subdivision.refinement import CurveRefinement, Refinement
 from meshfit.subdivision.scheme import Scheme
 from meshfit.subdivision.splits import divide
 from meshfit.subdivision.triangle_scheme import TriangleScheme
@@ -25,22 +25,11 @@ from meshfit.subdivision.triangle_scheme import TriangleScheme
 ParameterValue = Value | NDArray[Any]
 
 
-@dataclass(frozen=True, eq=False)
-class MeshRefinement(Refinement):
-    """What some levels of a scheme make of the connectivity of a mesh.
-
-    Attributes:
-        faces: (F', 3) the finest faces.
-    """
-
-    faces: Faces
-
-
 @overload
-def refine(topology: Topology, scheme: Scheme, levels: int = 1) -> MeshRefinement: ...
+def refine(topology: Topology, scheme: Scheme, levels: int = 1) -> Refinement: ...
 @overload
 def refine(topology: Chains, scheme: Scheme, levels: int = 1) -> CurveRefinement: ...
-def refine(topology: Topology | Chains, scheme: Scheme, levels: int = 1) -> MeshRefinement | CurveRefinement:
+def refine(topology: Topology | Chains, scheme: Scheme, levels: int = 1) -> Refinement | CurveRefinement:
     """Lay down `levels` levels of a scheme.
 
     Args:
@@ -65,7 +54,7 @@ def refine(topology: Topology | Chains, scheme: Scheme, levels: int = 1) -> Mesh
     return _refine_triangles(topology, scheme, levels)
 
 
-def _refine_triangles(topology: Topology, scheme: TriangleScheme, levels: int) -> MeshRefinement:
+def _refine_triangles(topology: Topology, scheme: TriangleScheme, levels: int) -> Refinement:
     if levels:
         require_manifold(topology, "subdivision")
     num_coarse, operators = topology.num_verts, []
@@ -76,7 +65,7 @@ def _refine_triangles(topology: Topology, scheme: TriangleScheme, levels: int) -
             finer = vertex_attribute_carry(topology, division) @ np.asarray(scheme.push_back.alpha)
             scheme = replace(scheme, push_back=replace(scheme.push_back, alpha=finer))
         topology = Topology(topology.num_verts + division.num_new, division.faces)
-    return MeshRefinement(num_coarse, tuple(operators), topology.faces)
+    return Refinement(num_coarse, tuple(operators), topology.faces)
 
 
 @overload

@@ -1,4 +1,4 @@
-"""Some levels of a scheme as sparse operators, on anything given at the vertices of whatever it refines."""
+"""What some levels of a scheme make of a connectivity: a finer one, and sparse operators on what is given at verts."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,6 +9,8 @@ import numpy as np
 from scipy.sparse import csr_array, eye_array
 
 from meshfit.errors import MeshError
+from meshfit.mesh.curves import Chains
+from meshfit.mesh.mesh import Faces
 
 if TYPE_CHECKING:
     import torch
@@ -17,8 +19,8 @@ Values = TypeVar("Values", np.ndarray, "torch.Tensor")
 
 
 @dataclass(frozen=True, eq=False)
-class Refinement:
-    """What some levels of a scheme make of a connectivity.
+class Operators:
+    """The operators of some levels.
 
     Attributes:
         num_coarse: V, the number of vertices refined.
@@ -59,3 +61,25 @@ class Refinement:
         from meshfit.subdivision.tensors import apply_to_tensor
 
         return apply_to_tensor(self.operators, values)
+
+
+@dataclass(frozen=True, eq=False)
+class Refinement(Operators):
+    """What some levels of a scheme make of triangles.
+
+    Attributes:
+        faces: (F', 3) the finest faces.
+    """
+
+    faces: Faces
+
+
+@dataclass(frozen=True, eq=False)
+class CurveRefinement(Operators):
+    """What some levels of a scheme make of curves.
+
+    Attributes:
+        chains: the finest chains.
+    """
+
+    chains: Chains

@@ -13,7 +13,7 @@ from meshfit.experiment.source import build_source
 from meshfit.mesh.curves import Chains, Curves
 from meshfit.mesh.solids import octahedron
 from meshfit.mesh.topology import Topology
-from meshfit.subdivision.choose import scheme_of
+from meshfit.subdivision.choose import domain_of, scheme_of
 from meshfit.subdivision.curve_masks import KEPT, LINEAR, four_point
 from meshfit.subdivision.curve_scheme import CurveScheme, CurveSplit
 from meshfit.subdivision.curve_table import CURVE_SCHEMES
@@ -132,6 +132,7 @@ def test_the_table_lists_curves_last():
     assert list(SCHEMES)[-len(CURVE_SCHEMES) :] == list(CURVE_SCHEMES)
     for name in SCHEMES:
         assert (SCHEMES[name].domain == "curves") == isinstance(scheme_of(name), CurveScheme)
+        assert domain_of(scheme_of(name)) == SCHEMES[name].domain
 
 
 @by_curve_scheme
@@ -157,4 +158,4 @@ def test_refinement_carries_any_attribute_and_gradients():
 def test_public_names():
     assert meshfit.Curves is Curves
     assert isinstance(refine(Topology.of(octahedron()), scheme_of("loop")), meshfit.Refinement)
-    assert isinstance(refine(Chains.of(single(3, closed=True)), scheme_of("four-point")), meshfit.Refinement)
+    assert isinstance(refine(Chains.of(single(3, closed=True)), scheme_of("four-point")), meshfit.CurveRefinement)
