@@ -30,6 +30,8 @@ def schemes(
         meshfit schemes
 
         meshfit schemes interp-loop:alpha=0.5
+
+        meshfit schemes four-point  # of curves
     """
     from meshfit.subdivision.table import SCHEMES
 
@@ -39,9 +41,14 @@ def schemes(
         typer.echo(json.dumps([_plain(key, entry) for key, entry in SCHEMES.items()], indent=2))
         return 0
     table = Table(box=None, pad_edge=False)
-    for column in ("scheme", "kind", "continuity", "source"):
-        table.add_column(column, style="bold" if column == "scheme" else None, overflow="fold")
+    table.add_column("scheme", style="bold", overflow="fold", min_width=max(map(len, SCHEMES)))
+    for column in ("kind", "continuity", "source"):
+        table.add_column(column, overflow="fold")
+    domain = None
     for key, entry in SCHEMES.items():
+        if entry.domain != domain:
+            domain = entry.domain
+            table.add_row(f"[not bold]on {domain}[/]")
         table.add_row(_with_parameters(key, entry), entry.kind, entry.continuity, entry.source)
     out.print(table)
     out.print("\nParameters follow a colon: [bold]interp-loop:alpha=0.5[/]. Masks: [bold]meshfit schemes NAME[/].")
@@ -65,7 +72,12 @@ def _one(text: str, as_json: bool) -> int:
     facts = Table(box=None, pad_edge=False, show_header=False)
     facts.add_column(style="bold")
     facts.add_column()
-    for key, value in (("split", scheme.split.value), ("continuity", entry.continuity), ("source", entry.source)):
+    for key, value in (
+        ("refines", entry.domain),
+        ("split", scheme.split.value),
+        ("continuity", entry.continuity),
+        ("source", entry.source),
+    ):
         facts.add_row(key, value)
     for key, parameter in entry.parameters.items():
         allowed = (
@@ -89,5 +101,5 @@ def _plain(name: str, entry: SchemeEntry) -> dict[str, object]:
         key: {"default": parameter.default, "allowed": list(parameter.allowed), "meaning": parameter.meaning}
         for key, parameter in entry.parameters.items()
     }
-    facts = {"name": name, "title": entry.title, "kind": entry.kind, "continuity": entry.continuity}
-    return facts | {"source": entry.source, "parameters": parameters}
+    facts = {"name": name, "title": entry.title, "domain": entry.domain, "kind": entry.kind}
+    return facts | {"continuity": entry.continuity, "source": entry.source, "parameters": parameters}
