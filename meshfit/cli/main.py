@@ -8,6 +8,7 @@ from typer.exceptions import TyperException
 
 from meshfit.cli import (
     animate,
+    chart,
     clean,
     compare,
     expect,
@@ -60,6 +61,7 @@ for panel, name, command in (
     (EXPERIMENTS, "compare", compare.compare),
     (EXPERIMENTS, "table", table.table),
     (EXPERIMENTS, "figure", figure.figure),
+    (EXPERIMENTS, "chart", chart.chart),
     (EXPERIMENTS, "report", report.report),
     (EXPERIMENTS, "expect", expect.expect),
     (EXPERIMENTS, "init", init.init),

@@ -1,0 +1,65 @@
+"""The chart of numbers: what is on it, and what it refuses."""
+
+import re
+
+import pytest
+
+from meshfit.errors import ConfigError
+from meshfit.report.chart import write_chart
+from meshfit.report.table import build_tables
+from tests.cli import answered, refused
+from tests.runs import complete, result_of
+
+SCHEMES = ("loop", "interp-loop", "interp-loop:alpha=0.5", "midpoint")
+
+
+def results(**changes):
+    found = []
+    for engine, fit in (("first", {}), ("second", {"method": "gauss-newton"})):
+        for target in ("bunny", "cow"):
+            for place, scheme in enumerate(SCHEMES):
+                one = result_of(target, scheme, **fit) | {"variant": engine}
+                found.append(one | {"hausdorff": one["hausdorff"] | {"symmetric": 0.01 * (place + 1)}} | changes)
+    return found
+
+
+def texts(path):
+    """The words of an SVG, whose letters stand in comments beside their outlines."""
+    return re.findall(r"<!-- (.+?) -->", path.read_text())
+
+
+def test_schemes_stand_under_their_kind_and_each_setting_has_a_panel(tmp_path):
+    path = tmp_path / "chart.svg"
+    write_chart(build_tables(results()), path)
+    found = texts(path)
+    kinds = [text for text in found if text in (*SCHEMES, "approximating", "interpolatory")]
+    order = ["approximating", "loop", "interp-loop:alpha=0.5", "interpolatory", "midpoint", "interp-loop"]
+    assert kinds == order
+    assert {"first", "second", "the bunny", "the cow", "geometric mean"} <= set(found)
+    assert found.count("Hausdorff distance") == 2
+
+
+def test_the_same_numbers_give_the_same_bytes(tmp_path):
+    for name in ("a.png", "b.png"):
+        write_chart(build_tables(results()), tmp_path / name)
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+def test_a_scheme_without_results_in_one_setting_leaves_its_line_free(tmp_path):
+    some = [one for one in results() if not (one["variant"] == "first" and one["scheme"] == "loop")]
+    write_chart(build_tables(some), tmp_path / "chart.svg")
+    assert "loop" in texts(tmp_path / "chart.svg")
+
+
+def test_what_a_logarithm_does_not_take_is_refused(tmp_path):
+    zero = results(quality={"flipped_faces": 0, "self_intersecting_faces": 0})
+    with pytest.raises(ConfigError, match=r"quality\.flipped_faces: a chart has a logarithmic scale"):
+        write_chart(build_tables(zero, "quality.flipped_faces"), tmp_path / "chart.svg")
+
+
+def test_the_command_writes_it_and_refuses_what_is_no_picture(tmp_path):
+    complete(tmp_path / "runs")
+    path = tmp_path / "chart.pdf"
+    assert str(path) in answered("chart", str(tmp_path / "runs"), "-o", str(path))
+    assert path.read_bytes().startswith(b"%PDF")
+    assert "not a picture format" in refused("chart", str(tmp_path / "runs"), "-o", str(tmp_path / "chart.gif"))
