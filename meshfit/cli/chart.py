@@ -20,10 +20,10 @@ def chart(
         typer.Option("--metric", help="What is drawn.", metavar="NAME", autocompletion=completions.metrics),
     ] = DEFAULT_METRIC,
 ) -> int:
-    """Draw the numbers of some runs: schemes by kind, a mark for each target, a panel for each setting.
+    """Draw the numbers of some runs as a chart.
 
-    Marks are means over the seeds, bars geometric means over the targets. Needs the extra: pip install
-    'meshfit[report]'.
+    Schemes stand under their kind, with a mark for each target: the mean over its seeds. Bars are geometric means over
+    the targets; there is a panel for each setting of a sweep. Needs the extra: pip install 'meshfit[report]'.
 
     Examples:
         meshfit chart runs/zoo -o zoo.pdf
