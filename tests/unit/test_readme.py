@@ -9,7 +9,7 @@ import pytest
 from meshfit.config.load import bundled_configs, load_experiment
 from meshfit.config.sweep import variants_of
 from meshfit.mesh.files import load_mesh
-from meshfit.subdivision import table
+from meshfit.subdivision import triangle_table as table
 from meshfit.subdivision.scheme import SchemeEntry
 from tests.cli import invoke
 
