@@ -16,6 +16,7 @@ from meshfit.mesh.topology import Topology
 from meshfit.specs import Value
 from meshfit.subdivision.assemble import assemble, vertex_attribute_carry
 from meshfit.subdivision.choose import scheme_of
+from meshfit.subdivision.creases import Creases
 from meshfit.subdivision.scheme import Scheme
 from meshfit.subdivision.splits import divide
 
@@ -34,11 +35,13 @@ class Refinement:
         faces: (F', 3) the finest faces.
         num_coarse: V, the number of vertices refined.
         operators: one sparse operator for each level, coarsest first.
+        creases: what is left of the creases on the finest level, if there were any.
     """
 
     faces: Faces
     num_coarse: int
     operators: tuple[csr_array, ...]
+    creases: Creases | None = None
 
     @cached_property
     def matrix(self) -> csr_array:
@@ -73,11 +76,17 @@ class Refinement:
         return apply_to_tensor(self.operators, values)
 
 
-def refine(topology: Topology, scheme: Scheme, levels: int = 1) -> Refinement:
+def refine(topology: Topology, scheme: Scheme, levels: int = 1, creases: Creases | None = None) -> Refinement:
     """Lay down `levels` levels of a scheme.
 
+    Args:
+        topology: of the mesh.
+        scheme: every parameter fixed.
+        levels: how many.
+        creases: sharp edges and corners of this topology, for loop, interp-loop and midpoint.
+
     Raises:
-        SchemeError: levels is negative.
+        SchemeError: levels is negative, or the scheme takes no creases.
         MeshError: the mesh is not an oriented manifold; a face, edge or vertex at fault is named.
     """
     if levels < 0:
@@ -85,18 +94,29 @@ def refine(topology: Topology, scheme: Scheme, levels: int = 1) -> Refinement:
     if levels:
         require_manifold(topology, "subdivision")
         _require_alphas(scheme, topology.num_verts)
+    if creases is not None:
+        require_takes_creases(scheme)
+        _require_creases(creases, topology)
     num_coarse, operators = topology.num_verts, []
     for step in range(levels):
         division = divide(topology, scheme.split, step)
-        operators.append(assemble(topology, scheme, division))
+        operators.append(assemble(topology, scheme, division, creases))
         if scheme.push_back is not None and np.ndim(scheme.push_back.alpha):
             finer = vertex_attribute_carry(topology, division) @ np.asarray(scheme.push_back.alpha)
             scheme = replace(scheme, push_back=replace(scheme.push_back, alpha=finer))
         topology = Topology(topology.num_verts + division.num_new, division.faces)
-    return Refinement(topology.faces, num_coarse, tuple(operators))
+        creases = None if creases is None else creases.finer(topology.num_verts, topology.edges)
+    return Refinement(topology.faces, num_coarse, tuple(operators), creases)
 
 
-def subdivide(mesh: Mesh, scheme: str | Scheme, levels: int = 1, **parameters: ParameterValue) -> Mesh:
+def subdivide(
+    mesh: Mesh,
+    scheme: str | Scheme,
+    levels: int = 1,
+    *,
+    creases: Creases | None = None,
+    **parameters: ParameterValue,
+) -> Mesh:
     """Refine a mesh by some levels of a subdivision scheme.
 
     Args:
@@ -104,6 +124,7 @@ def subdivide(mesh: Mesh, scheme: str | Scheme, levels: int = 1, **parameters: P
         scheme: a spec such as `loop` or `interp-loop:alpha=0.5`, or a declared scheme.
         levels: how many times; each makes 4 faces of one (√3 schemes: 3, and they refine the boundary at every second
             level, so that two levels at once differ from one and one more where there is a boundary).
+        creases: sharp edges and corners, for loop, interp-loop and midpoint; as `creases_by_angle` finds them.
         **parameters: of the scheme, in place of those in the spec. `alpha` may be a (V,) array of one value a vertex.
 
     Example:
@@ -112,11 +133,11 @@ def subdivide(mesh: Mesh, scheme: str | Scheme, levels: int = 1, **parameters: P
         320
 
     Raises:
-        SchemeError: no such scheme or parameter, or a value that is not allowed.
+        SchemeError: no such scheme or parameter, a value that is not allowed, or a scheme that takes no creases.
         MeshError: the mesh cannot be refined; an edge or vertex at fault is named.
     """
     topology = Topology.of(mesh)
-    refinement = refine(topology, _declared(scheme, parameters), levels)
+    refinement = refine(topology, _declared(scheme, parameters), levels, creases)
     return Mesh(refinement(mesh.verts), refinement.faces)
 
 
@@ -138,6 +159,24 @@ def _declared(scheme: str | Scheme, parameters: Mapping[str, ParameterValue]) ->
 
 def _plain(value: ParameterValue) -> Value:
     return value.item() if isinstance(value, np.ndarray | np.generic) else value
+
+
+def require_takes_creases(scheme: Scheme) -> None:
+    """Refuse a scheme whose rule along a curve is no rule for creases.
+
+    Raises:
+        SchemeError: it takes none.
+    """
+    if not scheme.takes_creases:
+        raise SchemeError("this scheme takes no creases; loop, interp-loop and midpoint do")
+
+
+def _require_creases(creases: Creases, topology: Topology) -> None:
+    found, own = (len(creases.sharpness), len(creases.corners)), (topology.num_edges, topology.num_verts)
+    if found != own:
+        raise MeshError(
+            f"creases are of {found[0]} edges and {found[1]} verts; the mesh has {own[0]} edges and {own[1]} verts"
+        )
 
 
 def _require_alphas(scheme: Scheme, num_verts: int) -> None:
