@@ -147,17 +147,31 @@ class Creases:
         return np.asarray(there[chosen][order]).reshape(-1, 2)
 
 
+def require_creases(creases: Creases, topology: Topology) -> None:
+    """Refuse the creases of another mesh.
+
+    Raises:
+        MeshError: the numbers of edges or verts differ.
+    """
+    found, own = (len(creases.sharpness), len(creases.corners)), (topology.num_edges, topology.num_verts)
+    if found != own:
+        raise MeshError(
+            f"creases are of {found[0]} edges and {found[1]} verts; the mesh has {own[0]} edges and {own[1]} verts"
+        )
+
+
 def edges_between(topology: Topology, ends: Int64[np.ndarray, "K 2"]) -> Indices:
     """(K,) the numbers of the edges that join these verts.
 
     Raises:
         MeshError: no such vertex, or verts that no edge joins.
     """
-    outside = ((ends < 0) | (ends >= topology.num_verts)).any(axis=1)
+    outside: Mask = np.asarray(((ends < 0) | (ends >= topology.num_verts)).any(axis=1))
     low, high = np.sort(ends, axis=1).T
     keys = topology.edges[:, 0] * topology.num_verts + topology.edges[:, 1]
-    place = np.searchsorted(keys, low * topology.num_verts + high).clip(max=max(len(keys) - 1, 0))
-    unknown = np.logical_or(outside, np.not_equal(keys[place], low * topology.num_verts + high) if len(keys) else True)
+    wanted = low * topology.num_verts + high
+    place = np.searchsorted(keys, wanted)
+    unknown = outside | (np.append(keys, NONE)[place] != wanted)
     if unknown.any():
         bad = int(np.flatnonzero(unknown)[0])
         fault = f"verts are numbered 0 to {topology.num_verts - 1}" if outside[bad] else "the mesh has no such edge"

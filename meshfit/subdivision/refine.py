@@ -16,7 +16,7 @@ from meshfit.mesh.topology import Topology
 from meshfit.specs import Value
 from meshfit.subdivision.assemble import assemble, vertex_attribute_carry
 from meshfit.subdivision.choose import scheme_of
-from meshfit.subdivision.creases import Creases
+from meshfit.subdivision.creases import Creases, require_creases
 from meshfit.subdivision.scheme import Scheme
 from meshfit.subdivision.splits import divide
 
@@ -96,7 +96,7 @@ def refine(topology: Topology, scheme: Scheme, levels: int = 1, creases: Creases
         _require_alphas(scheme, topology.num_verts)
     if creases is not None:
         require_takes_creases(scheme)
-        _require_creases(creases, topology)
+        require_creases(creases, topology)
     num_coarse, operators = topology.num_verts, []
     for step in range(levels):
         division = divide(topology, scheme.split, step)
@@ -169,14 +169,6 @@ def require_takes_creases(scheme: Scheme) -> None:
     """
     if not scheme.takes_creases:
         raise SchemeError("this scheme takes no creases; loop, interp-loop and midpoint do")
-
-
-def _require_creases(creases: Creases, topology: Topology) -> None:
-    found, own = (len(creases.sharpness), len(creases.corners)), (topology.num_edges, topology.num_verts)
-    if found != own:
-        raise MeshError(
-            f"creases are of {found[0]} edges and {found[1]} verts; the mesh has {own[0]} edges and {own[1]} verts"
-        )
 
 
 def _require_alphas(scheme: Scheme, num_verts: int) -> None:
