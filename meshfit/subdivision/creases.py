@@ -192,7 +192,8 @@ def creases_by_angle(mesh: Mesh, degrees: int | float, sharpness: int | float = 
     """
     if not 0 < degrees <= 180:
         raise SchemeError(f"a crease angle of {degrees:g} degrees is not allowed: more than 0, up to 180 is")
-    topology, normals = Topology.of(mesh), face_normals(mesh)
+    size = float(np.abs(mesh.verts).max(initial=0.0)) or 1.0
+    topology, normals = Topology.of(mesh), face_normals(Mesh(mesh.verts / size, mesh.faces))
     halfedge = topology.edge_halfedge
     paired = topology.twin[halfedge] != NONE
     one, other = normals[halfedge[paired] // 3], normals[topology.twin[halfedge[paired]] // 3]

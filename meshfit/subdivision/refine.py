@@ -19,6 +19,7 @@ from meshfit.subdivision.choose import scheme_of
 from meshfit.subdivision.creases import Creases, require_creases
 from meshfit.subdivision.scheme import Scheme
 from meshfit.subdivision.splits import divide
+from meshfit.subdivision.triangle_scheme import TriangleScheme
 
 if TYPE_CHECKING:
     import torch
@@ -167,7 +168,7 @@ def require_takes_creases(scheme: Scheme) -> None:
     Raises:
         SchemeError: it takes none.
     """
-    if not scheme.takes_creases:
+    if not (isinstance(scheme, TriangleScheme) and scheme.takes_creases):
         raise SchemeError("this scheme takes no creases; loop, interp-loop and midpoint do")
 
 
