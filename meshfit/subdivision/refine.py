@@ -137,8 +137,10 @@ def subdivide(
         SchemeError: no such scheme or parameter, a value that is not allowed, or a scheme that takes no creases.
         MeshError: the mesh cannot be refined; an edge or vertex at fault is named.
     """
-    topology = Topology.of(mesh)
-    refinement = refine(topology, _declared(scheme, parameters), levels, creases)
+    topology, declared = Topology.of(mesh), _declared(scheme, parameters)
+    if creases is not None and isinstance(scheme, str):
+        require_takes_creases(declared, scheme)
+    refinement = refine(topology, declared, levels, creases)
     return Mesh(refinement(mesh.verts), refinement.faces)
 
 
@@ -162,14 +164,18 @@ def _plain(value: ParameterValue) -> Value:
     return value.item() if isinstance(value, np.ndarray | np.generic) else value
 
 
-def require_takes_creases(scheme: Scheme) -> None:
+def require_takes_creases(scheme: Scheme, name: str = "this scheme") -> None:
     """Refuse a scheme whose rule along a curve is no rule for creases.
+
+    Args:
+        scheme: which.
+        name: what to call it.
 
     Raises:
         SchemeError: it takes none.
     """
     if not (isinstance(scheme, TriangleScheme) and scheme.takes_creases):
-        raise SchemeError("this scheme takes no creases; loop, interp-loop and midpoint do")
+        raise SchemeError(f"{name} takes no creases; loop, interp-loop and midpoint do")
 
 
 def _require_alphas(scheme: Scheme, num_verts: int) -> None:

@@ -77,6 +77,14 @@ def test_texts_that_are_refused(tmp_path, text):
         read_values(text_file(tmp_path, text), SAME)
 
 
+def test_numbers_out_of_range_are_refused_where_a_vertex_has_them(tmp_path):
+    path = text_file(tmp_path, "0\n1\n-3\n1.5\n0\n0\n")
+    with pytest.raises(MeshError, match=r"alpha\.txt: vertex 3 has 1\.5; a number from 0 to 1 is needed"):
+        read_values(path, np.array([0, 1, NONE, 2, 3, 4]), (0.0, 1.0))
+    with pytest.raises(MeshError, match=r"'x': vertex 1 has -1; a number from 0 to 1 is needed"):
+        read_attribute(ply_file(tmp_path), "x", SAME, (0.0, 1.0))
+
+
 def test_welded_verts_must_agree(tmp_path):
     with pytest.raises(MeshError, match=r"verts 0 and 2 lie at one place of a seam, but have 0\.5 and 0\.75"):
         read_values(text_file(tmp_path, "0.5\n1\n0.75\n"), np.array([0, 1, 0]))
