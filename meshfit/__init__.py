@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from meshfit.mesh.frames import Frame, frame_of
     from meshfit.mesh.mesh import Mesh
     from meshfit.mesh.targets import load_target
+    from meshfit.subdivision.creases import Creases, creases_by_angle
+    from meshfit.subdivision.limit import loop_limit
+    from meshfit.subdivision.limit_normals import loop_limit_normals
     from meshfit.subdivision.refine import Refinement, refine, subdivide
 
 _HOMES = {
@@ -35,12 +38,17 @@ _HOMES = {
     "frame_of": "meshfit.mesh.frames",
     "Mesh": "meshfit.mesh.mesh",
     "load_target": "meshfit.mesh.targets",
+    "Creases": "meshfit.subdivision.creases",
+    "creases_by_angle": "meshfit.subdivision.creases",
+    "loop_limit": "meshfit.subdivision.limit",
+    "loop_limit_normals": "meshfit.subdivision.limit_normals",
     "Refinement": "meshfit.subdivision.refine",
     "refine": "meshfit.subdivision.refine",
     "subdivide": "meshfit.subdivision.refine",
 }
 
 __all__ = [
+    "Creases",
     "Diverged",
     "FitResult",
     "Frame",
@@ -50,11 +58,14 @@ __all__ = [
     "MeshfitWarning",
     "Problem",
     "Refinement",
+    "creases_by_angle",
     "fit",
     "fit_batch",
     "frame_of",
     "load_mesh",
     "load_target",
+    "loop_limit",
+    "loop_limit_normals",
     "measure",
     "refine",
     "save_mesh",
