@@ -65,9 +65,10 @@ class Trial:
 
     @property
     def plain_settings(self) -> dict[str, Any]:
-        """The settings as plain data, without those that no result depends on, or that are not made use of.
+        """The settings as plain data, without those that no result depends on.
 
-        The latter came after results were written, which are not to be taken for those of other settings.
+        Nor are creases and alphas in it where there are none: results from before there were any stay of one kind with
+        those from after.
         """
         unused = {key for key in _LATER if getattr(self.settings.source, key) is None}
         return self.settings.model_dump(mode="json", exclude=WITHOUT_EFFECT | {"source": unused})

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from meshfit.errors import MeshError
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.ply_files import read_ply, write_ply
-from meshfit.mesh.repair import clean_numbered
+from meshfit.mesh.repair import clean, clean_numbered
 from meshfit.mesh.text_files import read_obj, read_off, write_obj, write_off
 from meshfit.mesh.topology import Indices
 from meshfit.paths import MESH_SUFFIXES, missing, unwritable
@@ -40,7 +40,9 @@ def load_mesh(path: str | Path) -> Mesh:
     Warns:
         MeshfitWarning: as `clean` does.
     """
-    return load_numbered(path)[0]
+    path = Path(path)
+    verts, faces = _read(path, _checked_suffix(path))
+    return clean(verts, faces, str(path))
 
 
 def load_numbered(path: str | Path) -> tuple[Mesh, Indices]:

@@ -6,6 +6,7 @@ import pytest
 from meshfit.config.experiment import SourceSettings
 from meshfit.config.load import load_experiment
 from meshfit.errors import ConfigError, MeshError, MeshfitError, SchemeError
+from meshfit.experiment import plan as plan_module
 from meshfit.experiment.parcels import open_parcel, parcel_for
 from meshfit.experiment.plan import plan
 from meshfit.experiment.progress import Phase
@@ -16,6 +17,7 @@ from meshfit.mesh.files import load_mesh, save_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, octahedron
 from meshfit.mesh.topology import Topology
+from meshfit.report.gather import shared_settings
 from meshfit.settings import build
 from meshfit.subdivision.creases import Creases, creases_by_angle
 from meshfit.subdivision.refine import subdivide
@@ -219,3 +221,21 @@ def test_relocated_leaves_what_is_no_file():
     assert relocated(given, {"cube": "there"}.get) == given.model_copy(update={"mesh": "there"})
     with pytest.raises(MeshfitError):
         build_source(given, "loop")
+
+
+def test_results_share_a_table_by_what_is_in_their_files_not_by_where_these_lie(tmp_path, edges, alphas):
+    def shared(creases):
+        trial = only(tmp_path, **given_files(creases, alphas))
+        inputs = dict(trial.inputs)
+        return shared_settings({"settings": trial.plain_settings, "schema_version": 2, "inputs": inputs}), inputs
+
+    (tmp_path / "elsewhere").mkdir()
+    moved = tmp_path / "elsewhere" / "edges.txt"
+    moved.write_text(edges.read_text())
+    (here, inputs), (there, _) = shared(edges), shared(moved)
+    assert here == there
+    assert here["source.creases.file"] == "edges"
+    assert here["source.creases.sha256"] == inputs["creases"][:12]
+    moved.write_text("0 3\n")
+    plan_module._check_source.cache_clear()
+    assert shared(moved)[0] != here
