@@ -42,11 +42,6 @@ class SharpRules:
     corner: Shares
     pair: Int64[np.ndarray, "V 2"]
 
-    @property
-    def off_curves(self) -> Mask:
-        """(V,) which verts are smooth, or ends of one crease."""
-        return np.asarray(self.smooth == 1)
-
 
 @dataclass(frozen=True, eq=False)
 class Creases:
@@ -62,9 +57,7 @@ class Creases:
     corners: Mask
 
     def __post_init__(self) -> None:
-        if not (self.sharpness >= 0).all():
-            found = self.sharpness[~(self.sharpness >= 0)][0]
-            raise SchemeError(f"sharpness {found} is not allowed: 0 or more is, and inf for edges that stay sharp")
+        _require_sharpness(self.sharpness)
 
     @classmethod
     def of(
@@ -83,7 +76,7 @@ class Creases:
             corners: vertex numbers.
 
         Raises:
-            MeshError: no such vertex, or verts that no edge joins.
+            MeshError: no such vertex, verts that no edge joins, or another number of sharpnesses than of edges.
             SchemeError: a sharpness below 0, or no number.
         """
         marked, tagged = np.array(corners, dtype=np.int64), np.zeros(topology.num_verts, dtype=bool)
@@ -92,11 +85,19 @@ class Creases:
             raise MeshError(f"corner {bad}: verts are numbered 0 to {topology.num_verts - 1}")
         tagged[marked] = True
         ends = np.array(edges, dtype=np.int64).reshape(-1, 2)
-        each = np.where(topology.boundary_edges, inf, 0.0)
-        own = np.broadcast_to(np.asarray(sharpness, dtype=np.float64), (len(ends),))
-        places = edges_between(topology, ends)
-        each[places] = np.where(topology.boundary_edges[places], inf, own)
-        return cls(each, tagged)
+        each = np.zeros(topology.num_edges)
+        own = np.asarray(sharpness, dtype=np.float64)
+        if own.shape not in ((), (len(ends),)):
+            raise MeshError(
+                f"sharpness has shape {own.shape}; one number is needed, or one for each of {len(ends)} edges"
+            )
+        _require_sharpness(np.atleast_1d(own))
+        each[edges_between(topology, ends)] = own
+        return cls(np.where(topology.boundary_edges, inf, each), tagged)
+
+    def sharpness_on(self, topology: Topology) -> Shares:
+        """(E,) the sharpness of each edge, for ever on the boundary."""
+        return np.where(topology.boundary_edges, inf, self.sharpness)
 
     def finer(self, num_fine: int, fine_edges: Int64[np.ndarray, "G 2"]) -> "Creases":
         """The creases of the 1-to-4 refinement: halves of an edge are sharp for one level less.
@@ -118,11 +119,12 @@ class Creases:
         tagged corner: it stays. Where the sharpness of some of them ends within the level, the rule with them counts
         by the mean of what is left of it, and the rule without them for the rest.
         """
-        ending = (self.sharpness > 0) & (self.sharpness <= 1)
-        left = self._sum_at_verts(topology, np.where(ending, self.sharpness, 0.0))
-        count = self._sum_at_verts(topology, ending * 1.0)
+        sharpness = self.sharpness_on(topology)
+        ending = (sharpness > 0) & (sharpness <= 1)
+        left = _sum_at_verts(topology, np.where(ending, sharpness, 0.0))
+        count = _sum_at_verts(topology, ending * 1.0)
         share = np.divide(left, count, out=np.ones_like(left), where=count > 0)
-        before, after = (self._sum_at_verts(topology, (self.sharpness > least) * 1.0) for least in (0, 1))
+        before, after = (_sum_at_verts(topology, (sharpness > least) * 1.0) for least in (0, 1))
         crease, corner = np.zeros_like(share), np.zeros_like(share)
         pair = np.full((topology.num_verts, 2), NONE, dtype=np.int64)
         for sharp, part, least in ((before, share, 0), (after, 1 - share, 1)):
@@ -130,21 +132,28 @@ class Creases:
             bends = (sharp == _CREASED) & ~stays & (part > 0)
             corner += np.where(stays, part, 0.0)
             crease += np.where(bends, part, 0.0)
-            pair[bends] = self._neighbours(topology, bends, least)
+            pair[bends] = _neighbours(bends, topology.edges[sharpness > least])
         corner = np.where(self.corners, 1.0, corner)
-        return SharpRules(self.sharpness.clip(max=1), 1 - crease - corner, crease, corner, pair)
+        return SharpRules(sharpness.clip(max=1), 1 - crease - corner, crease, corner, pair)
 
-    def _sum_at_verts(self, topology: Topology, of_edges: Shares) -> Shares:
-        ends = topology.edges.T.reshape(-1)
-        return np.bincount(ends, weights=np.tile(of_edges, 2), minlength=topology.num_verts).astype(np.float64)
 
-    def _neighbours(self, topology: Topology, verts: Mask, least: int) -> Int64[np.ndarray, "B 2"]:
-        """Of verts at two edges sharper than that, the other ends of these."""
-        edges = topology.edges[self.sharpness > least]
-        here, there = np.concatenate([edges, edges[:, ::-1]]).T
-        chosen = verts[here]
-        order = np.lexsort((there[chosen], here[chosen]))
-        return np.asarray(there[chosen][order]).reshape(-1, 2)
+def _require_sharpness(values: Shares) -> None:
+    if not (values >= 0).all():
+        found = values[~(values >= 0)][0]
+        raise SchemeError(f"sharpness {found:g} is not allowed: 0 or more is, and inf for edges that stay sharp")
+
+
+def _sum_at_verts(topology: Topology, of_edges: Shares) -> Shares:
+    ends = topology.edges.T.reshape(-1)
+    return np.bincount(ends, weights=np.tile(of_edges, 2), minlength=topology.num_verts).astype(np.float64)
+
+
+def _neighbours(verts: Mask, edges: Int64[np.ndarray, "K 2"]) -> Int64[np.ndarray, "B 2"]:
+    """Of verts at two of these edges each, the other ends of both."""
+    here, there = np.concatenate([edges, edges[:, ::-1]]).T
+    chosen = verts[here]
+    order = np.lexsort((there[chosen], here[chosen]))
+    return np.asarray(there[chosen][order]).reshape(-1, 2)
 
 
 def require_creases(creases: Creases, topology: Topology) -> None:

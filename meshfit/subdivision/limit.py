@@ -69,13 +69,14 @@ def sharp_for_ever(topology: Topology, scheme: TriangleScheme, creases: Creases 
     if creases is None:
         return topology.boundary_edges
     require_creases(creases, topology)
-    left = creases.sharpness[(creases.sharpness > 0) & ~np.isinf(creases.sharpness)]
+    sharpness = creases.sharpness_on(topology)
+    left = sharpness[(sharpness > 0) & ~np.isinf(sharpness)]
     if len(left):
         raise SchemeError(
             f"limits are known where creases are smooth or sharp for ever: a sharpness of {left.max():g} is left; "
             f"refine {int(np.ceil(left.max()))} levels more"
         )
-    return np.asarray(np.isinf(creases.sharpness))
+    return np.asarray(np.isinf(sharpness))
 
 
 def _with_darts(limit: csr_array, darts: list[Sheets], ring: Callable[[int], float], stays: Mask) -> csr_array:

@@ -13,6 +13,8 @@ from meshfit.mesh.topology import NONE, Topology
 from meshfit.subdivision.choose import scheme_of
 from meshfit.subdivision.crease_files import read_creases
 from meshfit.subdivision.creases import Creases, creases_by_angle
+from meshfit.subdivision.limit import loop_limit
+from meshfit.subdivision.limit_normals import loop_limit_normals
 from meshfit.subdivision.refine import refine, subdivide
 from meshfit.subdivision.table import SCHEMES
 from tests.shapes import mixed_closed, mixed_open
@@ -139,6 +141,23 @@ def test_sharpness_out_of_range(value):
     ):
         with pytest.raises(SchemeError, match=r"sharpness .* is not allowed: 0 or more is"):
             make()
+
+
+def test_sharpness_of_another_number_than_the_edges():
+    for given in ([1.0], [1.0, 2.0, 3.0], [[1.0, 2.0]]):
+        with pytest.raises(MeshError, match=r"one number is needed, or one for each of 2 edges"):
+            Creases.of(SOLID, [(0, 2), (0, 3)], np.array(given))
+
+
+@pytest.mark.parametrize("sharpness", [0.0, 0.5])
+def test_boundary_edges_are_sharp_whatever_is_said_of_them(sharpness):
+    mesh = mixed_open()
+    topology = Topology.of(mesh)
+    said = Creases(np.where(topology.boundary_edges, sharpness, 0.0), np.zeros(mesh.num_verts, dtype=bool))
+    expected = refine(topology, scheme_of("loop"), 2).matrix.toarray()
+    assert np.array_equal(refine(topology, scheme_of("loop"), 2, said).matrix.toarray(), expected)
+    assert np.array_equal(loop_limit(topology, creases=said).toarray(), loop_limit(topology).toarray())
+    assert np.array_equal(loop_limit_normals(mesh, creases=said), loop_limit_normals(mesh))
 
 
 @pytest.mark.parametrize("degrees", [0, -5, 181, nan, inf])
