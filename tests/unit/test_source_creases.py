@@ -18,6 +18,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, octahedron
 from meshfit.mesh.topology import Topology
 from meshfit.report.gather import shared_settings
+from meshfit.report.wording import _tags
 from meshfit.settings import build
 from meshfit.subdivision.creases import Creases, creases_by_angle
 from meshfit.subdivision.refine import subdivide
@@ -221,6 +222,25 @@ def test_relocated_leaves_what_is_no_file():
     assert relocated(given, {"cube": "there"}.get) == given.model_copy(update={"mesh": "there"})
     with pytest.raises(MeshfitError):
         build_source(given, "loop")
+
+
+TAGS = [
+    ({"creases": {"angle": 40}}, ["creases above 40 degrees"]),
+    ({"creases": {"angle": 40, "sharpness": 1.5}}, ["creases above 40 degrees of sharpness 1.5"]),
+    ({"creases": {"file": "/there/edges.txt"}}, ["creases of edges"]),
+    ({"alpha": {"file": "/there/alphas.txt"}}, ["alpha of each vertex from alphas"]),
+    (
+        {"alpha": {"attribute": "stay"}, "creases": {"angle": 1}},
+        ["creases above 1 degrees", "alpha of each vertex from stay"],
+    ),
+    ({}, []),
+]
+
+
+@pytest.mark.parametrize(("given", "said"), TAGS)
+def test_tables_tell_what_a_source_is_tagged_with(given, said):
+    plain = {"source": settings(**given).model_dump(mode="json")}
+    assert list(_tags(shared_settings({"settings": plain, "schema_version": 2}))) == said
 
 
 def test_results_share_a_table_by_what_is_in_their_files_not_by_where_these_lie(tmp_path, edges, alphas):
