@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from meshfit.mesh.frames import Frame, frame_of
     from meshfit.mesh.mesh import Mesh
     from meshfit.mesh.targets import load_target
+    from meshfit.subdivision.creases import Creases, creases_by_angle
+    from meshfit.subdivision.limit import loop_limit
+    from meshfit.subdivision.limit_normals import loop_limit_normals
     from meshfit.subdivision.refine import refine, subdivide
     from meshfit.subdivision.refinement import CurveRefinement, Refinement
 
@@ -41,6 +44,10 @@ _HOMES = {
     "frame_of": "meshfit.mesh.frames",
     "Mesh": "meshfit.mesh.mesh",
     "load_target": "meshfit.mesh.targets",
+    "Creases": "meshfit.subdivision.creases",
+    "creases_by_angle": "meshfit.subdivision.creases",
+    "loop_limit": "meshfit.subdivision.limit",
+    "loop_limit_normals": "meshfit.subdivision.limit_normals",
     "CurveRefinement": "meshfit.subdivision.refinement",
     "Refinement": "meshfit.subdivision.refinement",
     "refine": "meshfit.subdivision.refine",
@@ -48,6 +55,7 @@ _HOMES = {
 }
 
 __all__ = [
+    "Creases",
     "CurveRefinement",
     "Curves",
     "Diverged",
@@ -59,12 +67,15 @@ __all__ = [
     "MeshfitWarning",
     "Problem",
     "Refinement",
+    "creases_by_angle",
     "fit",
     "fit_batch",
     "frame_of",
     "load_curves",
     "load_mesh",
     "load_target",
+    "loop_limit",
+    "loop_limit_normals",
     "measure",
     "refine",
     "save_curves",

@@ -166,7 +166,8 @@ _PLAIN = ""
 def _models_at(model: type[BaseModel], key: str | int) -> dict[str, type[BaseModel]]:
     """The models that the value of a key may be of, by tag."""
     kind = model.model_fields[key].annotation if key in model.model_fields else None
-    if isinstance(kind, type) and issubclass(kind, BaseModel):
-        return {_PLAIN: kind}
+    for one in (kind, *get_args(kind)):
+        if isinstance(one, type) and issubclass(one, BaseModel):
+            return {_PLAIN: one}
     tagged = [get_args(part) for part in get_args(kind)]
     return {part[1].tag: part[0] for part in tagged if len(part) == 2 and isinstance(part[1], Tag)}

@@ -1,5 +1,7 @@
 """`meshfit subdivide`: refine one mesh file."""
 
+from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -7,12 +9,16 @@ import typer
 
 from meshfit.cli import completions
 from meshfit.cli.console import out
-from meshfit.errors import DomainError
+from meshfit.errors import ConfigError, DomainError
 
 if TYPE_CHECKING:
+    from meshfit.mesh.mesh import Mesh
+    from meshfit.mesh.topology import Indices, Topology
+    from meshfit.mesh.vertex_values import Values
+    from meshfit.subdivision.creases import Creases
     from meshfit.subdivision.scheme import Scheme
 
-_PARAMETERS = "Parameters of schemes"
+_PARAMETERS, _CREASES, _LIMIT = "Parameters of schemes", "Creases", "The limit surface of loop"
 
 
 def subdivide(
@@ -42,10 +48,11 @@ def subdivide(
         int, typer.Option("--levels", "-n", min=0, max=10, help="How many times, 0 to 10.", metavar="N")
     ] = 1,
     alpha: Annotated[
-        float | None,
+        str | None,
         typer.Option(
             "--alpha",
-            help="For interp-loop, interp-bspline: from 0, smoothing, to 1, interpolatory.",
+            help="From 0, approximating, to 1, interpolatory, for schemes that have it: one number; or one for each "
+            "vertex of IN, from a text file with a number a line or, as attribute:NAME, from a property of IN, a PLY.",
             metavar="A",
             rich_help_panel=_PARAMETERS,
         ),
@@ -69,6 +76,41 @@ def subdivide(
             rich_help_panel=_PARAMETERS,
         ),
     ] = None,
+    creases: Annotated[
+        str | None,
+        typer.Option(
+            "--creases",
+            help="For loop, interp-loop and midpoint. A number: edges stay sharp whose faces make more than so many "
+            "degrees. Else a text file, a line each: 'a b' or 'a b sharpness' for an edge, 'a' for a corner; verts are "
+            "counted from 0 as IN has them.",
+            metavar="ANGLE|FILE",
+            rich_help_panel=_CREASES,
+        ),
+    ] = None,
+    sharpness: Annotated[
+        float,
+        typer.Option(
+            "--sharpness",
+            help="Levels that creases stay sharp for, such as 1.5, where the file has no other number.",
+            metavar="S",
+            show_default="for ever",
+            rich_help_panel=_CREASES,
+        ),
+    ] = inf,
+    limit: Annotated[
+        bool,
+        typer.Option(
+            "--limit", help="Put verts where Loop subdivision would lead them for ever on.", rich_help_panel=_LIMIT
+        ),
+    ] = False,
+    normals: Annotated[
+        bool,
+        typer.Option(
+            "--normals",
+            help="Write the normals of Loop's limit surface with the verts, to PLY or OBJ.",
+            rich_help_panel=_LIMIT,
+        ),
+    ] = False,
 ) -> int:
     """Refine a mesh, or curves, by a subdivision scheme.
 
@@ -79,15 +121,29 @@ def subdivide(
 
         meshfit subdivide head.obj fine.obj -s interp-loop --alpha 0.5
 
+        meshfit subdivide head.obj fine.obj -s interp-loop --alpha alphas.txt  # one for each vertex
+
+        meshfit subdivide part.obj fine.ply -n 3 --creases 40 --sharpness 2  # edges above 40 degrees
+
+        meshfit subdivide part.obj fine.ply -n 3 --creases edges.txt --limit --normals
+
         meshfit subdivide curve.obj smooth.obj -s four-point -n 4
     """
     from meshfit.subdivision.choose import SURFACES, domain_of, scheme_of, schemes_on
 
-    declared = scheme_of(scheme, alpha=alpha, weights=weights, tension=tension, valence3=valence3)
+    number = _number(alpha)
+    each = alpha if number is None else None
+    declared = scheme_of(
+        scheme, alpha=number if each is None else 1.0, weights=weights, tension=tension, valence3=valence3
+    )
+    wishes = Wishes(each, creases, sharpness, limit=limit, normals=normals)
+    _check(scheme, declared, wishes)
     on_curves = domain_of(declared) == "curves"
-    refined = _refined_curves if on_curves else _refined_mesh
     try:
-        counts = refined(source, destination, declared, levels)
+        if on_curves:
+            counts = _refined_curves(source, destination, declared, levels)
+        else:
+            counts = _refined_mesh(source, destination, declared, levels, wishes)
     except DomainError as error:
         others = f"surfaces: {schemes_on(*SURFACES)}" if on_curves else f"curves: {schemes_on('curves')}"
         raise DomainError(f"{error}; schemes on {others}") from None
@@ -95,15 +151,62 @@ def subdivide(
     return 0
 
 
-def _refined_mesh(source: str, destination: Path, scheme: "Scheme", levels: int) -> str:
-    from meshfit.mesh.files import save_mesh
-    from meshfit.mesh.targets import load_target
-    from meshfit.subdivision.refine import subdivide
+@dataclass(frozen=True)
+class Wishes:
+    """What is asked of a surface besides its refinement.
 
-    mesh = load_target(source)
-    finer = subdivide(mesh, scheme, levels)
-    save_mesh(finer, destination)
-    return f"{mesh.num_faces:,} faces → {finer.num_faces:,} faces, {finer.num_verts:,} verts"
+    Attributes:
+        alphas: where the α of each vertex is, if it is not one for all.
+        creases: degrees or a file.
+        sharpness: of creases.
+        limit: put verts at their limit.
+        normals: write limit normals.
+    """
+
+    alphas: str | None
+    creases: str | None
+    sharpness: float
+    limit: bool
+    normals: bool
+
+
+def _check(name: str, scheme: "Scheme", wishes: Wishes) -> None:
+    """Refuse what the scheme cannot do before a mesh is read."""
+    from meshfit.subdivision.choose import domain_of
+    from meshfit.subdivision.refine import require_takes_creases
+
+    if wishes.creases is not None:
+        require_takes_creases(scheme, f"--creases: {name}")
+    elif wishes.sharpness != inf:
+        raise ConfigError("--sharpness: goes with --creases, which says where")
+    for option, wanted in (("--limit", wishes.limit), ("--normals", wishes.normals), ("--alpha", wishes.alphas)):
+        if wanted and domain_of(scheme) == "curves":
+            raise ConfigError(f"{option}: {name} refines curves, for which there is no such thing")
+
+
+def _refined_mesh(source: str, destination: Path, scheme: "Scheme", levels: int, wishes: Wishes) -> str:
+    from meshfit.mesh.files import save_mesh
+    from meshfit.mesh.mesh import Mesh
+    from meshfit.mesh.targets import load_numbered_target, target_path
+    from meshfit.mesh.topology import Topology
+    from meshfit.subdivision.limit import loop_limit
+    from meshfit.subdivision.limit_normals import loop_limit_normals
+    from meshfit.subdivision.refine import refine
+
+    mesh, numbering = load_numbered_target(source)
+    if wishes.alphas is not None:
+        scheme = scheme.with_alpha(_alphas(wishes.alphas, target_path(source), numbering))
+    topology = Topology.of(mesh)
+    tagged = None if wishes.creases is None else _creases(wishes.creases, wishes.sharpness, mesh, numbering)
+    refinement = refine(topology, scheme, levels, tagged)
+    finer = Mesh(refinement(mesh.verts), refinement.faces)
+    directions = loop_limit_normals(finer, scheme, refinement.creases) if wishes.normals else None
+    if wishes.limit:
+        at_limit = loop_limit(Topology.of(finer), scheme, refinement.creases) @ finer.verts
+        finer = Mesh(at_limit, finer.faces)
+    save_mesh(finer, destination, directions)
+    found = "" if tagged is None else f"; {_counted(tagged, topology)}"
+    return f"{mesh.num_faces:,} faces → {finer.num_faces:,} faces, {finer.num_verts:,} verts{found}"
 
 
 def _refined_curves(source: str, destination: Path, scheme: "Scheme", levels: int) -> str:
@@ -115,3 +218,42 @@ def _refined_curves(source: str, destination: Path, scheme: "Scheme", levels: in
     finer = subdivide(curves, scheme, levels)
     save_curves(finer, destination)
     return f"{curves.num_segments:,} segments → {finer.num_segments:,} segments, {finer.num_verts:,} verts"
+
+
+def _number(text: str | None) -> float | None:
+    try:
+        return None if text is None else float(text)
+    except ValueError:
+        return None
+
+
+def _alphas(text: str, mesh_path: Path, numbering: "Indices") -> "Values":
+    from meshfit.mesh.vertex_values import read_attribute, read_values
+
+    prefix, colon, name = text.partition(":")
+    if colon and prefix == "attribute":
+        return read_attribute(mesh_path, name, numbering, (0.0, 1.0))
+    if not Path(text).is_file():
+        raise ConfigError(f"--alpha: '{text}' is no number, no file, and no attribute:NAME")
+    return read_values(text, numbering, (0.0, 1.0))
+
+
+def _creases(text: str, sharpness: float, mesh: "Mesh", numbering: "Indices") -> "Creases":
+    from meshfit.mesh.topology import Topology
+    from meshfit.subdivision.crease_files import read_creases
+    from meshfit.subdivision.creases import creases_by_angle
+
+    if not sharpness >= 0:
+        raise ConfigError(f"--sharpness: {sharpness:g} is not allowed: 0 or more is")
+    degrees = _number(text)
+    if degrees is not None:
+        return creases_by_angle(mesh, degrees, sharpness)
+    if not Path(text).is_file():
+        raise ConfigError(f"--creases: '{text}' is no number of degrees and no file")
+    return read_creases(text, Topology.of(mesh), numbering, sharpness)
+
+
+def _counted(creases: "Creases", topology: "Topology") -> str:
+    edges = int(((creases.sharpness > 0) & ~topology.boundary_edges).sum())
+    corners = int((creases.rules(topology).corner > 0).sum())
+    return f"{edges:,} sharp edge{'' if edges == 1 else 's'}, {corners:,} corner{'' if corners == 1 else 's'}"

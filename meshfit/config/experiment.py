@@ -3,7 +3,14 @@
 import json
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, ValidationError, ValidatorFunctionWrapHandler, WrapValidator
+from pydantic import (
+    AfterValidator,
+    Field,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    model_validator,
+)
 
 from meshfit.errors import SchemeError
 from meshfit.fitting.settings import Dtype, FirstOrderSettings, FitSettings
@@ -43,7 +50,43 @@ Count = Annotated[Literal["auto"] | Annotated[int, Field(ge=1)], WrapValidator(_
 # What says how the work is done, or is spent when the trials are planned, and moves no number.
 WITHOUT_EFFECT: dict[str, Any] = {**dict.fromkeys(("jobs", "threads", "retries", "sweep"), True), "fit": {"snapshots"}}
 
+# Settings of the source that may be the paths of files.
+PATHS = (("source", "mesh"), ("source", "creases", "file"), ("source", "alpha", "file"))
+
 Listed = (Field(min_length=1), AfterValidator(_unique))
+
+
+class CreaseSettings(Settings):
+    """Where the control mesh is creased: by angle, or as a file lists it."""
+
+    angle: Annotated[float, Field(gt=0, le=180)] | None = None
+    """Edges are sharp whose faces make more than so many degrees."""
+    file: str | None = None
+    """A text file, relative to this one, with a line each: `a b` or `a b sharpness` for an edge, `a` for a corner.
+    Verts are counted from 0 as the file of the control mesh has them."""
+    sharpness: Annotated[float, Field(ge=0)] | None = None
+    """Levels that edges stay sharp for, such as 1.5, where the file has no other number; null for ever."""
+
+    @model_validator(mode="after")
+    def _one_way(self) -> "CreaseSettings":
+        if (self.angle is None) == (self.file is None):
+            raise ValueError(f"found {'neither' if self.file is None else 'both'}; either angle or file is needed")
+        return self
+
+
+class AlphaSettings(Settings):
+    """Where each vertex of the control mesh has its alpha from."""
+
+    file: str | None = None
+    """A text file, relative to this one, with a number a line for each vertex of the control mesh's file."""
+    attribute: str | None = None
+    """A property of the verts of the control mesh's file, a PLY."""
+
+    @model_validator(mode="after")
+    def _one_way(self) -> "AlphaSettings":
+        if (self.attribute is None) == (self.file is None):
+            raise ValueError(f"found {'neither' if self.file is None else 'both'}; either file or attribute is needed")
+        return self
 
 
 class SourceSettings(Settings):
@@ -65,6 +108,12 @@ class SourceSettings(Settings):
     well; `icp`, by nearest points after that."""
     project: Literal["none", "sphere"] = "none"
     """`sphere` puts the verts of the control mesh and of each level on the sphere about its centre."""
+    creases: CreaseSettings | None = None
+    """Edges of the control mesh that stay sharp under loop, interp-loop and midpoint: `{angle: DEGREES}` or
+    `{file: PATH}`, each with a `sharpness` if it is to wear off; null for boundaries alone."""
+    alpha: AlphaSettings | None = None
+    """An alpha for each vertex of the control mesh, in place of the schemes' own: `{file: PATH}` or
+    `{attribute: NAME}`; null for none."""
 
 
 class ExperimentSettings(Settings):
@@ -101,6 +150,15 @@ class ExperimentSettings(Settings):
     sweep: dict[str, Any] = Field(default_factory=dict)
     """Settings to vary, each combination a row of the table: `fit.losses.edge: [0.1, 1.0]` for a grid; under `zip`,
     lists that go in step; under `variants`, names with the settings that each of them changes."""
+
+    @model_validator(mode="after")
+    def _refined_once(self) -> "ExperimentSettings":
+        for key in ("creases", "alpha"):
+            if getattr(self.source, key) is not None and self.fit.method != "first-order":
+                raise ValueError(
+                    f"source.{key}: for fit.method first-order; found {self.fit.method}, whose own levels know of none"
+                )
+        return self
 
     def __hash__(self) -> int:
         """Of its JSON text: a sweep is plain data, which has no hash."""

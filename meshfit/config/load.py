@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from meshfit.config.experiment import ExperimentSettings
+from meshfit.config.experiment import PATHS, ExperimentSettings
 from meshfit.config.strict_yaml import Document, parse_document, parse_value
 from meshfit.config.sweep import variants_of
 from meshfit.errors import ConfigError
@@ -74,12 +74,12 @@ def config_path(name_or_path: str) -> Path:
 
 
 def _with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Mesh files named in a config lie relative to it; so a config runs from anywhere."""
+    """Files named in a config lie relative to it; so a config runs from anywhere."""
 
     def absolute(value: Any, key: Sequence[str]) -> Any:  # noqa: ANN401  any YAML value
         if isinstance(value, dict):
             return {name: absolute(inner, (*key, *str(name).split("."))) for name, inner in value.items()}
-        if key != ("targets",) and tuple(key[-2:]) != ("source", "mesh"):
+        if key != ("targets",) and not any(tuple(key[-len(path) :]) == path for path in PATHS):
             return value
         if isinstance(value, list):
             return [absolute(entry, key) for entry in value]

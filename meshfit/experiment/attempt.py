@@ -16,7 +16,7 @@ from meshfit.experiment.plan import Trial
 from meshfit.experiment.progress import Outcome, Phase, Progress
 from meshfit.experiment.result import result_of
 from meshfit.experiment.snapshots import keep_snapshots, steps_before, write_snapshot
-from meshfit.experiment.source import build_source
+from meshfit.experiment.source import build_source, relocated, source_files
 from meshfit.experiment.store import CHECKPOINT, FAILURE, RESULT, RunDirectory, write_json
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem
 from meshfit.fitting.run import FitResult
@@ -61,9 +61,10 @@ class Attempt:
             inputs = dict(self.trial.inputs)
             placed = _placed(self.trial.where(self.trial.target), inputs.get("target"), settings.normalise)
             self._frame, self._target = placed.frame, placed.target
-            source_mesh = self.trial.where(settings.source.mesh)
-            _check_unchanged(source_mesh, inputs.get("source"))
-            built = build_source(settings.source.model_copy(update={"mesh": source_mesh}), self.trial.scheme)
+            placed_source = relocated(settings.source, self.trial.where)
+            for role, name in source_files(placed_source).items():
+                _check_unchanged(name, inputs.get(role))
+            built = build_source(placed_source, self.trial.scheme)
             source = aligned(built, self._target, settings.source.align)
             _warn_of_differences(source, self._target)
         self._notes = [*placed.notes, *_texts(caught)]
@@ -175,7 +176,7 @@ def _placed(name: str, sha256: str | None, normalise: Normalisation) -> _Placed:
 
 
 def _check_unchanged(name: str, sha256: str | None) -> None:
-    """A result is filed under the content that its meshes had when it was planned."""
+    """A result is filed under the content that its files had when it was planned."""
     if sha256 is not None and file_sha256(target_path(name)) != sha256:
         raise MeshError(f"{name}: the file has changed since the run began; start it again")
 

@@ -12,11 +12,12 @@ from typing import Any
 from meshfit.config.experiment import WITHOUT_EFFECT, ExperimentSettings, SourceSettings
 from meshfit.config.load import Experiment
 from meshfit.config.sweep import Variant, variants_of
-from meshfit.experiment.source import build_source, source_file
+from meshfit.experiment.source import build_source, source_files
 from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path, target_title
 
 # Raised whenever the same settings would give other numbers, so that older results are not taken for newer ones.
 SCHEMA_VERSION = 2
+_LATER = ("creases", "alpha")
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Trial:
         settings: the experiment's settings, narrowed to one target, one scheme and one seed.
         inputs: SHA-256 of every file that is read, by role.
         variant: what its point of a sweep is called; empty where nothing is swept. Part of no identity.
-        copies: where mesh files lie now, if not where the settings say. Part of no identity.
+        copies: where files lie now, if not where the settings say. Part of no identity.
     """
 
     experiment: str
@@ -54,22 +55,27 @@ class Trial:
 
     @property
     def files(self) -> dict[str, str]:
-        """The mesh files of the user's that it reads, by role."""
-        names = {"target": self.target, "source": self.settings.source.mesh}
+        """The files of the user's that it reads, by role."""
+        names = {"target": self.target, **source_files(self.settings.source)}
         return {role: names[role] for role, _ in self.inputs if names[role] not in NAMED_TARGETS}
 
     def where(self, name: str) -> str:
-        """Where a mesh lies now that the settings name."""
+        """Where a file lies now that the settings name."""
         return dict(self.copies).get(name, name)
 
     @property
     def plain_settings(self) -> dict[str, Any]:
-        """The settings as plain data, without those that no result depends on."""
-        return self.settings.model_dump(mode="json", exclude=WITHOUT_EFFECT)
+        """The settings as plain data, without those that no result depends on.
+
+        Nor are creases and alphas in it where there are none: results from before there were any stay of one kind with
+        those from after.
+        """
+        unused = {key for key in _LATER if getattr(self.settings.source, key) is None}
+        return self.settings.model_dump(mode="json", exclude=WITHOUT_EFFECT | {"source": unused})
 
     @cached_property
     def identity(self) -> str:
-        """SHA-256 over the settings, the inputs and the schema version; where a mesh file lies does not enter."""
+        """SHA-256 over the settings, the inputs and the schema version; where a file lies does not enter."""
         settings = _without_paths(self.plain_settings)
         content = {"settings": settings, "inputs": dict(self.inputs), "schema_version": SCHEMA_VERSION}
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
@@ -138,10 +144,10 @@ def _check_target(target: str) -> str:
 
 @cache
 def _check_source(settings: SourceSettings, schemes: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
-    file = source_file(settings)
+    files = source_files(settings)
     for scheme in schemes:
         build_source(settings.model_copy(update={"levels": min(settings.levels, 1)}), scheme)
-    return () if file is None else (("source", file_sha256(file)),)
+    return tuple((role, file_sha256(target_path(name))) for role, name in files.items())
 
 
 def _check_device(settings: ExperimentSettings) -> None:
@@ -153,4 +159,7 @@ def _check_device(settings: ExperimentSettings) -> None:
 
 def _without_paths(settings: dict[str, Any]) -> dict[str, Any]:
     source = settings["source"] | {"mesh": target_label(settings["source"]["mesh"])}
+    for key in _LATER:
+        if source.get(key) and source[key]["file"]:
+            source[key] = source[key] | {"file": Path(source[key]["file"]).stem}
     return settings | {"targets": [target_label(name) for name in settings["targets"]], "source": source}

@@ -5,22 +5,26 @@ import warnings
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float64
 from numpy.typing import NDArray
 
 from meshfit.errors import MeshError
 from meshfit.mesh.file_content import known_suffix, read_content, reading, write_content
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.ply_files import read_ply, write_ply
-from meshfit.mesh.repair import clean
+from meshfit.mesh.repair import clean, clean_numbered
 from meshfit.mesh.text_files import read_obj, read_off, write_obj, write_off
+from meshfit.mesh.topology import Indices
 from meshfit.paths import MESH_SUFFIXES
 
 SUFFIXES = MESH_SUFFIXES
+Normals = Float64[np.ndarray, "V 3"]
 
 # trimesh takes OBJ's backward indices to count from the end of the file, a comment in OFF for the line before it, and
 # binary PLY to hold polygons of one size.
 _READERS = {".obj": read_obj, ".off": read_off, ".ply": read_ply}
 _WRITERS = {".obj": write_obj, ".off": write_off, ".ply": write_ply}
+_WITH_NORMALS = {".obj": write_obj, ".ply": write_ply}
 _SINGLE = (".stl", ".glb")
 _LARGEST_SINGLE = float(np.finfo(np.float32).max)
 
@@ -42,22 +46,47 @@ def load_mesh(path: str | Path) -> Mesh:
     return clean(verts, faces, str(path))
 
 
-def save_mesh(mesh: Mesh, path: str | Path) -> None:
-    """Write a mesh in the format that its suffix names, in double precision but for STL and GLB, which have none.
+def load_numbered(path: str | Path) -> tuple[Mesh, Indices]:
+    """The mesh that `load_mesh` reads, and (N,) the vertex that each of the file's verts is in it.
+
+    Welded verts of a file are the same vertex, and those that were dropped are `NONE`.
 
     Raises:
-        MeshError: a suffix that is not known, coordinates too large for single precision, or a path that cannot be
-            written.
+        MeshError: as `load_mesh`.
+
+    Warns:
+        MeshfitWarning: as `clean` does.
+    """
+    path = Path(path)
+    verts, faces = _read(path, known_suffix(path, SUFFIXES, "mesh"))
+    return clean_numbered(verts, faces, str(path))
+
+
+def save_mesh(mesh: Mesh, path: str | Path, normals: Normals | None = None) -> None:
+    """Write a mesh in the format that its suffix names, in double precision but for STL and GLB, which have none.
+
+    Args:
+        mesh: what to write.
+        path: where to.
+        normals: (V, 3) of its verts, which OBJ and PLY hold.
+
+    Raises:
+        MeshError: a suffix that is not known or has no place for normals, coordinates too large for single precision,
+            or a path that cannot be written.
     """
     path = Path(path)
     suffix = known_suffix(path, SUFFIXES, "mesh")
     if suffix in _SINGLE and not np.abs(mesh.verts).max(initial=0.0) <= _LARGEST_SINGLE:
         raise MeshError(f"{path}: {suffix[1:].upper()} holds single precision, too small for the coordinates")
-    write_content(path, encode_mesh(mesh, suffix))
+    if normals is not None and suffix not in _WITH_NORMALS:
+        raise MeshError(f"{path}: vertex normals are written to {' and '.join(_WITH_NORMALS)} files only")
+    write_content(path, encode_mesh(mesh, suffix, normals))
 
 
-def encode_mesh(mesh: Mesh, suffix: str) -> bytes:
+def encode_mesh(mesh: Mesh, suffix: str, normals: Normals | None = None) -> bytes:
     """The bytes of a mesh file of that suffix; the same mesh gives the same bytes."""
+    if normals is not None:
+        return _WITH_NORMALS[suffix](mesh, normals)
     if suffix in _WRITERS:
         return _WRITERS[suffix](mesh)
     import trimesh  # most files need it not, and it takes as long to import as all the rest

@@ -128,16 +128,39 @@ def read_ply_segments(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.i
     return verts, ends.astype(np.int64)
 
 
-def write_ply(mesh: Mesh) -> bytes:
-    """The bytes of a PLY file: binary, in double precision."""
+def read_ply_property(content: bytes, name: str) -> NDArray[np.float64]:
+    """(N,) the values of a property of the verts of a PLY file, in its order.
+
+    Raises:
+        ValueError: it has no such property, one that is a list, or is at fault.
+    """
+    for element, rows in _elements(content):
+        if element.name == "vertex":
+            found = next((one for one in element.properties if one.name == name), None)
+            if found is None:
+                there = ", ".join(one.name for one in element.properties)
+                raise ValueError(f"its verts have no property '{name}'; they have {there}")
+            if found.count_code:
+                raise ValueError(f"the property '{name}' is a list; a number for each vertex is needed")
+            if isinstance(rows, np.ndarray):
+                return np.asarray(rows[name], dtype=np.float64).reshape(-1)
+            return np.array([float(row[name][0]) for row in rows], dtype=np.float64)
+    raise ValueError("it has no verts")
+
+
+def write_ply(mesh: Mesh, normals: NDArray[np.float64] | None = None) -> bytes:
+    """The bytes of a PLY file: binary, in double precision, with (V, 3) normals of its verts if given."""
+    points = mesh.verts if normals is None else np.concatenate([mesh.verts, normals], axis=1)
+    names = ("x", "y", "z", "nx", "ny", "nz")[: points.shape[1]]
+    declared = "".join(f"property double {name}\n" for name in names)
     header = (
         "ply\nformat binary_little_endian 1.0\n"
-        f"element vertex {mesh.num_verts}\nproperty double x\nproperty double y\nproperty double z\n"
+        f"element vertex {mesh.num_verts}\n{declared}"
         f"element face {mesh.num_faces}\nproperty list uchar int vertex_indices\nend_header\n"
     )
     rows = np.empty(mesh.num_faces, dtype=[("count", "u1"), ("index", "<i4", 3)])
     rows["count"], rows["index"] = 3, mesh.faces
-    return header.encode() + mesh.verts.astype("<f8").tobytes() + rows.tobytes()
+    return header.encode() + points.astype("<f8").tobytes() + rows.tobytes()
 
 
 def _elements(content: bytes) -> Iterator[tuple[_Element, _Rows]]:

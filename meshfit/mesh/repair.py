@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from meshfit.errors import DomainError, MeshError, MeshfitWarning
 from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.manifold import misoriented_edges, nonmanifold_edges, num_components
-from meshfit.mesh.mesh import Faces, Mesh
-from meshfit.mesh.topology import Indices, Topology
+from meshfit.mesh.mesh import Faces, Mesh, Verts
+from meshfit.mesh.topology import NONE, Indices, Topology
 
 # Areas and their squares stay finite up to here.
 _LARGEST = 1e60
@@ -30,19 +30,34 @@ def clean(verts: NDArray[np.floating], faces: NDArray[np.integer], origin: str) 
     Warns:
         MeshfitWarning: with the count of whatever was dropped, and where the surface is not one closed manifold.
     """
+    return clean_numbered(verts, faces, origin)[0]
+
+
+def clean_numbered(verts: NDArray[np.floating], faces: NDArray[np.integer], origin: str) -> tuple[Mesh, Indices]:
+    """What `clean` makes of these arrays, and (N,) the vertex that each given one is now; `NONE` where it was dropped.
+
+    Raises:
+        MeshError: as `clean`.
+
+    Warns:
+        MeshfitWarning: as `clean` does.
+    """
     _require_sound(verts, faces, origin)
-    mesh = weld_seams(Mesh(verts, faces))
+    raw = Mesh(verts, faces)
+    target = _seam_targets(Topology.of(raw), raw.verts)
+    mesh = Mesh(raw.verts, target[raw.faces])
     kept, dropped = _sound_faces(mesh)
     if not len(kept):
         raise MeshError(f"{origin}: all {mesh.num_faces} faces are degenerate (no area)")
     dropped["unreferenced verts"] = int((~_marked(faces, len(verts))).sum())
     used = _marked(kept, len(verts))
-    result = Mesh(mesh.verts[used], (np.cumsum(used) - 1)[kept])
+    number = np.where(used, np.cumsum(used) - 1, NONE)
+    result = Mesh(mesh.verts[used], number[kept])
     for what, count in dropped.items():
         if count:
             _warn(f"{origin}: dropped {count} {what}")
     _warn_of_shape(Topology.of(result), origin)
-    return result
+    return result, number[target]
 
 
 def weld_seams(mesh: Mesh) -> Mesh:
@@ -50,11 +65,15 @@ def weld_seams(mesh: Mesh) -> Mesh:
 
     Coincident verts off the boundary stay apart: there a closed surface touches itself, and welding would tear it.
     """
-    topology = Topology.of(mesh)
+    return Mesh(mesh.verts, _seam_targets(Topology.of(mesh), mesh.verts)[mesh.faces])
+
+
+def _seam_targets(topology: Topology, verts: Verts) -> Indices:
+    """(V,) the vertex that each is to become."""
     seam = np.flatnonzero(topology.boundary_verts)
-    target = np.arange(mesh.num_verts)
-    target[seam] = seam[_first_equal(mesh.verts[seam])]
-    return Mesh(mesh.verts, target[mesh.faces])
+    target = np.arange(topology.num_verts)
+    target[seam] = seam[_first_equal(verts[seam])]
+    return target
 
 
 def require_sound_verts(verts: NDArray[np.floating], origin: str) -> None:
@@ -123,4 +142,4 @@ def _warn_of_shape(topology: Topology, origin: str) -> None:
 
 
 def _warn(text: str) -> None:
-    warnings.warn(text, MeshfitWarning, stacklevel=4)
+    warnings.warn(text, MeshfitWarning, stacklevel=5)

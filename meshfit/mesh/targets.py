@@ -8,6 +8,7 @@ from pathlib import Path
 
 from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.topology import Indices
 from meshfit.paths import MESH_SUFFIXES, missing
 from meshfit.resources import bundled
 from meshfit.specs import suggest
@@ -100,13 +101,22 @@ def load_target(target: str) -> Mesh:
     Raises:
         MeshError: as `target_path` and `load_mesh` do.
     """
-    from meshfit.mesh.files import load_mesh  # brings scipy, which those who only want names need not wait for
+    return load_numbered_target(target)[0]
+
+
+def load_numbered_target(target: str) -> tuple[Mesh, Indices]:
+    """The same mesh, and the vertex that each of its file's verts is in it, as `load_numbered` tells it.
+
+    Raises:
+        MeshError: as `target_path` and `load_mesh` do.
+    """
+    from meshfit.mesh.files import load_numbered  # brings scipy, which those who only want names need not wait for
 
     path = target_path(target)
     with warnings.catch_warnings():
         if target in NAMED_TARGETS:  # what there is to warn of is known, and told by `origin`
             warnings.simplefilter("ignore", MeshfitWarning)
-        return load_mesh(path)
+        return load_numbered(path)
 
 
 def file_sha256(path: Path) -> str:

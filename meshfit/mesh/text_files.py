@@ -114,11 +114,15 @@ def _table(lines: list[bytes], dtype: type[np.generic]) -> NDArray[Any] | None:
         return None
 
 
-def write_obj(mesh: Mesh) -> bytes:
-    """The bytes of an OBJ file."""
+def write_obj(mesh: Mesh, normals: NDArray[np.float64] | None = None) -> bytes:
+    """The bytes of an OBJ file, with (V, 3) normals of its verts if given."""
     verts = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in mesh.verts.tolist())
-    faces = "".join(f"f {a} {b} {c}\n" for a, b, c in (mesh.faces + 1).tolist())
-    return f"{verts}{faces}".encode()
+    if normals is None:
+        faces = "".join(f"f {a} {b} {c}\n" for a, b, c in (mesh.faces + 1).tolist())
+        return f"{verts}{faces}".encode()
+    directions = "".join(f"vn {x!r} {y!r} {z!r}\n" for x, y, z in normals.tolist())
+    faces = "".join(f"f {a}//{a} {b}//{b} {c}//{c}\n" for a, b, c in (mesh.faces + 1).tolist())
+    return f"{verts}{directions}{faces}".encode()
 
 
 def write_off(mesh: Mesh) -> bytes:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from meshfit.config.experiment import PATHS
 from meshfit.errors import StoreError
 
 Result = Mapping[str, Any]
@@ -17,6 +18,7 @@ _VARIED = ("targets", "schemes", "seeds")
 
 # Settings that change what is written beside the numbers, and not the numbers.
 _WITHOUT_EFFECT = ("write_frame", "fit.trace_every")
+_PATHS = {".".join(path) for path in PATHS}
 
 
 @dataclass
@@ -73,7 +75,7 @@ class _SharedSettings:
     def __call__(self, result: Result) -> tuple[str, dict[str, Any]]:
         """A key that is the same for the same settings, and these."""
         own = {key: value for key, value in result["settings"].items() if key not in _VARIED}
-        text = json.dumps([own, result["schema_version"], result.get("inputs", {}).get("source")])
+        text = json.dumps([own, result["schema_version"], sorted(_source_hashes(result).items())])
         if text not in self._known:
             settings = shared_settings(result)
             self._known[text] = json.dumps(settings, sort_keys=True), settings
@@ -85,11 +87,16 @@ def shared_settings(result: Result) -> dict[str, Any]:
     settings = flat({key: value for key, value in result["settings"].items() if key not in _VARIED})
     settings = {key: value for key, value in settings.items() if key not in _WITHOUT_EFFECT}
     settings["schema_version"] = result["schema_version"]
-    if "source.mesh" in settings:
+    for key in sorted(settings.keys() & _PATHS):
         # Where a file lies does not enter, as in a trial's identity; what is in it does.
-        settings["source.mesh"] = Path(settings["source.mesh"]).stem
-    source_hash = result.get("inputs", {}).get("source")
-    return settings | ({"source.sha256": source_hash[:12]} if source_hash else {})
+        settings[key] = settings[key] and Path(settings[key]).stem
+    return settings | _source_hashes(result)
+
+
+def _source_hashes(result: Result) -> dict[str, str]:
+    """By dotted key, the first digits of those of the files that the source is made from."""
+    found = {role: value[:12] for role, value in result.get("inputs", {}).items() if role != "target"}
+    return {"source.sha256" if role == "source" else f"source.{role}.sha256": value for role, value in found.items()}
 
 
 def target_key(result: Result) -> str:

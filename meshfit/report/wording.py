@@ -1,6 +1,7 @@
 """What is said above and below a table: what its numbers are, and what to bear in mind."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.grid import columns, row_names
@@ -58,12 +59,25 @@ def setting_lines(sheet: Sheet) -> list[str]:
         source.insert(1, f"decimated to {get('source.decimate')} faces")
     if sheet.settings.get("source.project", "none") != "none":
         source.append(f"projected to the {get('source.project')}")
+    source += _tags(sheet.settings)
     scheme = f"; scheme {sheet.schemes[0]}" if row_names(sheet) == ("variation",) else ""
     return [
         f"Lengths in {FRAMES.get(get('normalise'), get('normalise'))}",
         f"Fit: {_fit(get)}; measured on {get('measure.samples')} samples",
         f"Source: {', '.join(source)}{scheme}",
     ]
+
+
+def _tags(settings: Mapping[str, Any]) -> Iterator[str]:
+    """The creases of a source, and the alphas of its verts, where it has such."""
+    angle, file, sharpness = (settings.get(f"source.creases.{key}") for key in ("angle", "file", "sharpness"))
+    if angle is not None or file is not None:
+        varied = VARIED in (angle, file)
+        where = f"creases {VARIED}" if varied else f"creases of {file}" if file else f"creases above {angle:g} degrees"
+        yield where if sharpness is None else f"{where} of sharpness {sharpness}"
+    alpha = settings.get("source.alpha.file") or settings.get("source.alpha.attribute")
+    if alpha is not None:
+        yield f"alpha {VARIED}" if alpha == VARIED else f"alpha of each vertex from {alpha}"
 
 
 def _fit(get: Callable[[str], str]) -> str:

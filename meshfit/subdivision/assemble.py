@@ -1,11 +1,12 @@
 """The one assembler: it lays masks down on a topology as a sparse operator, and never asks which scheme they are of."""
 
 import numpy as np
-from jaxtyping import Bool, Int64
+from jaxtyping import Int64
 from scipy.sparse import csr_array, diags_array, eye_array, vstack
 
-from meshfit.mesh.topology import Indices, Topology, next_in_face, previous_in_face
-from meshfit.subdivision.masks import EdgeMask, FaceMask
+from meshfit.mesh.topology import Indices, Mask, Topology, next_in_face, previous_in_face
+from meshfit.subdivision.creases import Creases, SharpRules
+from meshfit.subdivision.masks import CurveMask, EdgeMask, FaceMask
 from meshfit.subdivision.push_back import pushed_back
 from meshfit.subdivision.splits import Division
 from meshfit.subdivision.stencils import Stencils
@@ -14,21 +15,27 @@ from meshfit.subdivision.triangle_scheme import PushBack, TriangleScheme
 REGULAR_VALENCE = 6
 
 
-def assemble(topology: Topology, scheme: TriangleScheme, division: Division) -> csr_array:
+def assemble(
+    topology: Topology, scheme: TriangleScheme, division: Division, creases: Creases | None = None
+) -> csr_array:
     """The operator S of one level: verts_fine = S verts_coarse, old vertices first.
 
     Args:
         topology: the coarse connectivity, an oriented manifold; verts without faces stay where they are.
         scheme: the masks.
         division: what `divide` made of the topology.
+        creases: sharp edges and corners, for schemes that take them.
 
     Returns:
         Sparse (V + N, V) float64; its rows sum to one.
     """
     even = _old_verts(topology, scheme, division)
     odd = _new_verts(topology, scheme, division)
+    rules = None if creases is None else creases.rules(topology)
+    if rules is not None:
+        even, odd = _sharpened(topology, scheme.boundary, rules, even, odd)
     if scheme.push_back is not None:
-        even, odd = _push_back(topology, scheme.push_back, division, even, odd)
+        even, odd = _push_back(topology, scheme.push_back, division, rules, even, odd)
     return csr_array(vstack([even, odd], format="csr"))
 
 
@@ -51,13 +58,17 @@ def _old_verts(topology: Topology, scheme: TriangleScheme, division: Division) -
     return stencils.operator(topology.num_verts)
 
 
-def _new_verts(topology: Topology, scheme: TriangleScheme, division: Division) -> csr_array:
+def _new_verts(
+    topology: Topology, scheme: TriangleScheme, division: Division, on_curve: Mask | None = None
+) -> csr_array:
     stencils = Stencils(topology)
+    curved = topology.boundary_verts if on_curve is None else on_curve
     rows, halfedge = division.inner_place, division.inner
     regular = np.ones(len(rows), dtype=bool)
     if scheme.spokes is not None:
         tips = _tips(topology, scheme.inserted, halfedge)
-        extraordinary = _is_extraordinary(topology, topology.tail[tips])
+        ends = topology.tail[tips]
+        extraordinary = (topology.valence[ends] != REGULAR_VALENCE) & ~curved[ends]
         count = extraordinary.sum(axis=0)
         regular = count == 0
         for tip, chosen in zip(tips, extraordinary, strict=True):
@@ -72,10 +83,6 @@ def _tips(topology: Topology, mask: EdgeMask | FaceMask, halfedge: Indices) -> I
     if isinstance(mask, EdgeMask):
         return np.stack([halfedge, topology.twin[halfedge]])
     return np.stack([halfedge, next_in_face(halfedge), previous_in_face(halfedge)])
-
-
-def _is_extraordinary(topology: Topology, verts: Int64[np.ndarray, "K N"]) -> Bool[np.ndarray, "K N"]:
-    return np.asarray((topology.valence[verts] != REGULAR_VALENCE) & ~topology.boundary_verts[verts])
 
 
 def _add_regular(stencils: Stencils, mask: EdgeMask | FaceMask, rows: Indices, halfedge: Indices) -> None:
@@ -106,25 +113,51 @@ def _add_border(stencils: Stencils, scheme: TriangleScheme, division: Division) 
         stencils.add_curve(place, along, weights)
 
 
+def _sharpened(
+    topology: Topology, boundary: CurveMask, rules: SharpRules, even: csr_array, odd: csr_array
+) -> tuple[csr_array, csr_array]:
+    """The operators of a 1-to-4 split with the rule along the boundary on every crease as well, by their shares."""
+    bent, cut = Stencils(topology), Stencils(topology)
+    along = np.flatnonzero(rules.crease)
+    before, after = rules.pair[along].T
+    bent.add_curve(along, {-1: before, 0: along, 1: after}, boundary.vert)
+    edges = np.arange(topology.num_edges)
+    cut.add_curve(edges, dict(enumerate(topology.edges.T)), boundary.inserted[0])
+    old = diags_array(rules.smooth) @ even + diags_array(rules.crease) @ bent.operator(topology.num_verts)
+    new = diags_array(1 - rules.edge) @ odd + diags_array(rules.edge) @ cut.operator(topology.num_edges)
+    operators = csr_array(old + diags_array(rules.corner)), csr_array(new)
+    for operator in operators:
+        operator.eliminate_zeros()
+    return operators
+
+
 def _push_back(
-    topology: Topology, push_back: PushBack, division: Division, even: csr_array, odd: csr_array
+    topology: Topology,
+    push_back: PushBack,
+    division: Division,
+    rules: SharpRules | None,
+    even: csr_array,
+    odd: csr_array,
 ) -> tuple[csr_array, csr_array]:
     between = linear_interpolation(topology, division)
     old, pushed = pushed_back(push_back.alpha, between, even, odd)
     if push_back.at_valence3 is not None:
-        safe = _new_verts(topology, push_back.at_valence3, division)
-        share = _touches_valence3(topology, division) * 1.0
+        smooth = ~topology.boundary_verts * 1.0 if rules is None else rules.smooth
+        safe = _new_verts(topology, push_back.at_valence3, division, smooth < 1)
+        share = _touches_valence3(topology, division, smooth)
+        share = share if rules is None else share * (1 - rules.edge)
         alpha = np.broadcast_to(np.asarray(push_back.alpha, dtype=np.float64), (topology.num_verts,))
         blend = share * (between @ alpha)
         pushed = diags_array(1 - share) @ pushed + diags_array(share - blend) @ odd + diags_array(blend) @ safe
     return old, csr_array(pushed)
 
 
-def _touches_valence3(topology: Topology, division: Division) -> np.ndarray:
-    at = np.zeros(division.num_new, dtype=bool)
+def _touches_valence3(topology: Topology, division: Division, smooth: np.ndarray) -> np.ndarray:
+    """(N,) the largest share of the smooth rule at ends of valence 3."""
+    share = np.zeros(division.num_new)
     ends = np.stack([topology.tail[division.inner], topology.head[division.inner]])
-    at[division.inner_place] = ((topology.valence[ends] == 3) & ~topology.boundary_verts[ends]).any(axis=0)
-    return at
+    share[division.inner_place] = np.where(topology.valence[ends] == 3, smooth[ends], 0.0).max(axis=0)
+    return share
 
 
 def linear_interpolation(topology: Topology, division: Division) -> csr_array:

@@ -15,6 +15,7 @@ from meshfit.mesh.topology import Topology
 from meshfit.specs import Value
 from meshfit.subdivision.assemble import assemble, vertex_attribute_carry
 from meshfit.subdivision.choose import scheme_of, unfit
+from meshfit.subdivision.creases import Creases, require_creases
 from meshfit.subdivision.curve_refine import refine_chains
 from meshfit.subdivision.curve_scheme import CurveScheme
 from meshfit.subdivision.refinement import CurveRefinement, Refinement
@@ -26,19 +27,22 @@ ParameterValue = Value | NDArray[Any]
 
 
 @overload
-def refine(topology: Topology, scheme: Scheme, levels: int = 1) -> Refinement: ...
+def refine(topology: Topology, scheme: Scheme, levels: int = 1, creases: Creases | None = None) -> Refinement: ...
 @overload
 def refine(topology: Chains, scheme: Scheme, levels: int = 1) -> CurveRefinement: ...
-def refine(topology: Topology | Chains, scheme: Scheme, levels: int = 1) -> Refinement | CurveRefinement:
+def refine(
+    topology: Topology | Chains, scheme: Scheme, levels: int = 1, creases: Creases | None = None
+) -> Refinement | CurveRefinement:
     """Lay down `levels` levels of a scheme.
 
     Args:
         topology: of a mesh; or the chains of curves, for a scheme on curves.
         scheme: one on what is refined.
         levels: how many times.
+        creases: sharp edges and corners of this topology, for loop, interp-loop and midpoint.
 
     Raises:
-        SchemeError: levels is negative, or the scheme refines something else.
+        SchemeError: levels is negative, the scheme refines something else, or it takes no creases.
         MeshError: the mesh is not an oriented manifold; a face, edge or vertex at fault is named. Or the curves branch.
     """
     if levels < 0:
@@ -51,29 +55,47 @@ def refine(topology: Topology | Chains, scheme: Scheme, levels: int = 1) -> Refi
         return refine_chains(topology, scheme, levels)
     if not isinstance(scheme, TriangleScheme):
         raise unfit(scheme, "triangles")
-    return _refine_triangles(topology, scheme, levels)
+    if creases is not None:
+        require_takes_creases(scheme)
+        require_creases(creases, topology)
+    return _refine_triangles(topology, scheme, levels, creases)
 
 
-def _refine_triangles(topology: Topology, scheme: TriangleScheme, levels: int) -> Refinement:
+def _refine_triangles(topology: Topology, scheme: TriangleScheme, levels: int, creases: Creases | None) -> Refinement:
     if levels:
         require_manifold(topology, "subdivision")
     num_coarse, operators = topology.num_verts, []
     for step in range(levels):
         division = divide(topology, scheme.split, step)
-        operators.append(assemble(topology, scheme, division))
+        operators.append(assemble(topology, scheme, division, creases))
         if scheme.push_back is not None and np.ndim(scheme.push_back.alpha):
             finer = vertex_attribute_carry(topology, division) @ np.asarray(scheme.push_back.alpha)
             scheme = replace(scheme, push_back=replace(scheme.push_back, alpha=finer))
         topology = Topology(topology.num_verts + division.num_new, division.faces)
-    return Refinement(num_coarse, tuple(operators), topology.faces)
+        creases = None if creases is None else creases.finer(topology.num_verts, topology.edges)
+    return Refinement(num_coarse, tuple(operators), topology.faces, creases)
 
 
 @overload
-def subdivide(mesh: Mesh, scheme: str | Scheme, levels: int = 1, **parameters: ParameterValue) -> Mesh: ...
-@overload
-def subdivide(mesh: Curves, scheme: str | Scheme, levels: int = 1, **parameters: ParameterValue) -> Curves: ...
 def subdivide(
-    mesh: Mesh | Curves, scheme: str | Scheme, levels: int = 1, **parameters: ParameterValue
+    mesh: Mesh,
+    scheme: str | Scheme,
+    levels: int = 1,
+    *,
+    creases: Creases | None = None,
+    **parameters: ParameterValue,
+) -> Mesh: ...
+@overload
+def subdivide(
+    mesh: Curves, scheme: str | Scheme, levels: int = 1, *, creases: None = None, **parameters: ParameterValue
+) -> Curves: ...
+def subdivide(
+    mesh: Mesh | Curves,
+    scheme: str | Scheme,
+    levels: int = 1,
+    *,
+    creases: Creases | None = None,
+    **parameters: ParameterValue,
 ) -> Mesh | Curves:
     """Refine a mesh, or curves, by some levels of a subdivision scheme.
 
@@ -83,6 +105,7 @@ def subdivide(
         levels: how many times; each makes 4 faces of one (√3 schemes: 3, and they refine the boundary at every second
             level, so that two levels at once differ from one and one more where there is a boundary), or 2 segments of
             one (ternary schemes: 3). The ends of open curves stay where they are.
+        creases: sharp edges and corners, for loop, interp-loop and midpoint; as `creases_by_angle` finds them.
         **parameters: of the scheme, in place of those in the spec. `alpha` may be a (V,) array of one value a vertex.
 
     Example:
@@ -94,14 +117,17 @@ def subdivide(
         16
 
     Raises:
-        SchemeError: no such scheme or parameter, a value that is not allowed, or a scheme that refines something else.
+        SchemeError: no such scheme or parameter, a value that is not allowed, or a scheme that refines something else
+            or takes no creases.
         MeshError: the mesh or the curves cannot be refined; an edge or vertex at fault is named.
     """
     declared = _declared(scheme, parameters)
     if isinstance(mesh, Curves):
         curves = refine(Chains.of(mesh), declared, levels)
         return Curves(curves(mesh.verts), curves.chains.corners, curves.chains.sizes, curves.chains.closed)
-    refinement = refine(Topology.of(mesh), declared, levels)
+    if creases is not None and isinstance(scheme, str):
+        require_takes_creases(declared, scheme)
+    refinement = refine(Topology.of(mesh), declared, levels, creases)
     return Mesh(refinement(mesh.verts), refinement.faces)
 
 
@@ -123,6 +149,20 @@ def _declared(scheme: str | Scheme, parameters: Mapping[str, ParameterValue]) ->
 
 def _plain(value: ParameterValue) -> Value:
     return value.item() if isinstance(value, np.ndarray | np.generic) else value
+
+
+def require_takes_creases(scheme: Scheme, name: str = "this scheme") -> None:
+    """Refuse a scheme whose rule along a curve is no rule for creases.
+
+    Args:
+        scheme: which.
+        name: what to call it.
+
+    Raises:
+        SchemeError: it takes none.
+    """
+    if not (isinstance(scheme, TriangleScheme) and scheme.takes_creases):
+        raise SchemeError(f"{name} takes no creases; loop, interp-loop and midpoint do")
 
 
 def _require_alphas(scheme: Scheme, num_verts: int) -> None:

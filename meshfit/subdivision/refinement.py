@@ -11,6 +11,7 @@ from scipy.sparse import csr_array, eye_array
 from meshfit.errors import MeshError
 from meshfit.mesh.curves import Chains
 from meshfit.mesh.mesh import Faces
+from meshfit.subdivision.creases import Creases
 
 if TYPE_CHECKING:
     import torch
@@ -69,9 +70,11 @@ class Refinement(Operators):
 
     Attributes:
         faces: (F', 3) the finest faces.
+        creases: what is left of the creases on the finest level, if there were any.
     """
 
     faces: Faces
+    creases: Creases | None = None
 
 
 @dataclass(frozen=True, eq=False)

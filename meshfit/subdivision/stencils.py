@@ -27,7 +27,8 @@ class Rows:
     def add_curve(self, rows: Indices, along: dict[int, Indices], weights: Mapping[int, Fraction]) -> None:
         """Weights by offset along a boundary; `along` gives the vertex at each offset."""
         for offset, weight in weights.items():
-            self.add(rows, along[offset], weight)
+            if weight:
+                self.add(rows, along[offset], weight)
 
     def operator(self, num_rows: int) -> csr_array:
         """The rows as a sparse (num_rows, V) matrix in float64."""

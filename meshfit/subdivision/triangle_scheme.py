@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from enum import Enum
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from meshfit.errors import SchemeError
@@ -38,7 +39,14 @@ class PushBack:
         alpha = self.alpha
         low, high = (alpha, alpha) if isinstance(alpha, float | int) else (alpha.min(initial=1), alpha.max(initial=0))
         if not (low >= 0 and high <= 1):
-            raise SchemeError("alpha is not allowed: all its values must lie from 0 to 1")
+            raise SchemeError(f"alpha is not allowed: all its values must lie from 0 to 1{_first_outside(alpha)}")
+
+
+def _first_outside(alpha: "float | NDArray[np.float64]") -> str:
+    if isinstance(alpha, float | int):
+        return f"; found {alpha:g}"
+    vert = int((~((alpha >= 0) & (alpha <= 1))).argmax())
+    return f"; vertex {vert} has {alpha.flat[vert]:g}"
 
 
 @dataclass(frozen=True)
@@ -61,6 +69,18 @@ class TriangleScheme:
     spokes: SpokeMask | None = None
     push_back: PushBack | None = None
 
+    @property
+    def takes_creases(self) -> bool:
+        """Whether the rule along its boundary can be that along a crease: halves, between the ends of an edge alone."""
+        vert, (inserted, *others) = self.boundary.vert, self.boundary.inserted
+        ends = {offset: weight for offset, weight in inserted.items() if weight}
+        return (
+            self.split is Split.QUADRISECT
+            and not others
+            and ends == {0: Fraction(1, 2), 1: Fraction(1, 2)}
+            and vert.get(-1, 0) == vert.get(1, 0)
+        )
+
     def with_alpha(self, alpha: "float | NDArray[np.float64]") -> "TriangleScheme":
         """The same scheme with another α of its push-back.
 
@@ -68,5 +88,5 @@ class TriangleScheme:
             SchemeError: the scheme has none.
         """
         if self.push_back is None:
-            raise SchemeError("this scheme has no parameter alpha; interp-loop has")
+            raise SchemeError("this scheme has no parameter alpha; interp-loop and others have")
         return replace(self, push_back=replace(self.push_back, alpha=alpha))

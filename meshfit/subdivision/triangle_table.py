@@ -78,6 +78,11 @@ def _sqrt3() -> TriangleScheme:
     return TriangleScheme(Split.SQRT3, FaceMask(Fraction(1, 3)), TERNARY_BSPLINE, vert=VertMask(_sqrt3_ring))
 
 
+def _lin_luo_sqrt3(alpha: float) -> TriangleScheme:
+    base = _sqrt3()
+    return TriangleScheme(base.split, base.inserted, base.boundary, base.vert, push_back=PushBack(alpha))
+
+
 def _interp_sqrt3() -> TriangleScheme:
     mask = FaceMask(Fraction(32, 81), across=Fraction(-1, 81), wing=Fraction(-2, 81))
     return TriangleScheme(Split.SQRT3, mask, TERNARY_FOUR_POINT, spokes=SpokeMask(_labsik_greiner_spokes))
@@ -142,6 +147,15 @@ TRIANGLE_SCHEMES: dict[str, SchemeEntry] = {
     ),
     "sqrt3": SchemeEntry(
         "√3", "triangles", "approximating", "C2, C1 at extraordinary vertices", "Kobbelt 2000", _sqrt3, {}
+    ),
+    "lin-luo-sqrt3": SchemeEntry(
+        "unified √3",
+        "triangles",
+        "interpolatory",
+        "C1 for 0 < alpha <= 1; at valence 3 only for alpha < 0.799",
+        "√3 displaced back, after Lin and Luo 2007",
+        _lin_luo_sqrt3,
+        {"alpha": Parameter(1.0, (0.0, 1.0), "from Kobbelt's √3 (0) to interpolatory (1)")},
     ),
     "interp-sqrt3": SchemeEntry(
         "interpolatory √3",

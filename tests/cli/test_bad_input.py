@@ -68,7 +68,7 @@ BAD_SUBDIVISIONS = {
     ("solid.ply", "out.ply", "-s", "lop"): "error: 'lop' is not a scheme: did you mean 'loop'?",
     ("solid.ply", "out.ply", "--alpha", "1"): "error: scheme 'loop' has no parameter 'alpha': allowed: weights",
     ("solid.ply", "out.ply", "-s", "interp-loop", "--alpha", "2"): "error: interp-loop: alpha=2.0 is not allowed: ",
-    ("solid.ply", "out.ply", "-s", "interp-loop", "--alpha", "x"): "error: Invalid value for '--alpha'",
+    ("solid.ply", "out.ply", "-s", "interp-loop", "--alpha", "x"): "error: --alpha: 'x' is no number, no file",
     ("solid.ply", "out.ply", "--weights", "best"): "error: loop: weights=best is not allowed: ",
 }
 

@@ -157,6 +157,7 @@ BOUNDARIES = {
     "midpoint": "four-point:tension=0",
     "sqrt3": "ternary-bspline",
     "interp-sqrt3": "ternary-four-point",
+    "lin-luo-sqrt3": "ternary-four-point",
 }
 
 

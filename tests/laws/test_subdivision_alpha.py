@@ -81,6 +81,32 @@ def test_alpha_of_an_inserted_vertex_is_the_mean_of_the_ends_of_its_edge(make, o
     np.testing.assert_allclose(at_once.verts, twice.verts, rtol=0, atol=1e-14)
 
 
+@anywhere
+@pytest.mark.parametrize("levels", [1, 2, 3])
+def test_unified_sqrt3_takes_an_alpha_for_each_vertex_too(make, levels):
+    """Verts of α = 1 stay; one α for all equals an array of it, also where the boundary is trisected."""
+    mesh = make()
+    alphas = np.random.default_rng(2).integers(2, size=mesh.num_verts).astype(np.float64)
+    fine = subdivide(mesh, "lin-luo-sqrt3", levels, alpha=alphas).verts[: mesh.num_verts]
+    moves = ~Topology.of(mesh).boundary_verts | (levels > 1)
+    assert np.array_equal((fine == mesh.verts).all(axis=1), (alphas == 1) | ~moves)
+    even = subdivide(mesh, "lin-luo-sqrt3", levels, alpha=np.full(mesh.num_verts, 0.3))
+    np.testing.assert_allclose(even.verts, subdivide(mesh, "lin-luo-sqrt3:alpha=0.3", levels).verts, atol=1e-14)
+
+
+@anywhere
+def test_alpha_of_a_vertex_in_a_face_is_the_mean_of_its_corners(make):
+    mesh = make()
+    alphas = np.random.default_rng(3).random(mesh.num_verts)
+    once = subdivide(mesh, "lin-luo-sqrt3", 1, alpha=alphas)
+    twice = subdivide(mesh, "lin-luo-sqrt3", 2, alpha=alphas)
+    finer = np.concatenate([alphas, alphas[mesh.faces].mean(axis=1)])
+    second = refine(Topology.of(once), scheme_of("lin-luo-sqrt3").with_alpha(finer), 2).operators[0] @ once.verts
+    inner = ~Topology.of(once).boundary_verts
+    # On its own the second step leaves the boundary alone, so only verts off it are compared.
+    np.testing.assert_allclose(twice.verts[: once.num_verts][inner], second[: once.num_verts][inner], atol=1e-14)
+
+
 def limit_restoring_shift(mesh: Mesh, ring_weight) -> np.ndarray:
     """(V, V) each vertex moved, the others left, such that its own Loop limit is where it was."""
     topology = Topology.of(mesh)

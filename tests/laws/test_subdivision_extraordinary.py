@@ -42,6 +42,7 @@ def kobbelt_beta(n: int) -> float:
         ("loop", loop_beta),
         ("loop:weights=warren", warren_beta),
         ("sqrt3", kobbelt_beta),
+        ("lin-luo-sqrt3:alpha=0.25", lambda n: 0.75 * kobbelt_beta(n)),
         ("interp-loop:alpha=0.25", lambda n: 0.75 * loop_beta(n)),
         ("interp-loop:alpha=0.5,weights=warren", lambda n: 0.5 * warren_beta(n)),
     ],

@@ -85,6 +85,8 @@ EDGE_RULES = {
 }
 FACE_RULES = {
     "sqrt3": {"corner": Fraction(1, 3)},
+    "lin-luo-sqrt3": {"corner": Fraction(11, 27), "across": Fraction(-1, 27), "wing": Fraction(-1, 54)},
+    "lin-luo-sqrt3:alpha=0.5": {"corner": Fraction(10, 27), "across": Fraction(-1, 54), "wing": Fraction(-1, 108)},
     "interp-sqrt3": {"corner": Fraction(32, 81), "across": Fraction(-1, 81), "wing": Fraction(-2, 81)},
 }
 # Centre, and each of the six neighbours.
@@ -95,6 +97,8 @@ VERT_RULES = {
     "interp-loop:alpha=0.25": (Fraction(23, 32), Fraction(3, 64)),
     "interp-loop": (Fraction(1), Fraction(0)),
     "sqrt3": (Fraction(2, 3), Fraction(1, 18)),
+    "lin-luo-sqrt3": (Fraction(1), Fraction(0)),
+    "lin-luo-sqrt3:alpha=0.5": (Fraction(5, 6), Fraction(1, 36)),
     "interp-sqrt3": (Fraction(1), Fraction(0)),
 }
 
@@ -140,6 +144,8 @@ CURVES = {
     "butterfly:tension=0.03125": ((0, 1, 0), [(-1, 17, 17, -1)]),
     "modified-butterfly": ((0, 1, 0), [(-1, 9, 9, -1)]),
     "sqrt3": ((4, 19, 4), [(1, 16, 10, 0), (0, 10, 16, 1)]),
+    "lin-luo-sqrt3": ((0, 1, 0), [(-5, 60, 30, -4), (-4, 30, 60, -5)]),
+    "lin-luo-sqrt3:alpha=0.5": ((4, 46, 4), [(-2, 108, 60, -4), (-4, 60, 108, -2)]),
     "interp-sqrt3": ((0, 1, 0), [(-5, 60, 30, -4), (-4, 30, 60, -5)]),
 }
 

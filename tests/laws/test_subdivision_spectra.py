@@ -124,6 +124,21 @@ TABLES = {
         8: (0.379, 0.222),
         12: (0.415, 0.333),
     },
+    "lin-luo-sqrt3": {
+        4: (0.240, 0.133),
+        5: (0.301, 0.134),
+        6: (0.333, 0.160),
+        7: (0.352, 0.192),
+        8: (0.363, 0.240),
+        12: (0.383, 0.333),
+    },
+    "lin-luo-sqrt3:alpha=0.5": {
+        3: (0.111, 0.078),
+        4: (0.231, 0.089),
+        5: (0.296, 0.096),
+        7: (0.356, 0.180),
+        12: (0.399, 0.333),
+    },
     "interp-sqrt3": {3: (0.111, 0.020), 5: (0.291, 0.085), 6: (0.333, 0.180), 7: (0.361, 0.130), 12: (0.415, 0.172)},
 }
 CASES = [(spec, n) for spec, table in TABLES.items() for n in table]
@@ -132,7 +147,7 @@ CASES = [(spec, n) for spec, table in TABLES.items() for n in table]
 @pytest.mark.parametrize(("spec", "n"), CASES)
 def test_leading_eigenvalues(spec, n):
     leading, rest = TABLES[spec][n]
-    rings = 3 if spec == "interp-sqrt3" else 2
+    rings = 3 if spec == "interp-sqrt3" or "lin-luo" in spec else 2
     matrix = local_matrix(n, spec, rings)
     found = moduli(matrix)
     np.testing.assert_allclose(found[:4], [1, leading, leading, rest], rtol=0, atol=6e-4)
@@ -178,6 +193,15 @@ def test_interpolatory_loop_fails_at_valence_3_from_alpha_0_8636_on():
         leading, second = moduli(mode_block(matrix, 3, 1))[0], moduli(mode_block(matrix, 3, 0))[1]
         assert np.isclose(leading, 0.25, atol=1e-6)
         assert (second < 0.25) == smooth
+
+
+def test_unified_sqrt3_fails_at_valence_3_from_alpha_0_7992_on():
+    """Of two steps: a pair of the radial mode outgrows the leading 1/9, which α leaves alone."""
+    for alpha, smooth in ((0, True), (0.5, True), (0.799, True), (0.7995, False), (0.9, False), (1, False)):
+        matrix = local_matrix(3, f"lin-luo-sqrt3:alpha={alpha}", 3)
+        leading, second = moduli(mode_block(matrix, 3, 1, 3))[0], moduli(mode_block(matrix, 3, 0, 3))[1]
+        assert np.isclose(leading, 1 / 9, atol=1e-9)
+        assert (second < 1 / 9) == smooth
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ VARIANTS = (
     "butterfly:tension=0",
     "butterfly:tension=0.03",
     "butterfly:tension=0.125",
+    "lin-luo-sqrt3:alpha=0.5",
 )
 QUADRISECTING = tuple(spec for spec in VARIANTS if scheme_of(spec).split is Split.QUADRISECT)
 SQRT3 = tuple(spec for spec in VARIANTS if spec not in QUADRISECTING)
@@ -34,6 +35,7 @@ INTERPOLATORY = (
     "butterfly:tension=0.03",
     "butterfly:tension=0.125",
     "modified-butterfly",
+    "lin-luo-sqrt3",
     "interp-sqrt3",
 )
 

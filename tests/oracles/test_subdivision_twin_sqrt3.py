@@ -49,7 +49,7 @@ def beyond_neighbour(walk: Walk, x: int, y: int) -> list[np.ndarray]:
     return [px + py - po, 2 * px - po, 2 * py - po]
 
 
-def interpolatory_face(walk: Walk, face: tuple[int, ...]) -> np.ndarray:
+def interpolatory_face(walk: Walk, face: tuple[int, ...], step: int) -> np.ndarray:
     a, b, c = face
     corners = [(v, first) for v, first in ((a, b), (b, c), (c, a)) if walk.is_extraordinary(v)]
     if corners:
@@ -60,7 +60,7 @@ def interpolatory_face(walk: Walk, face: tuple[int, ...]) -> np.ndarray:
     return point
 
 
-def kobbelt_face(walk: Walk, face: tuple[int, ...]) -> np.ndarray:
+def kobbelt_face(walk: Walk, face: tuple[int, ...], step: int) -> np.ndarray:
     return sum(walk.points[v] for v in face) / 3
 
 
@@ -72,6 +72,24 @@ def kobbelt_vertex(walk: Walk, v: int, step: int) -> np.ndarray:
     if step % 2 == 0:
         return walk.points[v]
     return (4 * walk.points[walk.back[v]] + 19 * walk.points[v] + 4 * walk.points[walk.rim[v]]) / 27
+
+
+def unified(alpha: float):
+    """Lin and Luo: what Kobbelt's rule takes from a vertex, α times it given back, and to new verts the mean of that.
+
+    On a rim (1, 16, 10) / 27 gets two thirds of the nearer and one third of the farther displacement.
+    """
+
+    def displacement(walk: Walk, v: int, step: int) -> np.ndarray:
+        return walk.points[v] - kobbelt_vertex(walk, v, step)
+
+    def face_rule(walk: Walk, face: tuple[int, ...], step: int) -> np.ndarray:
+        return kobbelt_face(walk, face, step) + alpha * sum(displacement(walk, v, step) for v in face) / 3
+
+    def vertex_rule(walk: Walk, v: int, step: int) -> np.ndarray:
+        return kobbelt_vertex(walk, v, step) + alpha * displacement(walk, v, step)
+
+    return face_rule, vertex_rule, np.array([3 - 8 * alpha, 48 + 12 * alpha, 30, -4 * alpha]) / 81
 
 
 def refined_once(mesh: Mesh, step: int, face_rule, vertex_rule, thirds) -> tuple[np.ndarray, list[tuple[int, ...]]]:
@@ -92,7 +110,7 @@ def refined_once(mesh: Mesh, step: int, face_rule, vertex_rule, thirds) -> tuple
             faces.append((near, far, apex))
         else:
             beside |= dict.fromkeys(sides, len(points))
-            points.append(face_rule(walk, face))
+            points.append(face_rule(walk, face, step))
             faces += [(*side, beside[side]) for side in rim]
     for a, b in walk.edges():
         if (b, a) in walk.apex:
@@ -103,6 +121,8 @@ def refined_once(mesh: Mesh, step: int, face_rule, vertex_rule, thirds) -> tuple
 
 RULES = {
     "sqrt3": (kobbelt_face, kobbelt_vertex, [1 / 27, 16 / 27, 10 / 27, 0]),
+    "lin-luo-sqrt3": unified(1),
+    "lin-luo-sqrt3:alpha=0.3": unified(0.3),
     "interp-sqrt3": (
         interpolatory_face,
         lambda walk, v, step: walk.points[v],

@@ -13,6 +13,12 @@ RANGES = {
     "source.levels": (["0", "8"], ["-1", "9", "1.0", "null"]),
     "source.radius": (["1e-9", "2", "null"], ["0", "-1"]),
     "source.centre": (["[0, 1, 2.5]", "null"], ["[0, 0]", "[0, 0, 0, 0]", "0", "[0, 0, x]"]),
+    "source.creases": (
+        ["null", "{angle: 30}", "{angle: 180, sharpness: 0}", "{file: edges.txt, sharpness: 1.5}"],
+        ["30", "edges.txt", "{}", "{angle: 30, file: a}", "{sharpness: 1}", "{angle: 0}", "{angle: 181}", "[30]"],
+    ),
+    "source.creases.angle": (["1e-3", "180"], ["0", "-1", "180.5", ".nan"]),
+    "source.alpha": (["null", "{file: a.txt}", "{attribute: alpha}"], ["0.5", "{}", "{file: a, attribute: b}"]),
     "source.project": (["none", "sphere"], ["Sphere", "null"]),
     "source.mesh": (["cube"], ["5", "null"]),
     "targets": (["[cow]"], ["[]", "cow", "[1]", "[cow, cow]", "null"]),
@@ -120,6 +126,10 @@ SAID = [
     ("fit.losses.egde", "3", ": no such key: did you mean 'edge'? allowed: chamfer, normal, edge"),
     ("seed", "3", ": no such key: did you mean 'seeds'? allowed: targets, schemes"),
     ("1", "3", ": no such key: allowed: targets"),
+    ("source.creases", "30", ": found 30; a mapping of keys to values is needed"),
+    ("source.creases", "{}", ": found neither; either angle or file is needed"),
+    ("source.creases.angel", "30", ": no such key: did you mean 'angle'? allowed: angle, file, sharpness"),
+    ("source.alpha", "{file: a, attribute: b}", ": found both; either file or attribute is needed"),
 ]
 
 

@@ -68,9 +68,11 @@ def is_number(value):
 # Whether a value breaks a rule, by the rule's word; words that pydantic does not use yet are missing on purpose.
 BREAKS = {
     "type": lambda value, rule, _: not isinstance(value, KINDS[rule]) or isinstance(value, bool),
-    "properties": lambda value, rule, _: any(faulty(value[key], rule.get(key, {})) for key in value),
+    "properties": lambda value, rule, _: (
+        isinstance(value, dict) and any(faulty(value[key], rule.get(key, {})) for key in value)
+    ),
     "additionalProperties": lambda value, rule, beside: (
-        rule is False and not value.keys() <= beside["properties"].keys()
+        rule is False and isinstance(value, dict) and not value.keys() <= beside["properties"].keys()
     ),
     "items": lambda value, rule, _: any(faulty(entry, rule) for entry in value),
     "anyOf": lambda value, rule, _: all(faulty(value, option) for option in rule),

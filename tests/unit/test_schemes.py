@@ -89,7 +89,7 @@ def test_with_alpha_leaves_the_scheme_it_came_from():
     other = scheme.with_alpha(0.25)
     assert (scheme.push_back.alpha, other.push_back.alpha) == (0.5, 0.25)
     assert other.push_back.at_valence3 is scheme.push_back.at_valence3
-    with pytest.raises(SchemeError, match="no parameter alpha; interp-loop has"):
+    with pytest.raises(SchemeError, match="no parameter alpha; interp-loop and others have"):
         scheme_of("loop").with_alpha(0.5)
 
 
