@@ -3,7 +3,7 @@
 import json
 import textwrap
 from collections.abc import Callable, Mapping
-from typing import Any, TypeVar, get_args
+from typing import Annotated, Any, TypeGuard, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, Tag, ValidationError
 from pydantic_core import ErrorDetails
@@ -148,25 +148,39 @@ def _plain(value: Any) -> Any:  # noqa: ANN401  numpy scalars and paths, from Py
 
 def _followed(model: type[BaseModel], path: Key) -> tuple[Key, list[str]]:
     """Where an error is, without the tags by which pydantic tells models apart, and the keys that may stand there."""
+    if path[-1:] == (_NAME_OF_KEY,):
+        path = path[:-1]
     shown: list[str | int] = []
-    models: dict[str, type[BaseModel]] = {_PLAIN: model}
+    kind: Any = model
     for part in path[:-1]:
-        if _PLAIN not in models and part in models:
-            models = {_PLAIN: models[str(part)]}
+        tagged = _tagged(kind)
+        if part in tagged:
+            kind = tagged[str(part)]
             continue
         shown.append(part)
-        models = _models_at(models[_PLAIN], part) if _PLAIN in models else {}
-    last = path[-1:] if _PLAIN in models or path[-1] not in models else ()
-    return (*shown, *last), list(models[_PLAIN].model_fields) if _PLAIN in models else []
+        kind = _kind_at(kind, part)
+    last = () if set(path[-1:]) & _tagged(kind).keys() else path[-1:]
+    return (*shown, *last), list(kind.model_fields) if _is_model(kind) else []
 
 
-_PLAIN = ""
+# By which pydantic tells that a mapping's key is at fault, and not the value.
+_NAME_OF_KEY = "[key]"
 
 
-def _models_at(model: type[BaseModel], key: str | int) -> dict[str, type[BaseModel]]:
-    """The models that the value of a key may be of, by tag."""
-    kind = model.model_fields[key].annotation if key in model.model_fields else None
-    if isinstance(kind, type) and issubclass(kind, BaseModel):
-        return {_PLAIN: kind}
-    tagged = [get_args(part) for part in get_args(kind)]
+def _is_model(kind: Any) -> TypeGuard[type[BaseModel]]:  # noqa: ANN401  any annotation
+    return isinstance(kind, type) and issubclass(kind, BaseModel)
+
+
+def _kind_at(kind: Any, key: str | int) -> Any:  # noqa: ANN401  any annotation
+    """The type of the value at a key."""
+    if _is_model(kind):
+        return kind.model_fields[key].annotation if key in kind.model_fields else None
+    return get_args(kind)[1] if get_origin(kind) is dict else None
+
+
+def _tagged(kind: Any) -> dict[str, type[BaseModel]]:  # noqa: ANN401  any annotation
+    """The models that a value may be of, by tag, where there are several."""
+    if get_origin(kind) is Annotated:
+        kind = get_args(kind)[0]
+    tagged = [get_args(part) for part in get_args(kind) if get_origin(part) is Annotated]
     return {part[1].tag: part[0] for part in tagged if len(part) == 2 and isinstance(part[1], Tag)}

@@ -3,13 +3,21 @@
 import json
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, ValidationError, ValidatorFunctionWrapHandler, WrapValidator
+from pydantic import (
+    AfterValidator,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+)
 
 from meshfit.errors import SchemeError
 from meshfit.fitting.settings import Dtype, FirstOrderSettings, FitSettings
 from meshfit.measuring.settings import MeasureSettings
 from meshfit.settings import Settings
-from meshfit.subdivision.choose import canonical
+from meshfit.subdivision.catalogue import Definitions, catalogue_of
+from meshfit.subdivision.choose import Catalogue, canonical
 
 
 def _unique(values: tuple[object, ...]) -> tuple[object, ...]:
@@ -27,9 +35,12 @@ def _count(value: Any, validate: ValidatorFunctionWrapHandler) -> Any:  # noqa: 
         raise ValueError(f"found {json.dumps(value, default=str)}; auto or an integer from 1 on is needed") from None
 
 
-def _canonical_scheme(text: str) -> str:
+def _canonical_scheme(text: str, info: ValidationInfo) -> str:
+    """Checked after `define`, which stands before `schemes` for that reason; where it is at fault, that is told."""
+    if "define" not in info.data:
+        return text
     try:
-        return canonical(text)
+        return canonical(text, catalogue_of(info.data["define"]))
     except SchemeError as error:
         raise ValueError(str(error)) from None
 
@@ -68,8 +79,13 @@ class ExperimentSettings(Settings):
 
     targets: Annotated[tuple[str, ...], *Listed] = ("bunny", "mousehead")
     """Named targets (see `meshfit targets`) or paths of mesh files, relative to this file."""
+    define: Definitions = Field(default_factory=dict)
+    """Schemes of your own by name, which `schemes` may then list: by their masks, such as `my-loop: {edge: {end: 3/8,
+    opposite: 1/8}, vertex: 5/8 - (3/8 + cos(2*pi/n)/4)^2, boundary: cubic-bspline}`, or as a push-back of another
+    scheme towards interpolation, such as `softer: {base: loop, alpha: 0.5}`."""
     schemes: Annotated[tuple[SchemeSpec, ...], *Listed] = ("loop", "interp-loop")
-    """Subdivision schemes (see `meshfit schemes`), with parameters as in `interp-loop:alpha=0.5`."""
+    """Subdivision schemes (see `meshfit schemes`), with parameters as in `interp-loop:alpha=0.5`; names in `define`, or
+    paths of files that hold such a definition, relative to this file."""
     seeds: Annotated[tuple[Annotated[int, Field(ge=0, lt=2**32)], ...], *Listed] = (0,)
     """Seeds of the samples; table cells are means over them."""
     normalise: Literal["tutorial", "box", "none"] = "tutorial"
@@ -97,6 +113,11 @@ class ExperimentSettings(Settings):
     sweep: dict[str, Any] = Field(default_factory=dict)
     """Settings to vary, each combination a row of the table: `fit.losses.edge: [0.1, 1.0]` for a grid; under `zip`,
     lists that go in step; under `variants`, names with the settings that each of them changes."""
+
+    @property
+    def catalogue(self) -> Catalogue:
+        """The schemes that there are for it: those of the table and those that it defines."""
+        return catalogue_of(self.define)
 
     def __hash__(self) -> int:
         """Of its JSON text: a sweep is plain data, which has no hash."""

@@ -1,0 +1,112 @@
+"""The schemes that there are: those of the table, and beside them the user's own."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Annotated
+
+from pydantic import AfterValidator, Field
+
+from meshfit.errors import SchemeError
+from meshfit.settings import Settings
+from meshfit.subdivision.choose import Catalogue, entry_of, scheme_of, spec_of
+from meshfit.subdivision.definition import Definition, PushBackDefinition
+from meshfit.subdivision.formulas import fault
+from meshfit.subdivision.masks import CHECKED_VALENCES
+from meshfit.subdivision.scheme import Kind, Parameter, Scheme, SchemeEntry
+from meshfit.subdivision.table import SCHEMES
+from meshfit.subdivision.triangle_scheme import PushBack, TriangleScheme
+
+_NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
+_LONGEST_NAME = 60
+_CONTINUITY, _SOURCE = "not known", "a definition of your own"
+
+
+def _name(name: str) -> str:
+    """A name that neither folders nor specs nor the table of schemes can take for something else."""
+    if not _NAME.fullmatch(name):
+        raise ValueError("no name for a scheme: small letters, digits and single hyphens are allowed, as in my-loop")
+    if len(name) > _LONGEST_NAME:
+        raise ValueError(f"a name of {len(name)} characters; {_LONGEST_NAME} are allowed")
+    if name in SCHEMES:
+        raise ValueError("the name of a scheme that comes with meshfit; choose another")
+    return name
+
+
+def _resolvable(definitions: dict[str, Definition]) -> dict[str, Definition]:
+    for name, definition in definitions.items():
+        try:
+            _entry(name, definition, definitions)
+        except SchemeError as error:
+            raise fault((name, "base"), str(error)) from None
+    return definitions
+
+
+Definitions = Annotated[dict[Annotated[str, AfterValidator(_name)], Definition], AfterValidator(_resolvable)]
+"""Schemes of the user's own, by name."""
+
+
+class OwnSchemes(Settings):
+    """Schemes of the user's own, where there are no other settings."""
+
+    define: Definitions = Field(default_factory=dict)
+    """By name."""
+
+
+def catalogue_of(definitions: Mapping[str, Definition]) -> Catalogue:
+    """The table of schemes, with definitions beside it.
+
+    Raises:
+        SchemeError: the base of a definition is no scheme that can be pushed back.
+    """
+    return {**SCHEMES, **{name: _entry(name, own, definitions) for name, own in definitions.items()}}
+
+
+def needed_for(scheme: str, definitions: Mapping[str, Definition]) -> dict[str, Definition]:
+    """Those of some definitions that a scheme's spec hangs on: its own, and that of its base."""
+    found: dict[str, Definition] = {}
+    name = spec_of(scheme).name
+    while name in definitions and name not in found:
+        found[name] = definitions[name]
+        definition = definitions[name]
+        if isinstance(definition, PushBackDefinition):
+            name = spec_of(definition.base).name
+    return found
+
+
+def _entry(name: str, definition: Definition, definitions: Mapping[str, Definition]) -> SchemeEntry:
+    if not isinstance(definition, PushBackDefinition):
+        kind: Kind = "interpolatory" if _keeps_old_verts(definition.scheme()) else "approximating"
+        return SchemeEntry(name, "triangles", kind, _CONTINUITY, _SOURCE, definition.scheme, {})
+    base, entry = _base(name, definition.base, definitions)
+    kind = "interpolatory" if definition.alpha == 1 else entry.kind
+    alpha = Parameter(definition.alpha, (0.0, 1.0), f"from {definition.base} (0) to interpolatory (1)")
+    declare = partial(_pushed_back, base)
+    return SchemeEntry(name, entry.domain, kind, _CONTINUITY, _SOURCE, declare, {"alpha": alpha})
+
+
+def _base(name: str, base: str, definitions: Mapping[str, Definition]) -> tuple[Scheme, SchemeEntry]:
+    """The scheme that is pushed back, and its entry."""
+    own = spec_of(base).name
+    catalogue = SCHEMES
+    if own in definitions:
+        if isinstance(definitions[own], PushBackDefinition):
+            what = "the definition itself" if own == name else "a push-back too"
+            raise SchemeError(f"'{base}' is {what}; a scheme of masks alone is needed")
+        catalogue = {**SCHEMES, own: _entry(own, definitions[own], definitions)}
+    scheme, entry = scheme_of(base, catalogue), entry_of(own, catalogue)
+    if not hasattr(scheme, "push_back"):
+        raise SchemeError(f"'{base}', a scheme on {entry.domain}, cannot be pushed back")
+    if scheme.push_back is not None:
+        raise SchemeError(f"'{base}' is pushed back already; a scheme of masks alone is needed")
+    return scheme, entry
+
+
+def _pushed_back(base: Scheme, alpha: float) -> Scheme:
+    return replace(base, push_back=PushBack(alpha))
+
+
+def _keeps_old_verts(scheme: TriangleScheme) -> bool:
+    inner = scheme.vert is None or not any(scheme.vert.ring(valence) for valence in CHECKED_VALENCES)
+    return inner and {offset for offset, weight in scheme.boundary.vert.items() if weight} == {0}
