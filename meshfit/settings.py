@@ -47,7 +47,7 @@ def build(model: type[Model], data: Mapping[str, Any], where: Callable[[Key], st
         # By way of JSON, where strictness still takes a list for a tuple and 1 for 1.0, but no "1" and no true.
         return model.model_validate_json(json.dumps(data, default=_plain))
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
+        first = _first(error.errors(include_url=False))
         first["loc"], keys = _followed(model, first["loc"])
         if first["type"] == "union_tag_invalid":
             first["loc"] = (*first["loc"], TAG)
@@ -100,6 +100,13 @@ def dotted(key: Key) -> str:
     for part in key:
         text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
     return text
+
+
+def _first(errors: list[ErrorDetails]) -> ErrorDetails:
+    """The error to tell of: a key that is misspelt rather than that the right one is missing."""
+    first = errors[0]
+    beside = [one for one in errors if one["type"] == "extra_forbidden" and one["loc"][:-1] == first["loc"][:-1]]
+    return beside[0] if beside and first["type"] == "missing" else first
 
 
 def _describe(error: ErrorDetails, allowed: list[str]) -> str:

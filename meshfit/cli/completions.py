@@ -20,10 +20,11 @@ def configs(incomplete: str) -> Completions:
 
 
 def schemes(incomplete: str) -> Completions:
-    """Subdivision schemes."""
+    """Subdivision schemes, and YAML files, which may define one."""
     from meshfit.subdivision.table import SCHEMES
 
-    return _named({name: f"{entry.title}, {entry.kind}" for name, entry in SCHEMES.items()}, incomplete)
+    named = _named({name: f"{entry.title}, {entry.kind}" for name, entry in SCHEMES.items()}, incomplete)
+    return named + _files(incomplete, CONFIG_SUFFIXES)
 
 
 def targets(incomplete: str) -> Completions:

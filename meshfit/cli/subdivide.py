@@ -7,6 +7,7 @@ import typer
 
 from meshfit.cli import completions
 from meshfit.cli.console import out
+from meshfit.cli.options import DefinedIn
 
 _PARAMETERS = "Parameters of schemes"
 
@@ -27,11 +28,12 @@ def subdivide(
         typer.Option(
             "--scheme",
             "-s",
-            help="Subdivision scheme; see `meshfit schemes`.",
+            help="Subdivision scheme; see `meshfit schemes`. Or a file that defines one.",
             metavar="SCHEME",
             autocompletion=completions.schemes,
         ),
     ] = "loop",
+    config: DefinedIn = None,
     levels: Annotated[
         int, typer.Option("--levels", "-n", min=0, max=10, help="How many times, 0 to 10.", metavar="N")
     ] = 1,
@@ -39,7 +41,7 @@ def subdivide(
         float | None,
         typer.Option(
             "--alpha",
-            help="For interp-loop: from 0, Loop, to 1, interpolatory.",
+            help="For interp-loop and push-backs: from 0, Loop or the base, to 1, interpolatory.",
             metavar="A",
             rich_help_panel=_PARAMETERS,
         ),
@@ -70,13 +72,19 @@ def subdivide(
         meshfit subdivide head.obj fine.ply --scheme interp-loop --levels 2
 
         meshfit subdivide head.obj fine.obj -s interp-loop --alpha 0.5
+
+        meshfit subdivide head.obj fine.obj -s my-scheme.yaml
     """
+    from meshfit.config.load import defined_in
+    from meshfit.config.scheme_files import adopted
     from meshfit.mesh.files import save_mesh
     from meshfit.mesh.targets import load_target
+    from meshfit.subdivision.catalogue import catalogue_of
     from meshfit.subdivision.choose import scheme_of
     from meshfit.subdivision.refine import subdivide as refined
 
-    declared = scheme_of(scheme, alpha=alpha, weights=weights, tension=tension, valence3=valence3)
+    (spec,), own = adopted([scheme], defined_in(config))
+    declared = scheme_of(spec, catalogue_of(own), alpha=alpha, weights=weights, tension=tension, valence3=valence3)
     mesh = load_target(source)
     finer = refined(mesh, declared, levels)
     save_mesh(finer, destination)

@@ -17,7 +17,7 @@ from meshfit.fitting.settings import Dtype, FirstOrderSettings, FitSettings
 from meshfit.measuring.settings import MeasureSettings
 from meshfit.settings import Settings
 from meshfit.subdivision.catalogue import Definitions, catalogue_of
-from meshfit.subdivision.choose import Catalogue, canonical
+from meshfit.subdivision.choose import canonical
 
 
 def _unique(values: tuple[object, ...]) -> tuple[object, ...]:
@@ -113,11 +113,6 @@ class ExperimentSettings(Settings):
     sweep: dict[str, Any] = Field(default_factory=dict)
     """Settings to vary, each combination a row of the table: `fit.losses.edge: [0.1, 1.0]` for a grid; under `zip`,
     lists that go in step; under `variants`, names with the settings that each of them changes."""
-
-    @property
-    def catalogue(self) -> Catalogue:
-        """The schemes that there are for it: those of the table and those that it defines."""
-        return catalogue_of(self.define)
 
     def __hash__(self) -> int:
         """Of its JSON text: a sweep is plain data, which has no hash."""

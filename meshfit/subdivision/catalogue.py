@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated
 
@@ -20,7 +20,7 @@ from meshfit.subdivision.triangle_scheme import PushBack, TriangleScheme
 
 _NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
 _LONGEST_NAME = 60
-_CONTINUITY, _SOURCE = "not known", "a definition of your own"
+_CONTINUITY, _SOURCE = "not known", "your own"
 
 
 def _name(name: str) -> str:
@@ -63,16 +63,36 @@ def catalogue_of(definitions: Mapping[str, Definition]) -> Catalogue:
     return {**SCHEMES, **{name: _entry(name, own, definitions) for name, own in definitions.items()}}
 
 
-def needed_for(scheme: str, definitions: Mapping[str, Definition]) -> dict[str, Definition]:
-    """Those of some definitions that a scheme's spec hangs on: its own, and that of its base."""
-    found: dict[str, Definition] = {}
-    name = spec_of(scheme).name
-    while name in definitions and name not in found:
-        found[name] = definitions[name]
-        definition = definitions[name]
-        if isinstance(definition, PushBackDefinition):
-            name = spec_of(definition.base).name
-    return found
+@dataclass(frozen=True)
+class NamedScheme:
+    """A scheme by its spec, with those of a user's definitions that it hangs on: a value that caches can be kept by.
+
+    Attributes:
+        spec: the spec.
+        own: the scheme's definition and that of its base, by name, where the user has defined them.
+    """
+
+    spec: str
+    own: tuple[tuple[str, Definition], ...] = ()
+
+    @classmethod
+    def of(cls, spec: str, definitions: Mapping[str, Definition]) -> "NamedScheme":
+        """The scheme of a spec, among some definitions and the table."""
+        found: dict[str, Definition] = {}
+        name = spec_of(spec).name
+        while name in definitions and name not in found:
+            definition = found[name] = definitions[name]
+            if isinstance(definition, PushBackDefinition):
+                name = spec_of(definition.base).name
+        return cls(spec, tuple(found.items()))
+
+    def declared(self) -> Scheme:
+        """The scheme, every parameter fixed.
+
+        Raises:
+            SchemeError: there is none of that name, or a parameter is not allowed.
+        """
+        return scheme_of(self.spec, catalogue_of(dict(self.own)))
 
 
 def _entry(name: str, definition: Definition, definitions: Mapping[str, Definition]) -> SchemeEntry:
@@ -82,8 +102,8 @@ def _entry(name: str, definition: Definition, definitions: Mapping[str, Definiti
     base, entry = _base(name, definition.base, definitions)
     kind = "interpolatory" if definition.alpha == 1 else entry.kind
     alpha = Parameter(definition.alpha, (0.0, 1.0), f"from {definition.base} (0) to interpolatory (1)")
-    declare = partial(_pushed_back, base)
-    return SchemeEntry(name, entry.domain, kind, _CONTINUITY, _SOURCE, declare, {"alpha": alpha})
+    source, declare = f"{_SOURCE}, a push-back of {definition.base}", partial(_pushed_back, base)
+    return SchemeEntry(name, entry.domain, kind, _CONTINUITY, source, declare, {"alpha": alpha})
 
 
 def _base(name: str, base: str, definitions: Mapping[str, Definition]) -> tuple[Scheme, SchemeEntry]:

@@ -111,6 +111,7 @@ class _Definition(Settings):
 
 
 class _Masks(_Definition):
+    split: Literal["quadrisect", "sqrt3"]
     vertex: RingFormulas = None
     """What the one-ring of an old inner vertex gets in all, the rest being its own: a formula in its valence n, or one
     for each of some valences and one for all others, as in {3: 9/16, else: 3/8}. null: old inner verts stay."""

@@ -13,6 +13,7 @@ from meshfit.experiment.records import read_result
 from meshfit.report.colours import DISTANCES
 from meshfit.report.extra import needed
 from meshfit.report.gather import Result
+from meshfit.report.own_schemes import told_apart
 from meshfit.report.page import charts, records, sheets
 from meshfit.report.page.exhibits import Keyed, Wall, keyed, trials_on, walls_of
 from meshfit.report.page.gallery import Gallery, gallery_of, pictures_in
@@ -91,7 +92,7 @@ def read_content(roots: Sequence[Path], metrics: Sequence[str], baseline: str | 
         for trial in experiment.trials
         if (result := read_result(trial)) is not None
     ]
-    results = with_planned_names(complete)
+    results = told_apart(with_planned_names(complete))
     wanted = list(dict.fromkeys(metrics))
     tables = [table for metric in wanted for table in build_tables(results, metric, baseline=baseline)]
     return Content(experiments, results, arrange(tables))

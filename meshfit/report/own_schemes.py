@@ -1,0 +1,76 @@
+"""The user's own schemes in results: told apart where one name stands for several, and found by their specs."""
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from meshfit.config.scheme_files import without_path
+from meshfit.experiment.store import Result
+from meshfit.report.gather import flat
+from meshfit.report.variations import variation_names
+from meshfit.settings import build
+from meshfit.subdivision.catalogue import OwnSchemes, catalogue_of
+from meshfit.subdivision.choose import canonical, spec_of
+from meshfit.subdivision.table import SCHEMES
+
+
+def told_apart(results: Sequence[Result]) -> list[Result]:
+    """Results, with what tells definitions apart added to a scheme's name: `mine [edge.end=3/8]`.
+
+    Only where some results have one definition under a name and others another: a definition that was changed between
+    two runs, or that is swept.
+    """
+    forms: dict[str, dict[str, Mapping[str, Any]]] = {}
+    for result in results:
+        own = _definitions(result)
+        forms.setdefault(_name(result), {})[_text(own)] = own
+    added = {name: _differences(name, list(some.values())) for name, some in forms.items() if len(some) > 1}
+    return [_renamed(result, added.get(_name(result), {})) for result in results]
+
+
+def canonical_among(results: Sequence[Mapping[str, Any]], text: str) -> str:
+    """A scheme as results have it: their own word for it, or the canonical form of a spec of theirs or of the table.
+
+    Raises:
+        SchemeError: it is no scheme.
+        ConfigError: it is one that a result defines in a way that is not understood.
+    """
+    text = without_path(text)
+    if any(result["scheme"] == text for result in results):
+        return text
+    name = spec_of(text).name
+    defined = [own for result in results if name in (own := _definitions(result))] if name not in SCHEMES else []
+    if not defined:
+        return canonical(text)
+    return canonical(text, catalogue_of(build(OwnSchemes, {"define": defined[-1]}).define))
+
+
+def _name(result: Mapping[str, Any]) -> str:
+    """Of its scheme, whatever it has been called since."""
+    return _spec(result).partition(":")[0]
+
+
+def _spec(result: Mapping[str, Any]) -> str:
+    return str(result["settings"].get("schemes", [result["scheme"]])[0])
+
+
+def _definitions(result: Mapping[str, Any]) -> Mapping[str, Any]:
+    found = result["settings"].get("define", {})
+    return found if isinstance(found, Mapping) else {}
+
+
+def _text(own: Mapping[str, Any]) -> str:
+    return json.dumps(own, sort_keys=True)
+
+
+def _differences(name: str, forms: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """What is added to the name of a scheme, by the text of its definitions."""
+    settings = [flat(own.get(name, {})) | flat({key: one for key, one in own.items() if key != name}) for own in forms]
+    names = variation_names(settings, [""] * len(forms))
+    return {_text(own): f" [{told}]" if told else "" for own, told in zip(forms, names, strict=True)}
+
+
+def _renamed(result: Result, added: Mapping[str, str]) -> Result:
+    if not added:
+        return result
+    return {**result, "scheme": _spec(result) + added[_text(_definitions(result))]}
