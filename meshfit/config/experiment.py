@@ -53,6 +53,16 @@ WITHOUT_EFFECT: dict[str, Any] = {**dict.fromkeys(("jobs", "threads", "retries",
 Listed = (Field(min_length=1), AfterValidator(_unique))
 
 
+_OWN_SCHEMES = {
+    "my-loop": {
+        "edge": {"end": "3/8", "opposite": "1/8"},
+        "vertex": "5/8 - (3/8 + cos(2*pi/n)/4)^2",
+        "boundary": "cubic-bspline",
+    },
+    "softer": {"base": "my-loop", "alpha": 0.5},
+}
+
+
 class SourceSettings(Settings):
     """The source: a control mesh, and what is done to it before the fit. The scheme refines it."""
 
@@ -79,10 +89,9 @@ class ExperimentSettings(Settings):
 
     targets: Annotated[tuple[str, ...], *Listed] = ("bunny", "mousehead")
     """Named targets (see `meshfit targets`) or paths of mesh files, relative to this file."""
-    define: Definitions = Field(default_factory=dict)
-    """Schemes of your own by name, which `schemes` may then list: by their masks, such as `my-loop: {edge: {end: 3/8,
-    opposite: 1/8}, vertex: 5/8 - (3/8 + cos(2*pi/n)/4)^2, boundary: cubic-bspline}`, or as a push-back of another
-    scheme towards interpolation, such as `softer: {base: loop, alpha: 0.5}`."""
+    define: Annotated[Definitions, Field(examples=[_OWN_SCHEMES])] = Field(default_factory=dict)
+    """Schemes of your own by name, which `schemes` may then list: by their masks, or as a push-back of another scheme
+    towards interpolation."""
     schemes: Annotated[tuple[SchemeSpec, ...], *Listed] = ("loop", "interp-loop")
     """Subdivision schemes (see `meshfit schemes`), with parameters as in `interp-loop:alpha=0.5`; names in `define`, or
     paths of files that hold such a definition, relative to this file."""

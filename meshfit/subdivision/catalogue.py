@@ -1,7 +1,7 @@
 """The schemes that there are: those of the table, and beside them the user's own."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated
@@ -54,13 +54,28 @@ class OwnSchemes(Settings):
     """By name."""
 
 
-def catalogue_of(definitions: Mapping[str, Definition]) -> Catalogue:
-    """The table of schemes, with definitions beside it.
+@dataclass(frozen=True, eq=False)
+class _Catalogue(Mapping[str, SchemeEntry]):
+    """Entries of definitions are made when they are asked for."""
 
-    Raises:
-        SchemeError: the base of a definition is no scheme that can be pushed back.
-    """
-    return {**SCHEMES, **{name: _entry(name, own, definitions) for name, own in definitions.items()}}
+    definitions: Mapping[str, Definition]
+
+    def __getitem__(self, name: str) -> SchemeEntry:
+        if name in SCHEMES:
+            return SCHEMES[name]
+        return _entry(name, self.definitions[name], self.definitions)
+
+    def __iter__(self) -> Iterator[str]:
+        yield from SCHEMES
+        yield from self.definitions
+
+    def __len__(self) -> int:
+        return len(SCHEMES) + len(self.definitions)
+
+
+def catalogue_of(definitions: Mapping[str, Definition]) -> Catalogue:
+    """The table of schemes, with definitions beside it, none of which has a name of the table."""
+    return _Catalogue(definitions)
 
 
 @dataclass(frozen=True)
@@ -98,12 +113,14 @@ class NamedScheme:
 def _entry(name: str, definition: Definition, definitions: Mapping[str, Definition]) -> SchemeEntry:
     if not isinstance(definition, PushBackDefinition):
         kind: Kind = "interpolatory" if _keeps_old_verts(definition.scheme()) else "approximating"
-        return SchemeEntry(name, "triangles", kind, _CONTINUITY, _SOURCE, definition.scheme, {})
+        declare = partial(definition.scheme, name)
+        return SchemeEntry(name, "triangles", kind, _CONTINUITY, _SOURCE, declare, {})
     base, entry = _base(name, definition.base, definitions)
     kind = "interpolatory" if definition.alpha == 1 else entry.kind
     alpha = Parameter(definition.alpha, (0.0, 1.0), f"from {definition.base} (0) to interpolatory (1)")
-    source, declare = f"{_SOURCE}, a push-back of {definition.base}", partial(_pushed_back, base)
-    return SchemeEntry(name, entry.domain, kind, _CONTINUITY, source, declare, {"alpha": alpha})
+    source = f"{_SOURCE}, a push-back of {definition.base}"
+    pushed_back = partial(_pushed_back, base)
+    return SchemeEntry(name, entry.domain, kind, _CONTINUITY, source, pushed_back, {"alpha": alpha})
 
 
 def _base(name: str, base: str, definitions: Mapping[str, Definition]) -> tuple[Scheme, SchemeEntry]:

@@ -9,7 +9,7 @@ from pydantic import Discriminator, Field, PlainValidator, Tag, WithJsonSchema, 
 
 from meshfit.errors import SchemeError
 from meshfit.settings import Settings
-from meshfit.subdivision.formulas import Written, read_formula, read_ring, read_spokes, weight
+from meshfit.subdivision.formulas import OTHERS, Written, read_formula, read_ring, read_spokes, weight
 from meshfit.subdivision.masks import CurveMask, EdgeMask, FaceMask, SpokeMask, VertMask, Weight
 from meshfit.subdivision.table import SCHEMES
 from meshfit.subdivision.triangle_scheme import Split, TriangleScheme
@@ -48,20 +48,19 @@ def _read_weight(written: object) -> Weight:
     return weight(read_formula(written))
 
 
-_NUMBER = {"anyOf": [{"type": "number"}, {"type": "string"}]}
-_LIST = {"type": "array", "items": _NUMBER, "minItems": 3}
+_NUMBER = [{"type": "number"}, {"type": "string"}]
+_LIST = {"type": "array", "items": {"anyOf": _NUMBER}, "minItems": 3}
 
 
 def _schema(*kinds: dict[str, Any]) -> WithJsonSchema:
-    by_valence = {"type": "object", "required": ["else"], "additionalProperties": {"anyOf": list(kinds)}}
-    return WithJsonSchema({"anyOf": [_NUMBER, by_valence, {"type": "null"}]})
+    entries = {"anyOf": [*_NUMBER, *kinds]}
+    by_valence = {"type": "object", "required": [OTHERS], "additionalProperties": entries}
+    return WithJsonSchema({"anyOf": [*_NUMBER, by_valence, {"type": "null"}]})
 
 
-Formula = Annotated[Written, PlainValidator(partial(_checked, read=_read_weight)), WithJsonSchema(_NUMBER)]
-RingFormulas = Annotated[Any, PlainValidator(partial(_checked, read=read_ring, optional=True)), _schema(_NUMBER)]
-SpokeFormulas = Annotated[
-    Any, PlainValidator(partial(_checked, read=read_spokes, optional=True)), _schema(_NUMBER, _LIST)
-]
+Formula = Annotated[Written, PlainValidator(partial(_checked, read=_read_weight)), WithJsonSchema({"anyOf": _NUMBER})]
+RingFormulas = Annotated[Any, PlainValidator(partial(_checked, read=read_ring, optional=True)), _schema()]
+SpokeFormulas = Annotated[Any, PlainValidator(partial(_checked, read=read_spokes, optional=True)), _schema(_LIST)]
 
 
 class EdgeWeights(Settings):
@@ -121,6 +120,12 @@ class _Masks(_Definition):
     the other end of the edge (in a face, 0 and 1 are the other corners). The vertex itself gives the rest to one.
     null: new verts there are made as elsewhere."""
 
+    def _vert(self, name: str) -> VertMask | None:
+        return None if self.vertex is None else VertMask(read_ring(self.vertex, f"{name}: vertex: "))
+
+    def _spokes(self, name: str) -> SpokeMask | None:
+        return None if self.spokes is None else SpokeMask(read_spokes(self.spokes, f"{name}: spokes: "))
+
 
 class EdgeSchemeDefinition(_Masks):
     """A scheme of the 1-to-4 split on triangles, by its masks."""
@@ -132,9 +137,11 @@ class EdgeSchemeDefinition(_Masks):
     boundary: Literal["linear", "cubic-bspline", "four-point"]
     """The rule that boundaries follow, which are curves: `linear`, `cubic-bspline` or `four-point`."""
 
-    def scheme(self) -> TriangleScheme:
-        """The scheme that the masks make."""
-        return _scheme(Split.QUADRISECT, self.edge.mask(), BOUNDARIES[self.boundary], self)
+    def scheme(self, name: str = "") -> TriangleScheme:
+        """The scheme that the masks make; messages call it by its name."""
+        return TriangleScheme(
+            Split.QUADRISECT, self.edge.mask(), BOUNDARIES[self.boundary], self._vert(name), self._spokes(name)
+        )
 
 
 class FaceSchemeDefinition(_Masks):
@@ -147,9 +154,11 @@ class FaceSchemeDefinition(_Masks):
     boundary: Literal["ternary-bspline", "ternary-four-point"]
     """The rule that boundaries follow, which are curves: `ternary-bspline` or `ternary-four-point`."""
 
-    def scheme(self) -> TriangleScheme:
-        """The scheme that the masks make."""
-        return _scheme(Split.SQRT3, self.face.mask(), BOUNDARIES[self.boundary], self)
+    def scheme(self, name: str = "") -> TriangleScheme:
+        """The scheme that the masks make; messages call it by its name."""
+        return TriangleScheme(
+            Split.SQRT3, self.face.mask(), BOUNDARIES[self.boundary], self._vert(name), self._spokes(name)
+        )
 
 
 class PushBackDefinition(_Definition):
@@ -182,9 +191,3 @@ def _accepted(make: Callable[[], object]) -> None:
         make()
     except SchemeError as error:
         raise ValueError(str(error)) from None
-
-
-def _scheme(split: Split, inserted: EdgeMask | FaceMask, boundary: CurveMask, masks: _Masks) -> TriangleScheme:
-    vert = None if masks.vertex is None else VertMask(read_ring(masks.vertex))
-    spokes = None if masks.spokes is None else SpokeMask(read_spokes(masks.spokes))
-    return TriangleScheme(split, inserted, boundary, vert, spokes)

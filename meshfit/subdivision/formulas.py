@@ -57,34 +57,42 @@ def weight(expression: Expression, **variables: int) -> Number:
 
 @dataclass(frozen=True)
 class Ring:
-    """What a one-ring gets in all, by valence: an expression in n for some valences, and one for all others."""
+    """What a one-ring gets in all, by valence: an expression in n for some valences, and one for all others.
+
+    Attributes:
+        given: by valence.
+        others: for all other valences.
+        where: what it is the rule of, to put in front of messages.
+    """
 
     given: Mapping[int, Expression]
     others: Expression
+    where: str = ""
 
     def __call__(self, valence: int) -> float:
         """The weight at a valence."""
-        return float(weight(self.given.get(valence, self.others), n=valence))
+        return float(_named_weight(self.where, self.given.get(valence, self.others), n=valence))
 
 
 @dataclass(frozen=True)
 class Spokes:
     """Weights of a one-ring by valence: an expression for each neighbour, or one in n and j for all of them.
 
-    The centre gets what is left to one.
+    The centre gets what is left to one. Attributes are those of `Ring`.
     """
 
     given: Mapping[int, Sequence[Expression]]
     others: Expression
+    where: str = ""
 
     def __call__(self, valence: int) -> tuple[float, ...]:
         """(centre, s_0, …, s_(n-1)) at a valence."""
         expressions = self.given.get(valence, (self.others,) * valence)
-        spokes = [weight(one, n=valence, j=j) for j, one in enumerate(expressions)]
+        spokes = [_named_weight(self.where, one, n=valence, j=j) for j, one in enumerate(expressions)]
         return (float(1 - sum(spokes)), *map(float, spokes))
 
 
-def read_ring(written: object) -> Ring:
+def read_ring(written: object, where: str = "") -> Ring:
     """The weights of one-rings, from a formula in n, or one for each of some valences and one for all others.
 
     Raises:
@@ -93,12 +101,12 @@ def read_ring(written: object) -> Ring:
     """
     entries = _entries(written)
     given = {valence: _at(valence, read_formula, entries[str(valence)], "n") for valence in _valences(entries)}
-    ring = Ring(given, _at(OTHERS if given else None, read_formula, entries[OTHERS], "n"))
+    ring = Ring(given, _at(OTHERS if given else None, read_formula, entries[OTHERS], "n"), where)
     _check(ring, given)
     return ring
 
 
-def read_spokes(written: object) -> Spokes:
+def read_spokes(written: object, where: str = "") -> Spokes:
     """The weights of spokes, from a formula in n and j, or lists for some valences and a formula for all others.
 
     Raises:
@@ -109,7 +117,7 @@ def read_spokes(written: object) -> Spokes:
     given = {valence: _at(valence, _read_list, entries[str(valence)], valence) for valence in _valences(entries)}
     if _REGULAR in given:
         raise fault((str(_REGULAR),), f"valence {_REGULAR} is regular, where the mask of other new verts is used")
-    spokes = Spokes(given, _at(OTHERS if given else None, read_formula, entries[OTHERS], "n", "j"))
+    spokes = Spokes(given, _at(OTHERS if given else None, read_formula, entries[OTHERS], "n", "j"), where)
     _check(spokes, given)
     return spokes
 
@@ -118,6 +126,13 @@ def fault(key: tuple[str | int, ...], message: str) -> ValidationError:
     """An error in what stands at a key of the value that is being validated."""
     details = InitErrorDetails(type="value_error", loc=key, input=None, ctx={"error": ValueError(message)})
     return ValidationError.from_exception_data("weights", [details])
+
+
+def _named_weight(where: str, expression: Expression, **variables: int) -> Number:
+    try:
+        return weight(expression, **variables)
+    except SchemeError as error:
+        raise SchemeError(f"{where}{error}") from None
 
 
 def _entries(written: object) -> Mapping[str, object]:
