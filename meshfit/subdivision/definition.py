@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from functools import partial
 from types import MappingProxyType
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, PlainValidator, Tag, WithJsonSchema, model_validator
 
@@ -74,7 +74,7 @@ class EdgeWeights(Settings):
     """Of each of the 4 verts across the other edges of its faces."""
 
     @model_validator(mode="after")
-    def _sum_to_one(self) -> Self:
+    def _sum_to_one(self) -> "EdgeWeights":
         _accepted(self.mask)
         return self
 
@@ -94,7 +94,7 @@ class FaceWeights(Settings):
     """Of each of the 6 verts across the outer edges of the 3 neighbouring faces."""
 
     @model_validator(mode="after")
-    def _sum_to_one(self) -> Self:
+    def _sum_to_one(self) -> "FaceWeights":
         _accepted(self.mask)
         return self
 
@@ -130,7 +130,7 @@ class _Masks(_Definition):
 class EdgeSchemeDefinition(_Masks):
     """A scheme of the 1-to-4 split on triangles, by its masks."""
 
-    split: Literal["quadrisect", "sqrt3"] = "quadrisect"
+    split: Annotated[Literal["quadrisect", "sqrt3"], WithJsonSchema({"const": "quadrisect"})] = "quadrisect"
     """How faces are divided: `quadrisect`, 1-to-4, with a new vertex in every edge; or `sqrt3`."""
     edge: EdgeWeights
     """Weights of a new vertex in an inner edge."""

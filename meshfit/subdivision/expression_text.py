@@ -11,7 +11,7 @@ from meshfit.specs import suggest
 from meshfit.subdivision.expression import FUNCTIONS, NEGATION, Constant, Expression, Operation, Term, Variable
 
 LONGEST = 400
-DEEPEST = 40
+DEEPEST = 16
 _LARGEST_DECIMAL_EXPONENT = 300
 
 _TOKEN = re.compile(
@@ -26,7 +26,7 @@ def parse_expression(text: str, variables: Sequence[str] = ()) -> Expression:
     Powers bind before signs, as in -2^2 = -4, and from the right, as in 2^3^2 = 2^9.
 
     Args:
-        text: at most 400 characters, nested at most 40 deep.
+        text: at most 400 characters, nested at most 16 deep.
         variables: the names that may stand in it, such as n.
 
     Raises:

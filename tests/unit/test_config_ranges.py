@@ -16,6 +16,7 @@ RANGES = {
     "source.project": (["none", "sphere"], ["Sphere", "null"]),
     "source.mesh": (["cube"], ["5", "null"]),
     "targets": (["[cow]"], ["[]", "cow", "[1]", "[cow, cow]", "null"]),
+    "define": (["{}", "{mine: {base: loop}}"], ["null", "[1]", "{Mine: {base: loop}}", "{mine: 3}", "{mine: {}}"]),
     "schemes": (["[loop, 'loop:weights=warren']"], ["[]", "[lop]", "[loop, loop]", "['interp-loop:alpha=2']", "[3]"]),
     "seeds": (["[0, 1]", "[4294967295]"], ["[]", "[-1]", "[4294967296]", "[0, 0]", "0", "[1.0]"]),
     "normalise": (["tutorial", "box", "none"], ["Box", "null"]),
@@ -118,7 +119,7 @@ SAID = [
     ("fit", "3", ": found 3; a mapping of keys to values is needed"),
     ("fit.stps", "3", ": no such key: did you mean 'steps'? allowed: method, steps"),
     ("fit.losses.egde", "3", ": no such key: did you mean 'edge'? allowed: chamfer, normal, edge"),
-    ("seed", "3", ": no such key: did you mean 'seeds'? allowed: targets, schemes"),
+    ("seed", "3", ": no such key: did you mean 'seeds'? allowed: targets, define, schemes"),
     ("1", "3", ": no such key: allowed: targets"),
 ]
 
