@@ -38,11 +38,10 @@ def canonical_among(results: Sequence[Mapping[str, Any]], text: str) -> str:
     text = without_path(text)
     if any(result["scheme"] == text for result in results):
         return text
-    name = spec_of(text).name
-    defined = [own for result in results if name in (own := _definitions(result))] if name not in SCHEMES else []
-    if not defined:
+    if spec_of(text).name in SCHEMES:
         return canonical(text)
-    return canonical(text, catalogue_of(build(OwnSchemes, {"define": defined[-1]}).define))
+    define = {name: one for result in results for name, one in _definitions(result).items()}
+    return canonical(text, catalogue_of(build(OwnSchemes, {"define": define}).define))
 
 
 def _name(result: Mapping[str, Any]) -> str:
