@@ -7,7 +7,7 @@ from typing import Any
 from meshfit.config.scheme_files import without_path
 from meshfit.experiment.store import Result
 from meshfit.report.gather import flat
-from meshfit.report.variations import variation_names
+from meshfit.report.variations import shown, variation_names
 from meshfit.settings import build
 from meshfit.subdivision.catalogue import OwnSchemes, catalogue_of
 from meshfit.subdivision.choose import canonical, spec_of
@@ -44,6 +44,20 @@ def canonical_among(results: Sequence[Mapping[str, Any]], text: str) -> str:
     return canonical(text, catalogue_of(build(OwnSchemes, {"define": define}).define))
 
 
+def definitions_of(results: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """What the user's own schemes among some results are, in a line for each of them as results call it."""
+    found: dict[str, str] = {}
+    for result in results:
+        if result["scheme"] not in found and (own := _definitions(result)):
+            entries = {key: one for key, one in _in_order(_name(result), own).items() if one is not None}
+            found[result["scheme"]] = "; ".join(f"{key}: {_in_words(one)}" for key, one in entries.items())
+    return found
+
+
+def _in_words(value: object) -> str:
+    return f"[{', '.join(map(shown, value))}]" if isinstance(value, list) else shown(value)
+
+
 def _name(result: Mapping[str, Any]) -> str:
     """Of its scheme, whatever it has been called since."""
     return _spec(result).partition(":")[0]
@@ -64,9 +78,13 @@ def _text(own: Mapping[str, Any]) -> str:
 
 def _differences(name: str, forms: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     """What is added to the name of a scheme, by the text of its definitions."""
-    settings = [flat(own.get(name, {})) | flat({key: one for key, one in own.items() if key != name}) for own in forms]
-    names = variation_names(settings, [""] * len(forms))
+    names = variation_names([_in_order(name, own) for own in forms], [""] * len(forms))
     return {_text(own): f" [{told}]" if told else "" for own, told in zip(forms, names, strict=True)}
+
+
+def _in_order(name: str, own: Mapping[str, Any]) -> dict[str, Any]:
+    """A scheme's own entries by dotted key, and those of its base, with the base's name before them."""
+    return flat(own.get(name, {})) | flat({key: one for key, one in own.items() if key != name})
 
 
 def _renamed(result: Result, added: Mapping[str, str]) -> Result:

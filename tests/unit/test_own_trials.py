@@ -12,6 +12,7 @@ from meshfit.experiment.progress import Phase
 from meshfit.experiment.store import RunDirectory
 from meshfit.experiment.trial import run_together
 from meshfit.report.own_schemes import canonical_among, told_apart
+from meshfit.report.page.records import definitions_grid
 from meshfit.report.table import build_tables
 from tests.small import experiment
 
@@ -124,6 +125,17 @@ def test_definitions_of_one_name_are_told_apart(tmp_path):
         *(f"{name} [vertex={vertex}]" for name in ("mine", "softer") for vertex in ("3/8", loop)),
     }
     assert told_apart(results) == results
+
+
+def test_the_page_says_what_own_schemes_are(tmp_path):
+    spokes = {"4": ["3/8", 0, "-1/8", 0], "else": "1/n"}
+    define = DEFINE | {"mine": LOOP | {"spokes": spokes}}
+    results = [result(trial, 1.0) for trial in trials(tmp_path, "loop", "mine", "softer", define=define)]
+    mine, softer = definitions_grid(results).rows
+    assert mine[0] == "mine"
+    assert "spokes.4: [3/8, 0, -1/8, 0]; spokes.else: 1/n; edge.end: 3/8; edge.opposite: 1/8" in mine[1]
+    assert softer[0] == "softer"
+    assert softer[1].startswith("base: mine; alpha: 0.5; mine.split: quadrisect; mine.vertex: 5/8 - (3/8 + cos")
 
 
 def test_a_baseline_may_be_named_by_its_file(tmp_path):

@@ -160,6 +160,7 @@ def _names(content: Content, trials: Sequence[Keyed], shown: Sequence[Exhibition
         "exhibitions": shown,
         "differing": records.differing_settings(content.sheets),
         "shared": records.shared_by_all(content.sheets),
+        "definitions": records.definitions_grid(content.results),
         "trials": records.trials_grid(content.sheets, trials),
         "failures": records.failures_grid(content.experiments),
         "machines": records.machines_grid(content.results) if content.results else None,
