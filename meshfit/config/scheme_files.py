@@ -9,7 +9,7 @@ from typing import Any
 from meshfit.config.strict_yaml import Document, read_document
 from meshfit.errors import ConfigError
 from meshfit.paths import CONFIG_SUFFIXES, missing
-from meshfit.settings import Key, build, dotted
+from meshfit.settings import Key, Settings, build, dotted
 from meshfit.subdivision.catalogue import OwnSchemes
 from meshfit.subdivision.definition import Definition
 
@@ -120,6 +120,8 @@ class _Reader:
             if self.files[name].path.resolve() != path.resolve():
                 raise ConfigError(f"{place}{path}: there is another '{name}', in {self.files[name].path}; rename one")
             return
+        if path.is_dir():
+            raise ConfigError(f"{place}{path}: a directory; the path of a YAML file is needed")
         if not path.is_file():
             raise ConfigError(f"{place}{path}: {missing(path, CONFIG_SUFFIXES)}")
         document = read_document(path)
@@ -132,10 +134,16 @@ class _Reader:
         self.define[name] = definition
 
 
+class _Alone(Settings):
+    """A definition by itself, whatever its base is."""
+
+    definition: Definition
+
+
 def _are_same(one: Any, other: Any) -> bool:  # noqa: ANN401  any YAML values
-    """Whether two definitions are; those that are not allowed are the same to nobody."""
+    """Whether two definitions are; one that is not allowed is the same as no other."""
     try:
-        first, second = (build(OwnSchemes, {"define": {"one": each}}) for each in (one, other))
+        first, second = (build(_Alone, {"definition": each}) for each in (one, other))
     except ConfigError:
         return False
     return first == second

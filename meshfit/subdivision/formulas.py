@@ -23,7 +23,7 @@ OTHERS = "else"
 LARGEST_WEIGHT = 100
 _REGULAR = 6
 _HUGE = 10**300
-_VALENCE = re.compile(r"[3-9]|[1-9][0-9]{1,2}")
+_VALENCE = re.compile(r"[3-9]|[1-9][0-9]")
 
 _Rule = TypeVar("_Rule")
 
@@ -147,7 +147,7 @@ def _entries(written: object) -> Mapping[str, object]:
 def _valences(entries: Mapping[str, object]) -> list[int]:
     for key in entries:
         if key != OTHERS and not _VALENCE.fullmatch(key):
-            raise fault((key,), f"a valence from 3 to 999, or '{OTHERS}', is needed here")
+            raise fault((key,), f"a valence from 3 to 99, or '{OTHERS}', is needed here")
     return [int(key) for key in entries if key != OTHERS]
 
 

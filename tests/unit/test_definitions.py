@@ -66,8 +66,8 @@ REFUSED = {
     mine(vertex="{3: 1/2}"): "6: define.mine.vertex: found no entry 'else'",
     mine(
         vertex="\n      3: 1/2\n      2: 1\n      else: 0"
-    ): "8: define.mine.vertex.2: a valence from 3 to 999, or 'else'",
-    mine(vertex="\n      3: 1/2\n      x: 1\n      else: 0"): "8: define.mine.vertex.x: a valence from 3 to 999",
+    ): "8: define.mine.vertex.2: a valence from 3 to 99, or 'else'",
+    mine(vertex="\n      3: 1/2\n      x: 1\n      else: 0"): "8: define.mine.vertex.x: a valence from 3 to 99",
     mine(
         vertex="\n      3: 1/2\n      4: 1/\n      else: 0"
     ): "8: define.mine.vertex.4: '1/', character 3: it ends here",

@@ -122,7 +122,9 @@ def test_files_that_cannot_be_read(project):
         "'project/own/my-loop.yaml'?"
     )
     (project / "folder.yaml").mkdir()
-    assert "project/folder.yaml: " in refusal("schemes: [folder.yaml]\n")
+    assert "schemes[0]: project/folder.yaml: a directory; the path of a YAML file is needed" in refusal(
+        "schemes: [folder.yaml]\n"
+    )
 
 
 def test_what_is_no_list_of_specs_is_left_to_the_checks(project):
@@ -134,6 +136,8 @@ def test_what_is_no_list_of_specs_is_left_to_the_checks(project):
 
 def test_specs_from_a_command_line(project):
     own = load("schemes: [own/softer.yaml]\n").define
+    for spec in ("softer:alpha=0.5", "project/own/softer.yaml:alpha=0.5"):
+        assert adopted([spec], own) == (["softer:alpha=0.5"], own)
     specs, define = adopted(["softer:alpha=0.5", "project/own/my-loop.yaml"], own)
     assert specs == ["softer:alpha=0.5", "my-loop"]
     assert define == own
