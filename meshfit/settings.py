@@ -3,7 +3,7 @@
 import json
 import textwrap
 from collections.abc import Callable, Mapping
-from typing import Any, TypeVar, get_args
+from typing import Annotated, Any, TypeGuard, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, Tag, ValidationError
 from pydantic_core import ErrorDetails
@@ -47,7 +47,7 @@ def build(model: type[Model], data: Mapping[str, Any], where: Callable[[Key], st
         # By way of JSON, where strictness still takes a list for a tuple and 1 for 1.0, but no "1" and no true.
         return model.model_validate_json(json.dumps(data, default=_plain))
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
+        first = _first(error.errors(include_url=False))
         first["loc"], keys = _followed(model, first["loc"])
         if first["type"] == "union_tag_invalid":
             first["loc"] = (*first["loc"], TAG)
@@ -102,6 +102,13 @@ def dotted(key: Key) -> str:
     return text
 
 
+def _first(errors: list[ErrorDetails]) -> ErrorDetails:
+    """The error to tell of: a key that is misspelt rather than that the right one is missing."""
+    first = errors[0]
+    beside = [one for one in errors if one["type"] == "extra_forbidden" and one["loc"][:-1] == first["loc"][:-1]]
+    return beside[0] if beside and first["type"] == "missing" else first
+
+
 def _describe(error: ErrorDetails, allowed: list[str]) -> str:
     key = " ".join(dotted(error["loc"]).split())
     if error["type"] == "json_invalid":
@@ -148,26 +155,41 @@ def _plain(value: Any) -> Any:  # noqa: ANN401  numpy scalars and paths, from Py
 
 def _followed(model: type[BaseModel], path: Key) -> tuple[Key, list[str]]:
     """Where an error is, without the tags by which pydantic tells models apart, and the keys that may stand there."""
+    if path[-1:] == (_NAME_OF_KEY,):
+        path = path[:-1]
     shown: list[str | int] = []
-    models: dict[str, type[BaseModel]] = {_PLAIN: model}
+    kind: Any = model
     for part in path[:-1]:
-        if _PLAIN not in models and part in models:
-            models = {_PLAIN: models[str(part)]}
+        tagged = _tagged(kind)
+        if part in tagged:
+            kind = tagged[str(part)]
             continue
         shown.append(part)
-        models = _models_at(models[_PLAIN], part) if _PLAIN in models else {}
-    last = path[-1:] if _PLAIN in models or path[-1] not in models else ()
-    return (*shown, *last), list(models[_PLAIN].model_fields) if _PLAIN in models else []
+        kind = _kind_at(kind, part)
+    last = () if set(path[-1:]) & _tagged(kind).keys() else path[-1:]
+    return (*shown, *last), list(kind.model_fields) if _is_model(kind) else []
 
 
-_PLAIN = ""
+# By which pydantic tells that a mapping's key is at fault, and not the value.
+_NAME_OF_KEY = "[key]"
 
 
-def _models_at(model: type[BaseModel], key: str | int) -> dict[str, type[BaseModel]]:
-    """The models that the value of a key may be of, by tag."""
-    kind = model.model_fields[key].annotation if key in model.model_fields else None
-    for one in (kind, *get_args(kind)):
-        if isinstance(one, type) and issubclass(one, BaseModel):
-            return {_PLAIN: one}
-    tagged = [get_args(part) for part in get_args(kind)]
+def _is_model(kind: Any) -> TypeGuard[type[BaseModel]]:  # noqa: ANN401  any annotation
+    return isinstance(kind, type) and issubclass(kind, BaseModel)
+
+
+def _kind_at(kind: Any, key: str | int) -> Any:  # noqa: ANN401  any annotation
+    """The type of the value at a key."""
+    if _is_model(kind):
+        found = kind.model_fields[key].annotation if key in kind.model_fields else None
+        # A model or null is a model.
+        return next((part for part in get_args(found) if _is_model(part)), found)
+    return get_args(kind)[1] if get_origin(kind) is dict else None
+
+
+def _tagged(kind: Any) -> dict[str, type[BaseModel]]:  # noqa: ANN401  any annotation
+    """The models that a value may be of, by tag, where there are several."""
+    if get_origin(kind) is Annotated:
+        kind = get_args(kind)[0]
+    tagged = [get_args(part) for part in get_args(kind) if get_origin(part) is Annotated]
     return {part[1].tag: part[0] for part in tagged if len(part) == 2 and isinstance(part[1], Tag)}

@@ -33,10 +33,11 @@ def chart(
     from meshfit.experiment.plan_file import with_planned_names
     from meshfit.experiment.store import read_results
     from meshfit.report.chart import write_chart
+    from meshfit.report.own_schemes import told_apart
     from meshfit.report.table import build_tables
     from meshfit.report.typeset import require_suffix
 
     require_suffix(output)
-    write_chart(build_tables(with_planned_names(read_results(runs)), metric), output)
+    write_chart(build_tables(told_apart(with_planned_names(read_results(runs))), metric), output)
     out.print(f"wrote {output}", soft_wrap=True, markup=False)
     return 0

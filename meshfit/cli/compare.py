@@ -28,7 +28,7 @@ def compare(
     schemes: Annotated[
         list[str],
         typer.Argument(
-            help="Two schemes or more, as in interp-loop:alpha=0.5.",
+            help="Two schemes or more, as in interp-loop:alpha=0.5; or files that define one.",
             metavar="SCHEMES...",
             autocompletion=completions.fitted_schemes,
         ),
@@ -81,16 +81,21 @@ def compare(
         meshfit compare loop interp-loop butterfly --targets bunny,cow --seeds 3
 
         meshfit compare interp-loop:alpha=0.5 interp-loop --config quickstart
+
+        meshfit compare loop my-scheme.yaml
     """
     from meshfit.cli.experiments import Display, Workers, run_and_report
     from meshfit.config.load import Experiment, load_experiment
+    from meshfit.config.scheme_files import adopted
     from meshfit.experiment.plan import plan
     from meshfit.settings import override
 
     if len(schemes) < 2:
         raise ConfigError(f"found one scheme, {schemes[0]}; two or more are needed to compare")
     experiment = load_experiment(config, overrides or ())
-    changes: dict[str, object] = {"schemes": schemes}
+    specs, own = adopted(schemes, experiment.settings.define)
+    define = {name: definition.model_dump(mode="json") for name, definition in own.items()}
+    changes: dict[str, object] = {"schemes": specs, "define": define}
     if targets is not None:
         changes["targets"] = [target.strip() for target in targets.split(",") if target.strip()]
     if seeds is not None:

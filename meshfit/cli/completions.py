@@ -20,17 +20,19 @@ def configs(incomplete: str) -> Completions:
 
 
 def schemes(incomplete: str) -> Completions:
-    """Subdivision schemes."""
+    """Subdivision schemes, and YAML files, which may define one."""
     from meshfit.subdivision.table import SCHEMES
 
-    return _named({name: f"{entry.title}, {entry.kind}" for name, entry in SCHEMES.items()}, incomplete)
+    named = _named({name: f"{entry.title}, {entry.kind}" for name, entry in SCHEMES.items()}, incomplete)
+    return named + _files(incomplete, CONFIG_SUFFIXES)
 
 
 def fitted_schemes(incomplete: str) -> Completions:
     """Subdivision schemes that experiments can have: those on surfaces."""
     from meshfit.subdivision.table import SCHEMES
 
-    return [pair for pair in schemes(incomplete) if SCHEMES[pair[0]].domain != "curves"]
+    curves = {name for name, entry in SCHEMES.items() if entry.domain == "curves"}
+    return [pair for pair in schemes(incomplete) if pair[0] not in curves]
 
 
 def targets(incomplete: str) -> Completions:

@@ -34,9 +34,10 @@ def expect(
     """
     from meshfit.experiment.store import read_results, write_atomically
     from meshfit.report.expected import expectation
+    from meshfit.report.own_schemes import told_apart
     from meshfit.report.table import build_tables
 
-    results = read_results(runs)
+    results = told_apart(read_results(runs))
     tables = [table for metric in metrics or [DEFAULT_METRIC] for table in build_tables(results, metric)]
     write_atomically(output, json.dumps(expectation(tables), indent=2) + "\n")
     cells = sum(len(table.cells) for table in tables)

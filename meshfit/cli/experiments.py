@@ -87,10 +87,12 @@ def _remote(workers: Workers) -> "Iterator[Remote | None]":
 
 def results_of(trials: Sequence["Trial"], runs: Path) -> list[Result]:
     """The results of those trials that are complete."""
+    from meshfit.report.own_schemes import told_apart
+
     store = RunDirectory(runs)
     results = [(trial, store.result(trial)) for trial in trials]
     # A trial may have been run before its point of a sweep had the name that it has now.
-    return [result | {"variant": trial.variant} for trial, result in results if result is not None]
+    return told_apart([result | {"variant": trial.variant} for trial, result in results if result is not None])
 
 
 def run_and_report(

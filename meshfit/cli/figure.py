@@ -53,11 +53,12 @@ def figure(
     from meshfit.experiment.store import read_results, write_atomically
     from meshfit.report.caption import latex_figure, plain_caption
     from meshfit.report.figure import read_strips, write_figure
+    from meshfit.report.own_schemes import told_apart
     from meshfit.report.picks import pick_trials
     from meshfit.report.typeset import require_suffix
 
     require_suffix(output)
-    results = with_planned_names(read_results(runs))
+    results = told_apart(with_planned_names(read_results(runs)))
     strips = read_strips(pick_trials(results, metric, targets=_names(targets), schemes=_names(schemes)))
     write_figure(strips, output, metric)
     written = [output, output.with_suffix(".txt"), output.with_suffix(".tex")]

@@ -47,6 +47,15 @@ Sets = Annotated[
         autocompletion=completions.settings,
     ),
 ]
+DefinedIn = Annotated[
+    str | None,
+    typer.Option(
+        "--config",
+        help="Config under whose `define` the scheme may stand.",
+        metavar="CONFIG",
+        autocompletion=completions.configs,
+    ),
+]
 Force = Annotated[
     bool, typer.Option("--force", help="Run trials anew that are complete already.", rich_help_panel=WHAT)
 ]

@@ -1,7 +1,7 @@
 """`meshfit schemes`: the table of schemes, or one of them with its masks."""
 
 import json
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
@@ -9,19 +9,25 @@ from rich.table import Table
 
 from meshfit.cli import completions
 from meshfit.cli.console import out
-from meshfit.cli.options import AsJson
+from meshfit.cli.options import AsJson, DefinedIn
 from meshfit.subdivision.scheme import SchemeEntry
+
+if TYPE_CHECKING:
+    from meshfit.subdivision.choose import Catalogue
+
+_WIDEST = 24
 
 
 def schemes(
     name: Annotated[
         str | None,
         typer.Argument(
-            help="A scheme, as in interp-loop:alpha=0.5, to show its masks.",
+            help="A scheme, as in interp-loop:alpha=0.5, or a file that defines one, to show its masks.",
             metavar="[SCHEME]",
             autocompletion=completions.schemes,
         ),
     ] = None,
+    config: DefinedIn = None,
     as_json: AsJson = False,
 ) -> int:
     """List the subdivision schemes, or show the masks of one.
@@ -32,20 +38,26 @@ def schemes(
         meshfit schemes interp-loop:alpha=0.5
 
         meshfit schemes four-point  # of curves
-    """
-    from meshfit.subdivision.table import SCHEMES
 
-    if name is not None:
-        return _one(name, as_json)
+        meshfit schemes my-scheme.yaml
+    """
+    from meshfit.config.load import defined_in
+    from meshfit.config.scheme_files import adopted
+    from meshfit.subdivision.catalogue import catalogue_of
+
+    specs, own = adopted([] if name is None else [name], defined_in(config))
+    catalogue = catalogue_of(own)
+    if specs:
+        return _one(specs[0], catalogue, as_json)
     if as_json:
-        typer.echo(json.dumps([_plain(key, entry) for key, entry in SCHEMES.items()], indent=2))
+        typer.echo(json.dumps([_plain(key, entry) for key, entry in catalogue.items()], indent=2))
         return 0
     table = Table(box=None, pad_edge=False)
-    table.add_column("scheme", style="bold", overflow="fold", min_width=max(map(len, SCHEMES)))
+    table.add_column("scheme", style="bold", overflow="fold", min_width=min(_WIDEST, max(map(len, catalogue))))
     for column in ("kind", "continuity", "source"):
         table.add_column(column, overflow="fold")
     domain = None
-    for key, entry in SCHEMES.items():
+    for key, entry in catalogue.items():
         if entry.domain != domain:
             domain = entry.domain
             table.add_row(f"[not bold]on {domain}[/]")
@@ -55,20 +67,19 @@ def schemes(
     return 0
 
 
-def _one(text: str, as_json: bool) -> int:
-    from meshfit.specs import parse_spec
-    from meshfit.subdivision.choose import canonical, entry_of, scheme_of
+def _one(text: str, catalogue: "Catalogue", as_json: bool) -> int:
+    from meshfit.subdivision.choose import canonical, entry_of, scheme_of, spec_of
     from meshfit.subdivision.describe import describe
 
-    scheme = scheme_of(text)
-    name = parse_spec(text).name
-    entry = entry_of(name)
+    scheme = scheme_of(text, catalogue)
+    name = spec_of(text).name
+    entry = entry_of(name, catalogue)
     rows = list(describe(scheme))
     if as_json:
         masks = [{"where": row.where, "weights": row.weights} for row in rows]
         typer.echo(json.dumps(_plain(name, entry) | {"masks": masks}, indent=2))
         return 0
-    out.print(f"[bold]{escape(canonical(text))}[/]  {entry.title}, {entry.kind}")
+    out.print(f"[bold]{escape(canonical(text, catalogue))}[/]  {entry.title}, {entry.kind}")
     facts = Table(box=None, pad_edge=False, show_header=False)
     facts.add_column(style="bold")
     facts.add_column()

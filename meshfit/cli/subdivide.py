@@ -9,6 +9,7 @@ import typer
 
 from meshfit.cli import completions
 from meshfit.cli.console import out
+from meshfit.cli.options import DefinedIn
 from meshfit.errors import ConfigError, DomainError
 
 if TYPE_CHECKING:
@@ -39,11 +40,12 @@ def subdivide(
         typer.Option(
             "--scheme",
             "-s",
-            help="Subdivision scheme; see `meshfit schemes`.",
+            help="Subdivision scheme; see `meshfit schemes`. Or a file that defines one.",
             metavar="SCHEME",
             autocompletion=completions.schemes,
         ),
     ] = "loop",
+    config: DefinedIn = None,
     levels: Annotated[
         int, typer.Option("--levels", "-n", min=0, max=10, help="How many times, 0 to 10.", metavar="N")
     ] = 1,
@@ -128,16 +130,21 @@ def subdivide(
         meshfit subdivide part.obj fine.ply -n 3 --creases edges.txt --limit --normals
 
         meshfit subdivide curve.obj smooth.obj -s four-point -n 4
+
+        meshfit subdivide head.obj fine.obj -s my-scheme.yaml
     """
+    from meshfit.config.load import defined_in
+    from meshfit.config.scheme_files import adopted
+    from meshfit.subdivision.catalogue import catalogue_of
     from meshfit.subdivision.choose import SURFACES, domain_of, scheme_of, schemes_on
 
     number = _number(alpha)
     each = alpha if number is None else None
-    declared = scheme_of(
-        scheme, alpha=number if each is None else 1.0, weights=weights, tension=tension, valence3=valence3
-    )
+    shared = {"alpha": number if each is None else 1.0, "weights": weights, "tension": tension, "valence3": valence3}
+    (spec,), own = adopted([scheme], defined_in(config))
+    declared = scheme_of(spec, catalogue_of(own), **shared)
     wishes = Wishes(each, creases, sharpness, limit=limit, normals=normals)
-    _check(scheme, declared, wishes)
+    _check(spec, declared, wishes)
     on_curves = domain_of(declared) == "curves"
     try:
         if on_curves:

@@ -57,8 +57,9 @@ def table(
     from meshfit.cli.tables import show_tables
     from meshfit.experiment.plan_file import with_planned_names
     from meshfit.experiment.store import read_results
+    from meshfit.report.own_schemes import told_apart
 
-    results = with_planned_names(read_results(runs))
+    results = told_apart(with_planned_names(read_results(runs)))
     if check is not None:
         return _check(runs, results, check)
     show_tables(results, metrics, baseline=baseline, format_name=format.value)

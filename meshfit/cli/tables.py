@@ -49,12 +49,15 @@ def check_display(trials: Sequence["Trial"], metrics: Sequence[str] | None, base
         ConfigError: no such metric, or a baseline that is not among the planned schemes.
         SchemeError: the baseline is not a scheme.
     """
+    from meshfit.report.own_schemes import canonical_among, told_apart
     from meshfit.report.table import require_metric
     from meshfit.specs import suggest
-    from meshfit.subdivision.choose import canonical
 
     for metric in metrics or ():
         require_metric(metric)
-    planned = dict.fromkeys(trial.scheme for trial in trials)
-    if baseline is not None and canonical(baseline) not in planned:
-        raise ConfigError(f"baseline '{baseline}' is not among the schemes: {suggest(canonical(baseline), planned)}")
+    if baseline is None:
+        return
+    results = told_apart([{"scheme": trial.scheme, "settings": trial.plain_settings} for trial in trials])
+    planned, wanted = dict.fromkeys(result["scheme"] for result in results), canonical_among(results, baseline)
+    if wanted not in planned:
+        raise ConfigError(f"baseline '{baseline}' is not among the schemes: {suggest(wanted, planned)}")

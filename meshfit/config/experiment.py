@@ -7,6 +7,7 @@ from pydantic import (
     AfterValidator,
     Field,
     ValidationError,
+    ValidationInfo,
     ValidatorFunctionWrapHandler,
     WrapValidator,
     model_validator,
@@ -16,8 +17,8 @@ from meshfit.errors import SchemeError
 from meshfit.fitting.settings import Dtype, FirstOrderSettings, FitSettings
 from meshfit.measuring.settings import MeasureSettings
 from meshfit.settings import Settings
-from meshfit.specs import parse_spec
-from meshfit.subdivision.choose import SURFACES, canonical, entry_of, schemes_on
+from meshfit.subdivision.catalogue import Definitions, catalogue_of
+from meshfit.subdivision.choose import SURFACES, canonical, entry_of, schemes_on, spec_of
 
 
 def _unique(values: tuple[object, ...]) -> tuple[object, ...]:
@@ -35,12 +36,16 @@ def _count(value: Any, validate: ValidatorFunctionWrapHandler) -> Any:  # noqa: 
         raise ValueError(f"found {json.dumps(value, default=str)}; auto or an integer from 1 on is needed") from None
 
 
-def _canonical_scheme(text: str) -> str:
+def _canonical_scheme(text: str, info: ValidationInfo) -> str:
+    """Checked after `define`, which stands before `schemes` for that reason; where it is at fault, that is told."""
+    if "define" not in info.data:
+        return text
+    catalogue = catalogue_of(info.data["define"])
     try:
-        spec = canonical(text)
+        spec = canonical(text, catalogue)
     except SchemeError as error:
         raise ValueError(str(error)) from None
-    if entry_of(parse_spec(spec).name).domain == "curves":
+    if entry_of(spec_of(spec).name, catalogue).domain == "curves":
         raise ValueError(f"{spec} refines curves, and experiments fit surfaces: allowed: {schemes_on(*SURFACES)}")
     return spec
 
@@ -54,6 +59,16 @@ WITHOUT_EFFECT: dict[str, Any] = {**dict.fromkeys(("jobs", "threads", "retries",
 PATHS = (("source", "mesh"), ("source", "creases", "file"), ("source", "alpha", "file"))
 
 Listed = (Field(min_length=1), AfterValidator(_unique))
+
+
+_OWN_SCHEMES = {
+    "my-loop": {
+        "edge": {"end": "3/8", "opposite": "1/8"},
+        "vertex": "5/8 - (3/8 + cos(2*pi/n)/4)^2",
+        "boundary": "cubic-bspline",
+    },
+    "softer": {"base": "my-loop", "alpha": 0.5},
+}
 
 
 class CreaseSettings(Settings):
@@ -121,8 +136,12 @@ class ExperimentSettings(Settings):
 
     targets: Annotated[tuple[str, ...], *Listed] = ("bunny", "mousehead")
     """Named targets (see `meshfit targets`) or paths of mesh files, relative to this file."""
+    define: Annotated[Definitions, Field(examples=[_OWN_SCHEMES])] = Field(default_factory=dict)
+    """Schemes of your own by name, which `schemes` may then list: by their masks, or as a push-back of another scheme
+    towards interpolation."""
     schemes: Annotated[tuple[SchemeSpec, ...], *Listed] = ("loop", "interp-loop")
-    """Subdivision schemes (see `meshfit schemes`), with parameters as in `interp-loop:alpha=0.5`."""
+    """Subdivision schemes (see `meshfit schemes`), with parameters as in `interp-loop:alpha=0.5`; names in `define`, or
+    paths of files that hold such a definition, relative to this file."""
     seeds: Annotated[tuple[Annotated[int, Field(ge=0, lt=2**32)], ...], *Listed] = (0,)
     """Seeds of the samples; table cells are means over them."""
     normalise: Literal["tutorial", "box", "none"] = "tutorial"

@@ -6,13 +6,15 @@ from pathlib import Path
 from typing import Any
 
 from meshfit.config.experiment import PATHS, ExperimentSettings
-from meshfit.config.strict_yaml import Document, parse_document, parse_value
+from meshfit.config.scheme_files import adopt_files, in_folder
+from meshfit.config.strict_yaml import Document, parse_value, read_document
 from meshfit.config.sweep import variants_of
 from meshfit.errors import ConfigError
 from meshfit.paths import CONFIG_SUFFIXES, missing
 from meshfit.resources import bundled
 from meshfit.settings import Key, build, changed, merged, nested
 from meshfit.specs import suggest
+from meshfit.subdivision.definition import Definition
 
 _INIT = "`meshfit init {}` writes one"
 
@@ -41,17 +43,26 @@ def load_experiment(name_or_path: str, overrides: Sequence[str] = ()) -> Experim
         ConfigError: no such config, or a key or value that is not allowed; with file and line, or the override.
     """
     path = config_path(name_or_path)
-    try:
-        document = parse_document(path.read_text(encoding="utf-8"), str(path))
-    except UnicodeDecodeError:
-        raise ConfigError(f"{path}: not a text file in UTF-8") from None
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    data = _with_absolute_paths(document.data, path.parent)
+    document = read_document(path)
     changes = _parse_overrides(overrides)
-    settings = build(ExperimentSettings, changed(data, changes), lambda key: _where(key, document, path, changes))
-    variants_of(settings, lambda: _where(("sweep",), document, path, changes))
+
+    def where(key: Key) -> str:
+        return _where(key, document, path, changes)
+
+    data = changed(_with_absolute_paths(document.data, path.parent), changes)
+    found = adopt_files(data, where)
+    settings = build(ExperimentSettings, found.data, lambda key: found.where(key) or where(key))
+    variants_of(settings, lambda: where(("sweep",)))
     return Experiment(path.stem, settings)
+
+
+def defined_in(name_or_path: str | None) -> dict[str, Definition]:
+    """The schemes of the user's own in a config; none where there is no config.
+
+    Raises:
+        ConfigError: as `load_experiment`.
+    """
+    return {} if name_or_path is None else load_experiment(name_or_path).settings.define
 
 
 def config_path(name_or_path: str) -> Path:
@@ -74,11 +85,15 @@ def config_path(name_or_path: str) -> Path:
 
 
 def _with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Files named in a config lie relative to it; so a config runs from anywhere."""
+    """Files named in a config, of meshes and of schemes, lie relative to it; so a config runs from anywhere."""
 
     def absolute(value: Any, key: Sequence[str]) -> Any:  # noqa: ANN401  any YAML value
         if isinstance(value, dict):
             return {name: absolute(inner, (*key, *str(name).split("."))) for name, inner in value.items()}
+        if key == ("schemes",) or (key[:1] == ("define",) and key[2:] == ("base",)):
+            specs = value if isinstance(value, list) else [value]
+            placed = [in_folder(spec, folder) if isinstance(spec, str) else spec for spec in specs]
+            return placed if isinstance(value, list) else placed[0]
         if key != ("targets",) and not any(tuple(key[-len(path) :]) == path for path in PATHS):
             return value
         if isinstance(value, list):
@@ -102,9 +117,8 @@ def _parse_overrides(overrides: Sequence[str]) -> dict[str, Any]:
 def _where(key: Key, document: Document, path: Path, changes: dict[str, Any]) -> str:
     if _is_within(key, changes):
         return "--set: "
-    while key and key not in document.lines:
-        key = key[:-1]
-    return f"{path}, line {document.lines[key]}: " if key else f"{path}: "
+    line = document.line_of(key)
+    return f"{path}: " if line is None else f"{path}, line {line}: "
 
 
 def _is_within(key: Key, changes: Any) -> bool:  # noqa: ANN401  any YAML value

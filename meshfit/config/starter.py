@@ -32,6 +32,9 @@ def _sections(settings: Settings, depth: int) -> list[str]:
             text += f"{indent}{name}:\n" + "".join(_sections(value, depth + 1))
         else:
             text += f"{indent}{_entry(name, settings.model_dump(mode='json')[name])}"
+        for example in field.examples or ():
+            lines = ["For example:", *_entry(name, example).splitlines()]
+            text += "".join(f"{indent}# {line}\n" for line in lines)
         sections.append(text)
     return sections
 

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -72,6 +73,27 @@ class Document:
 
     data: dict[str, Any]
     lines: dict[Key, int]
+
+    def line_of(self, key: Key) -> int | None:
+        """The line of a key, or else of the nearest one that holds it; None where it is that of the document."""
+        while key and key not in self.lines:
+            key = key[:-1]
+        return self.lines[key] if key else None
+
+
+def read_document(path: Path) -> Document:
+    """Read a file that holds one YAML mapping.
+
+    Raises:
+        ConfigError: it cannot be read, or is not such a file; with the line.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise ConfigError(f"{path}: not a text file in UTF-8") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    return parse_document(text, str(path))
 
 
 def parse_document(text: str, origin: str) -> Document:

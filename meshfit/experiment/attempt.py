@@ -55,7 +55,7 @@ class Attempt:
         Args:
             seconds: that the fit has taken since its start.
         """
-        settings = self.trial.settings
+        settings, scheme = self.trial.settings, self.trial.named_scheme.declared()
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", MeshfitWarning)
             inputs = dict(self.trial.inputs)
@@ -64,7 +64,7 @@ class Attempt:
             placed_source = relocated(settings.source, self.trial.where)
             for role, name in source_files(placed_source).items():
                 _check_unchanged(name, inputs.get(role))
-            built = build_source(placed_source, self.trial.scheme)
+            built = build_source(placed_source, scheme)
             source = aligned(built, self._target, settings.source.align)
             _warn_of_differences(source, self._target)
         self._notes = [*placed.notes, *_texts(caught)]
@@ -84,7 +84,7 @@ class Attempt:
             self.trial.seed,
             on_step=lambda step: self._tell(Progress(Phase.FITTING, step)),
             resume=checkpoint,
-            scheme=self.trial.scheme,
+            scheme=scheme,
             on_snapshot=lambda step, mesh: write_snapshot(self.trial, self.store, step, self._encoded(mesh)),
             save=lambda state: write_checkpoint(self.trial, self.store, state | {"seconds": self._seconds()}),
         )

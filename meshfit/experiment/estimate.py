@@ -21,6 +21,7 @@ from meshfit.experiment.source import build_source
 from meshfit.experiment.store import Result, RunDirectory
 from meshfit.fitting.progress import Interrupted
 from meshfit.fitting.settings import FirstOrderSettings
+from meshfit.subdivision.catalogue import NamedScheme
 
 _PROBE_SECONDS = {"first-order": 2.0, "gauss-newton": 8.0}
 _WARM_UP_STEPS = 3
@@ -102,15 +103,15 @@ def _paces_of(results: Sequence[tuple[Trial, Result]]) -> dict[str, _Pace]:
 
 def _work(trial: Trial) -> float:
     """What the time of a fit is proportional to."""
-    fit, verts = trial.settings.fit, _num_verts(trial.settings.source, trial.scheme)
+    fit, verts = trial.settings.fit, _num_verts(trial.settings.source, trial.named_scheme)
     if isinstance(fit, FirstOrderSettings):
         return fit.steps * (fit.samples + verts / _VERTS_PER_SAMPLE)
     return float(fit.steps * (fit.verts if fit.connectivity == "remeshed" else verts * 4**fit.levels))
 
 
 @cache
-def _num_verts(source: SourceSettings, scheme: str) -> int:
-    return build_source(source, scheme).num_verts
+def _num_verts(source: SourceSettings, scheme: NamedScheme) -> int:
+    return build_source(source, scheme.declared()).num_verts
 
 
 def _probed(trial: Trial, threads: int) -> _Pace | None:

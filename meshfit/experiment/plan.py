@@ -14,6 +14,7 @@ from meshfit.config.load import Experiment
 from meshfit.config.sweep import Variant, variants_of
 from meshfit.experiment.source import build_source, source_files
 from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path, target_title
+from meshfit.subdivision.catalogue import NamedScheme
 
 # Raised whenever the same settings would give other numbers, so that older results are not taken for newer ones.
 SCHEMA_VERSION = 2
@@ -49,6 +50,11 @@ class Trial:
         return self.settings.schemes[0]
 
     @property
+    def named_scheme(self) -> NamedScheme:
+        """The scheme's spec, with what it hangs on of what the settings define."""
+        return NamedScheme.of(self.scheme, self.settings.define)
+
+    @property
     def seed(self) -> int:
         """The seed."""
         return self.settings.seeds[0]
@@ -67,11 +73,12 @@ class Trial:
     def plain_settings(self) -> dict[str, Any]:
         """The settings as plain data, without those that no result depends on.
 
-        Nor are creases and alphas in it where there are none: results from before there were any stay of one kind with
-        those from after.
+        Definitions, creases and alphas are left out where there are none, as there were none before: older trials
+        keep their identities.
         """
         unused = {key for key in _LATER if getattr(self.settings.source, key) is None}
-        return self.settings.model_dump(mode="json", exclude=WITHOUT_EFFECT | {"source": unused})
+        plain = self.settings.model_dump(mode="json", exclude=WITHOUT_EFFECT | {"source": unused})
+        return plain if plain["define"] else {key: value for key, value in plain.items() if key != "define"}
 
     @cached_property
     def identity(self) -> str:
@@ -128,11 +135,12 @@ def plan(experiments: Sequence[Experiment], *, elsewhere: bool = False) -> list[
 
 def _trials_of(experiment: str, variant: Variant) -> Iterator[Trial]:
     settings = variant.settings
-    source_input = _check_source(settings.source, settings.schemes)
+    schemes = tuple(NamedScheme.of(scheme, settings.define) for scheme in settings.schemes)
+    source_input = _check_source(settings.source, schemes)
     for target in settings.targets:
         inputs = (("target", _check_target(target)), *source_input)
-        for scheme, seed in product(settings.schemes, settings.seeds):
-            one = {"targets": (target,), "schemes": (scheme,), "seeds": (seed,)}
+        for scheme, seed in product(schemes, settings.seeds):
+            one = {"targets": (target,), "schemes": (scheme.spec,), "seeds": (seed,), "define": dict(scheme.own)}
             yield Trial(experiment, settings.model_copy(update=one), inputs, variant.name)
 
 
@@ -143,10 +151,11 @@ def _check_target(target: str) -> str:
 
 
 @cache
-def _check_source(settings: SourceSettings, schemes: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
+def _check_source(settings: SourceSettings, schemes: tuple[NamedScheme, ...]) -> tuple[tuple[str, str], ...]:
     files = source_files(settings)
     for scheme in schemes:
-        build_source(settings.model_copy(update={"levels": min(settings.levels, 1)}), scheme)
+        short = settings.model_copy(update={"levels": min(settings.levels, 1)})
+        build_source(short, scheme.declared(), scheme.spec)
     return tuple((role, file_sha256(target_path(name))) for role, name in files.items())
 
 

@@ -40,12 +40,13 @@ class _Ball:
         return np.asarray(self.centre + offset * (self.radius / length))
 
 
-def build_source(settings: SourceSettings, scheme: str | Scheme) -> Mesh:
+def build_source(settings: SourceSettings, scheme: str | Scheme, name: str = "this scheme") -> Mesh:
     """The mesh that a fit starts from.
 
     Args:
         settings: which control mesh, how it is placed, creased and weighed, and how many levels.
         scheme: the scheme that refines it, or its spec.
+        name: what messages call a scheme that is given as such.
 
     Raises:
         ConfigError: the control mesh is neither a base, nor a target, nor a file; or it is decimated, and a file counts
@@ -54,9 +55,9 @@ def build_source(settings: SourceSettings, scheme: str | Scheme) -> Mesh:
         SchemeError: no such scheme, or one that takes no creases or has no alpha.
     """
     mesh, numbering = _control(settings)
-    masks = declared(scheme)
-    creases = _creases(settings, masks, scheme, mesh, numbering)
-    masks = _with_alphas(settings, masks, scheme, numbering)
+    masks, name = declared(scheme), scheme if isinstance(scheme, str) else name
+    creases = _creases(settings, masks, name, mesh, numbering)
+    masks = _with_alphas(settings, masks, name, numbering)
     try:
         return _refined(mesh, settings, masks, creases)
     except MeshError as error:
@@ -75,25 +76,25 @@ def _refined(mesh: Mesh, settings: SourceSettings, scheme: Scheme, creases: Crea
 
 
 def _creases(
-    settings: SourceSettings, masks: Scheme, scheme: str | Scheme, mesh: Mesh, numbering: Indices | None
+    settings: SourceSettings, masks: Scheme, name: str, mesh: Mesh, numbering: Indices | None
 ) -> Creases | None:
     wanted = settings.creases
     if wanted is None:
         return None
     sharpness = inf if wanted.sharpness is None else wanted.sharpness
     with _naming("source.creases"):
-        require_takes_creases(masks, scheme if isinstance(scheme, str) else "this scheme")
+        require_takes_creases(masks, name)
         if wanted.angle is not None:
             return creases_by_angle(mesh, wanted.angle, sharpness)
         assert wanted.file is not None  # noqa: S101  one of both is there
         return read_creases(wanted.file, Topology.of(mesh), _undecimated(settings, numbering), sharpness)
 
 
-def _with_alphas(settings: SourceSettings, masks: Scheme, scheme: str | Scheme, numbering: Indices | None) -> Scheme:
+def _with_alphas(settings: SourceSettings, masks: Scheme, name: str, numbering: Indices | None) -> Scheme:
     wanted = settings.alpha
     if wanted is None:
         return masks
-    with _naming(f"source.alpha: {scheme}" if isinstance(scheme, str) else "source.alpha"):
+    with _naming(f"source.alpha: {name}"):
         masks = masks.with_alpha(0.0)
     with _naming("source.alpha"):
         verts = _undecimated(settings, numbering)

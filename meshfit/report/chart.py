@@ -80,9 +80,10 @@ def _lines(tables: Sequence[ResultTable]) -> list[_Line]:
 
 
 def _kind(scheme: str) -> str:
-    spec = parse_spec(scheme)
-    if spec.name not in SCHEMES:
+    # What tells several definitions of one name apart stands after a blank, and is no part of a spec.
+    if scheme.partition(" ")[0].partition(":")[0] not in SCHEMES:
         return "of one's own"
+    spec = parse_spec(scheme)
     alpha = dict(spec.parameters).get("alpha", 1.0)
     return SCHEMES[spec.name].kind if alpha == 1 else "approximating"
 

@@ -14,7 +14,8 @@ Result = Mapping[str, Any]
 Cell = tuple[str, str]
 """Target and scheme."""
 
-_VARIED = ("targets", "schemes", "seeds")
+# Definitions go with the schemes that they are of.
+_VARIED = ("targets", "schemes", "define", "seeds")
 
 # Settings that change what is written beside the numbers, and not the numbers.
 _WITHOUT_EFFECT = ("write_frame", "fit.trace_every")

@@ -7,10 +7,10 @@ from pathlib import Path
 from meshfit.errors import ConfigError
 from meshfit.experiment.statistics import median_seed
 from meshfit.report.gather import Result, shared_settings, target_key
+from meshfit.report.own_schemes import canonical_among
 from meshfit.report.table import ResultTable, build_tables
 from meshfit.report.variations import variation_names
 from meshfit.specs import suggest
-from meshfit.subdivision.choose import canonical
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def pick_trials(
         SchemeError: what is no scheme.
         StoreError: results that contradict each other.
     """
-    wanted = tuple(canonical(scheme) for scheme in schemes)
+    wanted = tuple(canonical_among(results, scheme) for scheme in schemes)
     _require(wanted, "scheme", (result["scheme"] for result in results))
     _require(targets, "target", map(target_key, results))
     chosen = [

@@ -9,10 +9,10 @@ from meshfit.experiment.statistics import BySeed, Summary, summarise
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.comparison import Difference, best_on_targets, differences_on_targets, differences_over_targets
 from meshfit.report.gather import Cell, Group, Result, gather
+from meshfit.report.own_schemes import canonical_among
 from meshfit.report.paper import PAPER_TARGETS
 from meshfit.report.variations import differing_keys, shown
 from meshfit.specs import suggest
-from meshfit.subdivision.choose import canonical
 from meshfit.subdivision.table import SCHEMES
 
 DEFAULT_METRIC = "hausdorff.symmetric"
@@ -83,7 +83,7 @@ def build_tables(
     require_metric(metric)
     groups = gather(results, metric)
     if baseline is not None:
-        baseline = _check_baseline(canonical(baseline), groups)
+        baseline = _check_baseline(canonical_among(results, baseline), groups)
     differing = differing_keys([group.settings for group in groups])
     return [_table(group, metric, differing, baseline, (schemes, targets)) for group in groups]
 

@@ -1,12 +1,12 @@
 """The one assembler: it lays masks down on a topology as a sparse operator, and never asks which scheme they are of."""
 
 import numpy as np
-from jaxtyping import Int64
+from jaxtyping import Float64, Int64
 from scipy.sparse import csr_array, diags_array, eye_array, vstack
 
 from meshfit.mesh.topology import Indices, Mask, Topology, next_in_face, previous_in_face
 from meshfit.subdivision.creases import Creases, SharpRules
-from meshfit.subdivision.masks import CurveMask, EdgeMask, FaceMask
+from meshfit.subdivision.masks import CurveMask, EdgeMask, FaceMask, VertMask
 from meshfit.subdivision.push_back import pushed_back
 from meshfit.subdivision.splits import Division
 from meshfit.subdivision.stencils import Stencils
@@ -44,8 +44,7 @@ def _old_verts(topology: Topology, scheme: TriangleScheme, division: Division) -
         return csr_array(eye_array(topology.num_verts, format="csr"))
     stencils = Stencils(topology)
     on_border = topology.boundary_verts
-    ring_of = np.array([0.0, *(scheme.vert.ring(n) for n in range(1, int(topology.valence.max(initial=0)) + 1))])
-    ring = np.where(on_border, 0.0, ring_of[topology.valence])
+    ring = _ring_weights(topology, scheme.vert)
     moved = on_border if division.moves_border else np.zeros_like(on_border)
     still = np.flatnonzero(~moved)
     stencils.add(still, still, 1 - ring[still])
@@ -56,6 +55,15 @@ def _old_verts(topology: Topology, scheme: TriangleScheme, division: Division) -
     before, after = topology.boundary_neighbours[border].T
     stencils.add_curve(border, {-1: before, 0: border, 1: after}, scheme.boundary.vert)
     return stencils.operator(topology.num_verts)
+
+
+def _ring_weights(topology: Topology, mask: VertMask) -> Float64[np.ndarray, " V"]:
+    """What the one-ring of each inner vertex gets; weights are asked for at valences that occur, and at no others."""
+    inner = np.flatnonzero(~topology.boundary_verts & (topology.valence > 0))
+    valences, place = np.unique(topology.valence[inner], return_inverse=True)
+    weights = np.zeros(topology.num_verts)
+    weights[inner] = np.array([mask.ring(int(valence)) for valence in valences], dtype=np.float64)[place]
+    return weights
 
 
 def _new_verts(

@@ -1,5 +1,7 @@
 """From what a user writes, `interp-loop:alpha=0.5`, to a scheme, and to the one canonical way of writing it."""
 
+from collections.abc import Mapping
+
 from meshfit.errors import ConfigError, SchemeError
 from meshfit.specs import Spec, Value, parse_spec, suggest
 from meshfit.subdivision.curve_scheme import CurveScheme
@@ -10,26 +12,30 @@ from meshfit.subdivision.triangle_scheme import TriangleScheme
 SURFACES: tuple[Domain, ...] = ("triangles", "polygons")
 _DOMAINS: dict[type[Scheme], Domain] = {TriangleScheme: "triangles", CurveScheme: "curves"}
 
+Catalogue = Mapping[str, SchemeEntry]
+"""Schemes by name: those of the table alone, or with a user's own beside them."""
 
-def entry_of(name: str) -> SchemeEntry:
-    """The table's entry of that name.
+
+def entry_of(name: str, catalogue: Catalogue = SCHEMES) -> SchemeEntry:
+    """The entry of that name.
 
     Raises:
         SchemeError: there is none; the nearest name is suggested.
     """
-    if name not in SCHEMES:
-        raise SchemeError(f"'{name}' is not a scheme: {suggest(name, SCHEMES)}")
-    return SCHEMES[name]
+    if name not in catalogue:
+        raise SchemeError(f"'{name}' is not a scheme: {suggest(name, catalogue)}")
+    return catalogue[name]
 
 
-def scheme_of(text: str, **overrides: Value | None) -> Scheme:
+def scheme_of(text: str, catalogue: Catalogue = SCHEMES, /, **overrides: Value | None) -> Scheme:
     """The scheme of a spec, `name` or `name:key=value,…`; parameters given apart take precedence (None: not given).
 
     Raises:
         SchemeError: no such scheme or parameter, or a value that is not allowed.
     """
-    name, parameters = _resolve(text, {key: value for key, value in overrides.items() if value is not None})
-    return SCHEMES[name].declare(**parameters)
+    given = {key: value for key, value in overrides.items() if value is not None}
+    name, parameters = _resolve(text, catalogue, given)
+    return catalogue[name].declare(**parameters)
 
 
 def declared(scheme: str | Scheme) -> Scheme:
@@ -41,14 +47,14 @@ def declared(scheme: str | Scheme) -> Scheme:
     return scheme_of(scheme) if isinstance(scheme, str) else scheme
 
 
-def canonical(text: str) -> str:
-    """The one way to write a scheme spec: parameters in the table's order, those at their default left out.
+def canonical(text: str, catalogue: Catalogue = SCHEMES) -> str:
+    """The one way to write a scheme spec: parameters in the entry's order, those at their default left out.
 
     Raises:
         SchemeError: as `scheme_of`.
     """
-    name, parameters = _resolve(text, {})
-    declared = SCHEMES[name].parameters
+    name, parameters = _resolve(text, catalogue, {})
+    declared = catalogue[name].parameters
     changed = tuple((key, value) for key, value in parameters.items() if value != declared[key].default)
     return str(Spec(name, changed))
 
@@ -69,12 +75,21 @@ def unfit(scheme: Scheme, domain: Domain) -> SchemeError:
     return SchemeError(f"a scheme on {own} cannot refine {domain}; schemes on {domain}: {schemes_on(domain)}")
 
 
-def _resolve(text: str, overrides: dict[str, Value]) -> tuple[str, dict[str, float | str]]:
+def spec_of(text: str) -> Spec:
+    """The name and the parameters in a scheme's spec, as they are written.
+
+    Raises:
+        SchemeError: it is no spec.
+    """
     try:
-        spec = parse_spec(text)
+        return parse_spec(text)
     except ConfigError as error:
         raise SchemeError(f"scheme {error}") from None
-    declared = entry_of(spec.name).parameters
+
+
+def _resolve(text: str, catalogue: Catalogue, overrides: dict[str, Value]) -> tuple[str, dict[str, float | str]]:
+    spec = spec_of(text)
+    declared = entry_of(spec.name, catalogue).parameters
     given = dict(spec.parameters) | overrides
     for key in given:
         if key not in declared:

@@ -6,11 +6,15 @@ from fractions import Fraction
 
 from meshfit.errors import SchemeError
 
+Weight = Fraction | float
+"""A weight: exact where it is rational."""
+
 _TOLERANCE = 1e-12
-_CHECKED_VALENCES = range(3, 13)
+CHECKED_VALENCES = range(3, 13)
+"""Valences at which weights that are given by valence are tried."""
 
 
-def _require_unit_sum(total: Fraction | float, what: str) -> None:
+def _require_unit_sum(total: Weight, what: str) -> None:
     allowed = 0.0 if isinstance(total, Fraction) else _TOLERANCE
     if abs(float(total - 1)) > allowed:
         raise SchemeError(f"the weights of {what} sum to {total}, not to 1")
@@ -26,9 +30,9 @@ class EdgeMask:
         wing: of each of the 4 vertices across the other edges of its faces (the butterfly's wings).
     """
 
-    end: Fraction
-    opposite: Fraction = Fraction(0)
-    wing: Fraction = Fraction(0)
+    end: Weight
+    opposite: Weight = Fraction(0)
+    wing: Weight = Fraction(0)
 
     def __post_init__(self) -> None:
         _require_unit_sum(2 * self.end + 2 * self.opposite + 4 * self.wing, "an edge mask")
@@ -44,9 +48,9 @@ class FaceMask:
         wing: of each of the 6 vertices across the outer edges of the 3 neighbouring faces.
     """
 
-    corner: Fraction
-    across: Fraction = Fraction(0)
-    wing: Fraction = Fraction(0)
+    corner: Weight
+    across: Weight = Fraction(0)
+    wing: Weight = Fraction(0)
 
     def __post_init__(self) -> None:
         _require_unit_sum(3 * self.corner + 3 * self.across + 6 * self.wing, "a face mask")
@@ -71,7 +75,7 @@ class SpokeMask:
     weights: Callable[[int], tuple[float, ...]]
 
     def __post_init__(self) -> None:
-        for valence in _CHECKED_VALENCES:
+        for valence in CHECKED_VALENCES:
             weights = self.weights(valence)
             if len(weights) != valence + 1:
                 raise SchemeError(f"a spoke mask has {len(weights)} weights at valence {valence}, not {valence + 1}")

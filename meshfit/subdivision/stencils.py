@@ -7,9 +7,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from meshfit.mesh.topology import NONE, Indices, Topology, next_in_face, previous_in_face
-from meshfit.subdivision.masks import SpokeMask
-
-Weight = Fraction | float
+from meshfit.subdivision.masks import SpokeMask, Weight
 
 
 class Rows:

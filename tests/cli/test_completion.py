@@ -49,7 +49,7 @@ def test_commands_and_options_are_completed():
 
 NAMES = {
     "meshfit run ": {*bundled_configs(), "mine.yaml"},
-    "meshfit schemes ": set(SCHEMES),
+    "meshfit schemes ": {*SCHEMES, "mine.yaml"},
     "meshfit compare loop --targets bunny,": {f"bunny,{name}" for name in (*NAMED_TARGETS, "head.obj")},
     "meshfit measure ": {*NAMED_TARGETS, "head.obj"},
     "meshfit table runs --metric ": set(METRICS),

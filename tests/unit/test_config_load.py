@@ -103,7 +103,7 @@ def test_overrides(config, overrides, value, expected):
     assert value(config(TEXT, *overrides)) == expected
 
 
-LISTED = "targets, schemes, seeds, normalise, write_frame, source, fit, measure, device, dtype"
+LISTED = "targets, define, schemes, seeds, normalise, write_frame, source, fit, measure, device, dtype"
 BAD_OVERRIDES = {
     "fit.steps": "--set fit.steps: 'key=value' is needed, such as fit.steps=500",
     "=5": "--set =5: 'key=value' is needed",

@@ -9,6 +9,7 @@ from meshfit.config.experiment import ExperimentSettings
 from meshfit.config.load import bundled_configs, load_experiment
 from meshfit.config.starter import starter_config
 from meshfit.config.strict_yaml import parse_document
+from meshfit.errors import ConfigError
 from meshfit.settings import Settings, build
 
 LINES = starter_config().splitlines()
@@ -72,7 +73,9 @@ BREAKS = {
         isinstance(value, dict) and any(faulty(value[key], rule.get(key, {})) for key in value)
     ),
     "additionalProperties": lambda value, rule, beside: (
-        rule is False and isinstance(value, dict) and not value.keys() <= beside["properties"].keys()
+        isinstance(value, dict) and not value.keys() <= beside["properties"].keys()
+        if rule is False
+        else isinstance(rule, dict) and isinstance(value, dict) and any(faulty(entry, rule) for entry in value.values())
     ),
     "items": lambda value, rule, _: any(faulty(entry, rule) for entry in value),
     "anyOf": lambda value, rule, _: all(faulty(value, option) for option in rule),
@@ -87,7 +90,7 @@ BREAKS = {
     "exclusiveMinimum": lambda value, rule, _: is_number(value) and value <= rule,
     "exclusiveMaximum": lambda value, rule, _: is_number(value) and value >= rule,
 }
-SILENT = {"title", "description", "default", "$defs", "prefixItems", "$ref"}
+SILENT = {"title", "examples", "description", "default", "$defs", "prefixItems", "$ref"}
 
 
 def faulty(value, schema):
@@ -104,6 +107,52 @@ def test_the_schema_lets_bundled_configs_through(name):
 
 def test_the_schema_lets_the_starter_through():
     assert not faulty(parse_document(starter_config(), "it").data, SCHEMA)
+
+
+OWN = {"edge": {"end": "3/8", "opposite": 0.125}, "boundary": "linear"}
+
+
+@pytest.mark.parametrize(
+    "own",
+    [
+        OWN,
+        OWN | {"vertex": 0.5, "spokes": "1/n"},
+        OWN | {"vertex": {"3": "9/16", "else": "3/8"}, "spokes": {"4": ["3/8", 0, "-1/8", 0], "else": "j/n"}},
+        {"split": "sqrt3", "face": {"corner": "1/3"}, "boundary": "ternary-bspline"},
+        {"base": "loop", "alpha": 0.5},
+    ],
+)
+def test_the_schema_lets_schemes_of_ones_own_through_as_the_models_do(own):
+    data = {"define": {"mine": own}}
+    assert not faulty(data, SCHEMA)
+    build(ExperimentSettings, data)
+
+
+@pytest.mark.parametrize(
+    "own",
+    [
+        {},
+        OWN | {"edge": {"end": [1]}},
+        OWN | {"boundary": "ternary-bspline"},
+        OWN | {"vertex": {"3": "9/16"}},
+        OWN | {"spokes": {"4": [1, 2], "else": 0}},
+        OWN | {"base": "loop"},
+        OWN | {"split": "sqrt3"},
+        {"base": "loop", "alpha": 2},
+    ],
+)
+def test_the_schema_refuses_schemes_that_the_models_refuse(own):
+    data = {"define": {"mine": own}}
+    assert faulty(data, SCHEMA)
+    with pytest.raises(ConfigError):
+        build(ExperimentSettings, data)
+
+
+def test_the_example_in_the_starter_is_one():
+    commented = [line.removeprefix("# ") for line in LINES[LINES.index("# define:") :]]
+    example = parse_document("\n".join(commented[: commented.index("")]), "it").data
+    settings = build(ExperimentSettings, example | {"schemes": ["my-loop", "softer:alpha=0.3"]})
+    assert list(settings.define) == ["my-loop", "softer"]
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from meshfit.experiment.records import read_result
 from meshfit.report.colours import DISTANCES
 from meshfit.report.extra import needed
 from meshfit.report.gather import Result
+from meshfit.report.own_schemes import told_apart
 from meshfit.report.page import charts, records, sheets
 from meshfit.report.page.exhibits import Keyed, Wall, keyed, trials_on, walls_of
 from meshfit.report.page.gallery import Gallery, gallery_of, pictures_in
@@ -91,7 +92,7 @@ def read_content(roots: Sequence[Path], metrics: Sequence[str], baseline: str | 
         for trial in experiment.trials
         if (result := read_result(trial)) is not None
     ]
-    results = with_planned_names(complete)
+    results = told_apart(with_planned_names(complete))
     wanted = list(dict.fromkeys(metrics))
     tables = [table for metric in wanted for table in build_tables(results, metric, baseline=baseline)]
     return Content(experiments, results, arrange(tables))
@@ -159,6 +160,7 @@ def _names(content: Content, trials: Sequence[Keyed], shown: Sequence[Exhibition
         "exhibitions": shown,
         "differing": records.differing_settings(content.sheets),
         "shared": records.shared_by_all(content.sheets),
+        "definitions": records.definitions_grid(content.results),
         "trials": records.trials_grid(content.sheets, trials),
         "failures": records.failures_grid(content.experiments),
         "machines": records.machines_grid(content.results) if content.results else None,

@@ -11,6 +11,7 @@ from meshfit.report.amounts import duration, size
 from meshfit.report.contrast import Row
 from meshfit.report.gather import Result
 from meshfit.report.numbers import plain
+from meshfit.report.own_schemes import definitions_of
 from meshfit.report.page.exhibits import Keyed, row_title, trials_on
 from meshfit.report.sheet import VARIED, Sheet
 from meshfit.report.variations import differing_keys, shown
@@ -43,6 +44,11 @@ def shared_by_all(sheets: Sequence[Sheet]) -> Grid:
     differing = {*differing_keys(settings), *(key for some in settings for key in some if some[key] == VARIED)}
     found = settings[0] if settings else {}
     return Grid(("setting", "value"), tuple((key, shown(found[key])) for key in found if key not in differing))
+
+
+def definitions_grid(results: Sequence[Result]) -> Grid:
+    """The schemes of the user's own; no rows where there are none."""
+    return Grid(("scheme", "definition"), tuple(definitions_of(results).items()))
 
 
 def trials_grid(sheets: Sequence[Sheet], trials: Sequence[Keyed]) -> Grid:

@@ -1,0 +1,149 @@
+"""Files that hold one scheme of the user's own each, whose paths may stand where a scheme's name does."""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from meshfit.config.strict_yaml import Document, read_document
+from meshfit.errors import ConfigError
+from meshfit.paths import CONFIG_SUFFIXES, missing
+from meshfit.settings import Key, Settings, build, dotted
+from meshfit.subdivision.catalogue import OwnSchemes
+from meshfit.subdivision.definition import Definition
+
+_SPEC = re.compile(r"(?P<path>.*\.ya?ml)(?P<parameters>:.*)?", re.DOTALL)
+
+
+def without_path(text: str) -> str:
+    """A spec with the name that a file's scheme has, in place of the file's path."""
+    found = _SPEC.fullmatch(text.strip())
+    return text if found is None else Path(found["path"]).stem + (found["parameters"] or "")
+
+
+def in_folder(text: str, folder: Path) -> str:
+    """A spec whose file, if it names one by its path, is looked for in a folder."""
+    found = _SPEC.fullmatch(text.strip())
+    return text if found is None else str(folder / found["path"]) + (found["parameters"] or "")
+
+
+@dataclass(frozen=True)
+class SchemeFile:
+    """A file that holds a definition."""
+
+    path: Path
+    document: Document
+
+
+@dataclass(frozen=True)
+class Adopted:
+    """Settings with the definitions of the files that they name.
+
+    Attributes:
+        data: the settings: names in place of paths, and under `define` a definition for each file.
+        files: the files, by the name of the scheme.
+    """
+
+    data: dict[str, Any]
+    files: Mapping[str, SchemeFile]
+
+    def where(self, key: Key) -> str:
+        """The place in a scheme's file where the value of a key was written; nothing if it was not in one."""
+        if key[:1] != ("define",) or len(key) < 2 or key[1] not in self.files:
+            return ""
+        file = self.files[str(key[1])]
+        line = file.document.line_of(key[2:])
+        return f"{file.path}: " if line is None else f"{file.path}, line {line}: "
+
+
+def adopt_files(data: Mapping[str, Any], where: Callable[[Key], str] = lambda _: "") -> Adopted:
+    """Read the files of schemes that some settings name, and those that are their bases.
+
+    Args:
+        data: settings as plain data, not checked yet; what is no spec in them is left for the checks to refuse.
+        where: from a key's path to where it was written.
+
+    Raises:
+        ConfigError: a file that is missing or no YAML mapping, or whose scheme has the name of another definition.
+    """
+    define = data.get("define", {})
+    if not isinstance(define, Mapping):
+        return Adopted(dict(data), {})
+    reader = _Reader(dict(define), where)
+    for name, definition in define.items():
+        reader.define[name] = reader.with_base(definition, ("define", str(name), "base"))
+    found = dict(data)
+    if isinstance(schemes := data.get("schemes"), list | tuple):
+        found["schemes"] = [reader.named(spec, ("schemes", place)) for place, spec in enumerate(schemes)]
+    return Adopted(found | ({"define": reader.define} if reader.define else {}), reader.files)
+
+
+def adopted(specs: Sequence[str], definitions: Mapping[str, Definition]) -> tuple[list[str], dict[str, Definition]]:
+    """Specs that a person typed, with names in place of paths, and the definitions that they may name.
+
+    Args:
+        specs: as they were typed.
+        definitions: that there are besides those in files.
+
+    Raises:
+        ConfigError: as `adopt_files`, or a definition that is not allowed; with file and line.
+    """
+    define = {name: definition.model_dump(mode="json") for name, definition in definitions.items()}
+    found = adopt_files({"schemes": list(specs), "define": define})
+    own = build(OwnSchemes, {"define": found.data.get("define", {})}, found.where)
+    return found.data["schemes"], own.define
+
+
+class _Reader:
+    def __init__(self, define: dict[str, Any], where: Callable[[Key], str]) -> None:
+        self.define, self.files = define, dict[str, SchemeFile]()
+        self._where = where
+
+    def named(self, spec: Any, key: Key) -> Any:  # noqa: ANN401  any YAML value
+        """A spec with a name in place of a path, whose file is read."""
+        found = _SPEC.fullmatch(spec.strip()) if isinstance(spec, str) else None
+        if found is None:
+            return spec
+        self._read(Path(found["path"]), key)
+        return without_path(spec)
+
+    def with_base(self, definition: Any, key: Key) -> Any:  # noqa: ANN401  any YAML value
+        """A definition with a name in place of the path of its base."""
+        if not isinstance(definition, Mapping) or "base" not in definition:
+            return definition
+        return {**definition, "base": self.named(definition["base"], key)}
+
+    def _read(self, path: Path, key: Key) -> None:
+        name, place = path.stem, f"{self._where(key)}{dotted(key)}: " if self._where(key) else ""
+        if name in self.files:
+            if self.files[name].path.resolve() != path.resolve():
+                raise ConfigError(f"{place}{path}: there is another '{name}', in {self.files[name].path}; rename one")
+            return
+        if path.is_dir():
+            raise ConfigError(f"{place}{path}: a directory; the path of a YAML file is needed")
+        if not path.is_file():
+            raise ConfigError(f"{place}{path}: {missing(path, CONFIG_SUFFIXES)}")
+        document = read_document(path)
+        self.files[name] = SchemeFile(path, document)
+        base = document.data.get("base")
+        inner = in_folder(base, path.parent) if isinstance(base, str) else base
+        definition = self.with_base(document.data | ({"base": inner} if "base" in document.data else {}), key)
+        if name in self.define and not _are_same(self.define[name], definition):
+            raise ConfigError(f"{place}{path}: there is another '{name}', under 'define'; rename one")
+        self.define[name] = definition
+
+
+class _Alone(Settings):
+    """A definition by itself, whatever its base is."""
+
+    definition: Definition
+
+
+def _are_same(one: Any, other: Any) -> bool:  # noqa: ANN401  any YAML values
+    """Whether two definitions are; one that is not allowed is the same as no other."""
+    try:
+        first, second = (build(_Alone, {"definition": each}) for each in (one, other))
+    except ConfigError:
+        return False
+    return first == second
