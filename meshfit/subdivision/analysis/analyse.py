@@ -1,0 +1,109 @@
+"""The analysis of one scheme: everything that is computed of it, in one piece of data."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from meshfit.errors import SchemeError
+from meshfit.subdivision.analysis.domain import Domain
+from meshfit.subdivision.analysis.domains import domain_of
+from meshfit.subdivision.analysis.holder import continuity, holder_bound
+from meshfit.subdivision.analysis.lattice import regular_mask
+from meshfit.subdivision.analysis.odd_place import OddPlace, study_valence, wheels
+from meshfit.subdivision.analysis.polynomials import reproduced_degree, sum_rule_order
+from meshfit.subdivision.analysis.smoothness import sobolev_exponent
+from meshfit.subdivision.analysis.support import Support, support_of
+from meshfit.subdivision.analysis.thresholds import largest_alpha
+from meshfit.subdivision.scheme import Scheme
+
+VALENCES = tuple(range(3, 13))
+_REACH = 3
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """What is computed of a scheme.
+
+    Attributes:
+        domain: what it refines: triangles, polygons or curves.
+        odd: what may be extraordinary: `vertex`, `face` (dual schemes), or nothing.
+        regular: the regular valence.
+        dilation: fine edges along a coarse one after `steps` levels, which is when the lattice lies as before.
+        steps: that number of levels.
+        row_sums: the least and the largest sum of the weights of one vertex, on a patch and on wheels.
+        reproduced: highest degree of polynomials that one level reproduces on the regular lattice.
+        generated: highest degree of polynomials that are limits of some data there: the sum rules' order less one.
+        s2: L2-Sobolev exponent of the limit there.
+        holder_bound: what its Hölder exponent cannot be larger than, if the scheme is stable.
+        continuity: the largest k for which it is shown to be C^k there; -1 for none.
+        support: of the basis function there.
+        places: one for each valence; none on curves.
+        alphas: by valence at which C1 fails, the alpha from which it does, if it does not from alpha = 0.
+    """
+
+    domain: str
+    odd: str
+    regular: int
+    dilation: int
+    steps: int
+    row_sums: tuple[float, float]
+    reproduced: int
+    generated: int
+    s2: float
+    holder_bound: float
+    continuity: int
+    support: Support
+    places: tuple[OddPlace, ...]
+    alphas: dict[int, float]
+
+    @property
+    def failing(self) -> tuple[int, ...]:
+        """The valences at which the limit is not shown to be C1."""
+        return tuple(each.valence for each in self.places if each.fault or self.continuity < 1)
+
+
+def analyse(scheme: Scheme, valences: Sequence[int] = VALENCES) -> Analysis:
+    """Compute what a scheme does on regular meshes and at extraordinary places, from the operators that it makes.
+
+    Args:
+        scheme: any that is declared, one's own too.
+        valences: to look at, 3 or more each.
+
+    Raises:
+        SchemeError: its refined lattice is no lattice, its stencils are too wide, or it has an alpha for each vertex.
+    """
+    if np.ndim(getattr(getattr(scheme, "push_back", None), "alpha", 0.0)):
+        raise SchemeError("a scheme is analysed for one alpha, not for one at each vertex")
+    domain = domain_of(scheme)
+    mask = regular_mask(domain)
+    order = sum_rule_order(mask)
+    support = support_of(domain, mask)
+    s2 = sobolev_exponent(mask, order)
+    odd = valences if domain.wheel is not None else ()
+    places = tuple(study_valence(domain, mask, support.radius, valence) for valence in odd)
+    alphas = {each.valence: largest_alpha(scheme, mask.steps, each) for each in places if each.fault}
+    return Analysis(
+        domain=domain.name,
+        odd=domain.odd,
+        regular=domain.regular,
+        dilation=mask.dilation,
+        steps=mask.steps,
+        row_sums=_row_sums(domain, mask.steps, odd),
+        reproduced=reproduced_degree(domain),
+        generated=order - 1,
+        s2=s2,
+        holder_bound=holder_bound(mask, order),
+        continuity=continuity(mask, order, s2),
+        support=support,
+        places=places,
+        alphas={valence: alpha for valence, alpha in alphas.items() if alpha is not None},
+    )
+
+
+def _row_sums(domain: Domain, steps: int, valences: Sequence[int]) -> tuple[float, float]:
+    """Of every vertex on a patch and on wheels, near borders too."""
+    refines = [domain.patch(_REACH).refine, *(wheels(domain, valence)(_REACH).refine for valence in valences)]
+    operators = [operator for refine in refines for operator in refine(steps).operators]
+    sums = np.concatenate([operator.sum(axis=1) for operator in operators])
+    return float(sums.min()), float(sums.max())

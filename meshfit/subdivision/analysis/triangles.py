@@ -1,0 +1,94 @@
+"""The domain of schemes on triangles: lattice and wheels."""
+
+import numpy as np
+from jaxtyping import Complex128, Int64
+
+from meshfit.mesh.topology import Topology
+from meshfit.subdivision.analysis.domain import Domain, Finer, HalfEdges, Patch, Refine, Wheel
+from meshfit.subdivision.refine import refine
+from meshfit.subdivision.triangle_scheme import TriangleScheme
+
+_BORDER = 2
+
+
+def triangle_domain(scheme: TriangleScheme) -> Domain:
+    """Triangles, of which six meet at a regular vertex."""
+    return Domain(
+        "triangles",
+        2,
+        "vertex",
+        6,
+        lambda reach: _patch(scheme, reach),
+        lambda valence, rings: _wheel(scheme, valence, rings),
+        _distance,
+    )
+
+
+def _distance(places: np.ndarray) -> np.ndarray:
+    i, j = places.T
+    return np.asarray(np.maximum(np.maximum(np.abs(i), np.abs(j)), np.abs(i + j)))
+
+
+def _refine(scheme: TriangleScheme, topology: Topology) -> Refine:
+    def refined(steps: int) -> Finer:
+        found = refine(topology, scheme, steps)
+        return Finer(found.operators, HalfEdges.of_faces(found.faces))
+
+    return refined
+
+
+def _patch(scheme: TriangleScheme, reach: int) -> Patch:
+    """Vertex (i, j) has the neighbours (±1, 0), (0, ±1), (1, -1) and (-1, 1)."""
+    side = 2 * reach + 1
+    rows, columns = np.divmod(np.arange(side**2), side)
+    here = np.flatnonzero((rows < side - 1) & (columns < side - 1))
+    right, up, corner = here + 1, here + side, here + side + 1
+    faces = np.concatenate([np.stack([here, right, up], 1), np.stack([right, corner, up], 1)])
+    places = np.stack([columns, rows], axis=1) - float(reach)
+    inner = np.asarray((np.abs(places) <= reach - _BORDER).all(axis=1))
+    return Patch(places, inner, _refine(scheme, Topology(side**2, faces)))
+
+
+def _wheel(scheme: TriangleScheme, valence: int, rings: int) -> Wheel:
+    turns = _turns(valence, rings)
+    ring = np.repeat(np.arange(1, rings + 1), np.arange(1, rings + 1))
+    faces = _faces(valence, rings)
+    topology = Topology(1 + turns.size, faces)
+    places, halfedges = _places(valence, rings, turns), HalfEdges.of_faces(faces)
+    return Wheel(places, halfedges, turns, ring, _refine(scheme, topology), hub=True)
+
+
+def _turns(valence: int, rings: int) -> Int64[np.ndarray, "K N"]:
+    """The verts of a ring are numbered on counter-clockwise from the first spoke."""
+    spoke = np.arange(valence)
+    rows = [_first(valence, r) + r * spoke + part for r in range(1, rings + 1) for part in range(r)]
+    return np.array(rows)
+
+
+def _first(valence: int, ring: int) -> int:
+    return 1 + valence * ring * (ring - 1) // 2
+
+
+def _places(valence: int, rings: int, turns: Int64[np.ndarray, "K N"]) -> Complex128[np.ndarray, " V"]:
+    """Every sector between two spokes is a piece of a lattice."""
+    places = np.zeros(1 + turns.size, dtype=np.complex128)
+    turn = np.exp(2j * np.pi / valence)
+    parts = [(ring - part) + part * turn for ring in range(1, rings + 1) for part in range(ring)]
+    places[turns] = np.array(parts)[:, None] * turn ** np.arange(valence)
+    return places
+
+
+def _faces(valence: int, rings: int) -> Int64[np.ndarray, "F 3"]:
+    """Between ring r - 1 and ring r, r faces in each sector point inwards and r - 1 outwards."""
+    spoke = np.arange(valence)
+
+    def at(ring: int, part: int) -> np.ndarray:
+        return _first(valence, ring) + (ring * spoke + part) % (ring * valence) if ring else 0 * spoke
+
+    corners = []
+    for ring in range(1, rings + 1):
+        for part in range(ring):
+            corners.append((at(ring - 1, part), at(ring, part), at(ring, part + 1)))
+            if part < ring - 1:
+                corners.append((at(ring - 1, part), at(ring, part + 1), at(ring - 1, part + 1)))
+    return np.concatenate([np.stack(face, axis=1) for face in corners])
