@@ -1,7 +1,8 @@
-"""`meshfit schemes`: the table of schemes, or one of them with its masks."""
+"""`meshfit schemes`: the table of schemes, or one of them with its masks and what is computed of it."""
 
 import json
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
@@ -11,6 +12,11 @@ from meshfit.cli import completions
 from meshfit.cli.console import out
 from meshfit.cli.options import AsJson
 from meshfit.subdivision.scheme import SchemeEntry
+
+if TYPE_CHECKING:
+    from meshfit.subdivision.analysis.analyse import Analysis
+    from meshfit.subdivision.describe import MaskRow
+    from meshfit.subdivision.scheme import Scheme
 
 
 def schemes(
@@ -22,19 +28,40 @@ def schemes(
             autocompletion=completions.schemes,
         ),
     ] = None,
+    analysed: Annotated[
+        bool,
+        typer.Option(
+            "--analyse",
+            help="Compute how smooth its limit is, on regular meshes and at valences 3 to 12.",
+        ),
+    ] = False,
+    plot: Annotated[
+        Path | None,
+        typer.Option("--plot", help="Draw this analysis: a .png, .pdf or .svg to write.", metavar="FILE"),
+    ] = None,
     as_json: AsJson = False,
 ) -> int:
-    """List the subdivision schemes, or show the masks of one.
+    """List the subdivision schemes, or show or analyse one.
+
+    An analysis computes, from the operators that a scheme makes: polynomials that it reproduces and generates, the
+    smoothness of its limit on regular meshes, and eigenvalues and the characteristic map at extraordinary vertices.
+    Its figure needs the extra: pip install 'meshfit[report]'.
 
     Examples:
         meshfit schemes
 
         meshfit schemes interp-loop:alpha=0.5
+
+        meshfit schemes butterfly --analyse --plot butterfly.png
     """
+    from meshfit.errors import ConfigError
     from meshfit.subdivision.table import SCHEMES
 
     if name is not None:
-        return _one(name, as_json)
+        return _one(name, plot, analysed=analysed, as_json=as_json)
+    if analysed or plot is not None:
+        option = "--analyse" if analysed else "--plot"
+        raise ConfigError(f"{option} is for one scheme: name it, as in `meshfit schemes loop {option}`")
     if as_json:
         typer.echo(json.dumps([_plain(key, entry) for key, entry in SCHEMES.items()], indent=2))
         return 0
@@ -48,7 +75,8 @@ def schemes(
     return 0
 
 
-def _one(text: str, as_json: bool) -> int:
+def _one(text: str, plot: Path | None, *, analysed: bool, as_json: bool) -> int:
+    from meshfit.cli.analysis_view import plain_analysis, print_analysis, print_verdict
     from meshfit.specs import parse_spec
     from meshfit.subdivision.choose import canonical, entry_of, scheme_of
     from meshfit.subdivision.describe import describe
@@ -56,12 +84,38 @@ def _one(text: str, as_json: bool) -> int:
     scheme = scheme_of(text)
     name = parse_spec(text).name
     entry = entry_of(name)
+    analysis = _analysis(scheme, canonical(text), plot) if analysed or plot is not None else None
     rows = list(describe(scheme))
     if as_json:
-        masks = [{"where": row.where, "weights": row.weights} for row in rows]
-        typer.echo(json.dumps(_plain(name, entry) | {"masks": masks}, indent=2))
+        found = _plain(name, entry) | {"masks": [{"where": row.where, "weights": row.weights} for row in rows]}
+        typer.echo(json.dumps(found | ({"analysis": plain_analysis(analysis)} if analysis else {}), indent=2))
         return 0
-    out.print(f"[bold]{escape(canonical(text))}[/]  {entry.title}, {entry.kind}")
+    if analysis is not None:
+        print_verdict(analysis)
+    _print_masks(canonical(text), entry, scheme, rows)
+    if analysis is not None and analysed:
+        print_analysis(analysis)
+    if plot is not None:
+        out.print(f"wrote {plot}", soft_wrap=True, markup=False)
+    return 0
+
+
+def _analysis(scheme: "Scheme", title: str, plot: Path | None) -> "Analysis":
+    from meshfit.subdivision.analysis.analyse import analyse
+
+    if plot is None:
+        return analyse(scheme)
+    from meshfit.report.analysis_plate import write_analysis
+    from meshfit.report.typeset import require_suffix
+
+    require_suffix(plot)
+    analysis = analyse(scheme)
+    write_analysis(scheme, analysis, title, plot)
+    return analysis
+
+
+def _print_masks(title: str, entry: SchemeEntry, scheme: "Scheme", rows: "list[MaskRow]") -> None:
+    out.print(f"[bold]{escape(title)}[/]  {entry.title}, {entry.kind}")
     facts = Table(box=None, pad_edge=False, show_header=False)
     facts.add_column(style="bold")
     facts.add_column()
@@ -77,7 +131,6 @@ def _one(text: str, as_json: bool) -> int:
     for row in rows:
         facts.add_row(row.where, row.weights)
     out.print(facts)
-    return 0
 
 
 def _with_parameters(name: str, entry: SchemeEntry) -> str:

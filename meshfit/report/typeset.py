@@ -23,7 +23,7 @@ _BAR = 3.4  # lines that a colour bar takes, with its numbers and its label
 _SMALLEST = 7.0  # points; what is too long for it is broken into lines
 _MOST_LINES = 3
 _LETTER = 0.47  # mean width of a letter, as a share of the size of the font
-_STYLE = {
+STYLE = {
     "font.family": ["STIXGeneral", "DejaVu Sans"],
     "pdf.fonttype": 42,  # outlines of TrueType, which every publisher takes
     "svg.hashsalt": "meshfit",
@@ -31,6 +31,8 @@ _STYLE = {
     "text.parse_math": False,
     "axes.linewidth": 0.5,
 }
+"""What matplotlib is told for every figure."""
+
 _UNDATED: dict[str, dict[str, None]] = {
     ".png": {"Software": None},
     ".pdf": {"CreationDate": None},
@@ -75,16 +77,24 @@ def write_plate(rows: Sequence[Row], path: Path, *, width: float, font: float, d
     rows = [_broken(row, width, font) for row in rows]
     line = font * _LINE / 72
     heights = [round(_height(row, line, dpi) * dpi) / dpi for row in rows]
-    with matplotlib.rc_context(_STYLE), warnings.catch_warnings():
+    with matplotlib.rc_context(STYLE), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a letter that no font has is drawn as a box
         figure = figures.Figure(figsize=(width, sum(heights)), facecolor="white")
         top = sum(heights)
         for row, height in zip(rows, heights, strict=True):
             _Sheet(figure, width, sum(heights), font, dpi).add(row, top)
             top -= height
-        content = io.BytesIO()
-        suffix = path.suffix.lower()
-        figure.savefig(content, format=suffix[1:], dpi=dpi, metadata=_UNDATED[suffix])
+        write_drawing(figure, path, dpi)
+
+
+def write_drawing(figure: Any, path: Path, dpi: int) -> None:  # noqa: ANN401  matplotlib is optional
+    """Write a figure of matplotlib; the same figure gives the same bytes.
+
+    Raises:
+        ConfigError: the file cannot be written.
+    """
+    content, suffix = io.BytesIO(), path.suffix.lower()
+    figure.savefig(content, format=suffix[1:], dpi=dpi, metadata=_UNDATED[suffix])
     try:
         path.write_bytes(content.getvalue())
     except OSError as error:

@@ -40,11 +40,11 @@ def is_regular(wheel_of: Callable[[int], Wheel], matrix: LocalMatrix, steps: int
     net = characteristic_net(matrix, wheel)
     levels = steps * max(1, round(np.log(_REFINED) / np.log(dilation)))
     finer = wheel.refine(levels)
-    corners = _corner_turns(finer.halfedges, finer.carry(net))
+    corners = corner_turns(finer.halfedges, finer.carry(net))
     return bool((corners[np.isfinite(corners)] > _FLAT).all())
 
 
-def _corner_turns(halfedges: HalfEdges, places: Complex128[np.ndarray, " V"]) -> np.ndarray:
+def corner_turns(halfedges: HalfEdges, places: Complex128[np.ndarray, " V"]) -> np.ndarray:
     """(H,) the sine of the angle at the head of each half-edge, from it to the one that follows; nan off the net."""
     along = places[halfedges.head] - places[halfedges.tail]
     onward = along[halfedges.following]

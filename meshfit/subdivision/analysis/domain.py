@@ -37,6 +37,16 @@ class HalfEdges:
         """(H,) vertex at which each ends."""
         return np.asarray(self.tail[self.following])
 
+    def triangles(self) -> Int64[np.ndarray, "T 3"]:
+        """(T, 3) verts of the faces cut into triangles, each into fans from one of its corners."""
+        first = np.arange(len(self.tail))
+        ahead = self.following.copy()
+        while (going := ahead != np.arange(len(ahead))).any():
+            first[going] = np.minimum(first[going], ahead[going])
+            ahead[going] = self.following[ahead[going]]
+        ends = (first != np.arange(len(first))) & (self.following != first)
+        return np.asarray(np.stack([self.tail[first], self.tail, self.head], axis=1)[ends])
+
     @cached_property
     def twin(self) -> Indices:
         """(H,) the one on the other side of the edge; `NONE` on the boundary."""
@@ -73,17 +83,19 @@ class Patch:
     Attributes:
         places: (V, D) integer coordinates in a basis of the lattice, the origin amid the patch; multiples of 1/2 where
             new verts do not lie on old ones.
+        halfedges: of its faces; of its edges, on a line.
         inner: (V,) which verts are so far from the border that all rules there are the regular ones.
         refine: its refinement by the scheme.
     """
 
     places: Float64[np.ndarray, "V D"]
+    halfedges: HalfEdges
     inner: Mask
     refine: Refine
 
     def regular(self, finer: Finer) -> Mask:
         """(V',) which fine verts follow from inner ones alone."""
-        return np.isfinite(finer.carry(np.where(self.inner, 0.0, np.nan)))
+        return np.asarray(np.isfinite(finer.carry(np.where(self.inner, 0.0, np.nan))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +108,8 @@ class Wheel:
         turns: (K, n) all verts but a hub, each row those that turns by one spoke take to each other, inner rings first.
         ring: (K,) the ring that each row lies in, from 1.
         refine: its refinement by the scheme.
+        locate: number of steps → (V',) where linear interpolation on the same split puts the fine verts, which tells
+            the spokes of the fine wheel apart whatever the scheme does to positions.
         hub: whether vertex 0 is the centre.
     """
 
@@ -104,6 +118,7 @@ class Wheel:
     turns: Int64[np.ndarray, "K N"]
     ring: Int64[np.ndarray, " K"]
     refine: Refine
+    locate: Callable[[int], Complex128[np.ndarray, " W"]]
     hub: bool
 
     def within(self, rings: int) -> Indices:
@@ -124,6 +139,7 @@ class Domain:
         patch: number of edges from the origin to the border → a patch.
         wheel: valence and number of rings → a wheel; None on curves.
         distance: coordinates in the lattice → (K,) how many rings they lie away from the origin.
+        axes: (D, D) where the basis of the lattice lies when it is drawn, edges of length 1.
     """
 
     name: str
@@ -133,3 +149,4 @@ class Domain:
     patch: Callable[[int], Patch]
     wheel: Callable[[int, int], Wheel] | None
     distance: Callable[[np.ndarray], np.ndarray]
+    axes: tuple[tuple[float, ...], ...]

@@ -11,7 +11,7 @@ from jaxtyping import Complex128, Float64
 
 from meshfit.errors import SchemeError
 from meshfit.mesh.topology import NONE, Indices
-from meshfit.subdivision.analysis.domain import Finer, HalfEdges, Wheel
+from meshfit.subdivision.analysis.domain import HalfEdges, Wheel
 
 PAD = 4
 """Rings around those of a local matrix, so that the border of the wheel does not reach it."""
@@ -54,7 +54,7 @@ def local_matrix(wheel: Wheel, steps: int, rings: int) -> LocalMatrix | None:
     """The matrix of so many rings of a wheel that has `PAD` more; None where these rings need more than themselves."""
     finer = wheel.refine(steps)
     kept = wheel.within(rings)
-    matched = match(wheel, finer, rings)
+    matched = match(wheel, finer.halfedges, wheel.locate(steps), rings)
     rows = finer.operators[-1][matched[kept]]
     for operator in finer.operators[-2::-1]:
         rows = rows @ operator
@@ -85,16 +85,22 @@ def invariant_matrix(wheel_of: Callable[[int], Wheel], steps: int, rings: int) -
     raise SchemeError(f"this scheme cannot be analysed: {_MOST_RINGS} rings around a vertex do not follow from them")
 
 
-def match(wheel: Wheel, finer: Finer, rings: int) -> Indices:
+def match(wheel: Wheel, fine: HalfEdges, places: Complex128[np.ndarray, " W"], rings: int) -> Indices:
     """(V,) the fine vertex in the place of each coarse one of the first rings; `NONE` for the others.
 
     Both connectivities are walked at once, from the centre outwards, along corresponding half-edges.
+
+    Args:
+        wheel: the coarse connectivity.
+        fine: the fine one.
+        places: where the wheel locates the fine verts.
+        rings: how many are matched.
     """
-    coarse, fine = wheel.halfedges, finer.halfedges
+    coarse = wheel.halfedges
     inside = np.zeros(len(wheel.places), dtype=bool)
     inside[wheel.within(rings)] = True
     whole = inside[coarse.tail] & inside[coarse.head]
-    start, other = _starts(wheel, finer)
+    start, other = _starts(wheel, fine, places)
     matched = np.full(len(wheel.places), NONE)
     seen, waiting = {start}, [(start, other)]
     following, tails = (coarse.following.tolist(), fine.following.tolist()), (coarse.tail.tolist(), fine.tail.tolist())
@@ -110,13 +116,12 @@ def match(wheel: Wheel, finer: Finer, rings: int) -> Indices:
     return matched
 
 
-def _starts(wheel: Wheel, finer: Finer) -> tuple[int, int]:
+def _starts(wheel: Wheel, fine: HalfEdges, places: Complex128[np.ndarray, " W"]) -> tuple[int, int]:
     """Half-edges about the centre of the coarse and of the fine faces, in the same direction from it."""
-    places = finer.carry(wheel.places)
     mine = _about_centre(wheel.halfedges, wheel.places, hub=wheel.hub)
-    theirs = _about_centre(finer.halfedges, places, hub=wheel.hub)
+    theirs = _about_centre(fine, places, hub=wheel.hub)
     ahead = _middles(wheel.halfedges, wheel.places)[mine[0]]
-    turned = _middles(finer.halfedges, places)[theirs] / ahead
+    turned = _middles(fine, places)[theirs] / ahead
     return int(mine[0]), int(theirs[np.argmin(np.abs(np.angle(turned)))])
 
 

@@ -19,9 +19,8 @@ def points_in_hull(offsets: Int64[np.ndarray, "B D"], part: int) -> Int64[np.nda
     if offsets.shape[1] == 1:
         return box
     walls = ConvexHull(offsets).equations
-    return np.asarray(
-        box[(box * part @ walls[:, :-1].T + walls[:, -1] < _TOLERANCE * np.abs(offsets).max()).all(axis=1)]
-    )
+    beyond = box * part @ walls[:, :-1].T + walls[:, -1]
+    return np.asarray(box[(beyond < _TOLERANCE * np.abs(offsets).max()).all(axis=1)])
 
 
 def values_at(

@@ -75,8 +75,8 @@ def spectrum_of(matrix: LocalMatrix) -> Spectrum:
     n = matrix.valence
     by_mode = {mode: _eigenvalues(matrix.block(mode)) for mode in range(n // 2 + 1)}
     by_mode[0] = np.delete(by_mode[0], int(np.argmin(np.abs(by_mode[0] - 1))))
-    leading, by_mode[1] = Eigenvalue(complex(by_mode[1][0]), 1), by_mode[1][1:]
-    others = [Eigenvalue(complex(value), mode) for mode, values in by_mode.items() for value in values]
+    leading, by_mode[1] = Eigenvalue(_upper(by_mode[1][0]), 1), by_mode[1][1:]
+    others = [Eigenvalue(_upper(value), mode) for mode, values in by_mode.items() for value in values]
     # Modes n/2 < m < n repeat those below n/2; of equal moduli the one of the lowest mode is named.
     largest = max((each.modulus for each in others), default=0.0)
     rest = next((each for each in others if each.modulus >= largest * (1 - TIE)), Eigenvalue(0j, 0))
@@ -93,6 +93,11 @@ def _eigenvalues(block: Complex128[np.ndarray, "L L"]) -> Complex128[np.ndarray,
     parts = zip([0, *cuts], [*cuts, len(block)], strict=True)
     values = np.concatenate([np.linalg.eigvals(block[low:high, low:high]) for low, high in parts])
     return np.asarray(values[np.argsort(-np.abs(values), kind="stable")])
+
+
+def _upper(value: np.complex128) -> complex:
+    """Of an eigenvalue and its conjugate, which comes with mode n - m, the one in the upper half plane."""
+    return complex(value.real, abs(value.imag))
 
 
 def _written(value: complex) -> str:

@@ -1,12 +1,16 @@
 """The domain of schemes on triangles: lattice and wheels."""
 
+from fractions import Fraction
+from math import sqrt
+
 import numpy as np
 from jaxtyping import Complex128, Int64
 
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.analysis.domain import Domain, Finer, HalfEdges, Patch, Refine, Wheel
+from meshfit.subdivision.masks import CurveMask, EdgeMask, FaceMask
 from meshfit.subdivision.refine import refine
-from meshfit.subdivision.triangle_scheme import TriangleScheme
+from meshfit.subdivision.triangle_scheme import Split, TriangleScheme
 
 _BORDER = 2
 
@@ -21,6 +25,7 @@ def triangle_domain(scheme: TriangleScheme) -> Domain:
         lambda reach: _patch(scheme, reach),
         lambda valence, rings: _wheel(scheme, valence, rings),
         _distance,
+        ((1.0, 0.0), (1 / 2, sqrt(3) / 2)),
     )
 
 
@@ -46,7 +51,7 @@ def _patch(scheme: TriangleScheme, reach: int) -> Patch:
     faces = np.concatenate([np.stack([here, right, up], 1), np.stack([right, corner, up], 1)])
     places = np.stack([columns, rows], axis=1) - float(reach)
     inner = np.asarray((np.abs(places) <= reach - _BORDER).all(axis=1))
-    return Patch(places, inner, _refine(scheme, Topology(side**2, faces)))
+    return Patch(places, HalfEdges.of_faces(faces), inner, _refine(scheme, Topology(side**2, faces)))
 
 
 def _wheel(scheme: TriangleScheme, valence: int, rings: int) -> Wheel:
@@ -55,7 +60,20 @@ def _wheel(scheme: TriangleScheme, valence: int, rings: int) -> Wheel:
     faces = _faces(valence, rings)
     topology = Topology(1 + turns.size, faces)
     places, halfedges = _places(valence, rings, turns), HalfEdges.of_faces(faces)
-    return Wheel(places, halfedges, turns, ring, _refine(scheme, topology), hub=True)
+
+    def locate(steps: int) -> Complex128[np.ndarray, " W"]:
+        return np.asarray(refine(topology, _linear(scheme.split), steps)(places))
+
+    return Wheel(places, halfedges, turns, ring, _refine(scheme, topology), locate, hub=True)
+
+
+def _linear(split: Split) -> TriangleScheme:
+    """Linear interpolation on a split."""
+    half, third, kept = Fraction(1, 2), Fraction(1, 3), {0: Fraction(1)}
+    if split is Split.QUADRISECT:
+        return TriangleScheme(split, EdgeMask(half), CurveMask(kept, ({0: half, 1: half},)))
+    parts = ({0: 2 * third, 1: third}, {0: third, 1: 2 * third})
+    return TriangleScheme(split, FaceMask(third), CurveMask(kept, parts))
 
 
 def _turns(valence: int, rings: int) -> Int64[np.ndarray, "K N"]:
