@@ -13,11 +13,14 @@ if TYPE_CHECKING:
     from meshfit.fitting.problem import Diverged, Problem
     from meshfit.fitting.run import FitResult
     from meshfit.measuring.measure import Measurement, measure
+    from meshfit.mesh.curve_files import load_curves, save_curves
+    from meshfit.mesh.curves import Curves
     from meshfit.mesh.files import load_mesh, save_mesh
     from meshfit.mesh.frames import Frame, frame_of
     from meshfit.mesh.mesh import Mesh
     from meshfit.mesh.targets import load_target
-    from meshfit.subdivision.refine import Refinement, refine, subdivide
+    from meshfit.subdivision.refine import refine, subdivide
+    from meshfit.subdivision.refinement import CurveRefinement, Refinement
 
 _HOMES = {
     "MeshfitError": "meshfit.errors",
@@ -29,18 +32,24 @@ _HOMES = {
     "fit_batch": "meshfit.fitting.fit",
     "Measurement": "meshfit.measuring.measure",
     "measure": "meshfit.measuring.measure",
+    "Curves": "meshfit.mesh.curves",
+    "load_curves": "meshfit.mesh.curve_files",
+    "save_curves": "meshfit.mesh.curve_files",
     "load_mesh": "meshfit.mesh.files",
     "save_mesh": "meshfit.mesh.files",
     "Frame": "meshfit.mesh.frames",
     "frame_of": "meshfit.mesh.frames",
     "Mesh": "meshfit.mesh.mesh",
     "load_target": "meshfit.mesh.targets",
-    "Refinement": "meshfit.subdivision.refine",
+    "CurveRefinement": "meshfit.subdivision.refinement",
+    "Refinement": "meshfit.subdivision.refinement",
     "refine": "meshfit.subdivision.refine",
     "subdivide": "meshfit.subdivision.refine",
 }
 
 __all__ = [
+    "CurveRefinement",
+    "Curves",
     "Diverged",
     "FitResult",
     "Frame",
@@ -53,10 +62,12 @@ __all__ = [
     "fit",
     "fit_batch",
     "frame_of",
+    "load_curves",
     "load_mesh",
     "load_target",
     "measure",
     "refine",
+    "save_curves",
     "save_mesh",
     "subdivide",
 ]

@@ -17,6 +17,10 @@ class MeshError(MeshfitError):
     """A mesh, or a file that should hold one, that cannot be used."""
 
 
+class DomainError(MeshError):
+    """A file of something else: without faces where a surface is needed, or without segments where curves are."""
+
+
 class SchemeError(MeshfitError):
     """A subdivision scheme that does not exist, or a parameter that it does not take."""
 

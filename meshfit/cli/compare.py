@@ -30,7 +30,7 @@ def compare(
         typer.Argument(
             help="Two schemes or more, as in interp-loop:alpha=0.5.",
             metavar="SCHEMES...",
-            autocompletion=completions.schemes,
+            autocompletion=completions.fitted_schemes,
         ),
     ],
     config: Annotated[

@@ -26,6 +26,13 @@ def schemes(incomplete: str) -> Completions:
     return _named({name: f"{entry.title}, {entry.kind}" for name, entry in SCHEMES.items()}, incomplete)
 
 
+def fitted_schemes(incomplete: str) -> Completions:
+    """Subdivision schemes that experiments can have: those on surfaces."""
+    from meshfit.subdivision.table import SCHEMES
+
+    return [pair for pair in schemes(incomplete) if SCHEMES[pair[0]].domain != "curves"]
+
+
 def targets(incomplete: str) -> Completions:
     """Named targets and mesh files."""
     from meshfit.mesh.targets import NAMED_TARGETS

@@ -119,6 +119,6 @@ Baseline = Annotated[
         help="Scheme to compare the others with; by default the first.",
         metavar="SCHEME",
         rich_help_panel=SHOWN,
-        autocompletion=completions.schemes,
+        autocompletion=completions.fitted_schemes,
     ),
 ]

@@ -52,6 +52,8 @@ def schemes(
 
         meshfit schemes interp-loop:alpha=0.5
 
+        meshfit schemes four-point  # of curves
+
         meshfit schemes butterfly --analyse --plot butterfly.png
     """
     from meshfit.errors import ConfigError
@@ -66,9 +68,14 @@ def schemes(
         typer.echo(json.dumps([_plain(key, entry) for key, entry in SCHEMES.items()], indent=2))
         return 0
     table = Table(box=None, pad_edge=False)
-    for column in ("scheme", "kind", "continuity", "source"):
-        table.add_column(column, style="bold" if column == "scheme" else None, overflow="fold")
+    table.add_column("scheme", style="bold", overflow="fold", min_width=max(map(len, SCHEMES)))
+    for column in ("kind", "continuity", "source"):
+        table.add_column(column, overflow="fold")
+    domain = None
     for key, entry in SCHEMES.items():
+        if entry.domain != domain:
+            domain = entry.domain
+            table.add_row(f"[not bold]on {domain}[/]")
         table.add_row(_with_parameters(key, entry), entry.kind, entry.continuity, entry.source)
     out.print(table)
     out.print("\nParameters follow a colon: [bold]interp-loop:alpha=0.5[/]. Masks: [bold]meshfit schemes NAME[/].")
@@ -119,7 +126,12 @@ def _print_masks(title: str, entry: SchemeEntry, scheme: "Scheme", rows: "list[M
     facts = Table(box=None, pad_edge=False, show_header=False)
     facts.add_column(style="bold")
     facts.add_column()
-    for key, value in (("split", scheme.split.value), ("continuity", entry.continuity), ("source", entry.source)):
+    for key, value in (
+        ("refines", entry.domain),
+        ("split", scheme.split.value),
+        ("continuity", entry.continuity),
+        ("source", entry.source),
+    ):
         facts.add_row(key, value)
     for key, parameter in entry.parameters.items():
         allowed = (
@@ -142,5 +154,5 @@ def _plain(name: str, entry: SchemeEntry) -> dict[str, object]:
         key: {"default": parameter.default, "allowed": list(parameter.allowed), "meaning": parameter.meaning}
         for key, parameter in entry.parameters.items()
     }
-    facts = {"name": name, "title": entry.title, "kind": entry.kind, "continuity": entry.continuity}
-    return facts | {"source": entry.source, "parameters": parameters}
+    facts = {"name": name, "title": entry.title, "domain": entry.domain, "kind": entry.kind}
+    return facts | {"continuity": entry.continuity, "source": entry.source, "parameters": parameters}

@@ -9,7 +9,8 @@ from meshfit.errors import SchemeError
 from meshfit.fitting.settings import Dtype, FirstOrderSettings, FitSettings
 from meshfit.measuring.settings import MeasureSettings
 from meshfit.settings import Settings
-from meshfit.subdivision.choose import canonical
+from meshfit.specs import parse_spec
+from meshfit.subdivision.choose import SURFACES, canonical, entry_of, schemes_on
 
 
 def _unique(values: tuple[object, ...]) -> tuple[object, ...]:
@@ -29,9 +30,12 @@ def _count(value: Any, validate: ValidatorFunctionWrapHandler) -> Any:  # noqa: 
 
 def _canonical_scheme(text: str) -> str:
     try:
-        return canonical(text)
+        spec = canonical(text)
     except SchemeError as error:
         raise ValueError(str(error)) from None
+    if entry_of(parse_spec(spec).name).domain == "curves":
+        raise ValueError(f"{spec} refines curves, and experiments fit surfaces: allowed: {schemes_on(*SURFACES)}")
+    return spec
 
 
 SchemeSpec = Annotated[str, AfterValidator(_canonical_scheme)]

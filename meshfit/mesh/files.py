@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshfit.errors import MeshError
+from meshfit.mesh.file_content import known_suffix, read_content, reading, write_content
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.ply_files import read_ply, write_ply
 from meshfit.mesh.repair import clean
 from meshfit.mesh.text_files import read_obj, read_off, write_obj, write_off
-from meshfit.paths import MESH_SUFFIXES, missing, unwritable
+from meshfit.paths import MESH_SUFFIXES
 
 SUFFIXES = MESH_SUFFIXES
 
@@ -37,7 +38,7 @@ def load_mesh(path: str | Path) -> Mesh:
         MeshfitWarning: as `clean` does.
     """
     path = Path(path)
-    verts, faces = _read(path, _checked_suffix(path))
+    verts, faces = _read(path, known_suffix(path, SUFFIXES, "mesh"))
     return clean(verts, faces, str(path))
 
 
@@ -49,14 +50,10 @@ def save_mesh(mesh: Mesh, path: str | Path) -> None:
             written.
     """
     path = Path(path)
-    suffix = _checked_suffix(path)
+    suffix = known_suffix(path, SUFFIXES, "mesh")
     if suffix in _SINGLE and not np.abs(mesh.verts).max(initial=0.0) <= _LARGEST_SINGLE:
         raise MeshError(f"{path}: {suffix[1:].upper()} holds single precision, too small for the coordinates")
-    content = encode_mesh(mesh, suffix)
-    try:
-        path.write_bytes(content)
-    except OSError as error:
-        raise MeshError(f"{path}: {unwritable(path, error)}") from error
+    write_content(path, encode_mesh(mesh, suffix))
 
 
 def encode_mesh(mesh: Mesh, suffix: str) -> bytes:
@@ -69,33 +66,12 @@ def encode_mesh(mesh: Mesh, suffix: str) -> bytes:
     return content if isinstance(content, bytes) else str(content).encode()
 
 
-def _checked_suffix(path: Path) -> str:
-    suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        found = (
-            f"'{path.suffix}' is not a mesh format that is known" if path.suffix else "no suffix to tell its format by"
-        )
-        raise MeshError(f"{path}: {found}; allowed: {', '.join(SUFFIXES)}")
-    return suffix
-
-
 def _read(path: Path, suffix: str) -> tuple[NDArray[np.floating], NDArray[np.integer]]:
-    try:
-        content = path.read_bytes()
-    except FileNotFoundError:
-        raise MeshError(f"{path}: {missing(path, SUFFIXES)}") from None
-    except OSError as error:
-        raise MeshError(f"{path}: cannot be read: {error.strerror}") from error
-    if not content.strip():
-        raise MeshError(f"{path}: the file is empty")
-    name = suffix[1:].upper()
-    try:  # a damaged file makes trimesh raise anything at all
+    content = read_content(path, SUFFIXES)
+    with reading(path):  # a damaged file makes trimesh raise anything at all
         verts, faces = _READERS[suffix](content) if suffix in _READERS else _parse(content, suffix)
-    except Exception as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise MeshError(f"{path}: cannot be read as {name}: {reason}") from error
-    if not len(verts):
-        raise MeshError(f"{path}: cannot be read as {name}: no verts in it; another format, or cut short")
+        if not len(verts):
+            raise ValueError("no verts in it; another format, or cut short")
     return verts, faces
 
 

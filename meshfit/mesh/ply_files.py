@@ -2,6 +2,7 @@
 
 import itertools
 import struct
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +15,7 @@ from meshfit.mesh.polygons import Arrays, arrays, fan
 _CODES = {"char": "b", "uchar": "B", "short": "h", "ushort": "H", "int": "i", "uint": "I", "float": "f", "double": "d"}
 _SIZED = {"int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "float32": "f"}
 _CODES |= _SIZED | {"float64": "d"}
+_LARGEST_INDEX = 2**53
 _FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
@@ -100,28 +102,30 @@ def read_ply(content: bytes) -> Arrays:
     Raises:
         ValueError: saying where the file is at fault.
     """
-    head, end, body = content.partition(b"end_header")
-    if not content.startswith(b"ply"):
-        raise ValueError("it does not start with 'ply'")
-    if not end:
-        raise ValueError("its header has no 'end_header'")
-    order, elements = _parse_header(head)
-    line_end = b"\r\n" if body.startswith(b"\r\n") else body[:1]
-    body = body[len(line_end) :]
-    numbers = _Binary(body, order) if order else _Text(body)
     verts, faces = arrays([], [])
-    for element in elements:
-        try:
-            rows = _read_rows(element, numbers)
-        except EOFError:
-            raise ValueError(f"the file ends within '{element.name}', of which it announces {element.length}") from None
+    for element, rows in _elements(content):
         if element.name == "vertex":
             verts = _points(element, rows)
         elif element.name == "face":
             faces = _triangles(element, rows)
-    if numbers.rest():
-        raise ValueError("more data than its header announces")
     return verts, faces
+
+
+def read_ply_segments(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """(V, 3) verts and (S, 2) the ends of the `edge` elements of a PLY file, in its order; faces are passed over.
+
+    Raises:
+        ValueError: saying where the file is at fault.
+    """
+    verts, ends = np.empty((0, 3)), np.empty((0, 2))
+    for element, rows in _elements(content):
+        if element.name == "vertex":
+            verts = _points(element, rows)
+        elif element.name == "edge":
+            ends = _columns(element, rows, ("vertex1", "vertex2"))
+    if not (np.abs(ends) < _LARGEST_INDEX).all() or (ends % 1).any():
+        raise ValueError("'edge' has ends that are not indices of verts")
+    return verts, ends.astype(np.int64)
 
 
 def write_ply(mesh: Mesh) -> bytes:
@@ -134,6 +138,27 @@ def write_ply(mesh: Mesh) -> bytes:
     rows = np.empty(mesh.num_faces, dtype=[("count", "u1"), ("index", "<i4", 3)])
     rows["count"], rows["index"] = 3, mesh.faces
     return header.encode() + mesh.verts.astype("<f8").tobytes() + rows.tobytes()
+
+
+def _elements(content: bytes) -> Iterator[tuple[_Element, _Rows]]:
+    """Each element with its rows; after the last one there must be nothing."""
+    head, end, body = content.partition(b"end_header")
+    if not content.startswith(b"ply"):
+        raise ValueError("it does not start with 'ply'")
+    if not end:
+        raise ValueError("its header has no 'end_header'")
+    order, elements = _parse_header(head)
+    line_end = b"\r\n" if body.startswith(b"\r\n") else body[:1]
+    body = body[len(line_end) :]
+    numbers = _Binary(body, order) if order else _Text(body)
+    for element in elements:
+        try:
+            rows = _read_rows(element, numbers)
+        except EOFError:
+            raise ValueError(f"the file ends within '{element.name}', of which it announces {element.length}") from None
+        yield element, rows
+    if numbers.rest():
+        raise ValueError("more data than its header announces")
 
 
 def _parse_header(head: bytes) -> tuple[str, list[_Element]]:
@@ -175,10 +200,15 @@ def _read_row(element: _Element, numbers: _Text | _Binary) -> dict[str, list[int
 
 
 def _points(element: _Element, rows: _Rows) -> NDArray[np.float64]:
-    names = [_property(element, axis) for axis in "xyz"]
+    return _columns(element, rows, "xyz")
+
+
+def _columns(element: _Element, rows: _Rows, names: Iterable[str]) -> NDArray[np.float64]:
+    """(N, K) the numbers of some properties, which float64 holds exactly whatever their kind."""
+    found = [_property(element, name) for name in names]
     if isinstance(rows, np.ndarray):
-        return np.concatenate([rows[name] for name in names], axis=1).astype(np.float64)
-    return arrays([[float(row[name][0]) for name in names] for row in rows], [])[0]
+        return np.concatenate([rows[name] for name in found], axis=1).astype(np.float64)
+    return np.array([[float(row[name][0]) for name in found] for row in rows], np.float64).reshape(-1, len(found))
 
 
 def _triangles(element: _Element, rows: _Rows) -> NDArray[np.int64]:

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
-from meshfit.errors import MeshError, MeshfitWarning
+from meshfit.errors import DomainError, MeshError, MeshfitWarning
 from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.manifold import misoriented_edges, nonmanifold_edges, num_components
 from meshfit.mesh.mesh import Faces, Mesh
@@ -57,11 +57,12 @@ def weld_seams(mesh: Mesh) -> Mesh:
     return Mesh(mesh.verts, target[mesh.faces])
 
 
-def _require_sound(verts: NDArray[np.floating], faces: NDArray[np.integer], origin: str) -> None:
-    if not len(verts):
-        raise MeshError(f"{origin}: the mesh has no verts")
-    if not len(faces):
-        raise MeshError(f"{origin}: the mesh has {len(verts)} verts and no faces; a surface of triangles is needed")
+def require_sound_verts(verts: NDArray[np.floating], origin: str) -> None:
+    """Refuse positions that cannot be computed with.
+
+    Raises:
+        MeshError: a coordinate that is not finite or beyond 1e60; its vertex is named.
+    """
     finite = np.isfinite(verts).all(axis=1)
     if not finite.all():
         bad = int(np.flatnonzero(~finite)[0])
@@ -70,6 +71,14 @@ def _require_sound(verts: NDArray[np.floating], faces: NDArray[np.integer], orig
     if too_large.any():
         bad = int(np.flatnonzero(too_large)[0])
         raise MeshError(f"{origin}: vertex {bad} is {verts[bad].tolist()}; coordinates up to {_LARGEST:g} are allowed")
+
+
+def _require_sound(verts: NDArray[np.floating], faces: NDArray[np.integer], origin: str) -> None:
+    if not len(verts):
+        raise MeshError(f"{origin}: the mesh has no verts")
+    if not len(faces):
+        raise DomainError(f"{origin}: the mesh has {len(verts)} verts and no faces; a surface of triangles is needed")
+    require_sound_verts(verts, origin)
     outside = ((faces < 0) | (faces >= len(verts))).any(axis=1)
     if outside.any():
         bad = int(np.flatnonzero(outside)[0])

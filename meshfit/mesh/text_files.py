@@ -1,5 +1,6 @@
 """OBJ and OFF, the two formats that are text: every line is accounted for, and a double comes back to the last bit."""
 
+import itertools
 import re
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -30,12 +31,35 @@ def read_obj(content: bytes) -> Arrays:
         if words[0] == b"v":
             verts.append(_point(words[1:], number))
         elif words[0] == b"f":
-            corners = _integers([word.partition(b"/")[0] for word in words[1:]], number)
-            if 0 in corners:
-                raise ValueError(f"line {number}: a face with vertex 0; OBJ counts from 1, or from -1 backwards")
-            absolute = [corner - 1 if corner > 0 else len(verts) + corner for corner in corners]
-            faces += fan(absolute, f"line {number}: ")
+            faces += fan(_corners(words[1:], number, "face", len(verts)), f"line {number}: ")
     return arrays(verts, faces)
+
+
+def read_obj_segments(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """(V, 3) verts and (S, 2) the segments of all `l` elements of an OBJ file, in its order; faces are passed over.
+
+    Raises:
+        ValueError: naming the line at fault.
+    """
+    verts: list[list[float]] = []
+    segments: list[tuple[int, int]] = []
+    for number, words in _lines(content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")):
+        if words[0] == b"v":
+            verts.append(_point(words[1:], number))
+        elif words[0] == b"l":
+            corners = _corners(words[1:], number, "line", len(verts))
+            if len(corners) < 2:
+                raise ValueError(f"line {number}: a line of {len(corners)} verts, 2 or more are needed")
+            segments += itertools.pairwise(corners)
+    return np.array(verts, np.float64).reshape(-1, 3), np.array(segments, np.int64).reshape(-1, 2)
+
+
+def _corners(words: Sequence[bytes], number: int, what: str, num_verts: int) -> list[int]:
+    """Vertex indices from 0 on, of an element that follows so many verts."""
+    corners = _integers([word.partition(b"/")[0] for word in words], number)
+    if 0 in corners:
+        raise ValueError(f"line {number}: a {what} with vertex 0; OBJ counts from 1, or from -1 backwards")
+    return [corner - 1 if corner > 0 else num_verts + corner for corner in corners]
 
 
 def read_off(content: bytes) -> Arrays:

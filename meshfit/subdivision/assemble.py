@@ -6,6 +6,7 @@ from scipy.sparse import csr_array, diags_array, eye_array, vstack
 
 from meshfit.mesh.topology import Indices, Topology, next_in_face, previous_in_face
 from meshfit.subdivision.masks import EdgeMask, FaceMask
+from meshfit.subdivision.push_back import pushed_back
 from meshfit.subdivision.splits import Division
 from meshfit.subdivision.stencils import Stencils
 from meshfit.subdivision.triangle_scheme import PushBack, TriangleScheme
@@ -108,16 +109,15 @@ def _add_border(stencils: Stencils, scheme: TriangleScheme, division: Division) 
 def _push_back(
     topology: Topology, push_back: PushBack, division: Division, even: csr_array, odd: csr_array
 ) -> tuple[csr_array, csr_array]:
-    alpha = np.broadcast_to(np.asarray(push_back.alpha, dtype=np.float64), (topology.num_verts,))
     between = linear_interpolation(topology, division)
-    displacement = diags_array(alpha) @ (eye_array(topology.num_verts, format="csr") - even)
-    pushed = odd + between @ displacement
+    old, pushed = pushed_back(push_back.alpha, between, even, odd)
     if push_back.at_valence3 is not None:
         safe = _new_verts(topology, push_back.at_valence3, division)
         share = _touches_valence3(topology, division) * 1.0
+        alpha = np.broadcast_to(np.asarray(push_back.alpha, dtype=np.float64), (topology.num_verts,))
         blend = share * (between @ alpha)
         pushed = diags_array(1 - share) @ pushed + diags_array(share - blend) @ odd + diags_array(blend) @ safe
-    return csr_array(even + displacement), csr_array(pushed)
+    return old, csr_array(pushed)
 
 
 def _touches_valence3(topology: Topology, division: Division) -> np.ndarray:

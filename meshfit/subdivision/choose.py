@@ -2,8 +2,13 @@
 
 from meshfit.errors import ConfigError, SchemeError
 from meshfit.specs import Spec, Value, parse_spec, suggest
-from meshfit.subdivision.scheme import Scheme, SchemeEntry
+from meshfit.subdivision.curve_scheme import CurveScheme
+from meshfit.subdivision.scheme import Domain, Scheme, SchemeEntry
 from meshfit.subdivision.table import SCHEMES
+from meshfit.subdivision.triangle_scheme import TriangleScheme
+
+SURFACES: tuple[Domain, ...] = ("triangles", "polygons")
+_DOMAINS: dict[type[Scheme], Domain] = {TriangleScheme: "triangles", CurveScheme: "curves"}
 
 
 def entry_of(name: str) -> SchemeEntry:
@@ -46,6 +51,22 @@ def canonical(text: str) -> str:
     declared = SCHEMES[name].parameters
     changed = tuple((key, value) for key, value in parameters.items() if value != declared[key].default)
     return str(Spec(name, changed))
+
+
+def domain_of(scheme: Scheme) -> Domain:
+    """What a scheme refines."""
+    return _DOMAINS[type(scheme)]
+
+
+def schemes_on(*domains: Domain) -> str:
+    """The names of the schemes that refine these, as messages list them."""
+    return ", ".join(name for name, entry in SCHEMES.items() if entry.domain in domains)
+
+
+def unfit(scheme: Scheme, domain: Domain) -> SchemeError:
+    """The error that a scheme does not refine things of that domain, with the names of those that do."""
+    own = domain_of(scheme)
+    return SchemeError(f"a scheme on {own} cannot refine {domain}; schemes on {domain}: {schemes_on(domain)}")
 
 
 def _resolve(text: str, overrides: dict[str, Value]) -> tuple[str, dict[str, float | str]]:

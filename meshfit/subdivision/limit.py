@@ -18,7 +18,7 @@ def has_loop_limit(scheme: Scheme) -> bool:
     return (scheme.split, scheme.inserted, scheme.boundary) == (LOOP.split, LOOP.inserted, LOOP.boundary)
 
 
-def loop_limit(topology: Topology, scheme: TriangleScheme = LOOP) -> csr_array:
+def loop_limit(topology: Topology, scheme: Scheme = LOOP) -> csr_array:
     """(V, V) the operator that takes verts to their limit positions under Loop subdivision.
 
     Of an inner vertex v with n neighbours, that is (1 - n χ) v + χ Σ, χ = 1 / (n + 3 / (8 β)), where n β is what the
@@ -32,7 +32,7 @@ def loop_limit(topology: Topology, scheme: TriangleScheme = LOOP) -> csr_array:
         MeshError: the mesh is not an oriented manifold.
         SchemeError: the scheme has another limit.
     """
-    if scheme.vert is None or not has_loop_limit(scheme):
+    if not isinstance(scheme, TriangleScheme) or scheme.vert is None or not has_loop_limit(scheme):
         raise SchemeError("limit positions are known for loop only")
     require_manifold(topology, "the limit surface")
     n, valence = topology.num_verts, topology.valence.clip(min=1)

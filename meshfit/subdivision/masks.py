@@ -83,17 +83,21 @@ CurveWeights = Mapping[int, Fraction]
 
 @dataclass(frozen=True)
 class CurveMask:
-    """The rule along a boundary, which is a curve of its own.
+    """The rule along a curve, such as a boundary.
 
     Attributes:
-        vert: weights by offset along the curve from the vertex itself (0).
-        inserted: for each vertex inserted in an edge, weights by offset from the edge's first end (0); its second is 1.
+        vert: weights by offset along the curve from the vertex itself (0); -1 and 1 are the furthest.
+        inserted: for each vertex inserted in an edge, weights by offset from the edge's first end (0); its second is 1,
+            and -1 and 2 are the furthest.
     """
 
     vert: CurveWeights
     inserted: tuple[CurveWeights, ...]
 
     def __post_init__(self) -> None:
-        _require_unit_sum(sum(self.vert.values(), Fraction(0)), "a boundary vertex mask")
+        _require_unit_sum(sum(self.vert.values(), Fraction(0)), "the vertex mask of a curve")
         for weights in self.inserted:
-            _require_unit_sum(sum(weights.values(), Fraction(0)), "a boundary edge mask")
+            _require_unit_sum(sum(weights.values(), Fraction(0)), "the edge mask of a curve")
+        for rule, furthest in ((self.vert, 1), *((weights, 2) for weights in self.inserted)):
+            if beyond := [offset for offset in rule if not -1 <= offset <= furthest]:
+                raise SchemeError(f"a curve mask has a weight at offset {beyond[0]}; -1 to {furthest} are allowed")

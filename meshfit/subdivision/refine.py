@@ -1,90 +1,62 @@
 """Refinement: some levels of a scheme on a connectivity, as sparse operators on anything given at its vertices."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeVar
+from dataclasses import replace
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, eye_array
 
 from meshfit.errors import MeshError, SchemeError
+from meshfit.mesh.curves import Chains, Curves
 from meshfit.mesh.manifold import require_manifold
-from meshfit.mesh.mesh import Faces, Mesh
+from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
 from meshfit.specs import Value
 from meshfit.subdivision.assemble import assemble, vertex_attribute_carry
-from meshfit.subdivision.choose import scheme_of
+from meshfit.subdivision.choose import scheme_of, unfit
+from meshfit.subdivision.curve_refine import refine_chains
+from meshfit.subdivision.curve_scheme import CurveScheme
+from meshfit.subdivision.refinement import CurveRefinement, Refinement
 from meshfit.subdivision.scheme import Scheme
 from meshfit.subdivision.splits import divide
+from meshfit.subdivision.triangle_scheme import TriangleScheme
 
-if TYPE_CHECKING:
-    import torch
-
-Values = TypeVar("Values", np.ndarray, "torch.Tensor")
 ParameterValue = Value | NDArray[Any]
 
 
-@dataclass(frozen=True, eq=False)
-class Refinement:
-    """What some levels of a scheme make of a connectivity.
-
-    Attributes:
-        faces: (F', 3) the finest faces.
-        num_coarse: V, the number of vertices refined.
-        operators: one sparse operator for each level, coarsest first.
-    """
-
-    faces: Faces
-    num_coarse: int
-    operators: tuple[csr_array, ...]
-
-    @cached_property
-    def matrix(self) -> csr_array:
-        """All levels in one: sparse (V', V), verts_fine = matrix @ verts_coarse."""
-        product = csr_array(eye_array(self.num_coarse, format="csr"))
-        for operator in self.operators:
-            product = csr_array(operator @ product)
-        return product
-
-    def __call__(self, values: Values) -> Values:
-        """Refine values given at the coarse vertices, positions or any other attribute.
-
-        Args:
-            values: (V, …) numpy array or torch tensor. The map is linear, so gradients flow through it.
-
-        Returns:
-            (V', …) of the same kind, dtype and device; integers come back as float64.
-
-        Raises:
-            MeshError: the number of rows is not the number of coarse vertices.
-        """
-        if len(values) != self.num_coarse:
-            raise MeshError(f"found {len(values)} values; one for each of {self.num_coarse} coarse verts is needed")
-        if isinstance(values, np.ndarray):
-            flat = values.reshape(self.num_coarse, -1)
-            for operator in self.operators:
-                flat = operator @ flat
-            fine = flat.reshape(-1, *values.shape[1:])
-            return fine.astype(values.dtype) if np.issubdtype(values.dtype, np.floating) else fine
-        from meshfit.subdivision.tensors import apply_to_tensor
-
-        return apply_to_tensor(self.operators, values)
-
-
-def refine(topology: Topology, scheme: Scheme, levels: int = 1) -> Refinement:
+@overload
+def refine(topology: Topology, scheme: Scheme, levels: int = 1) -> Refinement: ...
+@overload
+def refine(topology: Chains, scheme: Scheme, levels: int = 1) -> CurveRefinement: ...
+def refine(topology: Topology | Chains, scheme: Scheme, levels: int = 1) -> Refinement | CurveRefinement:
     """Lay down `levels` levels of a scheme.
 
+    Args:
+        topology: of a mesh; or the chains of curves, for a scheme on curves.
+        scheme: one on what is refined.
+        levels: how many times.
+
     Raises:
-        SchemeError: levels is negative.
-        MeshError: the mesh is not an oriented manifold; a face, edge or vertex at fault is named.
+        SchemeError: levels is negative, or the scheme refines something else.
+        MeshError: the mesh is not an oriented manifold; a face, edge or vertex at fault is named. Or the curves branch.
     """
     if levels < 0:
         raise SchemeError(f"levels={levels} is not allowed: 0 or more is")
     if levels:
-        require_manifold(topology, "subdivision")
         _require_alphas(scheme, topology.num_verts)
+    if isinstance(topology, Chains):
+        if not isinstance(scheme, CurveScheme):
+            raise unfit(scheme, "curves")
+        return refine_chains(topology, scheme, levels)
+    if not isinstance(scheme, TriangleScheme):
+        raise unfit(scheme, "triangles")
+    return _refine_triangles(topology, scheme, levels)
+
+
+def _refine_triangles(topology: Topology, scheme: TriangleScheme, levels: int) -> Refinement:
+    if levels:
+        require_manifold(topology, "subdivision")
     num_coarse, operators = topology.num_verts, []
     for step in range(levels):
         division = divide(topology, scheme.split, step)
@@ -93,17 +65,24 @@ def refine(topology: Topology, scheme: Scheme, levels: int = 1) -> Refinement:
             finer = vertex_attribute_carry(topology, division) @ np.asarray(scheme.push_back.alpha)
             scheme = replace(scheme, push_back=replace(scheme.push_back, alpha=finer))
         topology = Topology(topology.num_verts + division.num_new, division.faces)
-    return Refinement(topology.faces, num_coarse, tuple(operators))
+    return Refinement(num_coarse, tuple(operators), topology.faces)
 
 
-def subdivide(mesh: Mesh, scheme: str | Scheme, levels: int = 1, **parameters: ParameterValue) -> Mesh:
-    """Refine a mesh by some levels of a subdivision scheme.
+@overload
+def subdivide(mesh: Mesh, scheme: str | Scheme, levels: int = 1, **parameters: ParameterValue) -> Mesh: ...
+@overload
+def subdivide(mesh: Curves, scheme: str | Scheme, levels: int = 1, **parameters: ParameterValue) -> Curves: ...
+def subdivide(
+    mesh: Mesh | Curves, scheme: str | Scheme, levels: int = 1, **parameters: ParameterValue
+) -> Mesh | Curves:
+    """Refine a mesh, or curves, by some levels of a subdivision scheme.
 
     Args:
-        mesh: an oriented manifold, closed or with boundary.
+        mesh: an oriented manifold, closed or with boundary; or curves, for a scheme on curves.
         scheme: a spec such as `loop` or `interp-loop:alpha=0.5`, or a declared scheme.
         levels: how many times; each makes 4 faces of one (√3 schemes: 3, and they refine the boundary at every second
-            level, so that two levels at once differ from one and one more where there is a boundary).
+            level, so that two levels at once differ from one and one more where there is a boundary), or 2 segments of
+            one (ternary schemes: 3). The ends of open curves stay where they are.
         **parameters: of the scheme, in place of those in the spec. `alpha` may be a (V,) array of one value a vertex.
 
     Example:
@@ -111,12 +90,18 @@ def subdivide(mesh: Mesh, scheme: str | Scheme, levels: int = 1, **parameters: P
         >>> subdivide(icosahedron(), "interp-loop", 2, alpha=0.5).num_faces
         320
 
+        >>> subdivide(Curves.through([[0, 0, 0], [1, 0, 0], [1, 1, 0]]), "four-point", 3).num_segments
+        16
+
     Raises:
-        SchemeError: no such scheme or parameter, or a value that is not allowed.
-        MeshError: the mesh cannot be refined; an edge or vertex at fault is named.
+        SchemeError: no such scheme or parameter, a value that is not allowed, or a scheme that refines something else.
+        MeshError: the mesh or the curves cannot be refined; an edge or vertex at fault is named.
     """
-    topology = Topology.of(mesh)
-    refinement = refine(topology, _declared(scheme, parameters), levels)
+    declared = _declared(scheme, parameters)
+    if isinstance(mesh, Curves):
+        curves = refine(Chains.of(mesh), declared, levels)
+        return Curves(curves(mesh.verts), curves.chains.corners, curves.chains.sizes, curves.chains.closed)
+    refinement = refine(Topology.of(mesh), declared, levels)
     return Mesh(refinement(mesh.verts), refinement.faces)
 
 

@@ -12,17 +12,36 @@ from meshfit.subdivision.masks import SpokeMask
 Weight = Fraction | float
 
 
-class Stencils:
-    """Entries (row, column, weight) over the verts of one topology; entries at the same place add up."""
+class Rows:
+    """Entries (row, column, weight) over some verts; entries at the same place add up."""
 
-    def __init__(self, topology: Topology) -> None:
-        self.topology = topology
+    def __init__(self, num_verts: int) -> None:
+        self.num_verts = num_verts
         self._entries: list[tuple[Indices, Indices, np.ndarray]] = []
 
     def add(self, rows: Indices, columns: Indices, weight: "Weight | np.ndarray") -> None:
         """One entry for each (row, column) pair."""
         values = np.broadcast_to(np.asarray(weight if isinstance(weight, np.ndarray) else float(weight)), rows.shape)
         self._entries.append((rows, columns, values))
+
+    def add_curve(self, rows: Indices, along: dict[int, Indices], weights: Mapping[int, Fraction]) -> None:
+        """Weights by offset along a boundary; `along` gives the vertex at each offset."""
+        for offset, weight in weights.items():
+            self.add(rows, along[offset], weight)
+
+    def operator(self, num_rows: int) -> csr_array:
+        """The rows as a sparse (num_rows, V) matrix in float64."""
+        rows, columns, values = (np.concatenate(part) for part in zip(*self._entries, strict=True))
+        entries = coo_array((values.astype(np.float64), (rows, columns)), shape=(num_rows, self.num_verts))
+        return csr_array(entries)
+
+
+class Stencils(Rows):
+    """Entries over the verts of one topology, by the roles that these play around an edge or face."""
+
+    def __init__(self, topology: Topology) -> None:
+        super().__init__(topology.num_verts)
+        self.topology = topology
 
     def add_beyond(self, rows: Indices, halfedge: Indices, weight: Weight) -> None:
         """The vertex across each half-edge; where the boundary leaves none, the face's own apex, mirrored in its edge.
@@ -61,14 +80,3 @@ class Stencils:
             for weight in ring:
                 self.add(row, topology.head[spoke], weight * part)
                 spoke = topology.next_around_tail(spoke)
-
-    def add_curve(self, rows: Indices, along: dict[int, Indices], weights: Mapping[int, Fraction]) -> None:
-        """Weights by offset along a boundary; `along` gives the vertex at each offset."""
-        for offset, weight in weights.items():
-            self.add(rows, along[offset], weight)
-
-    def operator(self, num_rows: int) -> csr_array:
-        """The rows as a sparse (num_rows, V) matrix in float64."""
-        rows, columns, values = (np.concatenate(part) for part in zip(*self._entries, strict=True))
-        entries = coo_array((values.astype(np.float64), (rows, columns)), shape=(num_rows, self.topology.num_verts))
-        return csr_array(entries)

@@ -1,6 +1,7 @@
 """Refinement operators on torch tensors."""
 
 from collections.abc import Iterable
+from math import prod
 
 import torch
 from scipy.sparse import coo_array, csr_array
@@ -20,7 +21,7 @@ def as_tensor(operator: csr_array, dtype: torch.dtype, device: torch.device | st
 def apply_to_tensor(operators: Iterable[csr_array], values: Tensor) -> Tensor:
     """Apply each operator in turn to a (V, …) tensor, in its dtype and on its device."""
     values = values if values.is_floating_point() else values.double()
-    flat = values.reshape(len(values), -1)
+    flat = values.reshape(len(values), prod(values.shape[1:]))
     for operator in operators:
         flat = torch.sparse.mm(as_tensor(operator, values.dtype, values.device), flat)
     return flat.reshape(-1, *values.shape[1:])

@@ -3,33 +3,16 @@
 from fractions import Fraction
 from math import cos, pi
 
-from meshfit.subdivision.masks import CurveMask, EdgeMask, FaceMask, SpokeMask, VertMask
+from meshfit.subdivision.curve_masks import (
+    CUBIC_BSPLINE,
+    LINEAR,
+    TERNARY_BSPLINE,
+    TERNARY_FOUR_POINT,
+    four_point,
+)
+from meshfit.subdivision.masks import EdgeMask, FaceMask, SpokeMask, VertMask
 from meshfit.subdivision.scheme import Parameter, SchemeEntry
 from meshfit.subdivision.triangle_scheme import PushBack, Split, TriangleScheme
-
-_KEPT = {0: Fraction(1)}
-_LINEAR = CurveMask(_KEPT, ({0: Fraction(1, 2), 1: Fraction(1, 2)},))
-_CUBIC_BSPLINE = CurveMask({-1: Fraction(1, 8), 0: Fraction(6, 8), 1: Fraction(1, 8)}, _LINEAR.inserted)
-
-
-def _four_point(tension: Fraction) -> CurveMask:
-    """Dyn, Levin and Gregory 1987, A 4-point interpolatory subdivision scheme for curve design."""
-    near = Fraction(1, 2) + tension
-    return CurveMask(_KEPT, ({-1: -tension, 0: near, 1: near, 2: -tension},))
-
-
-def _ternary(vert: dict[int, Fraction], first: dict[int, Fraction]) -> CurveMask:
-    """A curve rule with two vertices an edge, the second the mirror of the first."""
-    return CurveMask(vert, (first, {1 - offset: weight for offset, weight in first.items()}))
-
-
-_TERNARY_BSPLINE = _ternary(
-    {-1: Fraction(4, 27), 0: Fraction(19, 27), 1: Fraction(4, 27)},
-    {-1: Fraction(1, 27), 0: Fraction(16, 27), 1: Fraction(10, 27)},
-)
-_TERNARY_FOUR_POINT = _ternary(
-    _KEPT, {-1: Fraction(-5, 81), 0: Fraction(60, 81), 1: Fraction(30, 81), 2: Fraction(-4, 81)}
-)
 
 
 def _loop_ring(n: int) -> float:
@@ -65,13 +48,13 @@ def _labsik_greiner_spokes(n: int) -> tuple[float, ...]:
 
 
 def _midpoint() -> TriangleScheme:
-    return TriangleScheme(Split.QUADRISECT, EdgeMask(end=Fraction(1, 2)), _LINEAR)
+    return TriangleScheme(Split.QUADRISECT, EdgeMask(end=Fraction(1, 2)), LINEAR)
 
 
 def _loop(weights: str) -> TriangleScheme:
     ring = _warren_ring if weights == "warren" else _loop_ring
     return TriangleScheme(
-        Split.QUADRISECT, EdgeMask(Fraction(3, 8), opposite=Fraction(1, 8)), _CUBIC_BSPLINE, vert=VertMask(ring)
+        Split.QUADRISECT, EdgeMask(Fraction(3, 8), opposite=Fraction(1, 8)), CUBIC_BSPLINE, vert=VertMask(ring)
     )
 
 
@@ -83,7 +66,7 @@ def _interp_loop(alpha: float, weights: str, valence3: str) -> TriangleScheme:
 
 def _butterfly(tension: float) -> TriangleScheme:
     w = Fraction(tension)
-    return TriangleScheme(Split.QUADRISECT, EdgeMask(Fraction(1, 2), opposite=2 * w, wing=-w), _four_point(w))
+    return TriangleScheme(Split.QUADRISECT, EdgeMask(Fraction(1, 2), opposite=2 * w, wing=-w), four_point(w))
 
 
 def _modified_butterfly() -> TriangleScheme:
@@ -92,12 +75,12 @@ def _modified_butterfly() -> TriangleScheme:
 
 
 def _sqrt3() -> TriangleScheme:
-    return TriangleScheme(Split.SQRT3, FaceMask(Fraction(1, 3)), _TERNARY_BSPLINE, vert=VertMask(_sqrt3_ring))
+    return TriangleScheme(Split.SQRT3, FaceMask(Fraction(1, 3)), TERNARY_BSPLINE, vert=VertMask(_sqrt3_ring))
 
 
 def _interp_sqrt3() -> TriangleScheme:
     mask = FaceMask(Fraction(32, 81), across=Fraction(-1, 81), wing=Fraction(-2, 81))
-    return TriangleScheme(Split.SQRT3, mask, _TERNARY_FOUR_POINT, spokes=SpokeMask(_labsik_greiner_spokes))
+    return TriangleScheme(Split.SQRT3, mask, TERNARY_FOUR_POINT, spokes=SpokeMask(_labsik_greiner_spokes))
 
 
 LOOP = _loop("loop")

@@ -13,6 +13,7 @@ from meshfit.subdivision.masks import CurveMask, EdgeMask, FaceMask, SpokeMask, 
 from meshfit.subdivision.refine import refine
 from meshfit.subdivision.table import SCHEMES
 from meshfit.subdivision.triangle_scheme import PushBack, Split, TriangleScheme
+from meshfit.subdivision.triangle_table import TRIANGLE_SCHEMES
 from tests.shapes import mixed_closed, mixed_open, patch, torus
 
 HALF = Fraction(1, 2)
@@ -27,8 +28,8 @@ KEPT = {0: Fraction(1)}
         (lambda: SpokeMask(lambda n: (1 + 1e-9, *[0.0] * n)), "a spoke mask at valence 3"),
         (lambda: FaceMask(Fraction(1, 3), across=Fraction(1, 9)), "a face mask sum to 4/3"),
         (lambda: FaceMask(Fraction(32, 81), wing=Fraction(-2, 81)), "a face mask sum to 28/27"),
-        (lambda: CurveMask({0: HALF}, ()), "a boundary vertex mask sum to 1/2"),
-        (lambda: CurveMask(KEPT, ({0: HALF, 1: HALF}, {0: HALF})), "a boundary edge mask sum to 1/2"),
+        (lambda: CurveMask({0: HALF}, ()), "the vertex mask of a curve sum to 1/2"),
+        (lambda: CurveMask(KEPT, ({0: HALF, 1: HALF}, {0: HALF})), "the edge mask of a curve sum to 1/2"),
         (lambda: SpokeMask(lambda n: (3 / 4, *[1 / (2 * n)] * n)), "a spoke mask at valence 3 sum to 1.25"),
         (lambda: SpokeMask(lambda n: (0.5, 0.5)), "has 2 weights at valence 3, not 4"),
         (lambda: SpokeMask(lambda n: (1.0, *[0.0] * n) if n < 12 else (2.0, *[0.0] * n)), "at valence 12 sum to 2"),
@@ -46,17 +47,17 @@ def test_fractions_must_sum_exactly_and_floats_but_for_rounding():
     SpokeMask(lambda n: (1 + 1e-15, *[0.0] * n))
 
 
-@pytest.mark.parametrize("name", SCHEMES)
+@pytest.mark.parametrize("name", TRIANGLE_SCHEMES)
 def test_kind_in_the_table_is_what_the_scheme_does(name):
     mesh = mixed_open()
     kept = refine(Topology.of(mesh), scheme_of(name), 2).matrix.toarray()[: mesh.num_verts]
-    assert np.array_equal(kept, np.eye(mesh.num_verts)) == (SCHEMES[name].kind == "interpolatory")
+    assert np.array_equal(kept, np.eye(mesh.num_verts)) == (TRIANGLE_SCHEMES[name].kind == "interpolatory")
 
 
-@pytest.mark.parametrize("name", SCHEMES)
+@pytest.mark.parametrize("name", TRIANGLE_SCHEMES)
 def test_parameters_in_the_table_matter_and_their_defaults_are_allowed(name):
     mesh = mixed_closed()
-    entry, topology = SCHEMES[name], Topology.of(mesh)
+    entry, topology = TRIANGLE_SCHEMES[name], Topology.of(mesh)
     for key, parameter in entry.parameters.items():
         assert parameter.check(key, parameter.default) == parameter.default
         matrices = [
