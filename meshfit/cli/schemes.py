@@ -15,7 +15,7 @@ from meshfit.subdivision.scheme import SchemeEntry
 
 if TYPE_CHECKING:
     from meshfit.subdivision.analysis.analyse import Analysis
-    from meshfit.subdivision.describe import MaskRow
+    from meshfit.subdivision.mask_rows import MaskRow
     from meshfit.subdivision.scheme import Scheme
 
 

@@ -6,7 +6,7 @@ from math import ceil, log
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from meshfit.subdivision.analysis.domain import Domain, Patch
+from meshfit.subdivision.analysis.bench import Bench, Patch
 
 _FINENESS = 24
 _MARGIN = 0.35
@@ -29,22 +29,22 @@ class Basis:
     lattice: Float64[np.ndarray, "L 2 D"]
 
 
-def basis_of(domain: Domain, steps: int, dilation: int, radius: float) -> Basis:
+def basis_of(bench: Bench, steps: int, dilation: int, radius: float) -> Basis:
     """Sample it by refining, until about 24 samples lie along an edge.
 
     Args:
-        domain: laid down by the scheme.
+        bench: laid down by the scheme.
         steps: of the scheme, that make one scalar dilation.
         dilation: fine edges along a coarse one after so many steps.
         radius: of the support, in rings.
     """
     reach = ceil(radius) + 4
-    patch = domain.patch(reach)
+    patch = bench.patch(reach)
     origin = (patch.places == 0).all(axis=1) * 1.0
     finer = patch.refine(steps * ceil(log(_FINENESS) / log(dilation)))
     places, values = finer.carry(patch.places), finer.carry(origin)
-    near = domain.distance(places) <= radius + _MARGIN
-    if domain.dimension == 1:
+    near = bench.distance(places) <= radius + _MARGIN
+    if bench.dimension == 1:
         order = np.argsort(places[:, 0])
         chosen, triangles = order[near[order]], np.empty((0, 3), dtype=np.int64)
     else:
@@ -54,13 +54,13 @@ def basis_of(domain: Domain, steps: int, dilation: int, radius: float) -> Basis:
         place[chosen] = np.arange(len(chosen))
         triangles = place[every]
         triangles = triangles[(triangles >= 0).all(axis=1)]
-    axes = np.array(domain.axes)
-    return Basis(places[chosen] @ axes, values[chosen], triangles, _edges_within(domain, patch, radius) @ axes)
+    axes = np.array(bench.axes)
+    return Basis(places[chosen] @ axes, values[chosen], triangles, _edges_within(bench, patch, radius) @ axes)
 
 
-def _edges_within(domain: Domain, patch: Patch, radius: float) -> Float64[np.ndarray, "L 2 D"]:
+def _edges_within(bench: Bench, patch: Patch, radius: float) -> Float64[np.ndarray, "L 2 D"]:
     """The control edges whose ends are no farther than the support."""
     ends = np.stack([patch.halfedges.tail, patch.halfedges.head], axis=1)
     ends = np.unique(np.sort(ends, axis=1), axis=0)
-    inside = domain.distance(patch.places) <= max(1.0, radius) + _MARGIN
+    inside = bench.distance(patch.places) <= max(1.0, radius) + _MARGIN
     return np.asarray(patch.places[ends[inside[ends].all(axis=1)]])

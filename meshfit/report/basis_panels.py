@@ -55,7 +55,7 @@ def draw_contours(axes: Any, basis: Basis) -> None:  # noqa: ANN401  matplotlib 
     axes.set_axis_off()
 
 
-def draw_curve(axes: Any, basis: Basis, font: float) -> None:  # noqa: ANN401  matplotlib is optional
+def draw_graph(axes: Any, basis: Basis, font: float) -> None:  # noqa: ANN401  matplotlib is optional
     """Its graph over a line, with marks at the control verts."""
     axes.axhline(0.0, color=_LINES, linewidth=0.4)
     axes.plot(basis.places[:, 0], basis.values, color=_POSITIVE, linewidth=1.2)

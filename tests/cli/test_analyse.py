@@ -16,6 +16,7 @@ VERDICTS = {
     "interp-loop": "C1 on regular meshes (s2 = 2.441); C1 fails at valence 3",
     "interp-loop:valence3=zorin": "C1 on regular meshes (s2 = 2.441); C1 at valences 3 to 12",
     "butterfly": "C1 on regular meshes (s2 = 2.441); C1 fails at valences 3 and 8 to 12",
+    "four-point": "C1 (s2 = 2.441)",
     "sqrt3": "C2 on regular meshes (s2 = 2.936); C1 at valences 3 to 12",
 }
 
@@ -85,8 +86,8 @@ def test_a_figure_is_written(tmp_path):
     path = tmp_path / "loop.png"
     assert answered("schemes", "loop", "--plot", path).endswith(f"wrote {path}\n")
     image = np.asarray(pictures.open(path).convert("L"), dtype=float)
-    assert image.shape == (1120, 1400)
-    for half in (image[100:560], image[560:]):
+    assert image.shape == (1124, 1400)
+    for half in (image[100:562], image[562:]):
         for quarter in np.split(half, 2, axis=1):
             assert 0.02 < (quarter < 250).mean() < 0.9
     assert image[:, 0].min() > 250
@@ -94,6 +95,16 @@ def test_a_figure_is_written(tmp_path):
     out = answered("schemes", "loop", "--analyse", "--plot", path, "--json")
     assert json.loads(out)["analysis"]["continuity"] == 2
     assert path.read_bytes() == content
+
+
+def test_the_figure_of_a_curve_has_two_panels(tmp_path):
+    pictures = pytest.importorskip("PIL.Image")
+    path = tmp_path / "curve.png"
+    answered("schemes", "four-point", "--plot", path)
+    image = np.asarray(pictures.open(path).convert("L"), dtype=float)
+    assert image.shape == (604, 1400)
+    for half in np.split(image[100:], 2, axis=1):
+        assert 0.01 < (half < 250).mean() < 0.9
 
 
 def test_figures_that_cannot_be_written(tmp_path, monkeypatch):

@@ -7,8 +7,8 @@ import pytest
 
 from meshfit.errors import SchemeError
 from meshfit.subdivision.analysis.analyse import analyse
+from meshfit.subdivision.analysis.benches import bench_of
 from meshfit.subdivision.analysis.characteristic import characteristic_net, corner_turns
-from meshfit.subdivision.analysis.domains import domain_of
 from meshfit.subdivision.analysis.local_matrix import PAD, invariant_matrix
 from meshfit.subdivision.analysis.odd_place import wheels
 from meshfit.subdivision.analysis.verdict import verdict, warnings_of
@@ -96,7 +96,7 @@ def test_all_of_the_map_around_the_centre_is_looked_at(spec, n):
     scheme = scheme_of(spec)
     steps, dilation = (2, 3) if "sqrt3" in spec else (1, 2)
     found = analyse(scheme, (n,))
-    wheel_of = wheels(domain_of(scheme), n)
+    wheel_of = wheels(bench_of(scheme), n)
     matrix = invariant_matrix(wheel_of, steps, found.places[0].rings + 1)
     wheel = wheel_of(matrix.rings + PAD)
     net = characteristic_net(matrix, wheel)

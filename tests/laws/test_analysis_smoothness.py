@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from meshfit.subdivision.analysis.analyse import analyse
-from meshfit.subdivision.analysis.domains import domain_of
+from meshfit.subdivision.analysis.benches import bench_of
 from meshfit.subdivision.analysis.holder import continuity, holder_bound
 from meshfit.subdivision.analysis.lattice import RegularMask, regular_mask
 from meshfit.subdivision.analysis.polynomials import sum_rule_order
@@ -155,7 +155,7 @@ def test_polynomials_reproduced(spec):
 @pytest.mark.parametrize("spec", VARIANTS)
 def test_masks_of_the_lattice(spec):
     """All weights sum to the number of fine verts to a coarse one, and so do those of each of them to one."""
-    mask = regular_mask(domain_of(scheme_of(spec)))
+    mask = regular_mask(bench_of(scheme_of(spec)))
     assert (mask.dilation, mask.steps) == ((3, 2) if "sqrt3" in spec else (2, 1))
     assert mask.weights.sum() == pytest.approx(mask.dilation**2, abs=1e-12)
     assert np.array_equal(mask.offsets, mask.whole_offsets)
@@ -169,7 +169,7 @@ def test_masks_of_the_lattice(spec):
 
 def test_loops_mask_is_that_of_its_box_spline():
     """(1 + x)²(1 + y)²(1 + x/y)² / 16, written out."""
-    mask = regular_mask(domain_of(scheme_of("loop")))
+    mask = regular_mask(bench_of(scheme_of("loop")))
     wanted = {}
     for i, j, k in product(range(3), repeat=3):
         place = (i + k - 2, j - k)
@@ -185,11 +185,11 @@ def test_stencils(spec):
 @pytest.mark.parametrize("spec", RADII)
 def test_support_is_where_the_basis_function_is_not_zero(spec):
     """Its hull, by refining one vertex's data four times: no farther than the radius, and nearly that far."""
-    domain = domain_of(scheme_of(spec))
+    bench = bench_of(scheme_of(spec))
     radius = analyse(scheme_of(spec), valences=()).support.radius
     assert radius == RADII[spec]
-    patch = domain.patch(7)
+    patch = bench.patch(7)
     finer = patch.refine(4)
     values = finer.carry((patch.places == 0).all(axis=1) * 1.0)
-    reached = domain.distance(finer.carry(patch.places))[np.abs(values) > 1e-14].max()
+    reached = bench.distance(finer.carry(patch.places))[np.abs(values) > 1e-14].max()
     assert radius - radius / 15 <= reached <= radius

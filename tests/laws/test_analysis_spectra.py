@@ -7,7 +7,7 @@ import pytest
 
 from meshfit.errors import SchemeError
 from meshfit.subdivision.analysis.analyse import analyse
-from meshfit.subdivision.analysis.domains import domain_of
+from meshfit.subdivision.analysis.benches import bench_of
 from meshfit.subdivision.analysis.local_matrix import PAD, invariant_matrix, local_matrix
 from meshfit.subdivision.analysis.odd_place import wheels
 from meshfit.subdivision.analysis.spectrum import spectrum_of
@@ -122,7 +122,7 @@ def test_closed_forms(n):
     for spec in ("sqrt3", "interp-sqrt3"):
         leading = places_of(spec, (n,))[n].spectrum.leading.value
         assert leading == pytest.approx((2 + 2 * cos(2 * pi / n)) / 9, abs=1e-10)
-    matrix = invariant_matrix(wheels(domain_of(scheme_of("interp-loop")), n), 1, 2)
+    matrix = invariant_matrix(wheels(bench_of(scheme_of("interp-loop")), n), 1, 2)
     g = 5 / 8 - (3 / 8 + cos(2 * pi / n) / 4) ** 2
     radial = np.polymul([1, -1], np.array([256, 128 * g - 192, 24, -1]) / 256)
     np.testing.assert_allclose(np.poly(matrix.block(0)), radial, rtol=0, atol=1e-12)
@@ -135,7 +135,7 @@ def test_blocks_are_those_of_the_tests_own_local_matrix(spec, n):
     rings = 3 if spec == "interp-sqrt3" else 2
     scheme = scheme_of(spec)
     steps = 2 if "sqrt3" in spec else 1
-    matrix = local_matrix(domain_of(scheme).wheel(n, rings + PAD), steps, rings)
+    matrix = local_matrix(bench_of(scheme).wheel(n, rings + PAD), steps, rings)
     theirs = own.local_matrix(n, scheme, rings)
     for mode in range(n):
         block = mode_block(theirs, n, mode, rings)
@@ -143,17 +143,17 @@ def test_blocks_are_those_of_the_tests_own_local_matrix(spec, n):
 
 
 def test_too_few_rings_are_told_from_enough():
-    wheel_of = wheels(domain_of(scheme_of("butterfly")), 5)
+    wheel_of = wheels(bench_of(scheme_of("butterfly")), 5)
     assert local_matrix(wheel_of(1 + PAD), 1, 1) is None
     assert invariant_matrix(wheel_of, 1, 1).rings == 2
 
 
 @pytest.mark.parametrize("spec", ["interp-loop", "butterfly", "interp-sqrt3"])
 def test_more_rings_add_no_larger_eigenvalue(spec):
-    domain, steps = domain_of(scheme_of(spec)), 2 if "sqrt3" in spec else 1
+    bench, steps = bench_of(scheme_of(spec)), 2 if "sqrt3" in spec else 1
     for n in (3, 5, 9):
-        few = spectrum_of(invariant_matrix(wheels(domain, n), steps, 3))
-        many = spectrum_of(invariant_matrix(wheels(domain, n), steps, 5))
+        few = spectrum_of(invariant_matrix(wheels(bench, n), steps, 3))
+        many = spectrum_of(invariant_matrix(wheels(bench, n), steps, 5))
         assert many.leading.value == pytest.approx(few.leading.value, abs=1e-9)
         assert many.rest.modulus == pytest.approx(few.rest.modulus, abs=1e-5)
 
@@ -161,7 +161,7 @@ def test_more_rings_add_no_larger_eigenvalue(spec):
 def test_all_eigenvalues_are_those_of_the_whole_matrix():
     for n in (3, 4, 7):
         whole = own.local_matrix(n, "loop", 3)
-        matrix = local_matrix(domain_of(scheme_of("loop")).wheel(n, 3 + PAD), 1, 3)
+        matrix = local_matrix(bench_of(scheme_of("loop")).wheel(n, 3 + PAD), 1, 3)
         found = np.concatenate([np.linalg.eigvals(matrix.block(mode)) for mode in range(n)])
         np.testing.assert_allclose(np.sort(np.abs(found))[::-1], moduli(whole), rtol=0, atol=1e-7)
 

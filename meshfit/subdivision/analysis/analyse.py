@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from meshfit.errors import SchemeError
-from meshfit.subdivision.analysis.domain import Domain
-from meshfit.subdivision.analysis.domains import domain_of
+from meshfit.subdivision.analysis.bench import Bench
+from meshfit.subdivision.analysis.benches import bench_of
 from meshfit.subdivision.analysis.holder import continuity, holder_bound
 from meshfit.subdivision.analysis.lattice import regular_mask
 from meshfit.subdivision.analysis.odd_place import OddPlace, study_valence, wheels
@@ -75,22 +75,22 @@ def analyse(scheme: Scheme, valences: Sequence[int] = VALENCES) -> Analysis:
     """
     if np.ndim(getattr(getattr(scheme, "push_back", None), "alpha", 0.0)):
         raise SchemeError("a scheme is analysed for one alpha, not for one at each vertex")
-    domain = domain_of(scheme)
-    mask = regular_mask(domain)
+    bench = bench_of(scheme)
+    mask = regular_mask(bench)
     order = sum_rule_order(mask)
-    support = support_of(domain, mask)
+    support = support_of(bench, mask)
     s2 = sobolev_exponent(mask, order)
-    odd = valences if domain.wheel is not None else ()
-    places = tuple(study_valence(domain, mask, support.radius, valence) for valence in odd)
+    odd = valences if bench.wheel is not None else ()
+    places = tuple(study_valence(bench, mask, support.radius, valence) for valence in odd)
     alphas = {each.valence: largest_alpha(scheme, mask.steps, each) for each in places if each.fault}
     return Analysis(
-        domain=domain.name,
-        odd=domain.odd,
-        regular=domain.regular,
+        domain=bench.name,
+        odd=bench.odd,
+        regular=bench.regular,
         dilation=mask.dilation,
         steps=mask.steps,
-        row_sums=_row_sums(domain, mask.steps, odd),
-        reproduced=reproduced_degree(domain),
+        row_sums=_row_sums(bench, mask.steps, odd),
+        reproduced=reproduced_degree(bench),
         generated=order - 1,
         s2=s2,
         holder_bound=holder_bound(mask, order),
@@ -101,9 +101,9 @@ def analyse(scheme: Scheme, valences: Sequence[int] = VALENCES) -> Analysis:
     )
 
 
-def _row_sums(domain: Domain, steps: int, valences: Sequence[int]) -> tuple[float, float]:
+def _row_sums(bench: Bench, steps: int, valences: Sequence[int]) -> tuple[float, float]:
     """Of every vertex on a patch and on wheels, near borders too."""
-    refines = [domain.patch(_REACH).refine, *(wheels(domain, valence)(_REACH).refine for valence in valences)]
+    refines = [bench.patch(_REACH).refine, *(wheels(bench, valence)(_REACH).refine for valence in valences)]
     operators = [operator for refine in refines for operator in refine(steps).operators]
     sums = np.concatenate([operator.sum(axis=1) for operator in operators])
     return float(sums.min()), float(sums.max())

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Complex128
 
-from meshfit.subdivision.analysis.domain import HalfEdges, Wheel
+from meshfit.subdivision.analysis.bench import HalfEdges, Wheel
 from meshfit.subdivision.analysis.local_matrix import PAD, LocalMatrix
 
 _REFINED = 8

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from meshfit.errors import SchemeError
-from meshfit.subdivision.analysis.domain import Domain, Patch
+from meshfit.subdivision.analysis.bench import Bench, Patch
 
 _REACH = 9
 _MOST_STEPS = 4
@@ -42,7 +42,7 @@ class RegularMask:
         return np.asarray(np.rint(self.offsets - _part(self.offsets)), dtype=np.int64)
 
 
-def regular_mask(domain: Domain) -> RegularMask:
+def regular_mask(bench: Bench) -> RegularMask:
     """Read the mask off a patch.
 
     New verts are located by refining the lattice's coordinates, which every scheme of symmetric masks reproduces.
@@ -50,7 +50,7 @@ def regular_mask(domain: Domain) -> RegularMask:
     Raises:
         SchemeError: the fine lattice never lies as the coarse one does.
     """
-    patch = domain.patch(_REACH)
+    patch = bench.patch(_REACH)
     for steps in range(1, _MOST_STEPS + 1):
         found = _mask_after(patch, steps)
         if found is not None:

@@ -11,7 +11,7 @@ from jaxtyping import Complex128, Float64
 
 from meshfit.errors import SchemeError
 from meshfit.mesh.topology import NONE, Indices
-from meshfit.subdivision.analysis.domain import HalfEdges, Wheel
+from meshfit.subdivision.analysis.bench import HalfEdges, Wheel
 
 PAD = 4
 """Rings around those of a local matrix, so that the border of the wheel does not reach it."""

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from math import ceil
 
 from meshfit.errors import SchemeError
+from meshfit.subdivision.analysis.bench import Bench, Wheel
 from meshfit.subdivision.analysis.characteristic import is_regular
-from meshfit.subdivision.analysis.domain import Domain, Wheel
 from meshfit.subdivision.analysis.lattice import RegularMask
 from meshfit.subdivision.analysis.local_matrix import invariant_matrix
 from meshfit.subdivision.analysis.spectrum import Spectrum, spectrum_of
@@ -40,11 +40,11 @@ class OddPlace:
         return self.spectrum.fault or ("" if self.regular_map else "the characteristic map folds")
 
 
-def study_valence(domain: Domain, mask: RegularMask, radius: float, valence: int) -> OddPlace:
+def study_valence(bench: Bench, mask: RegularMask, radius: float, valence: int) -> OddPlace:
     """Look at one valence.
 
     Args:
-        domain: with wheels.
+        bench: with wheels.
         mask: on its regular lattice.
         radius: of the basis function, in rings: so many rings decide on the surface around the centre.
         valence: number of spokes, 3 or more.
@@ -52,20 +52,20 @@ def study_valence(domain: Domain, mask: RegularMask, radius: float, valence: int
     Raises:
         SchemeError: no number of rings follows from itself.
     """
-    wheel_of = wheels(domain, valence)
+    wheel_of = wheels(bench, valence)
     matrix = invariant_matrix(wheel_of, mask.steps, ceil(radius - _ROUNDING))
     wider = invariant_matrix(wheel_of, mask.steps, matrix.rings + 1)
     regular = is_regular(wheel_of, wider, mask.steps, mask.dilation)
     return OddPlace(spectrum_of(matrix), matrix.rings, regular)
 
 
-def wheels(domain: Domain, valence: int) -> Callable[[int], Wheel]:
+def wheels(bench: Bench, valence: int) -> Callable[[int], Wheel]:
     """Number of rings → the wheel of that valence.
 
     Raises:
-        SchemeError: nothing is extraordinary in this domain, or a wheel has fewer than 3 spokes.
+        SchemeError: nothing is extraordinary in this bench, or a wheel has fewer than 3 spokes.
     """
-    make = domain.wheel
+    make = bench.wheel
     if make is None or valence < _LEAST:
-        raise SchemeError(f"{domain.name} have nothing of valence {valence} to analyse: 3 or more is, off curves")
+        raise SchemeError(f"{bench.name} have nothing of valence {valence} to analyse: 3 or more is, off curves")
     return lambda rings: make(valence, rings)

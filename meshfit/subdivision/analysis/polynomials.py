@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 from jaxtyping import Float64
 
-from meshfit.subdivision.analysis.domain import Domain
+from meshfit.subdivision.analysis.bench import Bench
 from meshfit.subdivision.analysis.lattice import RegularMask
 
 _REACH = 7
@@ -14,9 +14,9 @@ _HIGHEST = 11
 _TOLERANCE = 1e-9
 
 
-def reproduced_degree(domain: Domain) -> int:
+def reproduced_degree(bench: Bench) -> int:
     """The highest degree up to which values of every polynomial at old verts become its values at new ones, or -1."""
-    patch = domain.patch(_REACH)
+    patch = bench.patch(_REACH)
     finer = patch.refine(1)
     inner = patch.regular(finer)
     coarse, fine = patch.places / _REACH, finer.carry(patch.places)[inner] / _REACH

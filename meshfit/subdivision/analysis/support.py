@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from meshfit.subdivision.analysis.domain import Domain
+from meshfit.subdivision.analysis.bench import Bench
 from meshfit.subdivision.analysis.lattice import RegularMask
 
 _ZERO = 1e-14
@@ -27,15 +27,15 @@ class Support:
     mask: int
 
 
-def support_of(domain: Domain, mask: RegularMask) -> Support:
+def support_of(bench: Bench, mask: RegularMask) -> Support:
     """The support: a mask on the points Ω gives a limit on Ω / m + Ω / m² + …, whose hull is that of Ω / (m - 1)."""
-    radius = float(domain.distance(mask.offsets).max()) / (mask.dilation - 1)
-    sizes = _stencil_sizes(domain)
+    radius = float(bench.distance(mask.offsets).max()) / (mask.dilation - 1)
+    sizes = _stencil_sizes(bench)
     return Support(radius, (int(sizes.min()), int(sizes.max())), len(mask.weights))
 
 
-def _stencil_sizes(domain: Domain) -> Float64[np.ndarray, " N"]:
-    patch = domain.patch(_REACH)
+def _stencil_sizes(bench: Bench) -> Float64[np.ndarray, " N"]:
+    patch = bench.patch(_REACH)
     finer = patch.refine(1)
     inner = patch.regular(finer)
     used = abs(finer.operators[0]) > _ZERO

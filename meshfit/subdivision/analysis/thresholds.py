@@ -2,7 +2,7 @@
 
 from scipy.optimize import brentq
 
-from meshfit.subdivision.analysis.domains import domain_of
+from meshfit.subdivision.analysis.benches import bench_of
 from meshfit.subdivision.analysis.local_matrix import invariant_matrix
 from meshfit.subdivision.analysis.odd_place import OddPlace, wheels
 from meshfit.subdivision.analysis.spectrum import TIE, spectrum_of
@@ -25,7 +25,7 @@ def largest_alpha(scheme: Scheme, steps: int, place: OddPlace) -> float | None:
 
     def gap(alpha: float) -> float:
         blend = scheme.with_alpha(alpha)
-        matrix = invariant_matrix(wheels(domain_of(blend), place.valence), steps, place.rings)
+        matrix = invariant_matrix(wheels(bench_of(blend), place.valence), steps, place.rings)
         return spectrum_of(matrix).gap
 
     given = float(push_back.alpha)

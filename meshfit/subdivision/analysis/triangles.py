@@ -1,4 +1,4 @@
-"""The domain of schemes on triangles: lattice and wheels."""
+"""The bench of schemes on triangles: lattice and wheels."""
 
 from fractions import Fraction
 from math import sqrt
@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Complex128, Int64
 
 from meshfit.mesh.topology import Topology
-from meshfit.subdivision.analysis.domain import Domain, Finer, HalfEdges, Patch, Refine, Wheel
+from meshfit.subdivision.analysis.bench import Bench, Finer, HalfEdges, Patch, Refine, Wheel
 from meshfit.subdivision.masks import CurveMask, EdgeMask, FaceMask
 from meshfit.subdivision.refine import refine
 from meshfit.subdivision.triangle_scheme import Split, TriangleScheme
@@ -15,9 +15,9 @@ from meshfit.subdivision.triangle_scheme import Split, TriangleScheme
 _BORDER = 2
 
 
-def triangle_domain(scheme: TriangleScheme) -> Domain:
+def triangle_bench(scheme: TriangleScheme) -> Bench:
     """Triangles, of which six meet at a regular vertex."""
-    return Domain(
+    return Bench(
         "triangles",
         2,
         "vertex",

@@ -1,4 +1,4 @@
-"""Domains: the two connectivities on which schemes are studied, a regular patch and a wheel about one odd place.
+"""Benches: the two connectivities that schemes are studied on, a regular patch and a wheel about one odd place.
 
 Everything else in this package works on these, and never asks whether it is about triangles, polygons or curves.
 """
@@ -128,11 +128,11 @@ class Wheel:
 
 
 @dataclass(frozen=True)
-class Domain:
-    """Where schemes of one kind live.
+class Bench:
+    """What a scheme of one domain is studied on, laid down by that scheme.
 
     Attributes:
-        name: as in the table of schemes.
+        name: of the domain, as in the table of schemes.
         dimension: of the lattice, 2 or 1.
         odd: what may be extraordinary: `vertex`, or `face` for dual schemes; empty on curves, where nothing is.
         regular: the valence of what is not extraordinary.
