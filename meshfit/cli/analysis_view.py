@@ -63,14 +63,15 @@ def _facts(analysis: "Analysis") -> Table:
     facts.add_column(style="bold")
     facts.add_column()
     off = max(abs(1 - total) for total in analysis.row_sums)
-    support = analysis.support
+    support, bound = analysis.support, analysis.holder_bound
     unit = "edge" if analysis.domain == "curves" else "ring"
     low, high = support.stencils
     for what, found in (
         ("row sums", f"1, within {off:.0e}" if off else "1"),
         ("polynomials", f"reproduced to degree {analysis.reproduced}, generated to degree {analysis.generated}"),
         ("Sobolev exponent", f"{analysis.s2:.4f} in L2"),
-        ("Hölder exponent", f"at most {analysis.holder_bound:.4f}, if stable"),
+        ("Hölder exponent", f"at most {bound:.4f}" if bound is not None else "no bound is known"),
+        ("shifts of the basis", "stable" if analysis.stable else "unstable"),
         (
             "support",
             f"{support.radius:g} {unit}s about a vertex; stencils of {f'{low} to ' * (low < high)}{high} verts",

@@ -33,6 +33,7 @@ def test_every_scheme_is_analysed_in_80_columns(name):
         out = answered("schemes", name, "--analyse")
     assert max(map(len, out.splitlines())) <= 80
     assert "Sobolev exponent" in out
+    assert "shifts of the basis" in out
     assert answered("schemes", name) in answered("schemes", name, "--analyse")
 
 

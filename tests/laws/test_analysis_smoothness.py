@@ -11,7 +11,7 @@ from meshfit.subdivision.analysis.benches import bench_of
 from meshfit.subdivision.analysis.holder import continuity, holder_bound
 from meshfit.subdivision.analysis.lattice import RegularMask, regular_mask
 from meshfit.subdivision.analysis.polynomials import sum_rule_order
-from meshfit.subdivision.analysis.smoothness import sobolev_exponent
+from meshfit.subdivision.analysis.smoothness import regularity_of
 from meshfit.subdivision.choose import scheme_of
 from tests.laws.test_subdivision_polynomials import DEGREE
 from tests.laws.variants import VARIANTS
@@ -59,8 +59,9 @@ def squared(weights, dilation=2) -> RegularMask:
 
 def exponents(mask: RegularMask) -> tuple[int, float, float, int]:
     order = sum_rule_order(mask)
-    s2 = sobolev_exponent(mask, order)
-    return order, s2, holder_bound(mask, order), continuity(mask, order, s2)
+    found = regularity_of(mask)
+    assert (found.stable, found.accuracy) == (True, order)
+    return order, found.s2, holder_bound(mask, order), continuity(mask, order, found)
 
 
 @pytest.mark.parametrize("degree", range(6))
@@ -74,25 +75,44 @@ def test_bsplines(degree, dilation, make):
     assert smooth == degree - 1
 
 
-def test_box_splines_of_three_directions():
+def box_spline(*directions: tuple[int, int]) -> RegularMask:
+    """Of the product of (1 + z^d) / 2 over some directions d, times 4."""
+    weights = {(0, 0): 4.0}
+    for i, j in directions:
+        finer: dict[tuple[int, int], float] = {}
+        for (k, m), weight in weights.items():
+            for place in ((k, m), (k + i, m + j)):
+                finer[place] = finer.get(place, 0.0) + weight / 2
+        weights = finer
+    return RegularMask(np.array(list(weights), dtype=float), np.array(list(weights.values())), 2, 1)
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_box_splines_of_three_directions(times):
     """Each direction k times is a function of C^(2k - 2) and of exponent 2k - 1/2."""
-    box = np.zeros((3, 3))
-    for place in ((0, 0), (1, 0), (0, 1), (2, 1), (1, 2), (2, 2)):
-        box[place] = 1
-    box[1, 1] = 2  # (1 + z)(1 + w)(1 + zw)
-    for times in (1, 2):
-        weights = box if times == 1 else np.array([[0.0]])
-        if times == 2:
-            weights = np.zeros((5, 5))
-            for (i, j), (k, m) in product(product(range(3), repeat=2), repeat=2):
-                weights[i + k, j + m] += box[i, j] * box[k, m]
-        places = np.argwhere(weights)
-        mask = RegularMask(places.astype(float), weights[tuple(places.T)] * 4 / weights.sum(), 2, 1)
-        order, s2, bound, smooth = exponents(mask)
-        assert order == 2 * times
-        assert s2 == pytest.approx(2 * times - 1 / 2, abs=1e-6)
-        assert bound == pytest.approx(2 * times - 1, abs=1e-4)
-        assert smooth == 2 * times - 2
+    order, s2, bound, smooth = exponents(box_spline(*[(1, 0), (0, 1), (1, 1)] * times))
+    assert order == 2 * times
+    assert s2 == pytest.approx(2 * times - 1 / 2, abs=1e-6)
+    assert bound == pytest.approx(2 * times - 1, abs=1e-4)
+    assert smooth == 2 * times - 2
+
+
+@pytest.mark.parametrize(
+    ("axes", "diagonals", "accuracy"),
+    [(1, 1, 3), (2, 2, 6), (2, 1, 4), (1, 2, 4)],
+)
+def test_box_splines_whose_shifts_are_unstable(axes, diagonals, accuracy):
+    """Of four directions: removing all but one direction takes `accuracy` of them at least.
+
+    They are C^(accuracy - 2) and have the exponent accuracy - 1/2 (de Boor, Höllig and Riemenschneider 1993, Box
+    splines), though the sum rules of their masks may be of a lower order, since Σ (-1)^(i + j) of their shifts is zero.
+    """
+    mask = box_spline(*[(1, 0), (0, 1)] * axes, *[(1, 1), (1, -1)] * diagonals)
+    found = regularity_of(mask)
+    assert (found.stable, found.accuracy) == (False, accuracy)
+    assert found.s2 == pytest.approx(accuracy - 1 / 2, abs=1e-6)
+    assert sum_rule_order(mask) <= accuracy
+    assert continuity(mask, sum_rule_order(mask), found) == accuracy - 2
 
 
 def test_four_point_scheme_and_its_binary_relatives():
@@ -135,7 +155,7 @@ def test_exponents_of_the_schemes(spec):
 def test_butterfly_and_its_interpolatory_rival_have_the_four_point_schemes_exponent():
     found = [analyse(scheme_of(spec), valences=()).s2 for spec in ("butterfly", "interp-loop")]
     four = line(np.array([-1, 0, 9, 16, 9, 0, -1]) / 16)
-    np.testing.assert_allclose(found, sobolev_exponent(four, 4), rtol=0, atol=1e-8)
+    np.testing.assert_allclose(found, regularity_of(four).s2, rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize("spec", CONTINUITY)

@@ -12,7 +12,7 @@ from meshfit.subdivision.analysis.holder import continuity, holder_bound
 from meshfit.subdivision.analysis.lattice import regular_mask
 from meshfit.subdivision.analysis.odd_place import OddPlace, study_valence, wheels
 from meshfit.subdivision.analysis.polynomials import reproduced_degree, sum_rule_order
-from meshfit.subdivision.analysis.smoothness import sobolev_exponent
+from meshfit.subdivision.analysis.smoothness import regularity_of
 from meshfit.subdivision.analysis.support import Support, support_of
 from meshfit.subdivision.analysis.thresholds import largest_alpha
 from meshfit.subdivision.scheme import Scheme
@@ -33,9 +33,10 @@ class Analysis:
         steps: that number of levels.
         row_sums: the least and the largest sum of the weights of one vertex, on a patch and on wheels.
         reproduced: highest degree of polynomials that one level reproduces on the regular lattice.
-        generated: highest degree of polynomials that are limits of some data there: the sum rules' order less one.
+        generated: highest degree of polynomials that are limits of some data there.
         s2: L2-Sobolev exponent of the limit there.
-        holder_bound: what its Hölder exponent cannot be larger than, if the scheme is stable.
+        stable: whether the shifts of its basis function are stable there.
+        holder_bound: what its Hölder exponent cannot be larger than; None where it is unstable, so that none is known.
         continuity: the largest k for which it is shown to be C^k there; -1 for none.
         support: of the basis function there.
         places: one for each valence; none on curves.
@@ -51,7 +52,8 @@ class Analysis:
     reproduced: int
     generated: int
     s2: float
-    holder_bound: float
+    stable: bool
+    holder_bound: float | None
     continuity: int
     support: Support
     places: tuple[OddPlace, ...]
@@ -79,7 +81,7 @@ def analyse(scheme: Scheme, valences: Sequence[int] = VALENCES) -> Analysis:
     mask = regular_mask(bench)
     order = sum_rule_order(mask)
     support = support_of(bench, mask)
-    s2 = sobolev_exponent(mask, order)
+    regular = regularity_of(mask)
     odd = valences if bench.wheel is not None else ()
     places = tuple(study_valence(bench, mask, support.radius, valence) for valence in odd)
     alphas = {each.valence: largest_alpha(scheme, mask.steps, each) for each in places if each.fault}
@@ -91,10 +93,11 @@ def analyse(scheme: Scheme, valences: Sequence[int] = VALENCES) -> Analysis:
         steps=mask.steps,
         row_sums=_row_sums(bench, mask.steps, odd),
         reproduced=reproduced_degree(bench),
-        generated=order - 1,
-        s2=s2,
-        holder_bound=holder_bound(mask, order),
-        continuity=continuity(mask, order, s2),
+        generated=regular.accuracy - 1,
+        s2=regular.s2,
+        stable=regular.stable,
+        holder_bound=holder_bound(mask, order) if regular.stable else None,
+        continuity=continuity(mask, order, regular),
         support=support,
         places=places,
         alphas={valence: alpha for valence, alpha in alphas.items() if alpha is not None},

@@ -14,6 +14,7 @@ from jaxtyping import Float64
 
 from meshfit.subdivision.analysis.lattice import RegularMask
 from meshfit.subdivision.analysis.sequences import moments, null_space, points_in_hull, values_at
+from meshfit.subdivision.analysis.smoothness import Regularity
 
 Digits = Float64[np.ndarray, "E N N"]
 
@@ -23,7 +24,7 @@ _SAME = 1e-6
 _SMOOTHING = 60
 
 
-def continuity(mask: RegularMask, order: int, s2: float) -> int:
+def continuity(mask: RegularMask, order: int, regularity: Regularity) -> int:
     """The largest k for which the basis function is shown to be C^k; -1 where not even continuity is shown.
 
     By Sobolev's embedding s2 > k + D/2 suffices; beyond that, products of the matrices above are followed until each
@@ -32,9 +33,9 @@ def continuity(mask: RegularMask, order: int, s2: float) -> int:
     Args:
         mask: on the regular lattice.
         order: κ, the order of its sum rules.
-        s2: its L2-Sobolev exponent.
+        regularity: what is known of it in L2.
     """
-    shown = ceil(min(s2, 99.0) - mask.dimension / 2 - _SAME) - 1
+    shown = ceil(min(regularity.s2, 99.0) - mask.dimension / 2 - _SAME) - 1
     digits = _digit_matrices(mask, order)
     while shown + 1 < holder_bound(mask, order) - _SAME and _shrink(digits, mask.dilation ** -float(shown + 1)):
         shown += 1

@@ -13,7 +13,7 @@ from meshfit.errors import SchemeError
 from meshfit.mesh.topology import NONE, Indices
 from meshfit.subdivision.analysis.bench import HalfEdges, Wheel
 
-PAD = 4
+PAD = 3
 """Rings around those of a local matrix, so that the border of the wheel does not reach it."""
 
 _MOST_RINGS = 9

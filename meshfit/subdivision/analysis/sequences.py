@@ -4,11 +4,11 @@ from itertools import product
 
 import numpy as np
 from jaxtyping import Float64, Int64
+from numpy.polynomial.chebyshev import chebvander
 from scipy.spatial import ConvexHull
 
-from meshfit.subdivision.analysis.polynomials import monomials
-
 _TOLERANCE = 1e-9
+_HIGHEST = 24
 
 
 def points_in_hull(offsets: Int64[np.ndarray, "B D"], part: int) -> Int64[np.ndarray, "P D"]:
@@ -36,9 +36,12 @@ def values_at(
 
 
 def moments(places: Int64[np.ndarray, "P D"], order: int) -> Float64[np.ndarray, "M P"]:
-    """(M, P) the values of all monomials of degree below `order`, as rows."""
+    """(M, P) the values of polynomials that span those of degree below `order`, as rows: products of Chebyshev's."""
     scaled = places / max(1, int(np.abs(places).max()))
-    return np.concatenate([monomials(scaled, degree) for degree in range(order)], axis=1).T
+    along = chebvander(scaled, max(0, order - 1))
+    powers = [power for power in product(range(order), repeat=places.shape[1]) if sum(power) < order]
+    rows = [np.prod([along[:, axis, degree] for axis, degree in enumerate(power)], axis=0) for power in powers]
+    return np.array(rows).reshape(-1, len(places))
 
 
 def null_space(rows: Float64[np.ndarray, "M O"]) -> Float64[np.ndarray, "O N"]:
@@ -46,3 +49,25 @@ def null_space(rows: Float64[np.ndarray, "M O"]) -> Float64[np.ndarray, "O N"]:
     _, singular, right = np.linalg.svd(rows)
     rank = int((singular > _TOLERANCE * max(1.0, singular[0])).sum())
     return right[rank:].T
+
+
+def waves(
+    places: Int64[np.ndarray, "P D"], frequency: Float64[np.ndarray, " D"], order: int
+) -> Float64[np.ndarray, "M P"]:
+    """(M, P) all monomials of degree below `order` times the cosine and the sine of a frequency, as rows.
+
+    A sequence that they annihilate has a symbol that vanishes to that order at the frequency.
+    """
+    phase, powers = places @ frequency, moments(places, order)
+    return np.concatenate([powers * np.cos(phase), powers * np.sin(phase)])
+
+
+def order_of_zero(
+    places: Int64[np.ndarray, "P D"], sequence: Float64[np.ndarray, " P"], frequency: Float64[np.ndarray, " D"]
+) -> int:
+    """The order to which the symbol of a sequence vanishes at a frequency, 0 where it does not."""
+    size = np.abs(sequence).sum()
+    for order in range(1, _HIGHEST + 1):
+        if np.abs(waves(places, frequency, order) @ sequence).max() > _TOLERANCE * size:
+            return order - 1
+    return _HIGHEST

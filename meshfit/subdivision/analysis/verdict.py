@@ -13,7 +13,8 @@ def verdict(analysis: Analysis) -> str:
     bound = f"s2 = {analysis.s2:.3f}"
     if analysis.continuity < 0:
         return f"continuity is not shown{where} ({bound})"
-    least = "at least " if analysis.continuity + 1 < analysis.holder_bound - _SAME else ""
+    known = analysis.holder_bound is not None and analysis.continuity + 1 >= analysis.holder_bound - _SAME
+    least = "" if known else "at least "
     regular = f"{least}C{analysis.continuity}{where} ({bound})"
     if analysis.continuity < 1:
         return f"{regular}, not C1" if not least else regular
