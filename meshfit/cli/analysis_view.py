@@ -32,6 +32,10 @@ def print_analysis(analysis: "Analysis") -> None:
         out.print()
         out.print(_valences(analysis))
         out.print("\nλ1 is of mode 1; times: how many eigenvalues are as large; rest: the largest other one.")
+    if analysis.boundary:
+        out.print()
+        out.print(_boundary(analysis))
+        out.print("\nIn order: two eigenvalues lead, and that of the boundary curve's tangent is one of them.")
     for warning in warnings_of(analysis):
         out.print(f"[bold magenta]warning:[/] {escape(warning)}")
 
@@ -41,7 +45,16 @@ def plain_analysis(analysis: "Analysis") -> dict[str, object]:
     from meshfit.subdivision.analysis.verdict import curvature_of, verdict, warnings_of
 
     numbers = asdict(analysis)
-    del numbers["places"], numbers["alphas"]
+    for part in ("places", "boundary", "alphas"):
+        del numbers[part]
+    boundary = [
+        {
+            "neighbours": place.neighbours,
+            "moduli": [round(modulus, _DIGITS) for modulus in place.moduli],
+            "in_order": place.in_order,
+        }
+        for place in analysis.boundary
+    ]
     places = [
         {
             "valence": place.valence,
@@ -55,7 +68,15 @@ def plain_analysis(analysis: "Analysis") -> dict[str, object]:
         }
         for place in analysis.places
     ]
-    return {"verdict": verdict(analysis)} | numbers | {"valences": places, "warnings": list(warnings_of(analysis))}
+    return (
+        {"verdict": verdict(analysis)}
+        | numbers
+        | {
+            "valences": places,
+            "boundary": boundary,
+            "warnings": list(warnings_of(analysis)),
+        }
+    )
 
 
 def _facts(analysis: "Analysis") -> Table:
@@ -101,6 +122,16 @@ def _valences(analysis: "Analysis") -> Table:
             "regular" if place.regular_map else "folds",
             "yes" if smooth else "[bold magenta]no[/]",
         )
+    return table
+
+
+def _boundary(analysis: "Analysis") -> Table:
+    table = Table(box=None, pad_edge=False)
+    for column in ("neighbours on a boundary", "largest eigenvalues", "in order"):
+        table.add_column(column, justify="right" if column.startswith("n") else "left")
+    for place in analysis.boundary:
+        order = "yes" if place.in_order else "[bold magenta]no[/]"
+        table.add_row(f"{place.neighbours}", ", ".join(f"{modulus:.4f}" for modulus in place.moduli), order)
     return table
 
 

@@ -143,6 +143,6 @@ def test_eigenvalues_that_decide_need_not_be_near_one():
 
 
 def test_stencils_too_wide_for_any_ring_are_refused(monkeypatch):
-    monkeypatch.setattr("meshfit.subdivision.analysis.local_matrix._MOST_RINGS", 1)
+    monkeypatch.setattr("meshfit.subdivision.analysis.local_matrix.MOST_RINGS", 1)
     with pytest.raises(SchemeError, match="1 rings around a vertex do not follow"):
         analyse(BUTTERFLY, (5,))

@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import ceil
 
 import numpy as np
 
 from meshfit.errors import SchemeError
 from meshfit.subdivision.analysis.bench import Bench
 from meshfit.subdivision.analysis.benches import bench_of
+from meshfit.subdivision.analysis.boundary import BoundaryPlace, study_boundary
 from meshfit.subdivision.analysis.holder import continuity, holder_bound
 from meshfit.subdivision.analysis.lattice import regular_mask
 from meshfit.subdivision.analysis.odd_place import OddPlace, study_valence, wheels
@@ -18,7 +20,9 @@ from meshfit.subdivision.analysis.thresholds import largest_alpha
 from meshfit.subdivision.scheme import Scheme
 
 VALENCES = tuple(range(3, 13))
+NEIGHBOURS = tuple(range(2, 9))
 _REACH = 3
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,7 @@ class Analysis:
         continuity: the largest k for which it is shown to be C^k there; -1 for none.
         support: of the basis function there.
         places: one for each valence; none on curves.
+        boundary: one for each number of neighbours of a boundary vertex; none where valences are not looked at.
         alphas: by valence at which C1 fails, the alpha from which it does, if it does not from alpha = 0.
     """
 
@@ -57,6 +62,7 @@ class Analysis:
     continuity: int
     support: Support
     places: tuple[OddPlace, ...]
+    boundary: tuple[BoundaryPlace, ...]
     alphas: dict[int, float]
 
     @property
@@ -85,6 +91,8 @@ def analyse(scheme: Scheme, valences: Sequence[int] = VALENCES) -> Analysis:
     odd = valences if bench.wheel is not None else ()
     places = tuple(study_valence(bench, mask, support.radius, valence) for valence in odd)
     alphas = {each.valence: largest_alpha(scheme, mask.steps, each) for each in places if each.fault}
+    rings = ceil(support.radius - _ROUNDING)
+    neighbours = NEIGHBOURS if odd and bench.fan is not None else ()
     return Analysis(
         domain=bench.name,
         odd=bench.odd,
@@ -100,6 +108,7 @@ def analyse(scheme: Scheme, valences: Sequence[int] = VALENCES) -> Analysis:
         continuity=continuity(mask, order, regular),
         support=support,
         places=places,
+        boundary=tuple(study_boundary(bench, mask.steps, mask.dilation, rings, count) for count in neighbours),
         alphas={valence: alpha for valence, alpha in alphas.items() if alpha is not None},
     )
 

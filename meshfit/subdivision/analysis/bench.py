@@ -71,6 +71,13 @@ class Finer:
             values = operator @ values
         return values
 
+    def rows(self, verts: Indices) -> Float64[np.ndarray, "N V"]:
+        """(N, V) what these finest verts take of all coarse ones."""
+        rows = self.operators[-1][verts]
+        for operator in self.operators[-2::-1]:
+            rows = rows @ operator
+        return np.asarray(rows.toarray())
+
 
 Refine = Callable[[int], Finer]
 """Number of steps → what they make of one connectivity."""
@@ -127,6 +134,23 @@ class Wheel:
         return np.concatenate([np.zeros(int(self.hub), dtype=np.int64), around])
 
 
+@dataclass(frozen=True, eq=False)
+class Fan:
+    """Rings of regular faces about vertex 0, which is on the boundary.
+
+    Attributes:
+        halfedges: of its faces.
+        ring: (V,) the ring that each vertex lies in, 0 for vertex 0, in rising order.
+        refine: its refinement by the scheme.
+        locate: as of a wheel.
+    """
+
+    halfedges: HalfEdges
+    ring: Indices
+    refine: Refine
+    locate: Callable[[int], Complex128[np.ndarray, " W"]]
+
+
 @dataclass(frozen=True)
 class Bench:
     """What a scheme of one domain is studied on, laid down by that scheme.
@@ -138,6 +162,7 @@ class Bench:
         regular: the valence of what is not extraordinary.
         patch: number of edges from the origin to the border → a patch.
         wheel: valence and number of rings → a wheel; None on curves.
+        fan: number of neighbours of a boundary vertex and of rings → a fan; None where there is no boundary surface.
         distance: coordinates in the lattice → (K,) how many rings they lie away from the origin.
         axes: (D, D) where the basis of the lattice lies when it is drawn, edges of length 1.
     """
@@ -148,5 +173,6 @@ class Bench:
     regular: int
     patch: Callable[[int], Patch]
     wheel: Callable[[int, int], Wheel] | None
+    fan: Callable[[int, int], Fan] | None
     distance: Callable[[np.ndarray], np.ndarray]
     axes: tuple[tuple[float, ...], ...]

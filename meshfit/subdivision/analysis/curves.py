@@ -12,7 +12,7 @@ _BORDER = 2
 
 def curve_bench(scheme: CurveScheme) -> Bench:
     """A line of verts, each with two neighbours."""
-    return Bench("curves", 1, "", 2, lambda reach: _patch(scheme, reach), None, _distance, ((1.0,),))
+    return Bench("curves", 1, "", 2, lambda reach: _patch(scheme, reach), None, None, _distance, ((1.0,),))
 
 
 def _distance(places: np.ndarray) -> np.ndarray:

@@ -10,13 +10,16 @@ import numpy as np
 from jaxtyping import Complex128, Float64
 
 from meshfit.errors import SchemeError
-from meshfit.mesh.topology import NONE, Indices
-from meshfit.subdivision.analysis.bench import HalfEdges, Wheel
+from meshfit.mesh.topology import NONE
+from meshfit.subdivision.analysis.bench import Wheel
+from meshfit.subdivision.analysis.matching import match_wheel
 
 PAD = 3
 """Rings around those of a local matrix, so that the border of the wheel does not reach it."""
 
-_MOST_RINGS = 9
+MOST_RINGS = 9
+"""Where the search for rings that follow from themselves ends."""
+
 _ZERO = 1e-14
 
 
@@ -54,11 +57,8 @@ def local_matrix(wheel: Wheel, steps: int, rings: int) -> LocalMatrix | None:
     """The matrix of so many rings of a wheel that has `PAD` more; None where these rings need more than themselves."""
     finer = wheel.refine(steps)
     kept = wheel.within(rings)
-    matched = match(wheel, finer.halfedges, wheel.locate(steps), rings)
-    rows = finer.operators[-1][matched[kept]]
-    for operator in finer.operators[-2::-1]:
-        rows = rows @ operator
-    dense = rows.toarray()
+    matched = match_wheel(wheel, finer.halfedges, wheel.locate(steps), rings)
+    dense = finer.rows(matched[kept])
     outside = np.ones(dense.shape[1], dtype=bool)
     outside[kept] = False
     if (np.abs(dense[:, outside]) > _ZERO).any():
@@ -78,76 +78,8 @@ def invariant_matrix(wheel_of: Callable[[int], Wheel], steps: int, rings: int) -
     Raises:
         SchemeError: no number of rings does.
     """
-    for number in range(max(1, rings), _MOST_RINGS + 1):
+    for number in range(max(1, rings), MOST_RINGS + 1):
         found = local_matrix(wheel_of(number + PAD), steps, number)
         if found is not None:
             return found
-    raise SchemeError(f"this scheme cannot be analysed: {_MOST_RINGS} rings around a vertex do not follow from them")
-
-
-def match(wheel: Wheel, fine: HalfEdges, places: Complex128[np.ndarray, " W"], rings: int) -> Indices:
-    """(V,) the fine vertex in the place of each coarse one of the first rings; `NONE` for the others.
-
-    Both connectivities are walked at once, from the centre outwards, along corresponding half-edges.
-
-    Args:
-        wheel: the coarse connectivity.
-        fine: the fine one.
-        places: where the wheel locates the fine verts.
-        rings: how many are matched.
-    """
-    coarse = wheel.halfedges
-    inside = np.zeros(len(wheel.places), dtype=bool)
-    inside[wheel.within(rings)] = True
-    whole = inside[coarse.tail] & inside[coarse.head]
-    start, other = _starts(wheel, fine, places)
-    matched = np.full(len(wheel.places), NONE)
-    seen, waiting = {start}, [(start, other)]
-    following, tails = (coarse.following.tolist(), fine.following.tolist()), (coarse.tail.tolist(), fine.tail.tolist())
-    twins = coarse.twin.tolist(), fine.twin.tolist()
-    while waiting:
-        here, there = waiting.pop()
-        matched[tails[0][here]] = tails[1][there]
-        for mine, theirs in (following, twins):
-            onward, beside = mine[here], theirs[there]
-            if NONE not in (onward, beside) and onward not in seen and whole[onward]:
-                seen.add(onward)
-                waiting.append((onward, beside))
-    return matched
-
-
-def _starts(wheel: Wheel, fine: HalfEdges, places: Complex128[np.ndarray, " W"]) -> tuple[int, int]:
-    """Half-edges about the centre of the coarse and of the fine faces, in the same direction from it."""
-    mine = _about_centre(wheel.halfedges, wheel.places, hub=wheel.hub)
-    theirs = _about_centre(fine, places, hub=wheel.hub)
-    ahead = _middles(wheel.halfedges, wheel.places)[mine[0]]
-    turned = _middles(fine, places)[theirs] / ahead
-    return int(mine[0]), int(theirs[np.argmin(np.abs(np.angle(turned)))])
-
-
-def _about_centre(halfedges: HalfEdges, places: Complex128[np.ndarray, " V"], *, hub: bool) -> Indices:
-    """Those out of the hub; without one, those of the face in the middle."""
-    if hub:
-        return np.flatnonzero(halfedges.tail == int(np.argmin(np.abs(places))))
-    here = int(np.argmin(np.abs(_face_centres(halfedges, places))))
-    face = [here]
-    while (here := int(halfedges.following[here])) != face[0]:
-        face.append(here)
-    return np.array(face)
-
-
-def _middles(halfedges: HalfEdges, places: Complex128[np.ndarray, " V"]) -> Complex128[np.ndarray, " H"]:
-    return np.asarray((places[halfedges.tail] + places[halfedges.head]) / 2)
-
-
-def _face_centres(halfedges: HalfEdges, places: Complex128[np.ndarray, " V"]) -> Complex128[np.ndarray, " H"]:
-    """(H,) the mean of the corners of the face of each half-edge, whatever the sizes of faces are."""
-    total, corners = places[halfedges.tail].copy(), np.ones(len(halfedges.tail))
-    ahead = halfedges.following.copy()
-    going = ahead != np.arange(len(ahead))
-    while going.any():
-        total[going] += places[halfedges.tail[ahead[going]]]
-        corners[going] += 1
-        ahead[going] = halfedges.following[ahead[going]]
-        going = ahead != np.arange(len(ahead))
-    return np.asarray(total / corners)
+    raise SchemeError(f"this scheme cannot be analysed: {MOST_RINGS} rings around a vertex do not follow from them")

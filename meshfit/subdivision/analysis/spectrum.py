@@ -73,7 +73,7 @@ class Spectrum:
 def spectrum_of(matrix: LocalMatrix) -> Spectrum:
     """The leading eigenvalues, by Fourier mode."""
     n = matrix.valence
-    by_mode = {mode: _eigenvalues(matrix.block(mode)) for mode in range(n // 2 + 1)}
+    by_mode = {mode: eigenvalues(matrix.block(mode)) for mode in range(n // 2 + 1)}
     by_mode[0] = np.delete(by_mode[0], int(np.argmin(np.abs(by_mode[0] - 1))))
     leading, by_mode[1] = Eigenvalue(_upper(by_mode[1][0]), 1), by_mode[1][1:]
     others = [Eigenvalue(_upper(value), mode) for mode, values in by_mode.items() for value in values]
@@ -84,7 +84,7 @@ def spectrum_of(matrix: LocalMatrix) -> Spectrum:
     return Spectrum(n, leading, rest, 2 + sum(1 + (0 < 2 * each.mode < n) for each in alike))
 
 
-def _eigenvalues(block: Complex128[np.ndarray, "L L"]) -> Complex128[np.ndarray, " L"]:
+def eigenvalues(block: Complex128[np.ndarray, "L L"]) -> Complex128[np.ndarray, " L"]:
     """The largest modulus first; inner rings do not depend on outer ones, and each part is solved for itself.
 
     What couples the parts only makes multiple eigenvalues less exact.

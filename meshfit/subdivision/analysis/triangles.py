@@ -1,5 +1,6 @@
 """The bench of schemes on triangles: lattice and wheels."""
 
+from collections.abc import Callable
 from fractions import Fraction
 from math import sqrt
 
@@ -7,7 +8,7 @@ import numpy as np
 from jaxtyping import Complex128, Int64
 
 from meshfit.mesh.topology import Topology
-from meshfit.subdivision.analysis.bench import Bench, Finer, HalfEdges, Patch, Refine, Wheel
+from meshfit.subdivision.analysis.bench import Bench, Fan, Finer, HalfEdges, Patch, Refine, Wheel
 from meshfit.subdivision.masks import CurveMask, EdgeMask, FaceMask
 from meshfit.subdivision.refine import refine
 from meshfit.subdivision.triangle_scheme import Split, TriangleScheme
@@ -24,6 +25,7 @@ def triangle_bench(scheme: TriangleScheme) -> Bench:
         6,
         lambda reach: _patch(scheme, reach),
         lambda valence, rings: _wheel(scheme, valence, rings),
+        lambda neighbours, rings: _fan(scheme, neighbours, rings),
         _distance,
         ((1.0, 0.0), (1 / 2, sqrt(3) / 2)),
     )
@@ -57,14 +59,27 @@ def _patch(scheme: TriangleScheme, reach: int) -> Patch:
 def _wheel(scheme: TriangleScheme, valence: int, rings: int) -> Wheel:
     turns = _turns(valence, rings)
     ring = np.repeat(np.arange(1, rings + 1), np.arange(1, rings + 1))
-    faces = _faces(valence, rings)
+    faces = _faces(valence, rings, closed=True)
     topology = Topology(1 + turns.size, faces)
     places, halfedges = _places(valence, rings, turns), HalfEdges.of_faces(faces)
+    return Wheel(places, halfedges, turns, ring, _refine(scheme, topology), _locate(scheme, topology, places), hub=True)
 
-    def locate(steps: int) -> Complex128[np.ndarray, " W"]:
-        return np.asarray(refine(topology, _linear(scheme.split), steps)(places))
 
-    return Wheel(places, halfedges, turns, ring, _refine(scheme, topology), locate, hub=True)
+def _fan(scheme: TriangleScheme, neighbours: int, rings: int) -> Fan:
+    sectors = neighbours - 1
+    faces = _faces(sectors, rings, closed=False)
+    ring = np.repeat(np.arange(rings + 1), [1, *(sectors * r + 1 for r in range(1, rings + 1))])
+    topology = Topology(len(ring), faces)
+    # Linear interpolation keeps the boundary in its place, so that any places tell vertex 0 from the others.
+    locate = _locate(scheme, topology, ring.astype(np.complex128))
+    return Fan(HalfEdges.of_faces(faces), ring, _refine(scheme, topology), locate)
+
+
+def _locate(
+    scheme: TriangleScheme, topology: Topology, places: Complex128[np.ndarray, " V"]
+) -> Callable[[int], Complex128[np.ndarray, " W"]]:
+    linear = _linear(scheme.split)
+    return lambda steps: np.asarray(refine(topology, linear, steps)(places))
 
 
 def _linear(split: Split) -> TriangleScheme:
@@ -83,8 +98,8 @@ def _turns(valence: int, rings: int) -> Int64[np.ndarray, "K N"]:
     return np.array(rows)
 
 
-def _first(valence: int, ring: int) -> int:
-    return 1 + valence * ring * (ring - 1) // 2
+def _first(sectors: int, ring: int, *, closed: bool = True) -> int:
+    return 1 + sectors * ring * (ring - 1) // 2 + (0 if closed else ring - 1)
 
 
 def _places(valence: int, rings: int, turns: Int64[np.ndarray, "K N"]) -> Complex128[np.ndarray, " V"]:
@@ -96,17 +111,19 @@ def _places(valence: int, rings: int, turns: Int64[np.ndarray, "K N"]) -> Comple
     return places
 
 
-def _faces(valence: int, rings: int) -> Int64[np.ndarray, "F 3"]:
+def _faces(sectors: int, rings: int, *, closed: bool) -> Int64[np.ndarray, "F 3"]:
     """Between ring r - 1 and ring r, r faces in each sector point inwards and r - 1 outwards."""
-    spoke = np.arange(valence)
+    spoke = np.arange(sectors)
 
     def at(ring: int, part: int) -> np.ndarray:
-        return _first(valence, ring) + (ring * spoke + part) % (ring * valence) if ring else 0 * spoke
+        place = ring * spoke + part
+        return _first(sectors, ring, closed=closed) + (place % (ring * sectors) if closed else place)
 
     corners = []
     for ring in range(1, rings + 1):
         for part in range(ring):
-            corners.append((at(ring - 1, part), at(ring, part), at(ring, part + 1)))
+            inner = at(ring - 1, part) if ring > 1 else 0 * spoke
+            corners.append((inner, at(ring, part), at(ring, part + 1)))
             if part < ring - 1:
-                corners.append((at(ring - 1, part), at(ring, part + 1), at(ring - 1, part + 1)))
+                corners.append((inner, at(ring, part + 1), at(ring - 1, part + 1)))
     return np.concatenate([np.stack(face, axis=1) for face in corners])
