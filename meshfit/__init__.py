@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from meshfit.mesh.frames import Frame, frame_of
     from meshfit.mesh.mesh import Mesh
     from meshfit.mesh.targets import load_target
-    from meshfit.subdivision.refine import Refinement, refine, subdivide
+    from meshfit.subdivision.refine import refine, subdivide
+    from meshfit.subdivision.refinement import Refinement
 
 _HOMES = {
     "MeshfitError": "meshfit.errors",
@@ -35,7 +36,7 @@ _HOMES = {
     "frame_of": "meshfit.mesh.frames",
     "Mesh": "meshfit.mesh.mesh",
     "load_target": "meshfit.mesh.targets",
-    "Refinement": "meshfit.subdivision.refine",
+    "Refinement": "meshfit.subdivision.refinement",
     "refine": "meshfit.subdivision.refine",
     "subdivide": "meshfit.subdivision.refine",
 }

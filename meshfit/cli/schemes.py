@@ -41,8 +41,11 @@ def schemes(
     table = Table(box=None, pad_edge=False)
     for column in ("scheme", "kind", "continuity", "source"):
         table.add_column(column, style="bold" if column == "scheme" else None, overflow="fold")
-    for key, entry in SCHEMES.items():
-        table.add_row(_with_parameters(key, entry), entry.kind, entry.continuity, entry.source)
+    for domain in dict.fromkeys(entry.domain for entry in SCHEMES.values()):
+        table.add_row(f"\n[not bold italic]on {domain}[/]" if table.row_count else f"[not bold italic]on {domain}[/]")
+        for key, entry in SCHEMES.items():
+            if entry.domain == domain:
+                table.add_row(_with_parameters(key, entry), entry.kind, entry.continuity, entry.source)
     out.print(table)
     out.print("\nParameters follow a colon: [bold]interp-loop:alpha=0.5[/]. Masks: [bold]meshfit schemes NAME[/].")
     return 0
@@ -65,7 +68,8 @@ def _one(text: str, as_json: bool) -> int:
     facts = Table(box=None, pad_edge=False, show_header=False)
     facts.add_column(style="bold")
     facts.add_column()
-    for key, value in (("split", scheme.split.value), ("continuity", entry.continuity), ("source", entry.source)):
+    told = {"on": entry.domain, "split": scheme.split.value, "continuity": entry.continuity, "source": entry.source}
+    for key, value in told.items():
         facts.add_row(key, value)
     for key, parameter in entry.parameters.items():
         allowed = (
@@ -89,5 +93,11 @@ def _plain(name: str, entry: SchemeEntry) -> dict[str, object]:
         key: {"default": parameter.default, "allowed": list(parameter.allowed), "meaning": parameter.meaning}
         for key, parameter in entry.parameters.items()
     }
-    facts = {"name": name, "title": entry.title, "kind": entry.kind, "continuity": entry.continuity}
+    facts = {
+        "name": name,
+        "title": entry.title,
+        "domain": entry.domain,
+        "kind": entry.kind,
+        "continuity": entry.continuity,
+    }
     return facts | {"source": entry.source, "parameters": parameters}

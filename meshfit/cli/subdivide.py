@@ -39,7 +39,7 @@ def subdivide(
         float | None,
         typer.Option(
             "--alpha",
-            help="For interp-loop: from 0, Loop, to 1, interpolatory.",
+            help="For interpolatory schemes: from 0, approximating, to 1.",
             metavar="A",
             rich_help_panel=_PARAMETERS,
         ),
@@ -66,18 +66,23 @@ def subdivide(
 ) -> int:
     """Refine a mesh by a subdivision scheme.
 
+    Schemes on polygons take faces as they are in the file, and write polygons; the others take them as triangles.
+
     Examples:
         meshfit subdivide head.obj fine.ply --scheme interp-loop --levels 2
 
         meshfit subdivide head.obj fine.obj -s interp-loop --alpha 0.5
+
+        meshfit subdivide cube.obj fine.obj -s catmull-clark -n 3
     """
     from meshfit.mesh.files import save_mesh
-    from meshfit.mesh.targets import load_target
+    from meshfit.mesh.targets import load_polygon_target, load_target
     from meshfit.subdivision.choose import scheme_of
+    from meshfit.subdivision.polygon_scheme import PolygonScheme
     from meshfit.subdivision.refine import subdivide as refined
 
     declared = scheme_of(scheme, alpha=alpha, weights=weights, tension=tension, valence3=valence3)
-    mesh = load_target(source)
+    mesh = load_polygon_target(source) if isinstance(declared, PolygonScheme) else load_target(source)
     finer = refined(mesh, declared, levels)
     save_mesh(finer, destination)
     counts = f"{mesh.num_faces:,} faces → {finer.num_faces:,} faces, {finer.num_verts:,} verts"

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -97,6 +97,9 @@ class PolygonMesh:
             roll = _diagonals(self.verts[rows]).argmin(axis=1)
             corners[places] = np.take_along_axis(rows, (np.arange(size) + roll[:, None]) % size, axis=1)
         return PolygonMesh(self.verts, corners, self.sizes)
+
+
+AnyMesh = TypeVar("AnyMesh", Mesh, PolygonMesh)
 
 
 def _diagonals(points: Float64[np.ndarray, "G N 3"]) -> Float64[np.ndarray, "G N"]:

@@ -40,7 +40,7 @@ def clean(verts: NDArray[np.floating], faces: NDArray[np.integer], origin: str) 
 def clean_polygons(found: Polygons, origin: str) -> PolygonMesh:
     """A mesh of these arrays, as `clean` makes it of triangles.
 
-    A corner that repeats the one before it is dropped; a polygon is degenerate where no triangle of its fan has an area.
+    A corner that repeats the one before it is dropped; a polygon is degenerate if no triangle of its fan has area.
 
     Args:
         found: positions and polygons.

@@ -1,63 +1,57 @@
 """A scheme's masks as people write them, read off the operator that they were laid down as."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from fractions import Fraction
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
 
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.assemble import assemble
+from meshfit.subdivision.mask_rows import MaskRow, along, grouped, number
+from meshfit.subdivision.polygon_describe import describe_on_polygons
+from meshfit.subdivision.scheme import Scheme
 from meshfit.subdivision.splits import divide
 from meshfit.subdivision.triangle_scheme import Split, TriangleScheme
 
 _SIDE = 12
 _AT = 5
-_LARGEST_DENOMINATOR = 4096
-_ZERO = 1e-14
 _VALENCES = (3, 4, 5, 7, 8)
 
 
-@dataclass(frozen=True)
-class MaskRow:
-    """One line of a description: which vertex, and its weights as `weight × count role`, or by valence or offset."""
-
-    where: str
-    weights: str
-
-
-def describe(scheme: TriangleScheme) -> Iterator[MaskRow]:
+def describe(scheme: Scheme) -> Iterator[MaskRow]:
     """The masks of a scheme on a regular mesh, at extraordinary vertices, and along the boundary."""
+    return _on_triangles(scheme) if isinstance(scheme, TriangleScheme) else describe_on_polygons(scheme)
+
+
+def _on_triangles(scheme: TriangleScheme) -> Iterator[MaskRow]:
     lattice = _torus()
     division = divide(lattice, scheme.split, step=0)
     rows = assemble(lattice, scheme, division)
     origin = _AT * _SIDE + _AT
-    yield MaskRow("old vertex, valence 6", _grouped(rows, origin, {origin: "itself"}, "each neighbour"))
+    yield MaskRow("old vertex, valence 6", grouped(rows, origin, {origin: "itself"}, "each neighbour"))
     if scheme.split is Split.QUADRISECT:
         inserted = lattice.num_verts + int(np.flatnonzero((lattice.edges == (origin, origin + 1)).all(axis=1))[0])
         roles = _edge_roles(origin)
-        yield MaskRow("new vertex in an edge, regular", _grouped(rows, inserted, roles, "other"))
+        yield MaskRow("new vertex in an edge, regular", grouped(rows, inserted, roles, "other"))
     else:
         face = int(np.flatnonzero((lattice.faces == (origin, origin + 1, origin + _SIDE)).all(axis=1))[0])
         roles = _face_roles(origin)
-        yield MaskRow("new vertex in a face, regular", _grouped(rows, lattice.num_verts + face, roles, "other"))
+        yield MaskRow("new vertex in a face, regular", grouped(rows, lattice.num_verts + face, roles, "other"))
     yield from _extraordinary(scheme)
     yield from _boundary(scheme)
     if scheme.push_back is not None:
         yield MaskRow(
-            "push-back", f"alpha = {_number(float(scheme.push_back.alpha))}: old E + αD, new O + αMD, D = I - E"
+            "push-back", f"alpha = {number(float(scheme.push_back.alpha))}: old E + αD, new O + αMD, D = I - E"
         )
 
 
 def _extraordinary(scheme: TriangleScheme) -> Iterator[MaskRow]:
     if scheme.vert is not None:
-        ring = ", ".join(f"n = {n}: {_number(scheme.vert.ring(n))}" for n in _VALENCES)
+        ring = ", ".join(f"n = {n}: {number(scheme.vert.ring(n))}" for n in _VALENCES)
         base = "base: " if scheme.push_back is not None else ""
         yield MaskRow("old vertex, valence n", f"{base}1 - w itself, w / n each neighbour; w at {ring}")
     if scheme.spokes is not None:
         for n in _VALENCES[:3]:
-            centre, *spokes = (_number(weight) for weight in scheme.spokes.weights(n))
+            centre, *spokes = (number(weight) for weight in scheme.spokes.weights(n))
             yield MaskRow(f"new vertex beside valence {n}", f"{centre} centre; spokes {', '.join(spokes)}")
 
 
@@ -69,10 +63,7 @@ def _boundary(scheme: TriangleScheme) -> Iterator[MaskRow]:
     edge = int(np.flatnonzero((patch.tail[division.border] == _AT) & (patch.head[division.border] == _AT + 1))[0])
     places = {"old vertex": _AT, "new vertex": patch.num_verts + int(division.border_place[0][edge])}
     for what, row in places.items():
-        weights = {column - _AT: weight for column, weight in _entries(rows, row)}
-        listed = ", ".join(_number(weights[offset]) for offset in sorted(weights))
-        along = f"at {min(weights)} … {max(weights)} along it" if len(weights) > 1 else "itself"
-        yield MaskRow(f"boundary, {what}", f"{listed} {along}")
+        yield MaskRow(f"boundary, {what}", along(rows, row, _AT))
 
 
 def _patch() -> Topology:
@@ -80,12 +71,6 @@ def _patch() -> Topology:
     here = (np.arange(_SIDE - 1)[:, None] * _SIDE + np.arange(_SIDE - 1)).reshape(-1)
     right, up, corner = here + 1, here + _SIDE, here + _SIDE + 1
     return Topology(_SIDE**2, np.concatenate([np.stack([here, right, up], 1), np.stack([right, corner, up], 1)]))
-
-
-def _entries(rows: csr_array, row: int) -> list[tuple[int, float]]:
-    line = coo_array(rows[[row]])
-    pairs = zip(line.coords[1], line.data, strict=True)
-    return [(int(column), float(weight)) for column, weight in pairs if abs(weight) > _ZERO]
 
 
 def _torus() -> Topology:
@@ -118,19 +103,3 @@ def _face_roles(origin: int) -> dict[int, str]:
         "each wing": _at(origin, (0, -1), (2, -1), (2, 0), (0, 2), (-1, 2), (-1, 0)),
     }
     return {vert: role for role, verts in named.items() for vert in verts}
-
-
-def _grouped(rows: csr_array, row: int, roles: dict[int, str], others: str) -> str:
-    groups: dict[tuple[str, str], int] = {}
-    for column, weight in _entries(rows, row):
-        key = (roles.get(column, others), _number(weight))
-        groups[key] = groups.get(key, 0) + 1
-    order = [*dict.fromkeys(roles.values()), others]
-    found = sorted(groups.items(), key=lambda item: order.index(item[0][0]))
-    return ", ".join(f"{weight} {role}" + (f" ({count})" if count > 1 else "") for (role, weight), count in found)
-
-
-def _number(value: float) -> str:
-    """A weight as a fraction where it is one of small denominator, and to six digits where not."""
-    fraction = Fraction(value).limit_denominator(_LARGEST_DENOMINATOR)
-    return str(fraction) if abs(float(fraction) - value) < 1e-12 else f"{value:.6f}"

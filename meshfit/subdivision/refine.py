@@ -1,109 +1,111 @@
-"""Refinement: some levels of a scheme on a connectivity, as sparse operators on anything given at its vertices."""
+"""Refinement: some levels of a scheme laid down on a connectivity, or on a mesh."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, eye_array
+from scipy.sparse import csr_array
 
 from meshfit.errors import MeshError, SchemeError
 from meshfit.mesh.manifold import require_manifold
-from meshfit.mesh.mesh import Faces, Mesh
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.polygon_topology import PolygonTopology
+from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.topology import Topology
 from meshfit.specs import Value
 from meshfit.subdivision.assemble import assemble, vertex_attribute_carry
 from meshfit.subdivision.choose import scheme_of
+from meshfit.subdivision.polygon_assemble import assemble_polygons
+from meshfit.subdivision.polygon_scheme import LINEAR, PolygonScheme
+from meshfit.subdivision.polygon_splits import divide_polygons
+from meshfit.subdivision.refinement import PolygonRefinement, Refinement
 from meshfit.subdivision.scheme import Scheme
 from meshfit.subdivision.splits import divide
+from meshfit.subdivision.triangle_scheme import TriangleScheme
 
-if TYPE_CHECKING:
-    import torch
-
-Values = TypeVar("Values", np.ndarray, "torch.Tensor")
 ParameterValue = Value | NDArray[Any]
 
 
-@dataclass(frozen=True, eq=False)
-class Refinement:
-    """What some levels of a scheme make of a connectivity.
-
-    Attributes:
-        faces: (F', 3) the finest faces.
-        num_coarse: V, the number of vertices refined.
-        operators: one sparse operator for each level, coarsest first.
-    """
-
-    faces: Faces
-    num_coarse: int
-    operators: tuple[csr_array, ...]
-
-    @cached_property
-    def matrix(self) -> csr_array:
-        """All levels in one: sparse (V', V), verts_fine = matrix @ verts_coarse."""
-        product = csr_array(eye_array(self.num_coarse, format="csr"))
-        for operator in self.operators:
-            product = csr_array(operator @ product)
-        return product
-
-    def __call__(self, values: Values) -> Values:
-        """Refine values given at the coarse vertices, positions or any other attribute.
-
-        Args:
-            values: (V, …) numpy array or torch tensor. The map is linear, so gradients flow through it.
-
-        Returns:
-            (V', …) of the same kind, dtype and device; integers come back as float64.
-
-        Raises:
-            MeshError: the number of rows is not the number of coarse vertices.
-        """
-        if len(values) != self.num_coarse:
-            raise MeshError(f"found {len(values)} values; one for each of {self.num_coarse} coarse verts is needed")
-        if isinstance(values, np.ndarray):
-            flat = values.reshape(self.num_coarse, -1)
-            for operator in self.operators:
-                flat = operator @ flat
-            fine = flat.reshape(-1, *values.shape[1:])
-            return fine.astype(values.dtype) if np.issubdtype(values.dtype, np.floating) else fine
-        from meshfit.subdivision.tensors import apply_to_tensor
-
-        return apply_to_tensor(self.operators, values)
-
-
-def refine(topology: Topology, scheme: Scheme, levels: int = 1) -> Refinement:
+@overload
+def refine(topology: Topology, scheme: TriangleScheme, levels: int = 1) -> Refinement: ...
+@overload
+def refine(topology: Topology | PolygonTopology, scheme: PolygonScheme, levels: int = 1) -> PolygonRefinement: ...
+@overload
+def refine(topology: Topology | PolygonTopology, scheme: Scheme, levels: int = 1) -> Refinement | PolygonRefinement: ...
+def refine(topology: Topology | PolygonTopology, scheme: Scheme, levels: int = 1) -> Refinement | PolygonRefinement:
     """Lay down `levels` levels of a scheme.
 
+    Args:
+        topology: triangles or polygons; a scheme on polygons takes triangles as such.
+        scheme: on triangles, or on polygons.
+        levels: how many.
+
     Raises:
-        SchemeError: levels is negative.
-        MeshError: the mesh is not an oriented manifold; a face, edge or vertex at fault is named.
+        SchemeError: levels is negative, or the scheme is on triangles and the mesh of polygons.
+        MeshError: the mesh is not an oriented manifold, or has a place that the scheme has no rule for; a face, edge or
+            vertex at fault is named.
     """
     if levels < 0:
         raise SchemeError(f"levels={levels} is not allowed: 0 or more is")
+    if isinstance(scheme, TriangleScheme) and isinstance(topology, PolygonTopology):
+        raise SchemeError(
+            "this scheme refines triangles, and the mesh is of polygons: triangulate it, or choose a scheme on "
+            "polygons, such as catmull-clark"
+        )
     if levels:
         require_manifold(topology, "subdivision")
         _require_alphas(scheme, topology.num_verts)
-    num_coarse, operators = topology.num_verts, []
+    if isinstance(scheme, PolygonScheme):
+        polygons = topology if isinstance(topology, PolygonTopology) else PolygonTopology.of(topology)
+        return _refine_polygons(polygons, scheme, levels)
+    assert isinstance(topology, Topology)  # noqa: S101  nothing else is left
+    return _refine_triangles(topology, scheme, levels)
+
+
+def _refine_triangles(topology: Topology, scheme: TriangleScheme, levels: int) -> Refinement:
+    num_coarse, operators = topology.num_verts, list[csr_array]()
     for step in range(levels):
         division = divide(topology, scheme.split, step)
         operators.append(assemble(topology, scheme, division))
         if scheme.push_back is not None and np.ndim(scheme.push_back.alpha):
-            finer = vertex_attribute_carry(topology, division) @ np.asarray(scheme.push_back.alpha)
-            scheme = replace(scheme, push_back=replace(scheme.push_back, alpha=finer))
+            scheme = scheme.with_alpha(vertex_attribute_carry(topology, division) @ np.asarray(scheme.push_back.alpha))
         topology = Topology(topology.num_verts + division.num_new, division.faces)
-    return Refinement(topology.faces, num_coarse, tuple(operators))
+    return Refinement(num_coarse, tuple(operators), topology.faces)
 
 
-def subdivide(mesh: Mesh, scheme: str | Scheme, levels: int = 1, **parameters: ParameterValue) -> Mesh:
+def _refine_polygons(topology: PolygonTopology, scheme: PolygonScheme, levels: int) -> PolygonRefinement:
+    num_coarse, operators = topology.num_verts, list[csr_array]()
+    for step in range(levels):
+        division = divide_polygons(topology, scheme.split, step)
+        operators.append(assemble_polygons(topology, scheme, division))
+        if scheme.push_back is not None and np.ndim(scheme.push_back.alpha):
+            carry = assemble_polygons(topology, LINEAR[scheme.split], division)
+            scheme = scheme.with_alpha(carry @ np.asarray(scheme.push_back.alpha))
+        topology = division.finer
+    return PolygonRefinement(num_coarse, tuple(operators), topology)
+
+
+@overload
+def subdivide(mesh: Mesh, scheme: TriangleScheme, levels: int = 1, **parameters: ParameterValue) -> Mesh: ...
+@overload
+def subdivide(
+    mesh: Mesh | PolygonMesh, scheme: PolygonScheme, levels: int = 1, **parameters: ParameterValue
+) -> PolygonMesh: ...
+@overload
+def subdivide(
+    mesh: Mesh | PolygonMesh, scheme: str | Scheme, levels: int = 1, **parameters: ParameterValue
+) -> Mesh | PolygonMesh: ...
+def subdivide(
+    mesh: Mesh | PolygonMesh, scheme: str | Scheme, levels: int = 1, **parameters: ParameterValue
+) -> Mesh | PolygonMesh:
     """Refine a mesh by some levels of a subdivision scheme.
 
     Args:
-        mesh: an oriented manifold, closed or with boundary.
+        mesh: an oriented manifold, closed or with boundary; of triangles, or of polygons for a scheme on these.
         scheme: a spec such as `loop` or `interp-loop:alpha=0.5`, or a declared scheme.
-        levels: how many times; each makes 4 faces of one (√3 schemes: 3, and they refine the boundary at every second
-            level, so that two levels at once differ from one and one more where there is a boundary).
+        levels: how many times; each makes 4 faces of one (√3 schemes: 3, √2 schemes: 2, and both refine the boundary at
+            every second level, so that two levels at once differ from one and one more where there is a boundary).
         **parameters: of the scheme, in place of those in the spec. `alpha` may be a (V,) array of one value a vertex.
 
     Example:
@@ -111,13 +113,19 @@ def subdivide(mesh: Mesh, scheme: str | Scheme, levels: int = 1, **parameters: P
         >>> subdivide(icosahedron(), "interp-loop", 2, alpha=0.5).num_faces
         320
 
+    Returns:
+        A mesh of triangles from a scheme on triangles, and one of polygons from a scheme on polygons.
+
     Raises:
-        SchemeError: no such scheme or parameter, or a value that is not allowed.
+        SchemeError: no such scheme or parameter, a value that is not allowed, or polygons for a scheme on triangles.
         MeshError: the mesh cannot be refined; an edge or vertex at fault is named.
     """
-    topology = Topology.of(mesh)
+    topology = Topology.of(mesh) if isinstance(mesh, Mesh) else PolygonTopology.of(mesh)
     refinement = refine(topology, _declared(scheme, parameters), levels)
-    return Mesh(refinement(mesh.verts), refinement.faces)
+    verts = refinement(mesh.verts)
+    if isinstance(refinement, Refinement):
+        return Mesh(verts, refinement.faces)
+    return refinement.mesh(verts)
 
 
 def _declared(scheme: str | Scheme, parameters: Mapping[str, ParameterValue]) -> Scheme:

@@ -11,11 +11,11 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import octahedron
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.refine import subdivide
-from meshfit.subdivision.table import SCHEMES
+from meshfit.subdivision.triangle_table import TRIANGLE_SCHEMES
 from tests.laws.variants import QUADRISECTING, SQRT3, VARIANTS, refined
 from tests.shapes import ALL, CLOSED, OPEN, mixed_open, patch, wheel
 
-NAMES = tuple(SCHEMES)
+NAMES = tuple(TRIANGLE_SCHEMES)
 by_name = pytest.mark.parametrize("spec", NAMES)
 
 

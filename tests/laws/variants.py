@@ -1,4 +1,4 @@
-"""The schemes that the laws are stated over: all of the table, and further values of their parameters."""
+"""The schemes on triangles that the laws are stated over: all of the table, and further values of their parameters."""
 
 import numpy as np
 
@@ -6,11 +6,11 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.choose import scheme_of
 from meshfit.subdivision.refine import Refinement, refine
-from meshfit.subdivision.table import SCHEMES
 from meshfit.subdivision.triangle_scheme import Split
+from meshfit.subdivision.triangle_table import TRIANGLE_SCHEMES
 
 VARIANTS = (
-    *SCHEMES,
+    *TRIANGLE_SCHEMES,
     "loop:weights=warren",
     "interp-loop:alpha=0",
     "interp-loop:alpha=0.25",

@@ -11,8 +11,8 @@ from meshfit.mesh.topology import Topology
 from meshfit.subdivision.choose import scheme_of
 from meshfit.subdivision.masks import CurveMask, EdgeMask, FaceMask, SpokeMask, VertMask
 from meshfit.subdivision.refine import refine
-from meshfit.subdivision.table import SCHEMES
 from meshfit.subdivision.triangle_scheme import PushBack, Split, TriangleScheme
+from meshfit.subdivision.triangle_table import TRIANGLE_SCHEMES
 from tests.shapes import mixed_closed, mixed_open, patch, torus
 
 HALF = Fraction(1, 2)
@@ -46,17 +46,17 @@ def test_fractions_must_sum_exactly_and_floats_but_for_rounding():
     SpokeMask(lambda n: (1 + 1e-15, *[0.0] * n))
 
 
-@pytest.mark.parametrize("name", SCHEMES)
+@pytest.mark.parametrize("name", TRIANGLE_SCHEMES)
 def test_kind_in_the_table_is_what_the_scheme_does(name):
     mesh = mixed_open()
     kept = refine(Topology.of(mesh), scheme_of(name), 2).matrix.toarray()[: mesh.num_verts]
-    assert np.array_equal(kept, np.eye(mesh.num_verts)) == (SCHEMES[name].kind == "interpolatory")
+    assert np.array_equal(kept, np.eye(mesh.num_verts)) == (TRIANGLE_SCHEMES[name].kind == "interpolatory")
 
 
-@pytest.mark.parametrize("name", SCHEMES)
+@pytest.mark.parametrize("name", TRIANGLE_SCHEMES)
 def test_parameters_in_the_table_matter_and_their_defaults_are_allowed(name):
     mesh = mixed_closed()
-    entry, topology = SCHEMES[name], Topology.of(mesh)
+    entry, topology = TRIANGLE_SCHEMES[name], Topology.of(mesh)
     for key, parameter in entry.parameters.items():
         assert parameter.check(key, parameter.default) == parameter.default
         matrices = [
@@ -65,9 +65,9 @@ def test_parameters_in_the_table_matter_and_their_defaults_are_allowed(name):
         assert np.abs(matrices[0] - matrices[1]).max() > 1e-3, f"{key} changes nothing"
 
 
-@pytest.mark.parametrize("name", SCHEMES)
+@pytest.mark.parametrize("name", TRIANGLE_SCHEMES)
 def test_every_entry_tells_title_continuity_and_source(name):
-    entry = SCHEMES[name]
+    entry = TRIANGLE_SCHEMES[name]
     assert name == name.lower()
     assert " " not in name
     for text in (entry.title, entry.continuity, entry.source):

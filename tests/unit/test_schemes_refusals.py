@@ -10,9 +10,9 @@ from meshfit.mesh.solids import octahedron, tetrahedron
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.choose import scheme_of
 from meshfit.subdivision.refine import refine, subdivide
-from meshfit.subdivision.table import SCHEMES
+from meshfit.subdivision.triangle_table import TRIANGLE_SCHEMES
 
-by_name = pytest.mark.parametrize("name", SCHEMES)
+by_name = pytest.mark.parametrize("name", TRIANGLE_SCHEMES)
 POINTS = np.random.default_rng(0).standard_normal((7, 3))
 
 

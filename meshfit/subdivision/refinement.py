@@ -1,0 +1,97 @@
+"""What some levels of a scheme make of a connectivity: finer faces, and sparse operators on what is given at verts."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+from jaxtyping import Int64
+from scipy.sparse import csr_array, eye_array
+
+from meshfit.errors import MeshError
+from meshfit.mesh.mesh import Faces, Verts
+from meshfit.mesh.polygon_topology import PolygonTopology
+from meshfit.mesh.polygons import PolygonMesh
+
+if TYPE_CHECKING:
+    import torch
+
+Values = TypeVar("Values", np.ndarray, "torch.Tensor")
+
+
+@dataclass(frozen=True, eq=False)
+class Operators:
+    """The operators of some levels.
+
+    Attributes:
+        num_coarse: V, the number of vertices refined.
+        operators: one sparse operator for each level, coarsest first.
+    """
+
+    num_coarse: int
+    operators: tuple[csr_array, ...]
+
+    @cached_property
+    def matrix(self) -> csr_array:
+        """All levels in one: sparse (V', V), verts_fine = matrix @ verts_coarse."""
+        product = csr_array(eye_array(self.num_coarse, format="csr"))
+        for operator in self.operators:
+            product = csr_array(operator @ product)
+        return product
+
+    def __call__(self, values: Values) -> Values:
+        """Refine values given at the coarse vertices, positions or any other attribute.
+
+        Args:
+            values: (V, …) numpy array or torch tensor. The map is linear, so gradients flow through it.
+
+        Returns:
+            (V', …) of the same kind, dtype and device; integers come back as float64.
+
+        Raises:
+            MeshError: the number of rows is not the number of coarse vertices.
+        """
+        if len(values) != self.num_coarse:
+            raise MeshError(f"found {len(values)} values; one for each of {self.num_coarse} coarse verts is needed")
+        if isinstance(values, np.ndarray):
+            flat = values.reshape(self.num_coarse, -1)
+            for operator in self.operators:
+                flat = operator @ flat
+            fine = flat.reshape(-1, *values.shape[1:])
+            return fine.astype(values.dtype) if np.issubdtype(values.dtype, np.floating) else fine
+        from meshfit.subdivision.tensors import apply_to_tensor
+
+        return apply_to_tensor(self.operators, values)
+
+
+@dataclass(frozen=True, eq=False)
+class Refinement(Operators):
+    """What some levels of a scheme make of triangles.
+
+    Attributes:
+        faces: (F', 3) the finest faces.
+    """
+
+    faces: Faces
+
+
+@dataclass(frozen=True, eq=False)
+class PolygonRefinement(Operators):
+    """What some levels of a scheme make of polygons.
+
+    Attributes:
+        finest: the finest connectivity.
+    """
+
+    finest: PolygonTopology
+
+    def mesh(self, verts: Verts) -> PolygonMesh:
+        """The finest faces with their verts at these places."""
+        return PolygonMesh(verts, self.finest.corners, self.finest.sizes)
+
+
+def faces_at(refinement: Refinement | PolygonRefinement, verts: Verts) -> Int64[np.ndarray, "G 3"]:
+    """The finest faces as triangles: polygons are cut by their shortest diagonals with their verts at these places."""
+    if isinstance(refinement, Refinement):
+        return refinement.faces
+    return refinement.mesh(verts).with_short_diagonals().triangulated().faces
