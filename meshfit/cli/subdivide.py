@@ -45,7 +45,7 @@ def subdivide(
         float | None,
         typer.Option(
             "--alpha",
-            help="For interp-loop, interp-bspline: from 0, smoothing, to 1, interpolatory.",
+            help="For interpolatory schemes: from 0, approximating, to 1.",
             metavar="A",
             rich_help_panel=_PARAMETERS,
         ),
@@ -74,10 +74,14 @@ def subdivide(
 
     A scheme on curves, such as four-point, takes polylines: the `l` lines of an OBJ, or the edges of a PLY.
 
+    Schemes on polygons take faces as they are in the file, and write polygons; the others take them as triangles.
+
     Examples:
         meshfit subdivide head.obj fine.ply --scheme interp-loop --levels 2
 
         meshfit subdivide head.obj fine.obj -s interp-loop --alpha 0.5
+
+        meshfit subdivide cube.obj fine.obj -s catmull-clark -n 3
 
         meshfit subdivide curve.obj smooth.obj -s four-point -n 4
     """
@@ -97,10 +101,11 @@ def subdivide(
 
 def _refined_mesh(source: str, destination: Path, scheme: "Scheme", levels: int) -> str:
     from meshfit.mesh.files import save_mesh
-    from meshfit.mesh.targets import load_target
+    from meshfit.mesh.targets import load_polygon_target, load_target
+    from meshfit.subdivision.polygon_scheme import PolygonScheme
     from meshfit.subdivision.refine import subdivide
 
-    mesh = load_target(source)
+    mesh = load_polygon_target(source) if isinstance(scheme, PolygonScheme) else load_target(source)
     finer = subdivide(mesh, scheme, levels)
     save_mesh(finer, destination)
     return f"{mesh.num_faces:,} faces → {finer.num_faces:,} faces, {finer.num_verts:,} verts"

@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
+import numpy as np
+
 from meshfit.config.strict_yaml import dump
 from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.experiment.checkpoints import read_checkpoint, write_checkpoint
@@ -27,6 +29,7 @@ from meshfit.mesh.frames import Frame, Normalisation, frame_of
 from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.manifold import topology_in_words
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.targets import file_sha256, load_target, target_path
 from meshfit.mesh.topology import Topology
 
@@ -42,6 +45,7 @@ class Attempt:
         self.trial, self.store, self.on_progress = trial, store, on_progress
         self.outcome: Outcome | None = None
         self._journal: Journal | None = None
+        self._polygons: PolygonMesh | None = None
         self._seconds: Callable[[], float] = lambda: 0.0
 
     def start(self) -> None:
@@ -64,7 +68,9 @@ class Attempt:
             source_mesh = self.trial.where(settings.source.mesh)
             _check_unchanged(source_mesh, inputs.get("source"))
             built = build_source(settings.source.model_copy(update={"mesh": source_mesh}), self.trial.scheme)
-            source = aligned(built, self._target, settings.source.align)
+            self._polygons = built if isinstance(built, PolygonMesh) else None
+            triangles = built.triangulated() if isinstance(built, PolygonMesh) else built
+            source = aligned(triangles, self._target, settings.source.align)
             _warn_of_differences(source, self._target)
         self._notes = [*placed.notes, *_texts(caught)]
         for note in self._notes:
@@ -121,7 +127,7 @@ class Attempt:
     def fail(self, error: Exception) -> None:
         """Record why it failed."""
         if isinstance(error, Diverged):
-            self.store.write(self.trial, LAST_GOOD, encode_mesh(error.last_good, ".ply"))
+            self.store.write(self.trial, LAST_GOOD, encode_mesh(self._with_polygons(error.last_good), ".ply"))
             self.store.write(self.trial, "trace.csv", error.trace.to_csv())
         step = self._journal.step.done if self._journal and self._journal.step else None
         record = failure_of(self.trial, error, step, failed_attempts(self.trial, self.store) + 1)
@@ -153,7 +159,14 @@ class Attempt:
 
     def _encoded(self, mesh: Mesh) -> bytes:
         own = self.trial.settings.write_frame == "target"
-        return encode_mesh(self._frame.restore(mesh) if own else mesh, ".ply")
+        return encode_mesh(self._with_polygons(self._frame.restore(mesh) if own else mesh), ".ply")
+
+    def _with_polygons(self, mesh: Mesh) -> Mesh | PolygonMesh:
+        """The mesh with the polygons of the source, whose fans its triangles are; as it is where it has others."""
+        polygons = self._polygons
+        if polygons is None or not np.array_equal(mesh.faces, self._source.faces):
+            return mesh
+        return polygons.with_verts(mesh.verts)
 
 
 class _Placed(NamedTuple):

@@ -5,13 +5,13 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshfit.errors import MeshError
 from meshfit.mesh.file_content import known_suffix, read_content, reading, write_content
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.ply_files import read_ply, write_ply
-from meshfit.mesh.repair import clean
+from meshfit.mesh.polygons import PolygonMesh, Polygons, fan_triangles
+from meshfit.mesh.repair import clean, clean_polygons
 from meshfit.mesh.text_files import read_obj, read_off, write_obj, write_off
 from meshfit.paths import MESH_SUFFIXES
 
@@ -38,12 +38,30 @@ def load_mesh(path: str | Path) -> Mesh:
         MeshfitWarning: as `clean` does.
     """
     path = Path(path)
-    verts, faces = _read(path, known_suffix(path, SUFFIXES, "mesh"))
-    return clean(verts, faces, str(path))
+    found = _read(path, known_suffix(path, SUFFIXES, "mesh"))
+    return clean(found.verts, fan_triangles(found.corners, found.sizes), str(path))
 
 
-def save_mesh(mesh: Mesh, path: str | Path) -> None:
+def load_polygons(path: str | Path) -> PolygonMesh:
+    """Read a mesh from an OBJ, PLY, STL, OFF or GLB file with its faces as they are; seams are welded.
+
+    Example:
+        >>> mesh = load_polygons("quads.obj")  # doctest: +SKIP
+
+    Raises:
+        MeshError: as `load_mesh` does.
+
+    Warns:
+        MeshfitWarning: as `clean_polygons` does.
+    """
+    path = Path(path)
+    return clean_polygons(_read(path, known_suffix(path, SUFFIXES, "mesh")), str(path))
+
+
+def save_mesh(mesh: Mesh | PolygonMesh, path: str | Path) -> None:
     """Write a mesh in the format that its suffix names, in double precision but for STL and GLB, which have none.
+
+    OBJ, OFF and PLY hold polygons; STL and GLB get the triangles of each.
 
     Raises:
         MeshError: a suffix that is not known, coordinates too large for single precision, or a path that cannot be
@@ -56,26 +74,27 @@ def save_mesh(mesh: Mesh, path: str | Path) -> None:
     write_content(path, encode_mesh(mesh, suffix))
 
 
-def encode_mesh(mesh: Mesh, suffix: str) -> bytes:
+def encode_mesh(mesh: Mesh | PolygonMesh, suffix: str) -> bytes:
     """The bytes of a mesh file of that suffix; the same mesh gives the same bytes."""
     if suffix in _WRITERS:
         return _WRITERS[suffix](mesh)
     import trimesh  # most files need it not, and it takes as long to import as all the rest
 
+    mesh = mesh.triangulated() if isinstance(mesh, PolygonMesh) else mesh
     content = trimesh.Trimesh(mesh.verts, mesh.faces, process=False).export(file_type=suffix[1:])
     return content if isinstance(content, bytes) else str(content).encode()
 
 
-def _read(path: Path, suffix: str) -> tuple[NDArray[np.floating], NDArray[np.integer]]:
+def _read(path: Path, suffix: str) -> Polygons:
     content = read_content(path, SUFFIXES)
     with reading(path):  # a damaged file makes trimesh raise anything at all
-        verts, faces = _READERS[suffix](content) if suffix in _READERS else _parse(content, suffix)
-        if not len(verts):
+        found = _READERS[suffix](content) if suffix in _READERS else _parse(content, suffix)
+        if not len(found.verts):
             raise ValueError("no verts in it; another format, or cut short")
-    return verts, faces
+    return found
 
 
-def _parse(content: bytes, suffix: str) -> tuple[NDArray[np.floating], NDArray[np.integer]]:
+def _parse(content: bytes, suffix: str) -> Polygons:
     import trimesh
 
     with warnings.catch_warnings(), np.errstate(all="ignore"):
@@ -91,5 +110,6 @@ def _parse(content: bytes, suffix: str) -> tuple[NDArray[np.floating], NDArray[n
         verts.append(points if np.array_equal(transform, np.eye(4)) else trimesh.transform_points(points, transform))
         faces.append(np.reshape(getattr(part, "faces", []), (-1, 3)) + count)
         count += len(points)
-    empty_verts, empty_faces = np.empty((0, 3)), np.empty((0, 3), dtype=np.int64)
-    return np.concatenate([empty_verts, *verts]), np.concatenate([empty_faces, *faces]).astype(np.int64)
+    triangles = np.concatenate([np.empty((0, 3), dtype=np.int64), *faces]).astype(np.int64)
+    sizes = np.full(len(triangles), 3, dtype=np.int64)
+    return Polygons(np.concatenate([np.empty((0, 3)), *verts]), triangles.reshape(-1), sizes)

@@ -3,11 +3,13 @@
 import hashlib
 import importlib.util
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.polygons import AnyMesh, PolygonMesh
 from meshfit.paths import MESH_SUFFIXES, missing
 from meshfit.resources import bundled
 from meshfit.specs import suggest
@@ -102,11 +104,26 @@ def load_target(target: str) -> Mesh:
     """
     from meshfit.mesh.files import load_mesh  # brings scipy, which those who only want names need not wait for
 
+    return _loaded(target, load_mesh)
+
+
+def load_polygon_target(target: str) -> PolygonMesh:
+    """The same with its faces as they are in the file.
+
+    Raises:
+        MeshError: as `target_path` and `load_polygons` do.
+    """
+    from meshfit.mesh.files import load_polygons
+
+    return _loaded(target, load_polygons)
+
+
+def _loaded(target: str, load: Callable[[Path], AnyMesh]) -> AnyMesh:
     path = target_path(target)
     with warnings.catch_warnings():
         if target in NAMED_TARGETS:  # what there is to warn of is known, and told by `origin`
             warnings.simplefilter("ignore", MeshfitWarning)
-        return load_mesh(path)
+        return load(path)
 
 
 def file_sha256(path: Path) -> str:

@@ -97,7 +97,7 @@ def _add_surface(plate: _Plate, scheme: Scheme, analysis: Analysis, basis: Basis
     plate.caption(1, f"its contours, {range_of(basis)}")
     draw_eigenvalues(plate.axes(2, (0.42, 0.66, 0.18, 0.18)), analysis, _FONT)
     plate.caption(2, "eigenvalues")
-    limit, control = draw_limit_surface(scheme, plate.size)
+    limit, control = draw_limit_surface(scheme, plate.size, regular=bool(analysis.unruled))
     plate.image(3, limit)
     plate.image(3, control, 0.05)
     plate.caption(3, "limit surface, and its control mesh")

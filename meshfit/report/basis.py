@@ -6,6 +6,7 @@ from math import ceil, log
 import numpy as np
 from jaxtyping import Float64, Int64
 
+from meshfit.mesh.polygons import fan_triangles
 from meshfit.subdivision.analysis.bench import Bench, Patch
 
 _FINENESS = 24
@@ -49,7 +50,7 @@ def basis_of(bench: Bench, steps: int, dilation: int, radius: float) -> Basis:
         chosen, triangles = order[near[order]], np.empty((0, 3), dtype=np.int64)
     else:
         chosen = np.flatnonzero(near)
-        every = finer.halfedges.triangles()
+        every = fan_triangles(finer.topology.corners, finer.topology.sizes)
         place = np.full(len(places), -1)
         place[chosen] = np.arange(len(chosen))
         triangles = place[every]
@@ -60,7 +61,6 @@ def basis_of(bench: Bench, steps: int, dilation: int, radius: float) -> Basis:
 
 def _edges_within(bench: Bench, patch: Patch, radius: float) -> Float64[np.ndarray, "L 2 D"]:
     """The control edges whose ends are no farther than the support."""
-    ends = np.stack([patch.halfedges.tail, patch.halfedges.head], axis=1)
-    ends = np.unique(np.sort(ends, axis=1), axis=0)
+    ends = patch.topology.edges
     inside = bench.distance(patch.places) <= max(1.0, radius) + _MARGIN
     return np.asarray(patch.places[ends[inside[ends].all(axis=1)]])

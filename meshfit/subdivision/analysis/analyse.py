@@ -1,17 +1,18 @@
 """The analysis of one scheme: everything that is computed of it, in one piece of data."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from math import ceil
 
 import numpy as np
 
-from meshfit.errors import SchemeError
+from meshfit.errors import MeshError, SchemeError
 from meshfit.subdivision.analysis.bench import Bench
 from meshfit.subdivision.analysis.benches import bench_of
 from meshfit.subdivision.analysis.boundary import BoundaryPlace, study_boundary
 from meshfit.subdivision.analysis.holder import continuity, holder_bound
-from meshfit.subdivision.analysis.lattice import regular_mask
+from meshfit.subdivision.analysis.lattice import RegularMask, regular_mask
 from meshfit.subdivision.analysis.odd_place import OddPlace, study_valence, wheels
 from meshfit.subdivision.analysis.polynomials import reproduced_degree, sum_rule_order
 from meshfit.subdivision.analysis.smoothness import regularity_of
@@ -43,7 +44,8 @@ class Analysis:
         holder_bound: what its Hölder exponent cannot be larger than; None where it is unstable, so that none is known.
         continuity: the largest k for which it is shown to be C^k there; -1 for none.
         support: of the basis function there.
-        places: one for each valence; none on curves.
+        places: one for each valence that it has a rule for; none on curves.
+        unruled: the valences that it has no rule for.
         boundary: one for each number of neighbours of a boundary vertex; none where valences are not looked at.
         alphas: by valence at which C1 fails, the alpha from which it does, if it does not from alpha = 0.
     """
@@ -62,6 +64,7 @@ class Analysis:
     continuity: int
     support: Support
     places: tuple[OddPlace, ...]
+    unruled: tuple[int, ...]
     boundary: tuple[BoundaryPlace, ...]
     alphas: dict[int, float]
 
@@ -89,7 +92,7 @@ def analyse(scheme: Scheme, valences: Sequence[int] = VALENCES) -> Analysis:
     support = support_of(bench, mask)
     regular = regularity_of(mask)
     odd = valences if bench.wheel is not None else ()
-    places = tuple(study_valence(bench, mask, support.radius, valence) for valence in odd)
+    places = _places(bench, mask, support.radius, odd)
     alphas = {each.valence: largest_alpha(scheme, mask.steps, each) for each in places if each.fault}
     rings = ceil(support.radius - _ROUNDING)
     neighbours = NEIGHBOURS if odd and bench.fan is not None else ()
@@ -99,7 +102,7 @@ def analyse(scheme: Scheme, valences: Sequence[int] = VALENCES) -> Analysis:
         regular=bench.regular,
         dilation=mask.dilation,
         steps=mask.steps,
-        row_sums=_row_sums(bench, mask.steps, odd),
+        row_sums=_row_sums(bench, mask.steps, [place.valence for place in places]),
         reproduced=reproduced_degree(bench),
         generated=regular.accuracy - 1,
         s2=regular.s2,
@@ -108,9 +111,19 @@ def analyse(scheme: Scheme, valences: Sequence[int] = VALENCES) -> Analysis:
         continuity=continuity(mask, order, regular),
         support=support,
         places=places,
+        unruled=tuple(valence for valence in odd if valence not in {place.valence for place in places}),
         boundary=tuple(study_boundary(bench, mask.steps, mask.dilation, rings, count) for count in neighbours),
         alphas={valence: alpha for valence, alpha in alphas.items() if alpha is not None},
     )
+
+
+def _places(bench: Bench, mask: RegularMask, radius: float, valences: Sequence[int]) -> tuple[OddPlace, ...]:
+    """One for each valence, but for those at which the scheme cannot refine."""
+    found = []
+    for valence in valences:
+        with suppress(MeshError):
+            found.append(study_valence(bench, mask, radius, valence))
+    return tuple(found)
 
 
 def _row_sums(bench: Bench, steps: int, valences: Sequence[int]) -> tuple[float, float]:

@@ -5,65 +5,21 @@ Everything else in this package works on these, and never asks whether it is abo
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from jaxtyping import Complex128, Float64, Int64
 from scipy.sparse import csr_array
 
-from meshfit.mesh.topology import NONE, Indices, Mask
-
-
-@dataclass(frozen=True, eq=False)
-class HalfEdges:
-    """Faces of any size as their half-edges.
-
-    Attributes:
-        tail: (H,) vertex at which each starts.
-        following: (H,) the one that follows in the same face.
-    """
-
-    tail: Indices
-    following: Indices
-
-    @classmethod
-    def of_faces(cls, faces: Int64[np.ndarray, "F K"]) -> "HalfEdges":
-        """Those of faces that all have K corners."""
-        places = np.arange(faces.size).reshape(faces.shape)
-        return cls(faces.reshape(-1), np.roll(places, -1, axis=1).reshape(-1))
-
-    @cached_property
-    def head(self) -> Indices:
-        """(H,) vertex at which each ends."""
-        return np.asarray(self.tail[self.following])
-
-    def triangles(self) -> Int64[np.ndarray, "T 3"]:
-        """(T, 3) verts of the faces cut into triangles, each into fans from one of its corners."""
-        first = np.arange(len(self.tail))
-        ahead = self.following.copy()
-        while (going := ahead != np.arange(len(ahead))).any():
-            first[going] = np.minimum(first[going], ahead[going])
-            ahead[going] = self.following[ahead[going]]
-        ends = (first != np.arange(len(first))) & (self.following != first)
-        return np.asarray(np.stack([self.tail[first], self.tail, self.head], axis=1)[ends])
-
-    @cached_property
-    def twin(self) -> Indices:
-        """(H,) the one on the other side of the edge; `NONE` on the boundary."""
-        span = int(self.tail.max(initial=0)) + 1
-        there, back = self.tail * span + self.head, self.head * span + self.tail
-        order = np.argsort(there)
-        place = np.searchsorted(there, back, sorter=order).clip(max=len(there) - 1)
-        found = order[place]
-        return np.where(there[found] == back, found, NONE)
+from meshfit.mesh.halfedges import Indices, Mask
+from meshfit.mesh.polygon_topology import PolygonTopology
 
 
 @dataclass(frozen=True, eq=False)
 class Finer:
-    """What some steps make of a connectivity: an operator for each, coarsest first, and the finest half-edges."""
+    """What some steps make of a connectivity: an operator for each, coarsest first, and the finest connectivity."""
 
     operators: tuple[csr_array, ...]
-    halfedges: HalfEdges
+    topology: PolygonTopology
 
     def carry(self, values: np.ndarray) -> np.ndarray:
         """(V', …) values at the finest verts, of values at the coarse ones."""
@@ -90,13 +46,13 @@ class Patch:
     Attributes:
         places: (V, D) integer coordinates in a basis of the lattice, the origin amid the patch; multiples of 1/2 where
             new verts do not lie on old ones.
-        halfedges: of its faces; of its edges, on a line.
+        topology: of its faces; on a line each segment is a face of two corners.
         inner: (V,) which verts are so far from the border that all rules there are the regular ones.
         refine: its refinement by the scheme.
     """
 
     places: Float64[np.ndarray, "V D"]
-    halfedges: HalfEdges
+    topology: PolygonTopology
     inner: Mask
     refine: Refine
 
@@ -111,7 +67,7 @@ class Wheel:
 
     Attributes:
         places: (V,) positions in the plane, which a turn by one spoke takes to each other.
-        halfedges: of its faces.
+        topology: of its faces.
         turns: (K, n) all verts but a hub, each row those that turns by one spoke take to each other, inner rings first.
         ring: (K,) the ring that each row lies in, from 1.
         refine: its refinement by the scheme.
@@ -121,7 +77,7 @@ class Wheel:
     """
 
     places: Complex128[np.ndarray, " V"]
-    halfedges: HalfEdges
+    topology: PolygonTopology
     turns: Int64[np.ndarray, "K N"]
     ring: Int64[np.ndarray, " K"]
     refine: Refine
@@ -139,13 +95,13 @@ class Fan:
     """Rings of regular faces about vertex 0, which is on the boundary.
 
     Attributes:
-        halfedges: of its faces.
+        topology: of its faces.
         ring: (V,) the ring that each vertex lies in, 0 for vertex 0, in rising order.
         refine: its refinement by the scheme.
         locate: as of a wheel.
     """
 
-    halfedges: HalfEdges
+    topology: PolygonTopology
     ring: Indices
     refine: Refine
     locate: Callable[[int], Complex128[np.ndarray, " W"]]

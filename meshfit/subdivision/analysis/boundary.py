@@ -54,7 +54,7 @@ def study_boundary(bench: Bench, steps: int, dilation: int, rings: int, neighbou
         fan = bench.fan(neighbours, number + PAD)
         finer = fan.refine(steps)
         inside = fan.ring <= number
-        rows = finer.rows(match_fan(fan, finer.halfedges, fan.locate(steps), number)[inside])
+        rows = finer.rows(match_fan(fan, finer.topology, fan.locate(steps), number)[inside])
         if (np.abs(rows[:, ~inside]) <= _ZERO).all():
             found = eigenvalues(rows[:, inside].astype(np.complex128))
             others = np.delete(found, int(np.argmin(np.abs(found - 1))))

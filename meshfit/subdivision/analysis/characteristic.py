@@ -8,7 +8,8 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Complex128
 
-from meshfit.subdivision.analysis.bench import HalfEdges, Wheel
+from meshfit.mesh.polygon_topology import PolygonTopology
+from meshfit.subdivision.analysis.bench import Wheel
 from meshfit.subdivision.analysis.local_matrix import PAD, LocalMatrix
 
 _REFINED = 8
@@ -40,13 +41,13 @@ def is_regular(wheel_of: Callable[[int], Wheel], matrix: LocalMatrix, steps: int
     net = characteristic_net(matrix, wheel)
     levels = steps * max(1, round(np.log(_REFINED) / np.log(dilation)))
     finer = wheel.refine(levels)
-    corners = corner_turns(finer.halfedges, finer.carry(net))
+    corners = corner_turns(finer.topology, finer.carry(net))
     return bool((corners[np.isfinite(corners)] > _FLAT).all())
 
 
-def corner_turns(halfedges: HalfEdges, places: Complex128[np.ndarray, " V"]) -> np.ndarray:
-    """(H,) the sine of the angle at the head of each half-edge, from it to the one that follows; nan off the net."""
-    along = places[halfedges.head] - places[halfedges.tail]
-    onward = along[halfedges.following]
+def corner_turns(topology: PolygonTopology, places: Complex128[np.ndarray, " V"]) -> np.ndarray:
+    """(C,) the sine of the angle at the head of each half-edge, from it to the one that follows; nan off the net."""
+    along = places[topology.head] - places[topology.tail]
+    onward = along[topology.following(np.arange(len(along)))]
     size = np.abs(along) * np.abs(onward)
     return np.asarray(np.divide((along.conj() * onward).imag, size, out=np.full(len(size), -1.0), where=size != 0))

@@ -3,7 +3,8 @@
 import numpy as np
 
 from meshfit.mesh.curves import Chains
-from meshfit.subdivision.analysis.bench import Bench, Finer, HalfEdges, Patch
+from meshfit.mesh.polygon_topology import PolygonTopology
+from meshfit.subdivision.analysis.bench import Bench, Finer, Patch
 from meshfit.subdivision.curve_scheme import CurveScheme
 from meshfit.subdivision.refine import refine
 
@@ -31,6 +32,7 @@ def _patch(scheme: CurveScheme, reach: int) -> Patch:
     return Patch(places, _segments(chains), np.abs(places[:, 0]) <= reach - _BORDER, refined)
 
 
-def _segments(chains: Chains) -> HalfEdges:
+def _segments(chains: Chains) -> PolygonTopology:
     """Each segment as a face of two corners."""
-    return HalfEdges.of_faces(np.stack([chains.tail, chains.head], axis=1))
+    ends = np.stack([chains.tail, chains.head], axis=1)
+    return PolygonTopology(chains.num_verts, ends.reshape(-1), np.full(len(ends), 2))

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Complex128, Float64
 
 from meshfit.errors import SchemeError
-from meshfit.mesh.topology import NONE
+from meshfit.mesh.halfedges import NONE
 from meshfit.subdivision.analysis.bench import Wheel
 from meshfit.subdivision.analysis.matching import match_wheel
 
@@ -57,7 +57,7 @@ def local_matrix(wheel: Wheel, steps: int, rings: int) -> LocalMatrix | None:
     """The matrix of so many rings of a wheel that has `PAD` more; None where these rings need more than themselves."""
     finer = wheel.refine(steps)
     kept = wheel.within(rings)
-    matched = match_wheel(wheel, finer.halfedges, wheel.locate(steps), rings)
+    matched = match_wheel(wheel, finer.topology, wheel.locate(steps), rings)
     dense = finer.rows(matched[kept])
     outside = np.ones(dense.shape[1], dtype=bool)
     outside[kept] = False

@@ -7,8 +7,9 @@ from math import sqrt
 import numpy as np
 from jaxtyping import Complex128, Int64
 
+from meshfit.mesh.polygon_topology import PolygonTopology
 from meshfit.mesh.topology import Topology
-from meshfit.subdivision.analysis.bench import Bench, Fan, Finer, HalfEdges, Patch, Refine, Wheel
+from meshfit.subdivision.analysis.bench import Bench, Fan, Finer, Patch, Refine, Wheel
 from meshfit.subdivision.masks import CurveMask, EdgeMask, FaceMask
 from meshfit.subdivision.refine import refine
 from meshfit.subdivision.triangle_scheme import Split, TriangleScheme
@@ -39,7 +40,7 @@ def _distance(places: np.ndarray) -> np.ndarray:
 def _refine(scheme: TriangleScheme, topology: Topology) -> Refine:
     def refined(steps: int) -> Finer:
         found = refine(topology, scheme, steps)
-        return Finer(found.operators, HalfEdges.of_faces(found.faces))
+        return Finer(found.operators, PolygonTopology.of(Topology(found.operators[-1].shape[0], found.faces)))
 
     return refined
 
@@ -53,7 +54,8 @@ def _patch(scheme: TriangleScheme, reach: int) -> Patch:
     faces = np.concatenate([np.stack([here, right, up], 1), np.stack([right, corner, up], 1)])
     places = np.stack([columns, rows], axis=1) - float(reach)
     inner = np.asarray((np.abs(places) <= reach - _BORDER).all(axis=1))
-    return Patch(places, HalfEdges.of_faces(faces), inner, _refine(scheme, Topology(side**2, faces)))
+    topology = Topology(side**2, faces)
+    return Patch(places, PolygonTopology.of(topology), inner, _refine(scheme, topology))
 
 
 def _wheel(scheme: TriangleScheme, valence: int, rings: int) -> Wheel:
@@ -61,8 +63,8 @@ def _wheel(scheme: TriangleScheme, valence: int, rings: int) -> Wheel:
     ring = np.repeat(np.arange(1, rings + 1), np.arange(1, rings + 1))
     faces = _faces(valence, rings, closed=True)
     topology = Topology(1 + turns.size, faces)
-    places, halfedges = _places(valence, rings, turns), HalfEdges.of_faces(faces)
-    return Wheel(places, halfedges, turns, ring, _refine(scheme, topology), _locate(scheme, topology, places), hub=True)
+    places, polygons = _places(valence, rings, turns), PolygonTopology.of(topology)
+    return Wheel(places, polygons, turns, ring, _refine(scheme, topology), _locate(scheme, topology, places), hub=True)
 
 
 def _fan(scheme: TriangleScheme, neighbours: int, rings: int) -> Fan:
@@ -72,7 +74,7 @@ def _fan(scheme: TriangleScheme, neighbours: int, rings: int) -> Fan:
     topology = Topology(len(ring), faces)
     # Linear interpolation keeps the boundary in its place, so that any places tell vertex 0 from the others.
     locate = _locate(scheme, topology, ring.astype(np.complex128))
-    return Fan(HalfEdges.of_faces(faces), ring, _refine(scheme, topology), locate)
+    return Fan(PolygonTopology.of(topology), ring, _refine(scheme, topology), locate)
 
 
 def _locate(

@@ -1,6 +1,6 @@
 """An analysis in words."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from meshfit.subdivision.analysis.analyse import Analysis
 
@@ -18,11 +18,14 @@ def verdict(analysis: Analysis) -> str:
     regular = f"{least}C{analysis.continuity}{where} ({bound})"
     if analysis.continuity < 1:
         return f"{regular}, not C1" if not least else regular
-    if not analysis.places:
-        return regular
-    if not analysis.failing:
-        return f"{regular}; C1 at {_named(analysis, [place.valence for place in analysis.places])}"
-    return f"{regular}; C1 fails at {_named(analysis, analysis.failing)}"
+    parts = [regular]
+    if analysis.failing:
+        parts.append(f"C1 fails at {_named(analysis, analysis.failing)}")
+    elif analysis.places:
+        parts.append(f"C1 at {_named(analysis, [place.valence for place in analysis.places])}")
+    if analysis.unruled:
+        parts.append(f"no rule at {_named(analysis, analysis.unruled)}")
+    return "; ".join(parts)
 
 
 def warnings_of(analysis: Analysis) -> Iterator[str]:
@@ -42,7 +45,7 @@ def curvature_of(analysis: Analysis, valence: int) -> str:
     return "" if valence in analysis.failing else place.spectrum.curvature
 
 
-def _named(analysis: Analysis, valences: "list[int] | tuple[int, ...]") -> str:
+def _named(analysis: Analysis, valences: Sequence[int]) -> str:
     """`valence 3`, `valences 3 and 8 to 12`, or `faces of 3 corners`."""
     runs: list[list[int]] = []
     for valence in valences:
