@@ -1,6 +1,7 @@
-"""`meshfit schemes`: the table of schemes, or one of them with its masks."""
+"""`meshfit schemes`: the table of schemes, or one of them with its masks and what is computed of it."""
 
 import json
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -13,7 +14,10 @@ from meshfit.cli.options import AsJson, DefinedIn
 from meshfit.subdivision.scheme import SchemeEntry
 
 if TYPE_CHECKING:
+    from meshfit.subdivision.analysis.analyse import Analysis
     from meshfit.subdivision.choose import Catalogue
+    from meshfit.subdivision.mask_rows import MaskRow
+    from meshfit.subdivision.scheme import Scheme
 
 _WIDEST = 24
 
@@ -28,9 +32,24 @@ def schemes(
         ),
     ] = None,
     config: DefinedIn = None,
+    analysed: Annotated[
+        bool,
+        typer.Option(
+            "--analyse",
+            help="Compute how smooth its limit is, on regular meshes and at valences 3 to 12.",
+        ),
+    ] = False,
+    plot: Annotated[
+        Path | None,
+        typer.Option("--plot", help="Draw this analysis: a .png, .pdf or .svg to write.", metavar="FILE"),
+    ] = None,
     as_json: AsJson = False,
 ) -> int:
-    """List the subdivision schemes, or show the masks of one.
+    """List the subdivision schemes, or show or analyse one.
+
+    An analysis computes, from the operators that a scheme makes: polynomials that it reproduces and generates, the
+    smoothness of its limit on regular meshes, and eigenvalues and the characteristic map at extraordinary vertices.
+    Its figure needs the extra: pip install 'meshfit[report]'.
 
     Examples:
         meshfit schemes
@@ -40,15 +59,21 @@ def schemes(
         meshfit schemes four-point  # of curves
 
         meshfit schemes my-scheme.yaml
+
+        meshfit schemes butterfly --analyse --plot butterfly.png
     """
     from meshfit.config.load import defined_in
     from meshfit.config.scheme_files import adopted
+    from meshfit.errors import ConfigError
     from meshfit.subdivision.catalogue import catalogue_of
 
     specs, own = adopted([] if name is None else [name], defined_in(config))
     catalogue = catalogue_of(own)
     if specs:
-        return _one(specs[0], catalogue, as_json)
+        return _one(specs[0], catalogue, plot, analysed=analysed, as_json=as_json)
+    if analysed or plot is not None:
+        option = "--analyse" if analysed else "--plot"
+        raise ConfigError(f"{option} is for one scheme: name it, as in `meshfit schemes loop {option}`")
     if as_json:
         typer.echo(json.dumps([_plain(key, entry) for key, entry in catalogue.items()], indent=2))
         return 0
@@ -67,19 +92,46 @@ def schemes(
     return 0
 
 
-def _one(text: str, catalogue: "Catalogue", as_json: bool) -> int:
+def _one(text: str, catalogue: "Catalogue", plot: Path | None, *, analysed: bool, as_json: bool) -> int:
+    from meshfit.cli.analysis_view import plain_analysis, print_analysis, print_verdict
     from meshfit.subdivision.choose import canonical, entry_of, scheme_of, spec_of
     from meshfit.subdivision.describe import describe
 
     scheme = scheme_of(text, catalogue)
-    name = spec_of(text).name
+    name, title = spec_of(text).name, canonical(text, catalogue)
     entry = entry_of(name, catalogue)
+    analysis = _analysis(scheme, title, plot) if analysed or plot is not None else None
     rows = list(describe(scheme))
     if as_json:
-        masks = [{"where": row.where, "weights": row.weights} for row in rows]
-        typer.echo(json.dumps(_plain(name, entry) | {"masks": masks}, indent=2))
+        found = _plain(name, entry) | {"masks": [{"where": row.where, "weights": row.weights} for row in rows]}
+        typer.echo(json.dumps(found | ({"analysis": plain_analysis(analysis)} if analysis else {}), indent=2))
         return 0
-    out.print(f"[bold]{escape(canonical(text, catalogue))}[/]  {entry.title}, {entry.kind}")
+    if analysis is not None:
+        print_verdict(analysis)
+    _print_masks(title, entry, scheme, rows)
+    if analysis is not None and analysed:
+        print_analysis(analysis)
+    if plot is not None:
+        out.print(f"wrote {plot}", soft_wrap=True, markup=False)
+    return 0
+
+
+def _analysis(scheme: "Scheme", title: str, plot: Path | None) -> "Analysis":
+    from meshfit.subdivision.analysis.analyse import analyse
+
+    if plot is None:
+        return analyse(scheme)
+    from meshfit.report.analysis_plate import write_analysis
+    from meshfit.report.typeset import require_suffix
+
+    require_suffix(plot)
+    analysis = analyse(scheme)
+    write_analysis(scheme, analysis, title, plot)
+    return analysis
+
+
+def _print_masks(title: str, entry: SchemeEntry, scheme: "Scheme", rows: "list[MaskRow]") -> None:
+    out.print(f"[bold]{escape(title)}[/]  {entry.title}, {entry.kind}")
     facts = Table(box=None, pad_edge=False, show_header=False)
     facts.add_column(style="bold")
     facts.add_column()
@@ -100,7 +152,6 @@ def _one(text: str, catalogue: "Catalogue", as_json: bool) -> int:
     for row in rows:
         facts.add_row(row.where, row.weights)
     out.print(facts)
-    return 0
 
 
 def _with_parameters(name: str, entry: SchemeEntry) -> str:

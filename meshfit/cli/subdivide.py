@@ -1,23 +1,15 @@
 """`meshfit subdivide`: refine one mesh file."""
 
-from dataclasses import dataclass
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from meshfit.cli import completions
 from meshfit.cli.console import out
 from meshfit.cli.options import DefinedIn
-from meshfit.errors import ConfigError, DomainError
-
-if TYPE_CHECKING:
-    from meshfit.mesh.mesh import Mesh
-    from meshfit.mesh.topology import Indices, Topology
-    from meshfit.mesh.vertex_values import Values
-    from meshfit.subdivision.creases import Creases
-    from meshfit.subdivision.scheme import Scheme
+from meshfit.errors import DomainError
 
 _PARAMETERS, _CREASES, _LIMIT = "Parameters of schemes", "Creases", "The limit surface of loop"
 
@@ -118,6 +110,8 @@ def subdivide(
 
     A scheme on curves, such as four-point, takes polylines: the `l` lines of an OBJ, or the edges of a PLY.
 
+    Schemes on polygons take faces as they are in the file, and write polygons; the others take them as triangles.
+
     Examples:
         meshfit subdivide head.obj fine.ply --scheme interp-loop --levels 2
 
@@ -129,138 +123,33 @@ def subdivide(
 
         meshfit subdivide part.obj fine.ply -n 3 --creases edges.txt --limit --normals
 
+        meshfit subdivide cube.obj fine.obj -s catmull-clark -n 3
+
         meshfit subdivide curve.obj smooth.obj -s four-point -n 4
 
         meshfit subdivide head.obj fine.obj -s my-scheme.yaml
     """
+    from meshfit.cli.refining import Wishes, check, number_in, refined_curves, refined_mesh
     from meshfit.config.load import defined_in
     from meshfit.config.scheme_files import adopted
     from meshfit.subdivision.catalogue import catalogue_of
     from meshfit.subdivision.choose import SURFACES, domain_of, scheme_of, schemes_on
 
-    number = _number(alpha)
+    number = number_in(alpha)
     each = alpha if number is None else None
     shared = {"alpha": number if each is None else 1.0, "weights": weights, "tension": tension, "valence3": valence3}
     (spec,), own = adopted([scheme], defined_in(config))
     declared = scheme_of(spec, catalogue_of(own), **shared)
     wishes = Wishes(each, creases, sharpness, limit=limit, normals=normals)
-    _check(spec, declared, wishes)
+    check(spec, declared, wishes)
     on_curves = domain_of(declared) == "curves"
     try:
         if on_curves:
-            counts = _refined_curves(source, destination, declared, levels)
+            counts = refined_curves(source, destination, declared, levels)
         else:
-            counts = _refined_mesh(source, destination, declared, levels, wishes)
+            counts = refined_mesh(source, destination, declared, levels, wishes)
     except DomainError as error:
         others = f"surfaces: {schemes_on(*SURFACES)}" if on_curves else f"curves: {schemes_on('curves')}"
         raise DomainError(f"{error}; schemes on {others}") from None
     out.print(f"{destination}: {counts}", soft_wrap=True, markup=False)
     return 0
-
-
-@dataclass(frozen=True)
-class Wishes:
-    """What is asked of a surface besides its refinement.
-
-    Attributes:
-        alphas: where the α of each vertex is, if it is not one for all.
-        creases: degrees or a file.
-        sharpness: of creases.
-        limit: put verts at their limit.
-        normals: write limit normals.
-    """
-
-    alphas: str | None
-    creases: str | None
-    sharpness: float
-    limit: bool
-    normals: bool
-
-
-def _check(name: str, scheme: "Scheme", wishes: Wishes) -> None:
-    """Refuse what the scheme cannot do before a mesh is read."""
-    from meshfit.subdivision.choose import domain_of
-    from meshfit.subdivision.refine import require_takes_creases
-
-    if wishes.creases is not None:
-        require_takes_creases(scheme, f"--creases: {name}")
-    elif wishes.sharpness != inf:
-        raise ConfigError("--sharpness: goes with --creases, which says where")
-    for option, wanted in (("--limit", wishes.limit), ("--normals", wishes.normals), ("--alpha", wishes.alphas)):
-        if wanted and domain_of(scheme) == "curves":
-            raise ConfigError(f"{option}: {name} refines curves, for which there is no such thing")
-
-
-def _refined_mesh(source: str, destination: Path, scheme: "Scheme", levels: int, wishes: Wishes) -> str:
-    from meshfit.mesh.files import save_mesh
-    from meshfit.mesh.mesh import Mesh
-    from meshfit.mesh.targets import load_numbered_target, target_path
-    from meshfit.mesh.topology import Topology
-    from meshfit.subdivision.limit import loop_limit
-    from meshfit.subdivision.limit_normals import loop_limit_normals
-    from meshfit.subdivision.refine import refine
-
-    mesh, numbering = load_numbered_target(source)
-    if wishes.alphas is not None:
-        scheme = scheme.with_alpha(_alphas(wishes.alphas, target_path(source), numbering))
-    topology = Topology.of(mesh)
-    tagged = None if wishes.creases is None else _creases(wishes.creases, wishes.sharpness, mesh, numbering)
-    refinement = refine(topology, scheme, levels, tagged)
-    finer = Mesh(refinement(mesh.verts), refinement.faces)
-    directions = loop_limit_normals(finer, scheme, refinement.creases) if wishes.normals else None
-    if wishes.limit:
-        at_limit = loop_limit(Topology.of(finer), scheme, refinement.creases) @ finer.verts
-        finer = Mesh(at_limit, finer.faces)
-    save_mesh(finer, destination, directions)
-    found = "" if tagged is None else f"; {_counted(tagged, topology)}"
-    return f"{mesh.num_faces:,} faces → {finer.num_faces:,} faces, {finer.num_verts:,} verts{found}"
-
-
-def _refined_curves(source: str, destination: Path, scheme: "Scheme", levels: int) -> str:
-    from meshfit.mesh.curve_files import load_curves, save_curves
-    from meshfit.mesh.targets import target_path
-    from meshfit.subdivision.refine import subdivide
-
-    curves = load_curves(target_path(source))
-    finer = subdivide(curves, scheme, levels)
-    save_curves(finer, destination)
-    return f"{curves.num_segments:,} segments → {finer.num_segments:,} segments, {finer.num_verts:,} verts"
-
-
-def _number(text: str | None) -> float | None:
-    try:
-        return None if text is None else float(text)
-    except ValueError:
-        return None
-
-
-def _alphas(text: str, mesh_path: Path, numbering: "Indices") -> "Values":
-    from meshfit.mesh.vertex_values import read_attribute, read_values
-
-    prefix, colon, name = text.partition(":")
-    if colon and prefix == "attribute":
-        return read_attribute(mesh_path, name, numbering, (0.0, 1.0))
-    if not Path(text).is_file():
-        raise ConfigError(f"--alpha: '{text}' is no number, no file, and no attribute:NAME")
-    return read_values(text, numbering, (0.0, 1.0))
-
-
-def _creases(text: str, sharpness: float, mesh: "Mesh", numbering: "Indices") -> "Creases":
-    from meshfit.mesh.topology import Topology
-    from meshfit.subdivision.crease_files import read_creases
-    from meshfit.subdivision.creases import creases_by_angle
-
-    if not sharpness >= 0:
-        raise ConfigError(f"--sharpness: {sharpness:g} is not allowed: 0 or more is")
-    degrees = _number(text)
-    if degrees is not None:
-        return creases_by_angle(mesh, degrees, sharpness)
-    if not Path(text).is_file():
-        raise ConfigError(f"--creases: '{text}' is no number of degrees and no file")
-    return read_creases(text, Topology.of(mesh), numbering, sharpness)
-
-
-def _counted(creases: "Creases", topology: "Topology") -> str:
-    edges = int(((creases.sharpness > 0) & ~topology.boundary_edges).sum())
-    corners = int((creases.rules(topology).corner > 0).sum())
-    return f"{edges:,} sharp edge{'' if edges == 1 else 's'}, {corners:,} corner{'' if corners == 1 else 's'}"

@@ -58,6 +58,9 @@ WITHOUT_EFFECT: dict[str, Any] = {**dict.fromkeys(("jobs", "threads", "retries",
 # Settings of the source that may be the paths of files.
 PATHS = (("source", "mesh"), ("source", "creases", "file"), ("source", "alpha", "file"))
 
+MOST_LEVELS = 8
+"""Levels of subdivision that a source may have."""
+
 Listed = (Field(min_length=1), AfterValidator(_unique))
 
 
@@ -112,8 +115,11 @@ class SourceSettings(Settings):
     the name of a target, or the path of a mesh file."""
     decimate: Annotated[int, Field(ge=4)] | None = None
     """Reduce the control mesh to about so many faces first; null leaves it as it is."""
-    levels: Annotated[int, Field(ge=0, le=8)] = 4
+    levels: Annotated[int, Field(ge=0, le=MOST_LEVELS)] = 4
     """Levels of subdivision by the scheme."""
+    verts: Annotated[int, Field(ge=4)] | None = None
+    """In place of `levels`: as many as bring the number of verts nearest to this, so that schemes that make more verts
+    of one at a level than others do can be compared; null leaves it to `levels`."""
     radius: Annotated[float, Field(gt=0)] | None = 1.0
     """Scale the control mesh so that its farthest vertex is this far from its centre; null keeps its size."""
     centre: tuple[float, float, float] | None = (0.0, 0.0, 0.0)

@@ -6,9 +6,12 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
+import numpy as np
+
 from meshfit.config.strict_yaml import dump
 from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.experiment.checkpoints import read_checkpoint, write_checkpoint
+from meshfit.experiment.control import relocated, source_files
 from meshfit.experiment.failure import LAST_GOOD, failed_attempts, failure_of
 from meshfit.experiment.journal import Journal
 from meshfit.experiment.memory import peak_memory_mb
@@ -16,7 +19,7 @@ from meshfit.experiment.plan import Trial
 from meshfit.experiment.progress import Outcome, Phase, Progress
 from meshfit.experiment.result import result_of
 from meshfit.experiment.snapshots import keep_snapshots, steps_before, write_snapshot
-from meshfit.experiment.source import build_source, relocated, source_files
+from meshfit.experiment.source import build_source
 from meshfit.experiment.store import CHECKPOINT, FAILURE, RESULT, RunDirectory, write_json
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem
 from meshfit.fitting.run import FitResult
@@ -27,6 +30,7 @@ from meshfit.mesh.frames import Frame, Normalisation, frame_of
 from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.manifold import topology_in_words
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.targets import file_sha256, load_target, target_path
 from meshfit.mesh.topology import Topology
 
@@ -42,6 +46,7 @@ class Attempt:
         self.trial, self.store, self.on_progress = trial, store, on_progress
         self.outcome: Outcome | None = None
         self._journal: Journal | None = None
+        self._polygons: PolygonMesh | None = None
         self._seconds: Callable[[], float] = lambda: 0.0
 
     def start(self) -> None:
@@ -65,7 +70,9 @@ class Attempt:
             for role, name in source_files(placed_source).items():
                 _check_unchanged(name, inputs.get(role))
             built = build_source(placed_source, scheme)
-            source = aligned(built, self._target, settings.source.align)
+            self._polygons = built if isinstance(built, PolygonMesh) else None
+            triangles = built.triangulated() if isinstance(built, PolygonMesh) else built
+            source = aligned(triangles, self._target, settings.source.align)
             _warn_of_differences(source, self._target)
         self._notes = [*placed.notes, *_texts(caught)]
         for note in self._notes:
@@ -122,7 +129,7 @@ class Attempt:
     def fail(self, error: Exception) -> None:
         """Record why it failed."""
         if isinstance(error, Diverged):
-            self.store.write(self.trial, LAST_GOOD, encode_mesh(error.last_good, ".ply"))
+            self.store.write(self.trial, LAST_GOOD, encode_mesh(self._with_polygons(error.last_good), ".ply"))
             self.store.write(self.trial, "trace.csv", error.trace.to_csv())
         step = self._journal.step.done if self._journal and self._journal.step else None
         record = failure_of(self.trial, error, step, failed_attempts(self.trial, self.store) + 1)
@@ -154,7 +161,14 @@ class Attempt:
 
     def _encoded(self, mesh: Mesh) -> bytes:
         own = self.trial.settings.write_frame == "target"
-        return encode_mesh(self._frame.restore(mesh) if own else mesh, ".ply")
+        return encode_mesh(self._with_polygons(self._frame.restore(mesh) if own else mesh), ".ply")
+
+    def _with_polygons(self, mesh: Mesh) -> Mesh | PolygonMesh:
+        """The mesh with the polygons of the source, whose fans its triangles are; as it is where it has others."""
+        polygons = self._polygons
+        if polygons is None or not np.array_equal(mesh.faces, self._source.faces):
+            return mesh
+        return polygons.with_verts(mesh.verts)
 
 
 class _Placed(NamedTuple):

@@ -12,13 +12,15 @@ from typing import Any
 from meshfit.config.experiment import WITHOUT_EFFECT, ExperimentSettings, SourceSettings
 from meshfit.config.load import Experiment
 from meshfit.config.sweep import Variant, variants_of
-from meshfit.experiment.source import build_source, source_files
+from meshfit.experiment.control import source_files
+from meshfit.experiment.source import build_source
 from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path, target_title
 from meshfit.subdivision.catalogue import NamedScheme
 
 # Raised whenever the same settings would give other numbers, so that older results are not taken for newer ones.
 SCHEMA_VERSION = 2
-_LATER = ("creases", "alpha")
+_WITH_FILES = ("creases", "alpha")
+_LATER = (*_WITH_FILES, "verts")
 
 
 @dataclass(frozen=True)
@@ -168,7 +170,7 @@ def _check_device(settings: ExperimentSettings) -> None:
 
 def _without_paths(settings: dict[str, Any]) -> dict[str, Any]:
     source = settings["source"] | {"mesh": target_label(settings["source"]["mesh"])}
-    for key in _LATER:
+    for key in _WITH_FILES:
         if source.get(key) and source[key]["file"]:
             source[key] = source[key] | {"file": Path(source[key]["file"]).stem}
     return settings | {"targets": [target_label(name) for name in settings["targets"]], "source": source}

@@ -1,47 +1,32 @@
-"""The source of a trial: a control mesh, placed, and refined by the trial's scheme."""
+"""The source of a trial: a control mesh, refined by the trial's scheme."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from math import inf
-from pathlib import Path
+from math import inf, log
 
-import numpy as np
-
-from meshfit.config.experiment import SourceSettings
+from meshfit.config.experiment import MOST_LEVELS, SourceSettings
 from meshfit.errors import ConfigError, MeshError, MeshfitError
-from meshfit.mesh.mesh import Mesh, Verts
-from meshfit.mesh.meshlab import decimate
-from meshfit.mesh.solids import SOLIDS
-from meshfit.mesh.targets import NAMED_TARGETS, load_numbered_target, target_path
+from meshfit.experiment.ball import refined_on_ball
+from meshfit.experiment.control import control_mesh, control_polygons, source_file
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.polygon_topology import PolygonTopology
+from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.topology import Indices, Topology
 from meshfit.mesh.vertex_values import read_attribute, read_values
-from meshfit.specs import parse_spec, suggest
 from meshfit.subdivision.choose import declared
 from meshfit.subdivision.crease_files import read_creases
 from meshfit.subdivision.creases import Creases, creases_by_angle
+from meshfit.subdivision.polygon_scheme import PolygonScheme
 from meshfit.subdivision.refine import refine, require_takes_creases
+from meshfit.subdivision.refinement import PolygonRefinement, Refinement
 from meshfit.subdivision.scheme import Scheme
 
-_ICOSPHERE_LEVEL = 2
-_MOST_LEVELS = 8
 
+def build_source(settings: SourceSettings, scheme: str | Scheme, name: str = "this scheme") -> Mesh | PolygonMesh:
+    """The mesh that a fit starts from: of triangles or, from a scheme on polygons, of polygons.
 
-@dataclass(frozen=True)
-class _Ball:
-    """The sphere that verts are put on after each level."""
-
-    centre: tuple[float, float, float]
-    radius: float
-
-    def put(self, verts: Verts) -> Verts:
-        offset = verts - np.asarray(self.centre)
-        length = np.linalg.norm(offset, axis=1, keepdims=True)
-        return np.asarray(self.centre + offset * (self.radius / length))
-
-
-def build_source(settings: SourceSettings, scheme: str | Scheme, name: str = "this scheme") -> Mesh:
-    """The mesh that a fit starts from.
+    Polygons begin at the corner from which their fan has the shortest diagonals, so that every reader of the mesh cuts
+    them into the same triangles.
 
     Args:
         settings: which control mesh, how it is placed, creased and weighed, and how many levels.
@@ -54,8 +39,9 @@ def build_source(settings: SourceSettings, scheme: str | Scheme, name: str = "th
         MeshError: it, or a file that goes with it, cannot be used.
         SchemeError: no such scheme, or one that takes no creases or has no alpha.
     """
-    mesh, numbering = _control(settings)
     masks, name = declared(scheme), scheme if isinstance(scheme, str) else name
+    on_polygons = isinstance(masks, PolygonScheme)
+    mesh, numbering = control_polygons(settings) if on_polygons else control_mesh(settings)
     creases = _creases(settings, masks, name, mesh, numbering)
     masks = _with_alphas(settings, masks, name, numbering)
     try:
@@ -64,19 +50,38 @@ def build_source(settings: SourceSettings, scheme: str | Scheme, name: str = "th
         raise MeshError(f"{settings.mesh}: {error}") from None
 
 
-def _refined(mesh: Mesh, settings: SourceSettings, scheme: Scheme, creases: Creases | None) -> Mesh:
-    refinement = refine(Topology.of(mesh), scheme, settings.levels, creases)
-    if settings.project == "none":
-        return Mesh(refinement(mesh.verts), refinement.faces)
-    ball = _ball_about(mesh)
-    verts = ball.put(mesh.verts)
-    for operator in refinement.operators:
-        verts = ball.put(operator @ verts)
-    return Mesh(verts, refinement.faces)
+def _refined(
+    mesh: Mesh | PolygonMesh, settings: SourceSettings, scheme: Scheme, creases: Creases | None
+) -> Mesh | PolygonMesh:
+    topology = Topology.of(mesh) if isinstance(mesh, Mesh) else PolygonTopology.of(mesh)
+    if settings.verts is None:
+        refinement = refine(topology, scheme, settings.levels, creases)
+    else:
+        refinement = _nearest_in_size(topology, scheme, settings.verts, creases)
+    operators = refinement.operators
+    verts = refinement(mesh.verts) if settings.project == "none" else refined_on_ball(mesh.verts, operators)
+    if isinstance(refinement, Refinement):
+        return Mesh(verts, refinement.faces)
+    return refinement.mesh(verts).with_short_diagonals()
+
+
+def _nearest_in_size(
+    topology: Topology | PolygonTopology, scheme: Scheme, wanted: int, creases: Creases | None
+) -> Refinement | PolygonRefinement:
+    """As many levels as bring the number of verts nearest to that, by its ratio."""
+    last = refine(topology, scheme, 0, creases)
+    for levels in range(1, MOST_LEVELS + 1):
+        if len(last.matrix) >= wanted:
+            break
+        finer = refine(topology, scheme, levels, creases)
+        if abs(log(len(finer.matrix) / wanted)) >= abs(log(len(last.matrix) / wanted)):
+            break
+        last = finer
+    return last
 
 
 def _creases(
-    settings: SourceSettings, masks: Scheme, name: str, mesh: Mesh, numbering: Indices | None
+    settings: SourceSettings, masks: Scheme, name: str, mesh: Mesh | PolygonMesh, numbering: Indices | None
 ) -> Creases | None:
     wanted = settings.creases
     if wanted is None:
@@ -84,6 +89,7 @@ def _creases(
     sharpness = inf if wanted.sharpness is None else wanted.sharpness
     with _naming("source.creases"):
         require_takes_creases(masks, name)
+        assert isinstance(mesh, Mesh)  # noqa: S101  schemes that take creases are on triangles
         if wanted.angle is not None:
             return creases_by_angle(mesh, wanted.angle, sharpness)
         assert wanted.file is not None  # noqa: S101  one of both is there
@@ -122,91 +128,3 @@ def _undecimated(settings: SourceSettings, numbering: Indices | None) -> Indices
             f"it counts the verts of {settings.mesh}, of which source.decimate leaves others; set it to null"
         )
     return numbering
-
-
-def control_mesh(settings: SourceSettings) -> Mesh:
-    """The control mesh, decimated and placed, before any refinement.
-
-    Raises:
-        ConfigError, MeshError: as `build_source`.
-    """
-    return _control(settings)[0]
-
-
-def _control(settings: SourceSettings) -> tuple[Mesh, Indices | None]:
-    """The same, and which vertex each of its file's is; None if it was decimated."""
-    mesh, found = _named_or_file(settings.mesh)
-    numbering: Indices | None = found
-    if settings.decimate is not None and settings.decimate < mesh.num_faces:
-        mesh, numbering = decimate(mesh, settings.decimate), None
-    mean = mesh.verts.mean(axis=0)
-    offset = mesh.verts - mean
-    extent = float(np.linalg.norm(offset, axis=1).max())
-    if not extent > 0:
-        raise MeshError(f"source.mesh: {settings.mesh}: the mesh has no extent")
-    scale = 1.0 if settings.radius is None else settings.radius / extent
-    return Mesh(offset * scale + (mean if settings.centre is None else settings.centre), mesh.faces), numbering
-
-
-def source_file(settings: SourceSettings) -> Path | None:
-    """The file that the control mesh is read from; None for a base that meshfit builds itself.
-
-    Raises:
-        ConfigError: neither a base, nor a target, nor a file.
-    """
-    if _is_base(settings.mesh):
-        return None
-    if settings.mesh in NAMED_TARGETS or Path(settings.mesh).is_file():
-        return target_path(settings.mesh)
-    allowed = [*SOLIDS, "icosphere", *NAMED_TARGETS]
-    raise ConfigError(f"source.mesh: '{settings.mesh}': {suggest(settings.mesh, allowed)}, or the path of a mesh file")
-
-
-def source_files(settings: SourceSettings) -> dict[str, str]:
-    """The files that the source is made from, by role, as the settings name them.
-
-    Raises:
-        ConfigError: as `source_file`.
-    """
-    creases, alpha = settings.creases, settings.alpha
-    names = {
-        "source": settings.mesh if source_file(settings) is not None else None,
-        "creases": creases.file if creases is not None else None,
-        "alpha": alpha.file if alpha is not None else None,
-    }
-    return {role: name for role, name in names.items() if name is not None}
-
-
-def relocated(settings: SourceSettings, where: Callable[[str], str]) -> SourceSettings:
-    """The same settings with files where they lie now."""
-    changes: dict[str, object] = {"mesh": where(settings.mesh)}
-    for key, files in (("creases", settings.creases), ("alpha", settings.alpha)):
-        if files is not None and files.file is not None:
-            changes[key] = files.model_copy(update={"file": where(files.file)})
-    return settings.model_copy(update=changes)
-
-
-def _named_or_file(name: str) -> tuple[Mesh, Indices]:
-    if _is_base(name):
-        mesh = SOLIDS[name]() if name in SOLIDS else _icosphere(name)
-        return mesh, np.arange(mesh.num_verts)
-    source_file(SourceSettings(mesh=name))
-    return load_numbered_target(name)
-
-
-def _is_base(name: str) -> bool:
-    return name in SOLIDS or name.partition(":")[0] == "icosphere"
-
-
-def _icosphere(name: str) -> Mesh:
-    parameters = dict(parse_spec(name).parameters)
-    level = parameters.pop("level", _ICOSPHERE_LEVEL)
-    if parameters or not isinstance(level, int) or not 0 <= level <= _MOST_LEVELS:
-        raise ConfigError(f"source.mesh: '{name}': icosphere takes one parameter, level, from 0 to {_MOST_LEVELS}")
-    return build_source(SourceSettings(levels=level, project="sphere"), "midpoint")
-
-
-def _ball_about(mesh: Mesh) -> _Ball:
-    centre = mesh.verts.mean(axis=0)
-    radius = float(np.linalg.norm(mesh.verts - centre, axis=1).max())
-    return _Ball((float(centre[0]), float(centre[1]), float(centre[2])), radius)

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float64
-from numpy.typing import NDArray
 
 from meshfit.errors import MeshError
 from meshfit.mesh.file_content import known_suffix, read_content, reading, write_content
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.ply_files import read_ply, write_ply
-from meshfit.mesh.repair import clean, clean_numbered
+from meshfit.mesh.polygons import PolygonMesh, Polygons, fan_triangles
+from meshfit.mesh.repair import clean_numbered
 from meshfit.mesh.text_files import read_obj, read_off, write_obj, write_off
 from meshfit.mesh.topology import Indices
 from meshfit.paths import MESH_SUFFIXES
@@ -41,9 +41,7 @@ def load_mesh(path: str | Path) -> Mesh:
     Warns:
         MeshfitWarning: as `clean` does.
     """
-    path = Path(path)
-    verts, faces = _read(path, known_suffix(path, SUFFIXES, "mesh"))
-    return clean(verts, faces, str(path))
+    return load_numbered(path)[0]
 
 
 def load_numbered(path: str | Path) -> tuple[Mesh, Indices]:
@@ -57,13 +55,44 @@ def load_numbered(path: str | Path) -> tuple[Mesh, Indices]:
     Warns:
         MeshfitWarning: as `clean` does.
     """
-    path = Path(path)
-    verts, faces = _read(path, known_suffix(path, SUFFIXES, "mesh"))
-    return clean_numbered(verts, faces, str(path))
+    found = _read(Path(path), known_suffix(Path(path), SUFFIXES, "mesh"))
+    faces = fan_triangles(found.corners, found.sizes)
+    triangles = Polygons(found.verts, faces.reshape(-1), np.full(len(faces), 3, dtype=np.int64))
+    mesh, numbering = clean_numbered(triangles, str(path))
+    return mesh.triangulated(), numbering
 
 
-def save_mesh(mesh: Mesh, path: str | Path, normals: Normals | None = None) -> None:
+def load_polygons(path: str | Path) -> PolygonMesh:
+    """Read a mesh from an OBJ, PLY, STL, OFF or GLB file with its faces as they are; seams are welded.
+
+    Example:
+        >>> mesh = load_polygons("quads.obj")  # doctest: +SKIP
+
+    Raises:
+        MeshError: as `load_mesh` does.
+
+    Warns:
+        MeshfitWarning: as `clean_polygons` does.
+    """
+    return load_numbered_polygons(path)[0]
+
+
+def load_numbered_polygons(path: str | Path) -> tuple[PolygonMesh, Indices]:
+    """The mesh that `load_polygons` reads, and (N,) the vertex that each of the file's verts is in it.
+
+    Raises:
+        MeshError: as `load_mesh`.
+
+    Warns:
+        MeshfitWarning: as `clean_polygons` does.
+    """
+    return clean_numbered(_read(Path(path), known_suffix(Path(path), SUFFIXES, "mesh")), str(path))
+
+
+def save_mesh(mesh: Mesh | PolygonMesh, path: str | Path, normals: Normals | None = None) -> None:
     """Write a mesh in the format that its suffix names, in double precision but for STL and GLB, which have none.
+
+    OBJ, OFF and PLY hold polygons; STL and GLB get the triangles of each.
 
     Args:
         mesh: what to write.
@@ -83,7 +112,7 @@ def save_mesh(mesh: Mesh, path: str | Path, normals: Normals | None = None) -> N
     write_content(path, encode_mesh(mesh, suffix, normals))
 
 
-def encode_mesh(mesh: Mesh, suffix: str, normals: Normals | None = None) -> bytes:
+def encode_mesh(mesh: Mesh | PolygonMesh, suffix: str, normals: Normals | None = None) -> bytes:
     """The bytes of a mesh file of that suffix; the same mesh gives the same bytes."""
     if normals is not None:
         return _WITH_NORMALS[suffix](mesh, normals)
@@ -91,20 +120,21 @@ def encode_mesh(mesh: Mesh, suffix: str, normals: Normals | None = None) -> byte
         return _WRITERS[suffix](mesh)
     import trimesh  # most files need it not, and it takes as long to import as all the rest
 
+    mesh = mesh.triangulated() if isinstance(mesh, PolygonMesh) else mesh
     content = trimesh.Trimesh(mesh.verts, mesh.faces, process=False).export(file_type=suffix[1:])
     return content if isinstance(content, bytes) else str(content).encode()
 
 
-def _read(path: Path, suffix: str) -> tuple[NDArray[np.floating], NDArray[np.integer]]:
+def _read(path: Path, suffix: str) -> Polygons:
     content = read_content(path, SUFFIXES)
     with reading(path):  # a damaged file makes trimesh raise anything at all
-        verts, faces = _READERS[suffix](content) if suffix in _READERS else _parse(content, suffix)
-        if not len(verts):
+        found = _READERS[suffix](content) if suffix in _READERS else _parse(content, suffix)
+        if not len(found.verts):
             raise ValueError("no verts in it; another format, or cut short")
-    return verts, faces
+    return found
 
 
-def _parse(content: bytes, suffix: str) -> tuple[NDArray[np.floating], NDArray[np.integer]]:
+def _parse(content: bytes, suffix: str) -> Polygons:
     import trimesh
 
     with warnings.catch_warnings(), np.errstate(all="ignore"):
@@ -120,5 +150,6 @@ def _parse(content: bytes, suffix: str) -> tuple[NDArray[np.floating], NDArray[n
         verts.append(points if np.array_equal(transform, np.eye(4)) else trimesh.transform_points(points, transform))
         faces.append(np.reshape(getattr(part, "faces", []), (-1, 3)) + count)
         count += len(points)
-    empty_verts, empty_faces = np.empty((0, 3)), np.empty((0, 3), dtype=np.int64)
-    return np.concatenate([empty_verts, *verts]), np.concatenate([empty_faces, *faces]).astype(np.int64)
+    triangles = np.concatenate([np.empty((0, 3), dtype=np.int64), *faces]).astype(np.int64)
+    sizes = np.full(len(triangles), 3, dtype=np.int64)
+    return Polygons(np.concatenate([np.empty((0, 3)), *verts]), triangles.reshape(-1), sizes)

@@ -7,7 +7,8 @@ import numpy as np
 
 from meshfit.errors import MeshError
 from meshfit.mesh.geometry import bounding_box, bounding_box_diagonal
-from meshfit.mesh.mesh import Mesh, Verts
+from meshfit.mesh.mesh import Verts
+from meshfit.mesh.polygons import AnyMesh
 
 Normalisation = Literal["tutorial", "box", "none"]
 
@@ -19,13 +20,13 @@ class Frame:
     centre: tuple[float, float, float]
     scale: float
 
-    def normalise(self, mesh: Mesh) -> Mesh:
+    def normalise(self, mesh: AnyMesh) -> AnyMesh:
         """The mesh in normalised coordinates."""
-        return Mesh((mesh.verts - self.centre) / self.scale, mesh.faces)
+        return mesh.with_verts((mesh.verts - self.centre) / self.scale)
 
-    def restore(self, mesh: Mesh) -> Mesh:
+    def restore(self, mesh: AnyMesh) -> AnyMesh:
         """A normalised mesh, back in the coordinates it came from."""
-        return Mesh(mesh.verts * self.scale + self.centre, mesh.faces)
+        return mesh.with_verts(mesh.verts * self.scale + self.centre)
 
 
 def frame_of(verts: Verts, how: Normalisation) -> Frame:

@@ -5,7 +5,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from meshfit.errors import MeshError
-from meshfit.mesh.topology import NONE, Indices, Topology, next_in_face
+from meshfit.mesh.halfedges import NONE, HalfEdges, Indices
 
 
 def _components(rows: Indices, columns: Indices, size: int) -> tuple[int, Indices]:
@@ -14,18 +14,18 @@ def _components(rows: Indices, columns: Indices, size: int) -> tuple[int, Indice
     return int(count), np.asarray(label, dtype=np.int64)
 
 
-def num_components(topology: Topology) -> int:
+def num_components(topology: HalfEdges) -> int:
     """Number of pieces that hang together by edges; verts that no face uses do not count."""
     count, _ = _components(topology.edges[:, 0], topology.edges[:, 1], topology.num_verts)
     return count - int((topology.valence == 0).sum())
 
 
-def euler_number(topology: Topology) -> int:
+def euler_number(topology: HalfEdges) -> int:
     """V - E + F over the verts that faces use: 2 for a sphere, 0 for a torus, 1 for a disk."""
     return int((topology.valence > 0).sum()) - topology.num_edges + topology.num_faces
 
 
-def topology_in_words(topology: Topology) -> str:
+def topology_in_words(topology: HalfEdges) -> str:
     """Pieces, boundary loops and genus of an oriented manifold: `1 piece, closed, genus 0`."""
     pieces = num_components(topology)
     outer = topology.edges[topology.faces_per_edge == 1]
@@ -38,61 +38,65 @@ def topology_in_words(topology: Topology) -> str:
     )
 
 
-def is_watertight(topology: Topology) -> bool:
+def is_watertight(topology: HalfEdges) -> bool:
     """Whether every edge has exactly two faces that run through it in opposite directions."""
     return (
         bool((topology.faces_per_edge == 2).all()) and not len(misoriented_edges(topology)) and topology.num_faces > 0
     )
 
 
-def nonmanifold_edges(topology: Topology) -> Indices:
+def nonmanifold_edges(topology: HalfEdges) -> Indices:
     """Edges with three faces or more."""
     return np.flatnonzero(topology.faces_per_edge > 2)
 
 
-def misoriented_edges(topology: Topology) -> Indices:
+def misoriented_edges(topology: HalfEdges) -> Indices:
     """Edges whose two faces run through them in the same direction."""
     inner = np.flatnonzero(topology.faces_per_edge == 2)
     halfedge = topology.edge_halfedge[inner]
     return np.asarray(inner[topology.tail[halfedge] == topology.tail[topology.twin[halfedge]]])
 
 
-def nonmanifold_verts(topology: Topology) -> Indices:
+def nonmanifold_verts(topology: HalfEdges) -> Indices:
     """Verts whose faces form more than one fan, such as the tip that two cones share."""
     crossing = np.flatnonzero(topology.twin != NONE)
     across = topology.twin[crossing]
-    # Half-edge 3f+k stands for the corner at its tail; across an edge, tail corner meets the neighbour's head corner.
+    # A half-edge stands for the corner at its tail; across an edge, tail corner meets the neighbour's head corner.
     same_way = topology.tail[crossing] == topology.tail[across]
-    corner = np.where(same_way, across, next_in_face(across))
-    count, fan = _components(crossing, corner, topology.faces.size)
+    corner = np.where(same_way, across, topology.following(across))
+    count, fan = _components(crossing, corner, len(topology.tail))
     owner = np.empty(count, dtype=np.int64)
     owner[fan] = topology.tail
     return np.flatnonzero(np.bincount(owner, minlength=topology.num_verts) > 1)
 
 
-def folded_faces(topology: Topology) -> Indices:
-    """Faces that share two edges or more with one other face; they lie back to back, and a vertex has valence 2."""
-    across = np.sort(np.where(topology.twin == NONE, NONE, topology.twin // 3).reshape(-1, 3), axis=1)
-    twice = ((across[:, :-1] == across[:, 1:]) & (across[:, 1:] != NONE)).any(axis=1)
-    return np.flatnonzero(twice)
+def folded_faces(topology: HalfEdges) -> Indices:
+    """Faces that share two edges in a row with one other face; at the vertex between these, of valence 2, they fold."""
+    inner = np.flatnonzero(topology.twin != NONE)
+    after = topology.following(inner)
+    both = topology.twin[after] != NONE
+    inner, after = inner[both], after[both]
+    twice = topology.face_of(topology.twin[inner]) == topology.face_of(topology.twin[after])
+    return np.unique(topology.face_of(inner[twice]))
 
 
-def require_faces(topology: Topology, purpose: str) -> None:
+def require_faces(topology: HalfEdges, purpose: str) -> None:
     """Refuse faces that are none.
 
     Raises:
         MeshError: one indexes outside, or has the same vertex twice.
     """
-    faces = topology.faces
-    outside = ((faces < 0) | (faces >= topology.num_verts)).any(axis=1)
-    repeated = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
-    for bad, fault in ((outside, f"verts are numbered 0 to {topology.num_verts - 1}"), (repeated, "a vertex twice")):
+    outside = np.zeros(topology.num_faces, dtype=bool)
+    stray = np.flatnonzero((topology.tail < 0) | (topology.tail >= topology.num_verts))
+    outside[topology.face_of(stray)] = True
+    range_of_verts = f"verts are numbered 0 to {topology.num_verts - 1}"
+    for bad, fault in ((outside, range_of_verts), (topology.has_vert_twice, "a vertex twice")):
         if bad.any():
             face = int(np.flatnonzero(bad)[0])
-            raise MeshError(f"{purpose} needs proper faces: face {face} is {faces[face].tolist()}: {fault}")
+            raise MeshError(f"{purpose} needs proper faces: face {face} is {topology.corners_of(face)}: {fault}")
 
 
-def require_manifold(topology: Topology, purpose: str) -> None:
+def require_manifold(topology: HalfEdges, purpose: str) -> None:
     """Refuse a mesh that is not an oriented manifold, with or without boundary.
 
     Raises:

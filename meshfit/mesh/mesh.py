@@ -37,6 +37,10 @@ class Mesh:
             array.setflags(write=False)
             object.__setattr__(self, name, array)
 
+    def with_verts(self, verts: ArrayLike) -> "Mesh":
+        """The same faces on other positions."""
+        return Mesh(verts, self.faces)
+
     @property
     def num_verts(self) -> int:
         """V, the number of vertices."""

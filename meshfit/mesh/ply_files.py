@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.polygons import Arrays, arrays, fan
+from meshfit.mesh.polygons import PolygonMesh, Polygons, of_size, polygons
 
 _CODES = {"char": "b", "uchar": "B", "short": "h", "ushort": "H", "int": "i", "uint": "I", "float": "f", "double": "d"}
 _SIZED = {"int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "float32": "f"}
@@ -96,19 +96,20 @@ class _Binary:
         return self._body[self._at :].strip()
 
 
-def read_ply(content: bytes) -> Arrays:
+def read_ply(content: bytes) -> Polygons:
     """Verts and faces of a PLY file, in its order; whatever else it holds is passed over.
 
     Raises:
         ValueError: saying where the file is at fault.
     """
-    verts, faces = arrays([], [])
+    found = polygons([], [])
     for element, rows in _elements(content):
         if element.name == "vertex":
-            verts = _points(element, rows)
+            found = found._replace(verts=_points(element, rows))
         elif element.name == "face":
-            faces = _triangles(element, rows)
-    return verts, faces
+            corners, sizes = _faces(element, rows)
+            found = found._replace(corners=corners, sizes=sizes)
+    return found
 
 
 def read_ply_segments(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -148,19 +149,31 @@ def read_ply_property(content: bytes, name: str) -> NDArray[np.float64]:
     raise ValueError("it has no verts")
 
 
-def write_ply(mesh: Mesh, normals: NDArray[np.float64] | None = None) -> bytes:
+def write_ply(mesh: Mesh | PolygonMesh, normals: NDArray[np.float64] | None = None) -> bytes:
     """The bytes of a PLY file: binary, in double precision, with (V, 3) normals of its verts if given."""
+    whole = PolygonMesh.of(mesh)
     points = mesh.verts if normals is None else np.concatenate([mesh.verts, normals], axis=1)
     names = ("x", "y", "z", "nx", "ny", "nz")[: points.shape[1]]
     declared = "".join(f"property double {name}\n" for name in names)
+    kind, code = ("uchar", "u1") if whole.sizes.max(initial=0) < 256 else ("uint", "<u4")
     header = (
         "ply\nformat binary_little_endian 1.0\n"
         f"element vertex {mesh.num_verts}\n{declared}"
-        f"element face {mesh.num_faces}\nproperty list uchar int vertex_indices\nend_header\n"
+        f"element face {mesh.num_faces}\nproperty list {kind} int vertex_indices\nend_header\n"
     )
-    rows = np.empty(mesh.num_faces, dtype=[("count", "u1"), ("index", "<i4", 3)])
-    rows["count"], rows["index"] = 3, mesh.faces
-    return header.encode() + points.astype("<f8").tobytes() + rows.tobytes()
+    return header.encode() + points.astype("<f8").tobytes() + _face_bytes(whole, np.dtype(code))
+
+
+def _face_bytes(mesh: PolygonMesh, count: np.dtype[Any]) -> bytes:
+    """Of each face how many corners it has, and which."""
+    index = np.dtype("<i4")
+    content = np.empty(mesh.num_faces * count.itemsize + len(mesh.corners) * index.itemsize, dtype=np.uint8)
+    starts = np.arange(mesh.num_faces) * count.itemsize + mesh.starts * index.itemsize
+    is_count = np.zeros(len(content), dtype=bool)
+    is_count[(starts[:, None] + np.arange(count.itemsize)).reshape(-1)] = True
+    content[is_count] = mesh.sizes.astype(count).view(np.uint8)
+    content[~is_count] = mesh.corners.astype(index).view(np.uint8)
+    return content.tobytes()
 
 
 def _elements(content: bytes) -> Iterator[tuple[_Element, _Rows]]:
@@ -234,11 +247,13 @@ def _columns(element: _Element, rows: _Rows, names: Iterable[str]) -> NDArray[np
     return np.array([[float(row[name][0]) for name in found] for row in rows], np.float64).reshape(-1, len(found))
 
 
-def _triangles(element: _Element, rows: _Rows) -> NDArray[np.int64]:
+def _faces(element: _Element, rows: _Rows) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     name = _property(element, "vertex_indices", "vertex_index")
-    if isinstance(rows, np.ndarray) and rows[name].shape[1] == 3:
-        return rows[name].astype(np.int64)
-    return arrays([], [triangle for row in rows for triangle in fan([int(corner) for corner in row[name]])])[1]
+    if isinstance(rows, np.ndarray):
+        corners = rows[name].astype(np.int64)
+        return corners.reshape(-1), np.full(len(corners), of_size(corners.shape[1]))
+    sizes = np.array([of_size(len(row[name])) for row in rows], dtype=np.int64)
+    return np.array([int(corner) for row in rows for corner in row[name]], dtype=np.int64), sizes
 
 
 def _property(element: _Element, *names: str) -> str:

@@ -1,24 +1,144 @@
-"""From the polygons of a file to triangles."""
+"""Meshes of polygons: faces of three corners or more, kept one after the other in a flat list."""
 
-import itertools
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Float64, Int64
+from numpy.typing import ArrayLike, NDArray
 
-Arrays = tuple[NDArray[np.float64], NDArray[np.int64]]
+from meshfit.errors import MeshError
+from meshfit.mesh.mesh import Mesh, Verts
+
+Corners = Int64[np.ndarray, " C"]
+Sizes = Int64[np.ndarray, " F"]
 
 
-def fan(corners: list[int], where: str = "") -> list[list[int]]:
-    """The triangles of a polygon, all from its first corner; `where` goes in front of what is said of a faulty one.
+class Polygons(NamedTuple):
+    """The raw content of a file: (V, 3) positions, and the corners of its faces with the size of each."""
+
+    verts: NDArray[np.floating]
+    corners: NDArray[np.int64]
+    sizes: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class PolygonMesh:
+    """A mesh whose faces have any number of corners. All arrays are copies, and read-only.
+
+    Attributes:
+        verts: (V, 3) float64, positions.
+        corners: (C,) int64, the verts of all faces, one face after the other, each counter-clockwise seen from outside.
+        sizes: (F,) int64, the number of corners of each face.
+
+    Raises:
+        MeshError: arrays of no such shape, a face of fewer than three corners, or sizes that do not add up.
+    """
+
+    verts: Verts
+    corners: Corners
+    sizes: Sizes
+
+    def __init__(self, verts: ArrayLike, corners: ArrayLike, sizes: ArrayLike) -> None:
+        points = Mesh(verts, np.empty((0, 3))).verts
+        flat, counts = np.array(corners, dtype=np.int64), np.array(sizes, dtype=np.int64)
+        if flat.ndim != 1 or counts.ndim != 1 or counts.sum() != len(flat):
+            raise MeshError(f"{flat.size} corners do not make up the {counts.size} faces whose sizes are given")
+        if (counts < 3).any():
+            face = int(np.flatnonzero(counts < 3)[0])
+            raise MeshError(f"face {face} has {counts[face]} corners, 3 or more are needed")
+        for name, array in (("verts", points), ("corners", flat), ("sizes", counts)):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    @classmethod
+    def of(cls, mesh: "Mesh | PolygonMesh") -> "PolygonMesh":
+        """The same mesh, as one of polygons."""
+        if isinstance(mesh, PolygonMesh):
+            return mesh
+        return cls(mesh.verts, mesh.faces.reshape(-1), np.full(mesh.num_faces, 3))
+
+    @property
+    def num_verts(self) -> int:
+        """V, the number of vertices."""
+        return len(self.verts)
+
+    @property
+    def num_faces(self) -> int:
+        """F, the number of faces."""
+        return len(self.sizes)
+
+    @cached_property
+    def starts(self) -> Sizes:
+        """(F,) where the corners of each face begin."""
+        return np.asarray(np.cumsum(self.sizes) - self.sizes)
+
+    def with_verts(self, verts: ArrayLike) -> "PolygonMesh":
+        """The same faces on other positions."""
+        return PolygonMesh(verts, self.corners, self.sizes)
+
+    def triangulated(self) -> Mesh:
+        """Each polygon as a fan of triangles from its first corner, in the order of the polygons.
+
+        A polygon of n corners gives n - 2 triangles in a row, so that the order of these tells whose they are.
+        """
+        return Mesh(self.verts, fan_triangles(self.corners, self.sizes))
+
+    def with_short_diagonals(self) -> "PolygonMesh":
+        """The same polygons, each begun at the corner whose fan has the least sum of lengths of diagonals.
+
+        Of corners that tie, the nearest to the first is taken. Where nothing is gained, nothing changes.
+        """
+        corners = self.corners.copy()
+        for size in np.unique(self.sizes[self.sizes > 3]):
+            places = self.starts[self.sizes == size][:, None] + np.arange(size)
+            rows = self.corners[places]
+            roll = _diagonals(self.verts[rows]).argmin(axis=1)
+            corners[places] = np.take_along_axis(rows, (np.arange(size) + roll[:, None]) % size, axis=1)
+        return PolygonMesh(self.verts, corners, self.sizes)
+
+
+AnyMesh = TypeVar("AnyMesh", Mesh, PolygonMesh)
+
+
+def _diagonals(points: Float64[np.ndarray, "G N 3"]) -> Float64[np.ndarray, "G N"]:
+    """Of polygons of N corners, the sum of the lengths of the diagonals from each corner."""
+    total = np.zeros(points.shape[:2])
+    for step in range(2, points.shape[1] - 1):
+        total += np.linalg.norm(points - np.roll(points, -step, axis=1), axis=2)
+    return total
+
+
+def fan_triangles(corners: Corners, sizes: Sizes) -> Int64[np.ndarray, "T 3"]:
+    """(T, 3) the triangles of each polygon, all from its first corner, in the order of the polygons."""
+    if (sizes == 3).all():
+        return corners.reshape(-1, 3)
+    count = sizes - 2
+    first = np.repeat(np.cumsum(sizes) - sizes, count)
+    second = first + 1 + np.arange(int(count.sum())) - np.repeat(np.cumsum(count) - count, count)
+    return np.stack([corners[first], corners[second], corners[second + 1]], axis=1)
+
+
+def face_rows(mesh: Mesh | PolygonMesh) -> list[list[int]]:
+    """The corners of each face, a list each."""
+    mesh = PolygonMesh.of(mesh)
+    corners, ends = mesh.corners.tolist(), (mesh.starts + mesh.sizes).tolist()
+    return [corners[start:end] for start, end in zip(mesh.starts.tolist(), ends, strict=True)]
+
+
+def of_size(count: int, where: str = "") -> int:
+    """The number of corners of a face in a file; `where` goes in front of what is said of a faulty one.
 
     Raises:
         ValueError: fewer than three corners.
     """
-    if len(corners) < 3:
-        raise ValueError(f"{where}a face of {len(corners)} corners, 3 or more are needed")
-    return [[corners[0], *pair] for pair in itertools.pairwise(corners[1:])]
+    if count < 3:
+        raise ValueError(f"{where}a face of {count} corners, 3 or more are needed")
+    return count
 
 
-def arrays(verts: list[list[float]], faces: list[list[int]]) -> Arrays:
-    """(V, 3) and (F, 3) arrays of these rows, of which there may be none."""
-    return np.array(verts, np.float64).reshape(-1, 3), np.array(faces, np.int64).reshape(-1, 3)
+def polygons(verts: list[list[float]], faces: list[list[int]]) -> Polygons:
+    """The arrays of these rows, of which there may be none."""
+    corners = np.array([corner for face in faces for corner in face], dtype=np.int64)
+    return Polygons(np.array(verts, np.float64).reshape(-1, 3), corners, np.array([len(f) for f in faces], np.int64))

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.polygons import PolygonMesh
 
 
 def _hull(verts: ArrayLike, faces: ArrayLike) -> Mesh:
@@ -41,6 +42,16 @@ def cube() -> Mesh:
     return _hull(verts, faces)
 
 
+def quad_cube() -> PolygonMesh:
+    """The same 8 verts, and the 6 sides as quads."""
+    verts = cube().verts
+    sides = np.argsort(verts, axis=0, kind="stable").T.reshape(6, 4)
+    quads = sides[:, [0, 1, 3, 2]]
+    inward = np.linalg.det(verts[quads[:, :3]]) < 0
+    quads[inward] = quads[inward][:, ::-1]
+    return PolygonMesh(verts, quads.reshape(-1), np.full(6, 4))
+
+
 def icosahedron() -> Mesh:
     """12 verts of valence 5, 20 faces."""
     golden = (1 + 5**0.5) / 2
@@ -58,3 +69,5 @@ SOLIDS: dict[str, Callable[[], Mesh]] = {
     "tetrahedron": tetrahedron,
     "cube": cube,
 }
+POLYGON_SOLIDS: dict[str, Callable[[], PolygonMesh]] = {"cube": quad_cube}
+"""Those that have other faces than triangles, for schemes on polygons; by the same names."""

@@ -3,11 +3,14 @@
 import hashlib
 import importlib.util
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.topology import Indices
 from meshfit.paths import MESH_SUFFIXES, missing
 from meshfit.resources import bundled
@@ -73,6 +76,8 @@ NAMED_TARGETS: dict[str, NamedTarget] = {
     ),
 }
 
+_Found = TypeVar("_Found")
+
 
 def target_path(target: str) -> Path:
     """The file of a target: a name of `NAMED_TARGETS`, or a path, which anything with a suffix or a separator is.
@@ -112,11 +117,35 @@ def load_numbered_target(target: str) -> tuple[Mesh, Indices]:
     """
     from meshfit.mesh.files import load_numbered  # brings scipy, which those who only want names need not wait for
 
+    return _loaded(target, load_numbered)
+
+
+def load_polygon_target(target: str) -> PolygonMesh:
+    """The same mesh with its faces as they are in the file.
+
+    Raises:
+        MeshError: as `target_path` and `load_polygons` do.
+    """
+    return load_numbered_polygon_target(target)[0]
+
+
+def load_numbered_polygon_target(target: str) -> tuple[PolygonMesh, Indices]:
+    """That mesh, and the vertex that each of its file's verts is in it.
+
+    Raises:
+        MeshError: as `target_path` and `load_polygons` do.
+    """
+    from meshfit.mesh.files import load_numbered_polygons
+
+    return _loaded(target, load_numbered_polygons)
+
+
+def _loaded(target: str, load: Callable[[Path], _Found]) -> _Found:
     path = target_path(target)
     with warnings.catch_warnings():
         if target in NAMED_TARGETS:  # what there is to warn of is known, and told by `origin`
             warnings.simplefilter("ignore", MeshfitWarning)
-        return load_numbered(path)
+        return load(path)
 
 
 def file_sha256(path: Path) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.polygons import Arrays, arrays, fan
+from meshfit.mesh.polygons import PolygonMesh, Polygons, face_rows, of_size, polygons
 
 _Lines = Iterator[tuple[int, list[bytes]]]
 _PASSED_OVER = (b"#", b"vn ", b"vt ", b"g ", b"o ", b"s ", b"usemtl ", b"mtllib ")
@@ -17,7 +17,7 @@ _AFTER_SLASH = re.compile(rb"/\S*")
 _MARK = b"\xef\xbb\xbf"
 
 
-def read_obj(content: bytes) -> Arrays:
+def read_obj(content: bytes) -> Polygons:
     """Verts and faces of an OBJ file, in its order; texture coordinates, normals, groups and materials are passed over.
 
     Raises:
@@ -31,8 +31,10 @@ def read_obj(content: bytes) -> Arrays:
         if words[0] == b"v":
             verts.append(_point(words[1:], number))
         elif words[0] == b"f":
-            faces += fan(_corners(words[1:], number, "face", len(verts)), f"line {number}: ")
-    return arrays(verts, faces)
+            corners = _corners(words[1:], number, "face", len(verts))
+            of_size(len(corners), f"line {number}: ")
+            faces.append(corners)
+    return polygons(verts, faces)
 
 
 def read_obj_segments(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -62,7 +64,7 @@ def _corners(words: Sequence[bytes], number: int, what: str, num_verts: int) -> 
     return [corner - 1 if corner > 0 else num_verts + corner for corner in corners]
 
 
-def read_off(content: bytes) -> Arrays:
+def read_off(content: bytes) -> Polygons:
     """Verts and faces of an OFF file, in its order; colours and normals are passed over.
 
     Raises:
@@ -82,53 +84,52 @@ def read_off(content: bytes) -> Arrays:
         size = _integers(words[:1], number)[0]
         if len(words) <= size:
             raise ValueError(f"line {number}: a face of {size} corners, of which {len(words) - 1} are there")
-        faces += fan(_integers(words[1 : size + 1], number), f"line {number}: ")
+        faces.append(_integers(words[1 : of_size(size, f"line {number}: ") + 1], number))
     for number, _ in lines:
         raise ValueError(f"line {number}: more lines than the {counts[0]} verts and {counts[1]} faces announced")
-    return arrays(verts, faces)
+    return polygons(verts, faces)
 
 
-def _plain_obj(content: bytes) -> Arrays | None:
-    """The same, all at once, where verts and faces are plain `v x y z` and `f a b c`, slashes or not; else None."""
+def _plain_obj(content: bytes) -> Polygons | None:
+    """The same, all at once, where verts and faces are plain `v x y z` and `f a b c …`, slashes or not; else None."""
     lines = content.split(b"\n")
     verts = [line[2:] for line in lines if line.startswith(b"v ")]
     faces = [line[2:] for line in lines if line.startswith(b"f ")]
     if len(verts) + len(faces) + sum(line.startswith(_PASSED_OVER) or not line for line in lines) != len(lines):
         return None
-    points, corners = _table(verts, np.float64), _table(faces, np.int64)
-    if points is None or corners is None or not (corners > 0).all():
+    points, corners = _numbers(verts, np.float64), _numbers(faces, np.int64)
+    if points is None or corners is None:
         return None
-    return points, corners - 1
+    if not ((points[1] == 3).all() and (corners[1] >= 3).all() and (corners[0] > 0).all()):
+        return None
+    return Polygons(points[0].reshape(-1, 3), corners[0] - 1, corners[1])
 
 
-def _table(lines: list[bytes], dtype: type[np.generic]) -> NDArray[Any] | None:
-    """(N, 3) the numbers of lines of three words each, or None."""
-    # A separator in every fourth place, and nowhere else, says that each line has three words.
-    words = _AFTER_SLASH.sub(b"", b" ; ".join([*lines, b""])).split()
-    if len(words) != 4 * len(lines) or words[3::4] != [b";"] * len(lines):
+def _numbers(lines: list[bytes], dtype: type[np.generic]) -> tuple[NDArray[Any], NDArray[np.int64]] | None:
+    """The numbers of all lines, one line after the other, and how many each line has; or None."""
+    words = np.array(_AFTER_SLASH.sub(b"", b" ; ".join([*lines, b""])).split(), dtype=bytes)
+    ends = np.flatnonzero(words == b";")
+    if len(ends) != len(lines):  # a line has a separator of its own
         return None
-    del words[3::4]
     try:
-        return np.array(words, dtype=bytes).astype(dtype).reshape(-1, 3)
+        return np.delete(words, ends).astype(dtype), np.diff(ends, prepend=-1) - 1
     except ValueError:
         return None
 
 
-def write_obj(mesh: Mesh, normals: NDArray[np.float64] | None = None) -> bytes:
+def write_obj(mesh: Mesh | PolygonMesh, normals: NDArray[np.float64] | None = None) -> bytes:
     """The bytes of an OBJ file, with (V, 3) normals of its verts if given."""
     verts = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in mesh.verts.tolist())
-    if normals is None:
-        faces = "".join(f"f {a} {b} {c}\n" for a, b, c in (mesh.faces + 1).tolist())
-        return f"{verts}{faces}".encode()
-    directions = "".join(f"vn {x!r} {y!r} {z!r}\n" for x, y, z in normals.tolist())
-    faces = "".join(f"f {a}//{a} {b}//{b} {c}//{c}\n" for a, b, c in (mesh.faces + 1).tolist())
+    corner = str if normals is None else "{0}//{0}".format
+    directions = "".join(f"vn {x!r} {y!r} {z!r}\n" for x, y, z in ([] if normals is None else normals.tolist()))
+    faces = "".join(f"f {' '.join([corner(vert + 1) for vert in face])}\n" for face in face_rows(mesh))
     return f"{verts}{directions}{faces}".encode()
 
 
-def write_off(mesh: Mesh) -> bytes:
+def write_off(mesh: Mesh | PolygonMesh) -> bytes:
     """The bytes of an OFF file."""
     verts = "".join(f"{x!r} {y!r} {z!r}\n" for x, y, z in mesh.verts.tolist())
-    faces = "".join(f"3 {a} {b} {c}\n" for a, b, c in mesh.faces.tolist())
+    faces = "".join(f"{len(face)} {' '.join(map(str, face))}\n" for face in face_rows(mesh))
     return f"OFF\n{mesh.num_verts} {mesh.num_faces} 0\n{verts}{faces}".encode()
 
 

@@ -5,12 +5,13 @@ from collections.abc import Mapping
 from meshfit.errors import ConfigError, SchemeError
 from meshfit.specs import Spec, Value, parse_spec, suggest
 from meshfit.subdivision.curve_scheme import CurveScheme
+from meshfit.subdivision.polygon_scheme import PolygonScheme
 from meshfit.subdivision.scheme import Domain, Scheme, SchemeEntry
 from meshfit.subdivision.table import SCHEMES
 from meshfit.subdivision.triangle_scheme import TriangleScheme
 
 SURFACES: tuple[Domain, ...] = ("triangles", "polygons")
-_DOMAINS: dict[type[Scheme], Domain] = {TriangleScheme: "triangles", CurveScheme: "curves"}
+_DOMAINS: dict[type[Scheme], Domain] = {TriangleScheme: "triangles", PolygonScheme: "polygons", CurveScheme: "curves"}
 
 Catalogue = Mapping[str, SchemeEntry]
 """Schemes by name: those of the table alone, or with a user's own beside them."""

@@ -3,13 +3,14 @@
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.assemble import assemble
 from meshfit.subdivision.curve_scheme import CurveScheme
 from meshfit.subdivision.describe_curves import describe_curves
-from meshfit.subdivision.mask_rows import MaskRow, entries, number
+from meshfit.subdivision.mask_rows import MaskRow, along, grouped, number
+from meshfit.subdivision.polygon_describe import describe_on_polygons
+from meshfit.subdivision.polygon_scheme import PolygonScheme
 from meshfit.subdivision.scheme import Scheme
 from meshfit.subdivision.splits import divide
 from meshfit.subdivision.triangle_scheme import Split, TriangleScheme
@@ -21,24 +22,26 @@ _VALENCES = (3, 4, 5, 7, 8)
 
 def describe(scheme: Scheme) -> Iterator[MaskRow]:
     """The masks of a scheme, wherever they differ."""
-    return describe_curves(scheme) if isinstance(scheme, CurveScheme) else _describe_triangles(scheme)
+    if isinstance(scheme, CurveScheme):
+        return describe_curves(scheme)
+    return describe_on_polygons(scheme) if isinstance(scheme, PolygonScheme) else _on_triangles(scheme)
 
 
-def _describe_triangles(scheme: TriangleScheme) -> Iterator[MaskRow]:
+def _on_triangles(scheme: TriangleScheme) -> Iterator[MaskRow]:
     """On a regular mesh, at extraordinary vertices, and along the boundary."""
     lattice = _torus()
     division = divide(lattice, scheme.split, step=0)
     rows = assemble(lattice, scheme, division)
     origin = _AT * _SIDE + _AT
-    yield MaskRow("old vertex, valence 6", _grouped(rows, origin, {origin: "itself"}, "each neighbour"))
+    yield MaskRow("old vertex, valence 6", grouped(rows, origin, {origin: "itself"}, "each neighbour"))
     if scheme.split is Split.QUADRISECT:
         inserted = lattice.num_verts + int(np.flatnonzero((lattice.edges == (origin, origin + 1)).all(axis=1))[0])
         roles = _edge_roles(origin)
-        yield MaskRow("new vertex in an edge, regular", _grouped(rows, inserted, roles, "other"))
+        yield MaskRow("new vertex in an edge, regular", grouped(rows, inserted, roles, "other"))
     else:
         face = int(np.flatnonzero((lattice.faces == (origin, origin + 1, origin + _SIDE)).all(axis=1))[0])
         roles = _face_roles(origin)
-        yield MaskRow("new vertex in a face, regular", _grouped(rows, lattice.num_verts + face, roles, "other"))
+        yield MaskRow("new vertex in a face, regular", grouped(rows, lattice.num_verts + face, roles, "other"))
     yield from _extraordinary(scheme)
     yield from _boundary(scheme)
     if scheme.push_back is not None:
@@ -66,10 +69,7 @@ def _boundary(scheme: TriangleScheme) -> Iterator[MaskRow]:
     edge = int(np.flatnonzero((patch.tail[division.border] == _AT) & (patch.head[division.border] == _AT + 1))[0])
     places = {"old vertex": _AT, "new vertex": patch.num_verts + int(division.border_place[0][edge])}
     for what, row in places.items():
-        weights = {column - _AT: weight for column, weight in entries(rows, row)}
-        listed = ", ".join(number(weights[offset]) for offset in sorted(weights))
-        along = f"at {min(weights)} … {max(weights)} along it" if len(weights) > 1 else "itself"
-        yield MaskRow(f"boundary, {what}", f"{listed} {along}")
+        yield MaskRow(f"boundary, {what}", along(rows, row, _AT))
 
 
 def _patch() -> Topology:
@@ -109,13 +109,3 @@ def _face_roles(origin: int) -> dict[int, str]:
         "each wing": _at(origin, (0, -1), (2, -1), (2, 0), (0, 2), (-1, 2), (-1, 0)),
     }
     return {vert: role for role, verts in named.items() for vert in verts}
-
-
-def _grouped(rows: csr_array, row: int, roles: dict[int, str], others: str) -> str:
-    groups: dict[tuple[str, str], int] = {}
-    for column, weight in entries(rows, row):
-        key = (roles.get(column, others), number(weight))
-        groups[key] = groups.get(key, 0) + 1
-    order = [*dict.fromkeys(roles.values()), others]
-    found = sorted(groups.items(), key=lambda item: order.index(item[0][0]))
-    return ", ".join(f"{weight} {role}" + (f" ({count})" if count > 1 else "") for (role, weight), count in found)

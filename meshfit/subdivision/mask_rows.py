@@ -1,11 +1,11 @@
-"""Rows of operators, written as masks are."""
+"""Rows of an operator as people write them: weights as fractions, by the roles that the verts play."""
 
 from dataclasses import dataclass
 from fractions import Fraction
 
 from scipy.sparse import coo_array, csr_array
 
-_LARGEST_DENOMINATOR = 4096
+_LARGEST_DENOMINATOR = 8192
 _ZERO = 1e-14
 
 
@@ -18,10 +18,28 @@ class MaskRow:
 
 
 def entries(rows: csr_array, row: int) -> list[tuple[int, float]]:
-    """The columns and values of one row that are not zero."""
+    """The columns and weights of a row, less those that are zero but for rounding."""
     line = coo_array(rows[[row]])
     pairs = zip(line.coords[1], line.data, strict=True)
     return [(int(column), float(weight)) for column, weight in pairs if abs(weight) > _ZERO]
+
+
+def grouped(rows: csr_array, row: int, roles: dict[int, str], others: str) -> str:
+    """A row's weights, with how many verts of each role have them."""
+    groups: dict[tuple[str, str], int] = {}
+    for column, weight in entries(rows, row):
+        key = (roles.get(column, others), number(weight))
+        groups[key] = groups.get(key, 0) + 1
+    order = [*dict.fromkeys(roles.values()), others]
+    found = sorted(groups.items(), key=lambda item: order.index(item[0][0]))
+    return ", ".join(f"{weight} {role}" + (f" ({count})" if count > 1 else "") for (role, weight), count in found)
+
+
+def along(rows: csr_array, row: int, origin: int) -> str:
+    """A row's weights along a boundary, by offset from one of its verts."""
+    weights = {column - origin: weight for column, weight in entries(rows, row)}
+    listed = ", ".join(number(weights[offset]) for offset in sorted(weights))
+    return f"{listed} " + (f"at {min(weights)} … {max(weights)} along it" if len(weights) > 1 else "itself")
 
 
 def number(value: float) -> str:

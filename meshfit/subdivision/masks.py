@@ -14,7 +14,12 @@ CHECKED_VALENCES = range(3, 13)
 """Valences at which weights that are given by valence are tried."""
 
 
-def _require_unit_sum(total: Weight, what: str) -> None:
+def require_unit_sum(total: Weight, what: str) -> None:
+    """Refuse weights that do not sum to one: fractions exactly, reals but for rounding.
+
+    Raises:
+        SchemeError: saying what they are of.
+    """
     allowed = 0.0 if isinstance(total, Fraction) else _TOLERANCE
     if abs(float(total - 1)) > allowed:
         raise SchemeError(f"the weights of {what} sum to {total}, not to 1")
@@ -35,7 +40,7 @@ class EdgeMask:
     wing: Weight = Fraction(0)
 
     def __post_init__(self) -> None:
-        _require_unit_sum(2 * self.end + 2 * self.opposite + 4 * self.wing, "an edge mask")
+        require_unit_sum(2 * self.end + 2 * self.opposite + 4 * self.wing, "an edge mask")
 
 
 @dataclass(frozen=True)
@@ -53,7 +58,7 @@ class FaceMask:
     wing: Weight = Fraction(0)
 
     def __post_init__(self) -> None:
-        _require_unit_sum(3 * self.corner + 3 * self.across + 6 * self.wing, "a face mask")
+        require_unit_sum(3 * self.corner + 3 * self.across + 6 * self.wing, "a face mask")
 
 
 @dataclass(frozen=True)
@@ -79,7 +84,7 @@ class SpokeMask:
             weights = self.weights(valence)
             if len(weights) != valence + 1:
                 raise SchemeError(f"a spoke mask has {len(weights)} weights at valence {valence}, not {valence + 1}")
-            _require_unit_sum(sum(weights), f"a spoke mask at valence {valence}")
+            require_unit_sum(sum(weights), f"a spoke mask at valence {valence}")
 
 
 CurveWeights = Mapping[int, Fraction]
@@ -99,9 +104,9 @@ class CurveMask:
     inserted: tuple[CurveWeights, ...]
 
     def __post_init__(self) -> None:
-        _require_unit_sum(sum(self.vert.values(), Fraction(0)), "the vertex mask of a curve")
+        require_unit_sum(sum(self.vert.values(), Fraction(0)), "the vertex mask of a curve")
         for weights in self.inserted:
-            _require_unit_sum(sum(weights.values(), Fraction(0)), "the edge mask of a curve")
+            require_unit_sum(sum(weights.values(), Fraction(0)), "the edge mask of a curve")
         for rule, furthest in ((self.vert, 1), *((weights, 2) for weights in self.inserted)):
             if beyond := [offset for offset in rule if not -1 <= offset <= furthest]:
                 raise SchemeError(f"a curve mask has a weight at offset {beyond[0]}; -1 to {furthest} are allowed")

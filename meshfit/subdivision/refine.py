@@ -1,16 +1,18 @@
-"""Refinement: some levels of a scheme on a connectivity, as sparse operators on anything given at its vertices."""
+"""Refinement: some levels of a scheme laid down on a connectivity, or on a mesh."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from meshfit.errors import MeshError, SchemeError
 from meshfit.mesh.curves import Chains, Curves
 from meshfit.mesh.manifold import require_manifold
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.polygon_topology import PolygonTopology
+from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.topology import Topology
 from meshfit.specs import Value
 from meshfit.subdivision.assemble import assemble, vertex_attribute_carry
@@ -18,7 +20,10 @@ from meshfit.subdivision.choose import scheme_of, unfit
 from meshfit.subdivision.creases import Creases, require_creases
 from meshfit.subdivision.curve_refine import refine_chains
 from meshfit.subdivision.curve_scheme import CurveScheme
-from meshfit.subdivision.refinement import CurveRefinement, Refinement
+from meshfit.subdivision.polygon_assemble import assemble_polygons
+from meshfit.subdivision.polygon_scheme import LINEAR, PolygonScheme
+from meshfit.subdivision.polygon_splits import divide_polygons
+from meshfit.subdivision.refinement import CurveRefinement, PolygonRefinement, Refinement
 from meshfit.subdivision.scheme import Scheme
 from meshfit.subdivision.splits import divide
 from meshfit.subdivision.triangle_scheme import TriangleScheme
@@ -27,84 +32,133 @@ ParameterValue = Value | NDArray[Any]
 
 
 @overload
-def refine(topology: Topology, scheme: Scheme, levels: int = 1, creases: Creases | None = None) -> Refinement: ...
+def refine(
+    topology: Topology, scheme: TriangleScheme, levels: int = 1, creases: Creases | None = None
+) -> Refinement: ...
+@overload
+def refine(topology: Topology | PolygonTopology, scheme: PolygonScheme, levels: int = 1) -> PolygonRefinement: ...
+@overload
+def refine(
+    topology: Topology | PolygonTopology, scheme: Scheme, levels: int = 1, creases: Creases | None = None
+) -> Refinement | PolygonRefinement: ...
 @overload
 def refine(topology: Chains, scheme: Scheme, levels: int = 1) -> CurveRefinement: ...
 def refine(
-    topology: Topology | Chains, scheme: Scheme, levels: int = 1, creases: Creases | None = None
-) -> Refinement | CurveRefinement:
+    topology: Topology | PolygonTopology | Chains, scheme: Scheme, levels: int = 1, creases: Creases | None = None
+) -> Refinement | PolygonRefinement | CurveRefinement:
     """Lay down `levels` levels of a scheme.
 
     Args:
-        topology: of a mesh; or the chains of curves, for a scheme on curves.
+        topology: triangles or polygons, where a scheme on polygons takes triangles as such; or the chains of curves.
         scheme: one on what is refined.
         levels: how many times.
         creases: sharp edges and corners of this topology, for loop, interp-loop and midpoint.
 
     Raises:
         SchemeError: levels is negative, the scheme refines something else, or it takes no creases.
-        MeshError: the mesh is not an oriented manifold; a face, edge or vertex at fault is named. Or the curves branch.
+        MeshError: the mesh is not an oriented manifold, or has a place that the scheme has no rule for; a face, edge or
+            vertex at fault is named. Or the curves branch.
     """
     if levels < 0:
         raise SchemeError(f"levels={levels} is not allowed: 0 or more is")
+    if creases is not None:
+        require_takes_creases(scheme)
     if levels:
         _require_alphas(scheme, topology.num_verts)
     if isinstance(topology, Chains):
         if not isinstance(scheme, CurveScheme):
             raise unfit(scheme, "curves")
         return refine_chains(topology, scheme, levels)
-    if not isinstance(scheme, TriangleScheme):
-        raise unfit(scheme, "triangles")
+    if isinstance(scheme, CurveScheme):
+        raise unfit(scheme, "triangles" if isinstance(topology, Topology) else "polygons")
+    return _refine_surface(topology, scheme, levels, creases)
+
+
+def _refine_surface(
+    topology: Topology | PolygonTopology, scheme: TriangleScheme | PolygonScheme, levels: int, creases: Creases | None
+) -> Refinement | PolygonRefinement:
+    if levels:
+        require_manifold(topology, "subdivision")
+    if isinstance(scheme, PolygonScheme):
+        polygons = topology if isinstance(topology, PolygonTopology) else PolygonTopology.of(topology)
+        return _refine_polygons(polygons, scheme, levels)
+    if isinstance(topology, PolygonTopology):
+        raise SchemeError(
+            "this scheme refines triangles, and the mesh is of polygons: triangulate it, or choose a scheme on "
+            "polygons, such as catmull-clark"
+        )
     if creases is not None:
-        require_takes_creases(scheme)
         require_creases(creases, topology)
     return _refine_triangles(topology, scheme, levels, creases)
 
 
 def _refine_triangles(topology: Topology, scheme: TriangleScheme, levels: int, creases: Creases | None) -> Refinement:
-    if levels:
-        require_manifold(topology, "subdivision")
-    num_coarse, operators = topology.num_verts, []
+    num_coarse, operators = topology.num_verts, list[csr_array]()
     for step in range(levels):
         division = divide(topology, scheme.split, step)
         operators.append(assemble(topology, scheme, division, creases))
         if scheme.push_back is not None and np.ndim(scheme.push_back.alpha):
-            finer = vertex_attribute_carry(topology, division) @ np.asarray(scheme.push_back.alpha)
-            scheme = replace(scheme, push_back=replace(scheme.push_back, alpha=finer))
+            scheme = scheme.with_alpha(vertex_attribute_carry(topology, division) @ np.asarray(scheme.push_back.alpha))
         topology = Topology(topology.num_verts + division.num_new, division.faces)
         creases = None if creases is None else creases.finer(topology.num_verts, topology.edges)
     return Refinement(num_coarse, tuple(operators), topology.faces, creases)
 
 
+def _refine_polygons(topology: PolygonTopology, scheme: PolygonScheme, levels: int) -> PolygonRefinement:
+    num_coarse, operators = topology.num_verts, list[csr_array]()
+    for step in range(levels):
+        division = divide_polygons(topology, scheme.split, step)
+        operators.append(assemble_polygons(topology, scheme, division))
+        if scheme.push_back is not None and np.ndim(scheme.push_back.alpha):
+            carry = assemble_polygons(topology, LINEAR[scheme.split], division)
+            scheme = scheme.with_alpha(carry @ np.asarray(scheme.push_back.alpha))
+        topology = division.finer
+    return PolygonRefinement(num_coarse, tuple(operators), topology)
+
+
 @overload
 def subdivide(
-    mesh: Mesh,
+    mesh: Mesh, scheme: TriangleScheme, levels: int = 1, *, creases: Creases | None = None, **parameters: ParameterValue
+) -> Mesh: ...
+@overload
+def subdivide(
+    mesh: Mesh | PolygonMesh,
+    scheme: PolygonScheme,
+    levels: int = 1,
+    *,
+    creases: None = None,
+    **parameters: ParameterValue,
+) -> PolygonMesh: ...
+@overload
+def subdivide(
+    mesh: Mesh | PolygonMesh,
     scheme: str | Scheme,
     levels: int = 1,
     *,
     creases: Creases | None = None,
     **parameters: ParameterValue,
-) -> Mesh: ...
+) -> Mesh | PolygonMesh: ...
 @overload
 def subdivide(
     mesh: Curves, scheme: str | Scheme, levels: int = 1, *, creases: None = None, **parameters: ParameterValue
 ) -> Curves: ...
 def subdivide(
-    mesh: Mesh | Curves,
+    mesh: Mesh | PolygonMesh | Curves,
     scheme: str | Scheme,
     levels: int = 1,
     *,
     creases: Creases | None = None,
     **parameters: ParameterValue,
-) -> Mesh | Curves:
+) -> Mesh | PolygonMesh | Curves:
     """Refine a mesh, or curves, by some levels of a subdivision scheme.
 
     Args:
-        mesh: an oriented manifold, closed or with boundary; or curves, for a scheme on curves.
+        mesh: an oriented manifold, closed or with boundary; of triangles, or of polygons for a scheme on these. Or
+            curves, for a scheme on curves.
         scheme: a spec such as `loop` or `interp-loop:alpha=0.5`, or a declared scheme.
-        levels: how many times; each makes 4 faces of one (√3 schemes: 3, and they refine the boundary at every second
-            level, so that two levels at once differ from one and one more where there is a boundary), or 2 segments of
-            one (ternary schemes: 3). The ends of open curves stay where they are.
+        levels: how many times; each makes 4 faces of one (√3 schemes: 3, √2 schemes: 2, and both refine the boundary at
+            every second level, so that two levels at once differ from one and one more where there is a boundary), or 2
+            segments of one (ternary schemes: 3). The ends of open curves stay where they are.
         creases: sharp edges and corners, for loop, interp-loop and midpoint; as `creases_by_angle` finds them.
         **parameters: of the scheme, in place of those in the spec. `alpha` may be a (V,) array of one value a vertex.
 
@@ -115,6 +169,9 @@ def subdivide(
 
         >>> subdivide(Curves.through([[0, 0, 0], [1, 0, 0], [1, 1, 0]]), "four-point", 3).num_segments
         16
+
+    Returns:
+        A mesh of triangles from a scheme on triangles, one of polygons from a scheme on polygons, and curves of curves.
 
     Raises:
         SchemeError: no such scheme or parameter, a value that is not allowed, or a scheme that refines something else
@@ -127,8 +184,12 @@ def subdivide(
         return Curves(curves(mesh.verts), curves.chains.corners, curves.chains.sizes, curves.chains.closed)
     if creases is not None and isinstance(scheme, str):
         require_takes_creases(declared, scheme)
-    refinement = refine(Topology.of(mesh), declared, levels, creases)
-    return Mesh(refinement(mesh.verts), refinement.faces)
+    topology = Topology.of(mesh) if isinstance(mesh, Mesh) else PolygonTopology.of(mesh)
+    refinement = refine(topology, declared, levels, creases)
+    verts = refinement(mesh.verts)
+    if isinstance(refinement, Refinement):
+        return Mesh(verts, refinement.faces)
+    return refinement.mesh(verts)
 
 
 def _declared(scheme: str | Scheme, parameters: Mapping[str, ParameterValue]) -> Scheme:

@@ -6,11 +6,14 @@ from math import prod
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
+from jaxtyping import Int64
 from scipy.sparse import csr_array, eye_array
 
 from meshfit.errors import MeshError
 from meshfit.mesh.curves import Chains
-from meshfit.mesh.mesh import Faces
+from meshfit.mesh.mesh import Faces, Verts
+from meshfit.mesh.polygon_topology import PolygonTopology
+from meshfit.mesh.polygons import PolygonMesh
 from meshfit.subdivision.creases import Creases
 
 if TYPE_CHECKING:
@@ -86,3 +89,25 @@ class CurveRefinement(Operators):
     """
 
     chains: Chains
+
+
+@dataclass(frozen=True, eq=False)
+class PolygonRefinement(Operators):
+    """What some levels of a scheme make of polygons.
+
+    Attributes:
+        finest: the finest connectivity.
+    """
+
+    finest: PolygonTopology
+
+    def mesh(self, verts: Verts) -> PolygonMesh:
+        """The finest faces with their verts at these places."""
+        return PolygonMesh(verts, self.finest.corners, self.finest.sizes)
+
+
+def faces_at(refinement: Refinement | PolygonRefinement, verts: Verts) -> Int64[np.ndarray, "G 3"]:
+    """The finest faces as triangles: polygons are cut by their shortest diagonals with their verts at these places."""
+    if isinstance(refinement, Refinement):
+        return refinement.faces
+    return refinement.mesh(verts).with_short_diagonals().triangulated().faces

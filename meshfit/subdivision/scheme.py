@@ -7,11 +7,12 @@ from typing import Literal
 from meshfit.errors import SchemeError
 from meshfit.specs import Value, suggest
 from meshfit.subdivision.curve_scheme import CurveScheme
+from meshfit.subdivision.polygon_scheme import PolygonScheme
 from meshfit.subdivision.triangle_scheme import TriangleScheme
 
 Kind = Literal["approximating", "interpolatory"]
 Domain = Literal["triangles", "polygons", "curves"]
-Scheme = TriangleScheme | CurveScheme
+Scheme = TriangleScheme | PolygonScheme | CurveScheme
 """A scheme, every parameter fixed."""
 
 

@@ -88,6 +88,8 @@ def _interp_sqrt3() -> TriangleScheme:
     return TriangleScheme(Split.SQRT3, mask, TERNARY_FOUR_POINT, spokes=SpokeMask(_labsik_greiner_spokes))
 
 
+MIDPOINT = _midpoint()
+"""Each edge in halves, and nothing moves."""
 LOOP = _loop("loop")
 """Loop 1987, with its own weights."""
 

@@ -1,4 +1,4 @@
-"""The schemes that the laws are stated over: all of the table, and further values of their parameters."""
+"""The schemes on triangles that the laws are stated over: all of the table, and further values of their parameters."""
 
 import numpy as np
 

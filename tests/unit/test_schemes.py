@@ -11,7 +11,6 @@ from meshfit.mesh.topology import Topology
 from meshfit.subdivision.choose import scheme_of
 from meshfit.subdivision.masks import CurveMask, EdgeMask, FaceMask, SpokeMask, VertMask
 from meshfit.subdivision.refine import refine
-from meshfit.subdivision.table import SCHEMES
 from meshfit.subdivision.triangle_scheme import PushBack, Split, TriangleScheme
 from meshfit.subdivision.triangle_table import TRIANGLE_SCHEMES
 from tests.shapes import mixed_closed, mixed_open, patch, torus
@@ -66,9 +65,9 @@ def test_parameters_in_the_table_matter_and_their_defaults_are_allowed(name):
         assert np.abs(matrices[0] - matrices[1]).max() > 1e-3, f"{key} changes nothing"
 
 
-@pytest.mark.parametrize("name", SCHEMES)
+@pytest.mark.parametrize("name", TRIANGLE_SCHEMES)
 def test_every_entry_tells_title_continuity_and_source(name):
-    entry = SCHEMES[name]
+    entry = TRIANGLE_SCHEMES[name]
     assert name == name.lower()
     assert " " not in name
     for text in (entry.title, entry.continuity, entry.source):

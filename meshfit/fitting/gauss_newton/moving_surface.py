@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass, replace
 
+import numpy as np
 import torch
-from jaxtyping import Float, Float64
+from jaxtyping import Float, Float64, Int64
 from torch import Generator, Tensor
 
 from meshfit.fitting.gauss_newton.equations import Control, Pattern, solve_step
@@ -16,14 +17,17 @@ from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.fitting.gauss_newton.webs import tension
 from meshfit.loss.sparse import Sparse
+from meshfit.mesh.mesh import Verts
 from meshfit.mesh.topology import Topology
 from meshfit.remeshing.moving import Moving
 from meshfit.remeshing.remesh import remeshed
-from meshfit.subdivision.choose import declared, scheme_of
+from meshfit.subdivision.choose import declared
+from meshfit.subdivision.flat import flat
 from meshfit.subdivision.limit import loop_limit
 from meshfit.subdivision.refine import refine
+from meshfit.subdivision.refinement import faces_at
 from meshfit.subdivision.scheme import Scheme
-from meshfit.subdivision.triangle_scheme import Split
+from meshfit.subdivision.triangle_scheme import TriangleScheme
 
 _REMESH_ROUNDS = 3
 # Lengths go down with curvature to this power where a connectivity is placed: the map gives way to part of it only.
@@ -133,27 +137,37 @@ class MovingSurface:
         stiffness = torch.where(held[:, None], (relaxed * _STIFFER).clamp_max(_STIFFEST), relaxed)
         return Taken(replace(self, verts=verts, stiffness=stiffness), pairs, int(held.sum()))
 
-    def controlling(self, scheme: str | Scheme, levels: int, *, limit: bool) -> "MovingSurface":
+    def controlling(
+        self, scheme: str | Scheme, levels: int, *, limit: bool, faces: Int64[Tensor, "G 3"] | None = None
+    ) -> "MovingSurface":
         """The surface as a control mesh, followed by some levels of a scheme.
 
         Args:
             scheme: the scheme.
             levels: how many.
             limit: put the verts of the last level where Loop subdivision would put them in the end.
+            faces: (G, 3) those of the last level, if it is known how its polygons are cut into triangles.
         """
         topology = Topology(len(self.verts), self.pattern.connectivity.faces.cpu().numpy())
-        refinement = refine(topology, declared(scheme), levels)
+        masks = declared(scheme)
+        refinement = refine(topology, masks, levels)
         matrix = refinement.matrix
+        if faces is None:
+            faces = torch.tensor(faces_at(refinement, matrix @ self._places))
         if limit:
-            matrix = loop_limit(Topology(matrix.shape[0], refinement.faces), declared(scheme)) @ matrix
+            assert isinstance(masks, TriangleScheme)  # noqa: S101  only Loop's have a limit that is known
+            matrix = loop_limit(Topology(matrix.shape[0], faces.numpy()), masks) @ matrix
         dtype, device = self.verts.dtype, self.verts.device
-        faces = torch.tensor(refinement.faces, device=device)
         followers = Followers(
-            Pattern(Connectivity(faces, matrix.shape[0], dtype)),
+            Pattern(Connectivity(faces.to(device), matrix.shape[0], dtype)),
             Sparse.of(matrix, dtype, device),
             Sparse.of(matrix.power(2), dtype, device),
         )
         return replace(self, on_sphere=None, followers=followers)
+
+    @property
+    def _places(self) -> Verts:
+        return np.asarray(self.verts.cpu().double().numpy())
 
     def refined(self, scheme: str | Scheme) -> "MovingSurface":
         """One level of a scheme, as far as it leaves the surface sound: elsewhere verts stay nearer to its faces.
@@ -162,17 +176,17 @@ class MovingSurface:
         """
         masks, device = declared(scheme), self.verts.device
         topology = Topology(len(self.verts), self.pattern.connectivity.faces.cpu().numpy())
-        refinement, verts = refine(topology, masks), self.verts.cpu().double().numpy()
-        fine = MovingSurface.of(
-            torch.as_tensor(refinement(verts)).to(self.verts), torch.tensor(refinement.faces, device=device)
-        )
-        flat = refine(topology, scheme_of("midpoint"))
-        if masks.split is not Split.QUADRISECT:
-            return fine.untangled()
-        start = torch.as_tensor(flat(verts)).to(self.verts)
-        stiffness = torch.as_tensor(flat(self.stiffness.cpu().double().numpy())).to(self.verts)
-        held, _ = guarded(fine.pattern.connectivity, start, fine.verts)
-        return replace(fine, verts=held, stiffness=stiffness).untangled()
+        refinement, verts = refine(topology, masks), self._places
+        fine = refinement(verts)
+        faces = torch.tensor(faces_at(refinement, fine), device=device)
+        surface, linear = MovingSurface.of(torch.as_tensor(fine).to(self.verts), faces), flat(masks)
+        if linear is None:
+            return surface.untangled()
+        between = refine(topology, linear)
+        start = torch.as_tensor(between(verts)).to(self.verts)
+        stiffness = torch.as_tensor(between(self.stiffness.cpu().double().numpy())).to(self.verts)
+        held, _ = guarded(surface.pattern.connectivity, start, surface.verts)
+        return replace(surface, verts=held, stiffness=stiffness).untangled()
 
     def untangled(self) -> "MovingSurface":
         """The surface with unsound faces smoothed away, as far as that goes; as it is if it follows a control mesh."""

@@ -1,0 +1,66 @@
+"""Eigenvalues around boundary verts, against closed forms, tabulated values and the tests' own local matrices."""
+
+from math import cos, pi
+
+import numpy as np
+import pytest
+
+from meshfit.errors import SchemeError
+from meshfit.subdivision.analysis.analyse import NEIGHBOURS, analyse
+from meshfit.subdivision.analysis.benches import bench_of
+from meshfit.subdivision.analysis.boundary import study_boundary
+from meshfit.subdivision.choose import scheme_of
+from tests.laws.local_matrix import boundary_matrix
+from tests.laws.test_subdivision_spectra import moduli
+
+INTERP_LOOP = {
+    2: (0.5, 0.25, 0.25),
+    3: (0.5, 0.391, 0.25),
+    4: (0.5, 0.5, 0.25),
+    5: (0.544, 0.5, 0.391),
+    6: (0.566, 0.5, 0.459),
+    7: (0.578, 0.5, 0.5),
+}
+
+
+def test_interp_loop():
+    found = {place.neighbours: place for place in analyse(scheme_of("interp-loop"), (5,)).boundary}
+    assert tuple(found) == NEIGHBOURS
+    for count, expected in INTERP_LOOP.items():
+        np.testing.assert_allclose(found[count].moduli, expected, rtol=0, atol=6e-4)
+
+
+def test_loop_in_closed_form():
+    """With k neighbours, 3/8 + cos(π j / (k - 1)) / 4 beside the curve's 1/2.
+
+    From 7 on two of them are no less than 1/2, so that the boundary's tangent is not in the tangent plane (Biermann,
+    Levin and Zorin 2000, Piecewise smooth subdivision surfaces with normal control).
+    """
+    for place in analyse(scheme_of("loop"), (5,)).boundary[1:]:
+        k = place.neighbours
+        across = [3 / 8 + cos(pi * j / (k - 1)) / 4 for j in range(1, k - 1)]
+        expected = sorted([1 / 2, 1 / 4, *across], reverse=True)[:3]
+        np.testing.assert_allclose(place.moduli, expected, rtol=0, atol=1e-7)  # 1/2 is double at 7
+        assert place.in_order == (k < 7)
+
+
+@pytest.mark.parametrize("spec", ["loop", "interp-loop", "butterfly", "modified-butterfly", "interp-loop:alpha=0.5"])
+@pytest.mark.parametrize("count", [3, 5, 6])
+def test_the_tests_own_matrices_have_the_same_eigenvalues(spec, count):
+    place = study_boundary(bench_of(scheme_of(spec)), 1, 2, 2, count)
+    theirs = moduli(boundary_matrix(count, spec, 3))
+    np.testing.assert_allclose(place.moduli, theirs[1:4], rtol=0, atol=1e-5)
+
+
+def test_sqrt3_has_the_ternary_curves_eigenvalue():
+    for name in ("sqrt3", "interp-sqrt3"):
+        for place in analyse(scheme_of(name), (5,)).boundary:
+            assert min(abs(value - 1 / 3) for value in place.moduli) < 1e-9
+
+
+def test_refusals():
+    with pytest.raises(SchemeError, match="2 or more"):
+        study_boundary(bench_of(scheme_of("loop")), 1, 2, 2, 1)
+    with pytest.raises(SchemeError, match="no boundary verts"):
+        study_boundary(bench_of(scheme_of("four-point")), 1, 2, 2, 3)
+    assert analyse(scheme_of("loop"), ()).boundary == ()

@@ -1,0 +1,148 @@
+"""Schemes that are broken on purpose: each in one way, which the analysis must find."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from meshfit.errors import SchemeError
+from meshfit.subdivision.analysis.analyse import analyse
+from meshfit.subdivision.analysis.benches import bench_of
+from meshfit.subdivision.analysis.characteristic import characteristic_net, corner_turns
+from meshfit.subdivision.analysis.local_matrix import PAD, invariant_matrix
+from meshfit.subdivision.analysis.odd_place import wheels
+from meshfit.subdivision.analysis.verdict import verdict, warnings_of
+from meshfit.subdivision.choose import scheme_of
+from meshfit.subdivision.masks import CurveMask, EdgeMask, SpokeMask, VertMask
+from meshfit.subdivision.triangle_scheme import Split, TriangleScheme
+
+BUTTERFLY = scheme_of("butterfly")
+HALF = Fraction(1, 2)
+LINEAR = CurveMask({0: Fraction(1)}, ({0: HALF, 1: HALF},))
+
+
+def with_ring_eigenvalues(*by_mode: float, turned: float = 0.0) -> TriangleScheme:
+    """The butterfly, but the one-ring of an extraordinary vertex has one eigenvalue for each Fourier mode from 0.
+
+    Modes beyond those given have 0. The first ring turns by the angle `turned` at each step.
+    """
+
+    def weights(n: int) -> tuple[float, ...]:
+        ring = np.zeros(n)
+        for mode, value in enumerate(by_mode[: n // 2 + 1]):
+            double = 1 if mode == 0 or 2 * mode == n else 2
+            ring += double * value * np.cos(2 * np.pi * mode * np.arange(n) / n + (mode == 1) * turned) / n
+        return (1 - float(ring.sum()), *ring.tolist())
+
+    return TriangleScheme(BUTTERFLY.split, BUTTERFLY.inserted, BUTTERFLY.boundary, spokes=SpokeMask(weights))
+
+
+def test_the_construction_gives_what_it_says():
+    for place in analyse(with_ring_eigenvalues(0.25, 0.5, 0.3), (5, 7, 8)).places:
+        assert place.spectrum.leading.value == pytest.approx(0.5, abs=1e-12)
+        assert place.spectrum.rest.modulus == pytest.approx(0.3, abs=1e-9)
+        assert place.spectrum.rest.mode == 2
+        assert place.fault == ""
+
+
+def test_leading_eigenvalue_of_another_mode():
+    found = analyse(with_ring_eigenvalues(0.25, 0.3, 0.6), (5, 6, 7, 8))
+    assert found.failing == (5, 7, 8)
+    assert {place.spectrum.rest.mode for place in found.places if place.valence != 6} == {2}
+    assert verdict(found) == "C1 on regular meshes (s2 = 2.441); C1 fails at valences 5 and 7 to 8"
+    said = list(warnings_of(found))
+    assert said[0] == "C1 fails at valence 5: |λ| = 0.6000 of mode 2 exceeds 0.3000 of mode 1"
+
+
+def test_leading_eigenvalue_of_mode_0():
+    found = analyse(with_ring_eigenvalues(0.7, 0.5), (4, 5))
+    assert found.failing == (4, 5)
+    assert all("0.7000 of mode 0 exceeds 0.5000 of mode 1" in place.fault for place in found.places)
+
+
+@pytest.mark.parametrize("value", [-0.5, 1.2])
+@pytest.mark.parametrize("n", [4, 5])
+def test_leading_eigenvalue_that_is_not_between_0_and_1(value, n):
+    (place,) = analyse(with_ring_eigenvalues(0.25, value), (n,)).places
+    assert place.fault == f"the largest eigenvalue of mode 1 is {value:.4f}, not between 0 and 1"
+
+
+def test_rings_that_turn_have_a_complex_leading_eigenvalue():
+    (place,) = analyse(with_ring_eigenvalues(0.25, 0.5, turned=0.5), (7,)).places
+    assert "±" in place.fault
+    assert place.spectrum.leading.modulus == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(("valence", "folds"), [(5, False), (9, True), (12, True)])
+def test_characteristic_map_that_folds(valence, folds):
+    """λ1 = 0.13 leads, but so little of the regular rules' 1/8 that the second ring is turned over.
+
+    Its verts beside the spokes lie in direction (1/2 - 1/(16 λ)) (a + b) - (c + d) / 16, where a, b are the neighbours
+    in the first ring and c, d those beyond, which is inwards where there are many.
+    """
+    found = analyse(with_ring_eigenvalues(0.05, 0.13), (valence,))
+    (place,) = found.places
+    assert place.spectrum.fault == ""
+    assert place.regular_map != folds
+    assert found.failing == ((valence,) if folds else ())
+    if folds:
+        assert list(warnings_of(found)) == [f"C1 fails at valence {valence}: the characteristic map folds"]
+
+
+@pytest.mark.parametrize("spec", ["loop", "interp-loop", "modified-butterfly", "sqrt3", "interp-sqrt3"])
+@pytest.mark.parametrize("n", [4, 7])
+def test_all_of_the_map_around_the_centre_is_looked_at(spec, n):
+    """Every corner of a refined face in the first ring is finite; the net is an eigenvector, which turns once."""
+    scheme = scheme_of(spec)
+    steps, dilation = (2, 3) if "sqrt3" in spec else (1, 2)
+    found = analyse(scheme, (n,))
+    wheel_of = wheels(bench_of(scheme), n)
+    matrix = invariant_matrix(wheel_of, steps, found.places[0].rings + 1)
+    wheel = wheel_of(matrix.rings + PAD)
+    net = characteristic_net(matrix, wheel)
+    np.testing.assert_allclose(net[wheel.turns[0]], np.exp(2j * np.pi * np.arange(n) / n), rtol=0, atol=1e-12)
+    finer = wheel.refine(2 * steps)
+    reached = {0}
+    halfedges = finer.topology
+    for _ in range(dilation**2):
+        near = np.isin(halfedges.tail, list(reached))
+        reached = set(halfedges.head[near].tolist()) | reached
+    turns = corner_turns(halfedges, finer.carry(net))
+    inside = np.isin(halfedges.tail, list(reached)) & np.isin(halfedges.head, list(reached))
+    inside &= inside[halfedges.following(np.arange(len(inside)))]
+    assert inside.sum() >= 3 * n * dilation**4
+    assert (turns[inside] > 0).all()
+
+
+def test_a_scheme_that_does_not_converge():
+    """Old verts get -1 of themselves: rows sum to one, but the limit is nowhere continuous."""
+    wild = TriangleScheme(Split.QUADRISECT, EdgeMask(HALF), LINEAR, vert=VertMask(lambda n: 2.0))
+    found = analyse(wild, (5,))
+    assert found.continuity == -1
+    assert found.failing == (5,)
+    assert verdict(found).startswith("continuity is not shown on regular meshes")
+
+
+def test_linear_interpolation_is_c0_and_not_c1():
+    found = analyse(scheme_of("midpoint"))
+    assert verdict(found) == "C0 on regular meshes (s2 = 1.500), not C1"
+    assert list(warnings_of(found)) == []
+
+
+def test_eigenvalues_that_decide_need_not_be_near_one():
+    """What a vertex mask takes from the ring moves an eigenvalue of mode 0, below 0 too, and none of mode 1."""
+    for ring in (0.01, 0.3, 0.99):
+        loop = scheme_of("loop")
+        scheme = TriangleScheme(loop.split, loop.inserted, loop.boundary, vert=VertMask(lambda n, ring=ring: ring))
+        (place,) = analyse(scheme, (5,)).places
+        radial = max(abs(5 / 8 - ring), 0)
+        assert place.spectrum.leading.value == pytest.approx(3 / 8 + np.cos(2 * np.pi / 5) / 4)
+        if radial > 0.3:
+            assert place.spectrum.rest.modulus == pytest.approx(radial)
+            assert place.spectrum.rest.mode == 0
+
+
+def test_stencils_too_wide_for_any_ring_are_refused(monkeypatch):
+    monkeypatch.setattr("meshfit.subdivision.analysis.local_matrix.MOST_RINGS", 1)
+    with pytest.raises(SchemeError, match="1 rings around a vertex do not follow"):
+        analyse(BUTTERFLY, (5,))

@@ -1,0 +1,134 @@
+"""Analyses of schemes on polygons, against closed forms and tabulated eigenvalues."""
+
+from math import cos, pi, sqrt
+
+import numpy as np
+import pytest
+
+from meshfit.subdivision.analysis.analyse import VALENCES, analyse
+from meshfit.subdivision.analysis.benches import bench_of
+from meshfit.subdivision.analysis.lattice import regular_mask
+from meshfit.subdivision.analysis.matching import match_wheel
+from meshfit.subdivision.analysis.verdict import verdict
+from meshfit.subdivision.choose import scheme_of
+from meshfit.subdivision.table import SCHEMES
+
+NAMES = [name for name, entry in SCHEMES.items() if entry.domain == "polygons"]
+# Exponent, degrees reproduced and generated, and continuity: of tensor products of splines and of the four-point
+# scheme, and of the box spline of four directions, each taken twice, which √2 has in regular meshes.
+REGULAR = {
+    "catmull-clark": (3.5, 1, 3, 2),
+    "doo-sabin": (2.5, 1, 2, 1),
+    "kobbelt": (2.4408, 3, 3, 1),
+    "ternary": (3.5, 1, 3, 2),
+    "interp-ternary": (2.2106, 3, 3, 1),
+    "sqrt2": (5.5, 1, 5, 4),
+    "interp-catmull-clark:alpha=0": (3.5, 1, 3, 2),
+    "interp-sqrt2:alpha=0": (5.5, 1, 5, 4),
+}
+LEADING = {
+    "kobbelt": {3: (0.426, 0.25), 5: (0.538, 0.362), 6: (0.560, 0.426), 8: (0.582, 0.5), 12: (0.599, 0.560)},
+    "sqrt2": {3: (0.408, 0.25), 4: (0.5, 0.25), 5: (0.551, 0.338), 8: (0.614, 0.5)},
+    "interp-sqrt2": {3: (0.416, 0.364), 4: (0.5, 0.364), 5: (0.545, 0.364), 8: (0.597, 0.5)},
+}
+
+
+@pytest.mark.parametrize("spec", REGULAR)
+def test_regular_meshes(spec):
+    found = analyse(scheme_of(spec), ())
+    s2, reproduced, generated, continuity = REGULAR[spec]
+    assert found.s2 == pytest.approx(s2, abs=6e-4)
+    assert (found.reproduced, found.generated, found.continuity) == (reproduced, generated, continuity)
+    assert found.stable == ("sqrt2" not in spec)
+    assert found.domain == "polygons"
+
+
+@pytest.mark.parametrize("n", VALENCES)
+def test_catmull_clark_in_closed_form(n):
+    (place,) = analyse(scheme_of("catmull-clark"), (n,)).places
+    c = cos(2 * pi / n)
+    assert place.spectrum.leading.value == pytest.approx((5 + c + cos(pi / n) * sqrt(2 * (9 + c))) / 16, abs=1e-12)
+    assert (place.fault, place.regular_map, place.spectrum.multiplicity) == ("", True, 2)
+
+
+def test_doo_sabin_in_closed_form():
+    """Made for the eigenvalues 1, 1/2, 1/2, 1/4 at faces of any number of corners."""
+    found = analyse(scheme_of("doo-sabin"))
+    assert (found.odd, found.support.radius, found.support.stencils) == ("face", 1.5, (4, 4))
+    for place in found.places:
+        assert place.spectrum.leading.value == pytest.approx(1 / 2, abs=1e-9)
+        assert place.spectrum.rest.modulus == pytest.approx(1 / 4, abs=1e-6)
+        assert (place.fault, place.spectrum.curvature) == ("", "bounded")
+    assert verdict(found) == "C1 on regular meshes (s2 = 2.500); C1 at faces of 3 to 12 corners"
+
+
+@pytest.mark.parametrize("spec", LEADING)
+def test_leading_eigenvalues_are_those_of_the_tables(spec):
+    for place in analyse(scheme_of(spec), tuple(LEADING[spec])).places:
+        found = place.spectrum.leading.modulus, place.spectrum.rest.modulus
+        np.testing.assert_allclose(found, LEADING[spec][place.valence], rtol=0, atol=6e-4)
+        assert (place.fault, place.regular_map) == ("", True)
+
+
+def test_masks_are_tensor_products():
+    for spec, line in (("catmull-clark", [1, 4, 6, 4, 1]), ("doo-sabin", [1, 3, 3, 1])):
+        mask = regular_mask(bench_of(scheme_of(spec)))
+        middle = (len(line) - 1) / 2
+        found = {tuple(offset): weight for offset, weight in zip(mask.offsets, mask.weights, strict=True)}
+        scale = sum(line) / 2
+        wanted = {(i - middle, j - middle): a * b / scale**2 for i, a in enumerate(line) for j, b in enumerate(line)}
+        assert found.keys() == wanted.keys()
+        np.testing.assert_allclose([found[key] for key in wanted], list(wanted.values()), rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_dilations(name):
+    mask = regular_mask(bench_of(scheme_of(name)))
+    expected = {"sqrt2": (2, 2), "interp-sqrt2": (2, 2), "ternary": (3, 1), "interp-ternary": (3, 1)}
+    assert (mask.dilation, mask.steps) == expected.get(name, (2, 1))
+    assert mask.weights.sum() == pytest.approx(mask.dilation**2, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["ternary", "interp-ternary"])
+def test_valences_without_a_rule_are_told(name):
+    found = analyse(scheme_of(name))
+    assert [place.valence for place in found.places] == [4]
+    assert found.unruled == (3, *range(5, 13))
+    assert verdict(found).endswith("; C1 at valence 4; no rule at valences 3 and 5 to 12")
+
+
+@pytest.mark.parametrize(("spec", "steps"), [("catmull-clark", 1), ("doo-sabin", 1), ("sqrt2", 2), ("kobbelt", 1)])
+@pytest.mark.parametrize("n", [3, 4, 7])
+def test_rings_are_matched_where_they_lie(spec, steps, n):
+    """Linear interpolation shrinks a wheel towards its centre, so that the directions of the first row stay."""
+    wheel = bench_of(scheme_of(spec)).wheel(n, 6)
+    fine = wheel.refine(steps).topology
+    matched = match_wheel(wheel, fine, wheel.locate(steps), 2)[wheel.within(2)]
+    assert len(set(matched.tolist())) == len(matched)
+    there, here = wheel.locate(steps)[matched], wheel.places[wheel.within(2)]
+    first = np.isin(wheel.within(2), wheel.turns[0])
+    np.testing.assert_allclose(np.angle(there[first] / here[first]), 0, atol=1e-12)
+
+
+def test_every_valence_of_a_wheel_is_what_it_says():
+    for spec, hub in (("catmull-clark", True), ("doo-sabin", False)):
+        wheel = bench_of(scheme_of(spec)).wheel(5, 3)
+        topology = wheel.topology
+        inner = ~topology.boundary_verts
+        assert wheel.hub == hub
+        if hub:
+            assert topology.valence[0] == 5
+            assert set(topology.valence[inner][1:].tolist()) == {4}
+            assert set(topology.sizes.tolist()) == {4}
+        else:
+            assert set(topology.valence[inner].tolist()) == {4}
+            assert sorted(set(topology.sizes.tolist())) == [4, 5]
+        assert not np.any(topology.faces_per_edge > 2)
+
+
+@pytest.mark.parametrize("alpha", [0.25, 0.5, 1.0])
+def test_blends_are_smooth_at_all_valences(alpha):
+    for name in ("interp-catmull-clark", "interp-sqrt2"):
+        found = analyse(scheme_of(f"{name}:alpha={alpha}"), (3, 5, 8))
+        assert (found.failing, found.alphas) == ((), {})
+        assert found.continuity >= 1
