@@ -26,12 +26,16 @@ OPEN = {
 }
 
 
-SAFE = {name: make for name, make in CLOSED.items() if name != "mixed"} | {"icosahedron": icosahedron}
+EQUAL = {name: CLOSED[name] for name in ("cube", "prism of 3", "prism of 5")} | {"icosahedron": icosahedron}
 
 
-@pytest.mark.parametrize("make", SAFE.values(), ids=SAFE)
+@pytest.mark.parametrize("make", EQUAL.values(), ids=EQUAL)
 def test_doo_sabin_is_pymeshlabs(make):
-    """In single precision, as triangles, so that verts are what can be told; on some meshes it never returns."""
+    """In single precision, as triangles, so that verts are what can be told.
+
+    Only on triangles and affine images of regular polygons: pymeshlab takes the mean of a corner and of its face's mean,
+    which is Doo and Sabin's rule there and nowhere else. On meshes of mixed valence it may never return.
+    """
     mesh = PolygonMesh.of(make())
     meshes = pymeshlab.MeshSet()
     faces = [np.array(row, dtype=np.uint32) for row in face_rows(mesh)]
