@@ -33,7 +33,7 @@ EQUAL = {name: CLOSED[name] for name in ("cube", "prism of 3", "prism of 5")} | 
 def test_doo_sabin_is_pymeshlabs(make):
     """In single precision, as triangles, so that verts are what can be told.
 
-    Only on triangles and affine images of regular polygons: pymeshlab takes the mean of a corner and of its face's mean,
+    Only on triangles and affine images of regular polygons: pymeshlab takes the mean of a corner and the face,
     which is Doo and Sabin's rule there and nowhere else. On meshes of mixed valence it may never return.
     """
     mesh = PolygonMesh.of(make())
