@@ -156,7 +156,7 @@ def _check_target(target: str) -> str:
 def _check_source(settings: SourceSettings, schemes: tuple[NamedScheme, ...]) -> tuple[tuple[str, str], ...]:
     files = source_files(settings)
     for scheme in schemes:
-        short = settings.model_copy(update={"levels": min(settings.levels, 1)})
+        short = settings.model_copy(update={"levels": min(settings.levels, 1), "verts": None})
         build_source(short, scheme.declared(), scheme.spec)
     return tuple((role, file_sha256(target_path(name))) for role, name in files.items())
 

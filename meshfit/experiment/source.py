@@ -71,10 +71,10 @@ def _nearest_in_size(
     """As many levels as bring the number of verts nearest to that, by its ratio."""
     last = refine(topology, scheme, 0, creases)
     for levels in range(1, MOST_LEVELS + 1):
-        if len(last.matrix) >= wanted:
+        if last.num_fine >= wanted:
             break
         finer = refine(topology, scheme, levels, creases)
-        if abs(log(len(finer.matrix) / wanted)) >= abs(log(len(last.matrix) / wanted)):
+        if abs(log(finer.num_fine / wanted)) >= abs(log(last.num_fine / wanted)):
             break
         last = finer
     return last

@@ -34,6 +34,11 @@ class Operators:
     num_coarse: int
     operators: tuple[csr_array, ...]
 
+    @property
+    def num_fine(self) -> int:
+        """V', the number of vertices of the finest level."""
+        return self.operators[-1].shape[0] if self.operators else self.num_coarse
+
     @cached_property
     def matrix(self) -> csr_array:
         """All levels in one: sparse (V', V), verts_fine = matrix @ verts_coarse."""
