@@ -50,10 +50,11 @@ def test_the_config_examples_are_configs(tmp_path):
     for number, example in enumerate(blocks("yaml")):
         (tmp_path / f"{number}.yaml").write_text(example)
         loaded.append(load_experiment(str(tmp_path / f"{number}.yaml")).settings)
-    config, grid, named = loaded
+    config, grid, named, own = loaded
     assert config.fit.losses.edge == 0.5
     assert len(variants_of(grid)) == 8
     assert [variant.name for variant in variants_of(named)] == ["as it is", "softer", "second engine"]
+    assert own.schemes == ("loop", "my-loop", "softer:alpha=0.3")
 
 
 @pytest.mark.parametrize("line", re.findall(r"^    (meshfit .+?) *(?:#.*)?$", README, flags=re.MULTILINE))

@@ -65,3 +65,33 @@ def test_projection_counts_levels_as_the_scheme_does(tmp_path):
 def test_an_unknown_base_is_refused_with_what_is_allowed(name):
     with pytest.raises(ConfigError, match=r"source\.mesh: .*(icosahedron|level)"):
         build_source(SourceSettings(mesh=name), "loop")
+
+
+@pytest.mark.parametrize(
+    ("scheme", "wanted", "verts"),
+    [
+        ("loop", 2562, 2562),
+        ("loop", 1500, 2562),  # 642 is farther by its ratio
+        ("loop", 1200, 642),
+        ("loop", 4, 12),
+        ("sqrt3", 2562, 2432),
+        ("catmull-clark", 2562, 3842),
+        ("sqrt2", 2562, 1922),
+    ],
+)
+def test_verts_takes_as_many_levels_as_come_nearest(scheme, wanted, verts):
+    assert build_source(SourceSettings(verts=wanted), scheme).num_verts == verts
+
+
+def test_verts_takes_the_place_of_levels_and_neither_changes_the_other():
+    by_number, by_levels = (build_source(SourceSettings(**asked), "sqrt3") for asked in ({"verts": 92}, {"levels": 2}))
+    assert (by_number.verts == by_levels.verts).all()
+    assert (by_number.faces == by_levels.faces).all()
+
+
+def test_verts_that_no_level_reaches_take_the_finest_allowed():
+    coarse = SourceSettings(mesh="tetrahedron", verts=10**9)
+    assert (
+        build_source(coarse, "sqrt3").num_verts
+        == build_source(coarse.model_copy(update={"verts": None, "levels": 8}), "sqrt3").num_verts
+    )
