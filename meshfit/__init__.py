@@ -13,9 +13,10 @@ if TYPE_CHECKING:
     from meshfit.fitting.problem import Diverged, Problem
     from meshfit.fitting.run import FitResult
     from meshfit.measuring.measure import Measurement, measure
-    from meshfit.mesh.files import load_mesh, save_mesh
+    from meshfit.mesh.files import load_mesh, load_polygons, save_mesh
     from meshfit.mesh.frames import Frame, frame_of
     from meshfit.mesh.mesh import Mesh
+    from meshfit.mesh.polygons import PolygonMesh
     from meshfit.mesh.targets import load_target
     from meshfit.subdivision.refine import refine, subdivide
     from meshfit.subdivision.refinement import Refinement
@@ -31,10 +32,12 @@ _HOMES = {
     "Measurement": "meshfit.measuring.measure",
     "measure": "meshfit.measuring.measure",
     "load_mesh": "meshfit.mesh.files",
+    "load_polygons": "meshfit.mesh.files",
     "save_mesh": "meshfit.mesh.files",
     "Frame": "meshfit.mesh.frames",
     "frame_of": "meshfit.mesh.frames",
     "Mesh": "meshfit.mesh.mesh",
+    "PolygonMesh": "meshfit.mesh.polygons",
     "load_target": "meshfit.mesh.targets",
     "Refinement": "meshfit.subdivision.refinement",
     "refine": "meshfit.subdivision.refine",
@@ -49,12 +52,14 @@ __all__ = [
     "Mesh",
     "MeshfitError",
     "MeshfitWarning",
+    "PolygonMesh",
     "Problem",
     "Refinement",
     "fit",
     "fit_batch",
     "frame_of",
     "load_mesh",
+    "load_polygons",
     "load_target",
     "measure",
     "refine",
