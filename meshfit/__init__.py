@@ -15,9 +15,10 @@ if TYPE_CHECKING:
     from meshfit.measuring.measure import Measurement, measure
     from meshfit.mesh.curve_files import load_curves, save_curves
     from meshfit.mesh.curves import Curves
-    from meshfit.mesh.files import load_mesh, save_mesh
+    from meshfit.mesh.files import load_mesh, load_polygons, save_mesh
     from meshfit.mesh.frames import Frame, frame_of
     from meshfit.mesh.mesh import Mesh
+    from meshfit.mesh.polygons import PolygonMesh
     from meshfit.mesh.targets import load_target
     from meshfit.subdivision.creases import Creases, creases_by_angle
     from meshfit.subdivision.limit import loop_limit
@@ -39,10 +40,12 @@ _HOMES = {
     "load_curves": "meshfit.mesh.curve_files",
     "save_curves": "meshfit.mesh.curve_files",
     "load_mesh": "meshfit.mesh.files",
+    "load_polygons": "meshfit.mesh.files",
     "save_mesh": "meshfit.mesh.files",
     "Frame": "meshfit.mesh.frames",
     "frame_of": "meshfit.mesh.frames",
     "Mesh": "meshfit.mesh.mesh",
+    "PolygonMesh": "meshfit.mesh.polygons",
     "load_target": "meshfit.mesh.targets",
     "Creases": "meshfit.subdivision.creases",
     "creases_by_angle": "meshfit.subdivision.creases",
@@ -65,6 +68,7 @@ __all__ = [
     "Mesh",
     "MeshfitError",
     "MeshfitWarning",
+    "PolygonMesh",
     "Problem",
     "Refinement",
     "creases_by_angle",
@@ -73,6 +77,7 @@ __all__ = [
     "frame_of",
     "load_curves",
     "load_mesh",
+    "load_polygons",
     "load_target",
     "loop_limit",
     "loop_limit_normals",

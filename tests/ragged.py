@@ -41,7 +41,9 @@ def bytes_of(outcome: FitResult | Diverged) -> tuple[object, ...]:
 
 def alone(problem: Problem, **changes: object) -> FitResult | Diverged:
     """What becomes of a problem without company."""
+    given = dict(vars(problem))
+    polygons, source = given.pop("polygons"), given.pop("source")
     try:
-        return fit(**vars(problem), **changes)
+        return fit(polygons or source, **given, **changes)
     except Diverged as diverged:
         return diverged

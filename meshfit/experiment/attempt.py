@@ -6,8 +6,6 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
-import numpy as np
-
 from meshfit.config.strict_yaml import dump
 from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.experiment.checkpoints import read_checkpoint, write_checkpoint
@@ -46,7 +44,6 @@ class Attempt:
         self.trial, self.store, self.on_progress = trial, store, on_progress
         self.outcome: Outcome | None = None
         self._journal: Journal | None = None
-        self._polygons: PolygonMesh | None = None
         self._seconds: Callable[[], float] = lambda: 0.0
 
     def start(self) -> None:
@@ -70,7 +67,6 @@ class Attempt:
             for role, name in source_files(placed_source).items():
                 _check_unchanged(name, inputs.get(role))
             built = build_source(placed_source, scheme)
-            self._polygons = built if isinstance(built, PolygonMesh) else None
             triangles = built.triangulated() if isinstance(built, PolygonMesh) else built
             source = aligned(triangles, self._target, settings.source.align)
             _warn_of_differences(source, self._target)
@@ -79,7 +75,8 @@ class Attempt:
             self._note(f"warning: {note}")
         self.store.write(self.trial, "config.yaml", dump(self.trial.plain_settings))
         self._source = source
-        self._write_mesh("source.ply", source)
+        polygons = built.with_verts(source.verts) if isinstance(built, PolygonMesh) else None
+        self._write_mesh("source.ply", polygons or source)
         checkpoint = self._checkpoint()
         before = checkpoint.get("seconds", 0.0) if checkpoint is not None else 0.0
         if checkpoint is not None:
@@ -94,6 +91,7 @@ class Attempt:
             scheme=scheme,
             on_snapshot=lambda step, mesh: write_snapshot(self.trial, self.store, step, self._encoded(mesh)),
             save=lambda state: write_checkpoint(self.trial, self.store, state | {"seconds": self._seconds()}),
+            polygons=polygons,
         )
 
     def _checkpoint(self) -> Checkpoint | None:
@@ -109,7 +107,7 @@ class Attempt:
     def finish(self, fitted: FitResult) -> None:
         """Measure and write."""
         seconds = {"fit": self._seconds()}
-        self._write_mesh("result.ply", fitted.mesh)
+        self._write_mesh("result.ply", fitted.polygons or fitted.mesh)
         if fitted.control is not None:
             self._write_mesh("control.ply", fitted.control)
         self.store.write(self.trial, "trace.csv", fitted.trace.to_csv())
@@ -129,7 +127,7 @@ class Attempt:
     def fail(self, error: Exception) -> None:
         """Record why it failed."""
         if isinstance(error, Diverged):
-            self.store.write(self.trial, LAST_GOOD, encode_mesh(self._with_polygons(error.last_good), ".ply"))
+            self.store.write(self.trial, LAST_GOOD, encode_mesh(error.last_good, ".ply"))
             self.store.write(self.trial, "trace.csv", error.trace.to_csv())
         step = self._journal.step.done if self._journal and self._journal.step else None
         record = failure_of(self.trial, error, step, failed_attempts(self.trial, self.store) + 1)
@@ -156,19 +154,12 @@ class Attempt:
         if self._journal is not None:
             self._journal.close(text)
 
-    def _write_mesh(self, name: str, mesh: Mesh) -> None:
+    def _write_mesh(self, name: str, mesh: Mesh | PolygonMesh) -> None:
         self.store.write(self.trial, name, self._encoded(mesh))
 
-    def _encoded(self, mesh: Mesh) -> bytes:
+    def _encoded(self, mesh: Mesh | PolygonMesh) -> bytes:
         own = self.trial.settings.write_frame == "target"
-        return encode_mesh(self._with_polygons(self._frame.restore(mesh) if own else mesh), ".ply")
-
-    def _with_polygons(self, mesh: Mesh) -> Mesh | PolygonMesh:
-        """The mesh with the polygons of the source, whose fans its triangles are; as it is where it has others."""
-        polygons = self._polygons
-        if polygons is None or not np.array_equal(mesh.faces, self._source.faces):
-            return mesh
-        return polygons.with_verts(mesh.verts)
+        return encode_mesh(mesh.with_verts(self._frame.restored(mesh.verts)) if own else mesh, ".ply")
 
 
 class _Placed(NamedTuple):

@@ -22,6 +22,7 @@ from meshfit.experiment.store import Result, RunDirectory
 from meshfit.fitting.progress import Interrupted
 from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.subdivision.catalogue import NamedScheme
+from meshfit.subdivision.growth import growth
 
 _PROBE_SECONDS = {"first-order": 2.0, "gauss-newton": 8.0}
 _WARM_UP_STEPS = 3
@@ -106,7 +107,9 @@ def _work(trial: Trial) -> float:
     fit, verts = trial.settings.fit, _num_verts(trial.settings.source, trial.named_scheme)
     if isinstance(fit, FirstOrderSettings):
         return fit.steps * (fit.samples + verts / _VERTS_PER_SAMPLE)
-    return float(fit.steps * (fit.verts if fit.connectivity == "remeshed" else verts * 4**fit.levels))
+    if fit.connectivity == "remeshed":
+        return float(fit.steps * fit.verts)
+    return float(fit.steps * verts * growth(trial.named_scheme.declared(), fit.levels))
 
 
 @cache

@@ -20,6 +20,7 @@ from meshfit.loss.surface import FaceGeometry, Faces, Surface
 from meshfit.loss.terms import LAPLACIANS, TERMS, State, Term
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.nearest import in_spatial_order, renumbered_by_faces
+from meshfit.mesh.polygons import PolygonMesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +100,11 @@ class FirstOrder:
     def mesh(self, member: int) -> Mesh:
         """A source as it lies now, in float64."""
         return self._as_mesh(member, self._start + self._offsets)
+
+    def polygons(self, member: int) -> PolygonMesh | None:
+        """The source's polygons, with their verts where the surface has them."""
+        polygons = self.problems[member].polygons
+        return None if polygons is None else polygons.with_verts(self.mesh(member).verts)
 
     def control(self, _member: int) -> None:
         """There is no control mesh: the verts themselves are solved for."""

@@ -18,6 +18,7 @@ from meshfit.fitting.run import Engine, FitResult, run
 from meshfit.fitting.settings import METHODS, Dtype, FirstOrderSettings, GaussNewtonSettings
 from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.polygons import PolygonMesh
 from meshfit.settings import build, override
 from meshfit.specs import suggest
 from meshfit.subdivision.scheme import Scheme
@@ -28,7 +29,7 @@ ENGINES: dict[str, Callable[..., Engine]] = {"first-order": FirstOrder, "gauss-n
 
 
 def fit(  # noqa: PLR0913  all but two are optional, by name
-    source: Mesh,
+    source: Mesh | PolygonMesh,
     target: Mesh,
     settings: Settings | None = None,
     *,
@@ -40,7 +41,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     on_step: Callable[[Step], None] | None = None,
     resume: Checkpoint | None = None,
     save: Callable[[Checkpoint], None] | None = None,
-    on_snapshot: Callable[[int, Mesh], None] | None = None,
+    on_snapshot: Callable[[int, Mesh | PolygonMesh], None] | None = None,
     **overrides: Any,  # noqa: ANN401  any key of the settings
 ) -> FitResult:
     """Deform a source mesh until it lies on a target.
@@ -48,7 +49,8 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     Lengths in the settings are those of the verts as given; normalise the target first, or use `meshfit run`.
 
     Args:
-        source: where to start; its faces are kept, refined or replaced, as the method says.
+        source: where to start; its faces are kept, refined or replaced, as the method says. Polygons are cut into the
+            fans from their first corners; see `PolygonMesh.with_short_diagonals`.
         target: what to reach.
         settings: of the fit, by its method; defaults are those of PyTorch3D's tutorial.
         scheme: the subdivision scheme that carries a Gauss–Newton fit from level to level.
@@ -73,7 +75,8 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         MeshError: a mesh that has no area or coordinates that are not finite.
         Diverged: a step was not finite.
     """
-    problem = Problem(source, target, seed, on_step, resume, save, scheme, on_snapshot)
+    triangles, polygons = (source, None) if isinstance(source, Mesh) else (source.triangulated(), source)
+    problem = Problem(triangles, target, seed, on_step, resume, save, scheme, on_snapshot, polygons)
     (outcome,) = fit_batch([problem], settings, device=device, dtype=dtype, threads=threads, **overrides)
     if isinstance(outcome, Diverged):
         raise outcome

@@ -8,6 +8,7 @@ from meshfit.errors import TrialError
 from meshfit.fitting.progress import Step
 from meshfit.fitting.trace import Trace
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.polygons import PolygonMesh
 from meshfit.subdivision.scheme import Scheme
 
 Checkpoint = dict[str, Any]
@@ -27,6 +28,7 @@ class Problem:
         scheme: the subdivision scheme that carries the fit from level to level, where the method has levels.
         on_snapshot: called with the number of steps made and the surface, as often as the settings want snapshots;
             before a checkpoint of the same step is saved.
+        polygons: whose fans the source's faces are, if they are any: schemes on polygons go on from these.
         on_step: called after every step; it may raise `Interrupted`.
         resume: a checkpoint of the same problem to go on from.
         save: called with a checkpoint every few seconds, and if an `on_step` raises `Interrupted`.
@@ -39,7 +41,8 @@ class Problem:
     resume: Checkpoint | None = None
     save: Callable[[Checkpoint], None] | None = None
     scheme: str | Scheme = "loop"
-    on_snapshot: Callable[[int, Mesh], None] | None = None
+    on_snapshot: Callable[[int, Mesh | PolygonMesh], None] | None = None
+    polygons: PolygonMesh | None = None
 
 
 class Diverged(TrialError):  # noqa: N818  an outcome of a fit, named as the field names it

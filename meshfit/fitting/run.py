@@ -11,6 +11,7 @@ from meshfit.fitting.problem import Checkpoint, Diverged, Problem
 from meshfit.fitting.progress import Interrupted, Step
 from meshfit.fitting.trace import Trace
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.polygons import PolygonMesh
 
 SECONDS_BETWEEN_CHECKPOINTS = 2.0
 
@@ -35,6 +36,9 @@ class Engine(Protocol):
 
     def mesh(self, member: int) -> Mesh:
         """The surface of a problem as it lies now."""
+
+    def polygons(self, member: int) -> PolygonMesh | None:
+        """The polygons whose fans the faces of this surface are, if they are any."""
 
     def control(self, member: int) -> Mesh | None:
         """The control mesh that this surface is the refinement of, if that was solved for."""
@@ -61,12 +65,14 @@ class FitResult:
         trace: what was minimised, by step.
         device: what it ran on.
         control: the control mesh that the mesh is the refinement of, if that was solved for.
+        polygons: whose fans the faces of the mesh are, if the source or the scheme has any and they are still there.
     """
 
     mesh: Mesh
     trace: Trace
     device: str
     control: Mesh | None = None
+    polygons: PolygonMesh | None = None
 
 
 def run(engine: Engine, *, save_end: bool = False, snapshots: int | None = None) -> dict[Problem, FitResult | Diverged]:
@@ -93,7 +99,11 @@ def run(engine: Engine, *, save_end: bool = False, snapshots: int | None = None)
                 _save(engine)
             return outcomes | {
                 problem: FitResult(
-                    engine.mesh(member), engine.traces[member], str(engine.device), engine.control(member)
+                    engine.mesh(member),
+                    engine.traces[member],
+                    str(engine.device),
+                    engine.control(member),
+                    engine.polygons(member),
                 )
                 for member, problem in enumerate(engine.problems)
             }
@@ -119,7 +129,7 @@ def _tell(engine: Engine, losses: list[float]) -> None:
 def _show(engine: Engine) -> None:
     for member, problem in enumerate(engine.problems):
         if problem.on_snapshot is not None and member not in engine.failed:
-            problem.on_snapshot(engine.done, engine.mesh(member))
+            problem.on_snapshot(engine.done, engine.polygons(member) or engine.mesh(member))
 
 
 def _save(engine: Engine) -> None:

@@ -7,8 +7,7 @@ import numpy as np
 
 from meshfit.errors import MeshError
 from meshfit.mesh.geometry import bounding_box, bounding_box_diagonal
-from meshfit.mesh.mesh import Verts
-from meshfit.mesh.polygons import AnyMesh
+from meshfit.mesh.mesh import Mesh, Verts
 
 Normalisation = Literal["tutorial", "box", "none"]
 
@@ -20,13 +19,17 @@ class Frame:
     centre: tuple[float, float, float]
     scale: float
 
-    def normalise(self, mesh: AnyMesh) -> AnyMesh:
+    def normalise(self, mesh: Mesh) -> Mesh:
         """The mesh in normalised coordinates."""
-        return mesh.with_verts((mesh.verts - self.centre) / self.scale)
+        return Mesh((mesh.verts - self.centre) / self.scale, mesh.faces)
 
-    def restore(self, mesh: AnyMesh) -> AnyMesh:
+    def restore(self, mesh: Mesh) -> Mesh:
         """A normalised mesh, back in the coordinates it came from."""
-        return mesh.with_verts(mesh.verts * self.scale + self.centre)
+        return Mesh(self.restored(mesh.verts), mesh.faces)
+
+    def restored(self, verts: Verts) -> Verts:
+        """Normalised positions, back in the coordinates they came from."""
+        return np.asarray(verts * self.scale + self.centre)
 
 
 def frame_of(verts: Verts, how: Normalisation) -> Frame:

@@ -11,6 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from meshfit.errors import MeshError
 from meshfit.mesh.mesh import Mesh, Verts
 
+# Sums of lengths that differ by less of themselves are equal.
+_TIE = 1e-9
+
 Corners = Int64[np.ndarray, " C"]
 Sizes = Int64[np.ndarray, " F"]
 
@@ -88,13 +91,14 @@ class PolygonMesh:
     def with_short_diagonals(self) -> "PolygonMesh":
         """The same polygons, each begun at the corner whose fan has the least sum of lengths of diagonals.
 
-        Of corners that tie, the nearest to the first is taken. Where nothing is gained, nothing changes.
+        Of corners that tie, but for rounding, the first is taken, so that nothing changes where nothing is gained.
         """
         corners = self.corners.copy()
         for size in np.unique(self.sizes[self.sizes > 3]):
             places = self.starts[self.sizes == size][:, None] + np.arange(size)
             rows = self.corners[places]
-            roll = _diagonals(self.verts[rows]).argmin(axis=1)
+            lengths = _diagonals(self.verts[rows])
+            roll = (lengths <= lengths.min(axis=1, keepdims=True) * (1 + _TIE)).argmax(axis=1)
             corners[places] = np.take_along_axis(rows, (np.arange(size) + roll[:, None]) % size, axis=1)
         return PolygonMesh(self.verts, corners, self.sizes)
 

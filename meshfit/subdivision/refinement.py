@@ -111,8 +111,14 @@ class PolygonRefinement(Operators):
         return PolygonMesh(verts, self.finest.corners, self.finest.sizes)
 
 
-def faces_at(refinement: Refinement | PolygonRefinement, verts: Verts) -> Int64[np.ndarray, "G 3"]:
-    """The finest faces as triangles: polygons are cut by their shortest diagonals with their verts at these places."""
+def cut(
+    refinement: Refinement | PolygonRefinement, verts: Verts
+) -> tuple[Int64[np.ndarray, "G 3"], PolygonTopology | None]:
+    """The finest faces as triangles, and the polygons whose fans they are, if they are any.
+
+    Polygons are cut by their shortest diagonals, with their verts at these places.
+    """
     if isinstance(refinement, Refinement):
-        return refinement.faces
-    return refinement.mesh(verts).with_short_diagonals().triangulated().faces
+        return refinement.faces, None
+    mesh = refinement.mesh(verts).with_short_diagonals()
+    return mesh.triangulated().faces, PolygonTopology.of(mesh)

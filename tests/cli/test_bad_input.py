@@ -6,9 +6,9 @@ import re
 import numpy as np
 import pytest
 
-from meshfit.mesh.files import SUFFIXES, encode_mesh, load_mesh, save_mesh
+from meshfit.mesh.files import SUFFIXES, encode_mesh, load_mesh, load_polygons, save_mesh
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.solids import octahedron
+from meshfit.mesh.solids import octahedron, quad_cube
 from meshfit.subdivision.refine import subdivide
 from tests.cli import invoke, refused
 
@@ -42,6 +42,20 @@ def test_subdivide_takes_the_schemes_parameters(folder):
     assert np.array_equal(load_mesh("a.ply").verts, subdivide(octahedron(), "interp-loop", 1, alpha=0.5).verts)
 
 
+@pytest.mark.parametrize("suffix", [".obj", ".off", ".ply"])
+def test_subdivide_takes_polygons_and_writes_polygons_where_the_scheme_does(folder, suffix):
+    save_mesh(quad_cube(), folder / f"in{suffix}")
+    ran = invoke("subdivide", f"in{suffix}", f"out{suffix}", "-s", "catmull-clark", "-n", 2)
+    assert (ran.code, ran.err, ran.out) == (0, "", f"out{suffix}: 6 faces → 96 faces, 98 verts\n")
+    found, expected = load_polygons(folder / f"out{suffix}"), subdivide(quad_cube(), "catmull-clark", 2)
+    assert np.array_equal(found.verts, expected.verts)
+    assert np.array_equal(found.corners, expected.corners)
+    assert invoke("subdivide", f"in{suffix}", "out.stl", "-s", "doo-sabin").code == 0
+    assert load_mesh("out.stl").num_faces == 8 + 2 * (6 + 12)
+    ran = invoke("subdivide", f"in{suffix}", f"out{suffix}")
+    assert ran.out == f"out{suffix}: 12 faces → 48 faces, 26 verts\n"
+
+
 def test_level_0_only_converts(folder):
     assert invoke("subdivide", "solid.ply", "a.off", "-n", "0").code == 0
     assert np.array_equal(load_mesh("a.off").verts, octahedron().verts)
@@ -56,6 +70,8 @@ def test_what_was_mended_is_told_on_stderr_and_the_work_is_done(folder):
 
 
 BAD_SUBDIVISIONS = {
+    ("solid.ply", "out.ply", "-s", "ternary"): "error: this scheme needs quads: face 0 has 3 corners; catmull-clark, ",
+    ("solid.ply", "out.ply", "-s", "kobbelt", "--alpha", "1"): "error: scheme 'kobbelt' has no parameter 'alpha'",
     ("gone.obj", "out.ply"): "error: gone.obj: no such file",
     (".", "out.ply"): "error: .: a directory; the path of a mesh file is needed",
     ("buny", "out.ply"): "error: 'buny' is no target and no file: did you mean 'bunny'? allowed: bunny, ",

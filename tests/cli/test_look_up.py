@@ -35,6 +35,8 @@ def test_schemes_lists_all():
     out = answered("schemes")
     for name, entry in SCHEMES.items():
         assert re.search(rf"^{name} +{entry.kind}", out, re.MULTILINE), name
+    domains = list(dict.fromkeys(entry.domain for entry in SCHEMES.values()))
+    assert re.findall(r"^on (\w+)", out, re.MULTILINE) == domains
 
 
 def test_schemes_as_json():
@@ -43,6 +45,7 @@ def test_schemes_as_json():
     for row in rows:
         entry = SCHEMES[row["name"]]
         assert (row["title"], row["kind"], row["continuity"]) == (entry.title, entry.kind, entry.continuity)
+        assert row["domain"] == entry.domain
         assert {key: parameter["default"] for key, parameter in row["parameters"].items()} == {
             key: parameter.default for key, parameter in entry.parameters.items()
         }
@@ -64,6 +67,22 @@ def test_masks_are_those_of_the_parameters_given():
     assert half.startswith("interp-loop:alpha=0.5  ")
     assert whole.startswith("interp-loop  ")
     assert half != whole
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("catmull-clark", "3/8 each end (2), 1/16 each beside an end (4)"),
+        ("catmull-clark", "9/16 itself, 3/32 each neighbour (4), 1/64 each diagonally across (4)"),
+        ("kobbelt", "81/256 each corner (4), -9/256 each across an edge (8), 1/256"),
+        ("interp-sqrt2", "5/16 each corner (4), -1/32 each across an edge (8)"),
+        ("doo-sabin", "9/16 near corner, 3/16 each corner beside it (2), 1/16 far corner"),
+        ("interp-sqrt2", "-1/16, 9/16, 9/16, -1/16 at -1 … 2 along it"),
+        ("ternary", "1/27, 16/27, 10/27 at -1 … 1 along it"),
+    ],
+)
+def test_masks_on_polygons(name, said):
+    assert said in " ".join(answered("schemes", name).split())
 
 
 @pytest.mark.parametrize(

@@ -18,8 +18,11 @@ from meshfit.fitting.settings import GaussNewtonSettings
 from meshfit.fitting.trace import Trace
 from meshfit.mesh.manifold import require_manifold
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.polygon_topology import PolygonTopology
+from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.choose import declared
+from meshfit.subdivision.growth import growth
 from meshfit.subdivision.limit import has_loop_limit
 
 COLUMNS = ("step", "distance", "verts", "matched", "fairness", "point_weight", "held_back")
@@ -68,6 +71,14 @@ class GaussNewton:
         """A surface as it lies now, in float64."""
         shape = self._surfaces[member].shape
         return shape.connectivity.mesh(shape.verts)
+
+    def polygons(self, member: int) -> PolygonMesh | None:
+        """The polygons whose fans the faces of a surface are, if no remesh came after them."""
+        surface = self._surfaces[member]
+        polygons = surface.polygons if surface.followers is None else surface.followers.polygons
+        if polygons is None:
+            return None
+        return PolygonMesh(self.mesh(member).verts, polygons.corners, polygons.sizes)
 
     def control(self, member: int) -> Mesh | None:
         """The control mesh that a surface follows, if it follows one."""
@@ -119,10 +130,8 @@ class GaussNewton:
         has_limit = has_loop_limit(declared(problem.scheme))
         if self.settings.limit and (self.settings.variables != "control" or not has_limit):
             raise ConfigError("limit: limit surfaces are fitted with variables: control and the scheme loop")
-        surface = MovingSurface.of(verts, faces)
-        if self.settings.connectivity == "fixed":
-            return MovingSurface.of(verts, faces, self._on_sphere(problem))
-        return surface
+        on_sphere = self._on_sphere(problem) if self.settings.connectivity == "fixed" else None
+        return MovingSurface.of(verts, faces, on_sphere, _polygons_of(problem))
 
     def _on_sphere(self, problem: Problem) -> Tensor | None:
         """Where the verts of a source are on the sphere; looked for once, since that may take seconds."""
@@ -140,10 +149,12 @@ class GaussNewton:
     def _restored(self, checkpoint: Checkpoint, problem: Problem) -> MovingSurface:
         surface = MovingSurface.restored(checkpoint["surface"], self._dtype, self.device)
         before = self._plan[checkpoint["done"] - 1][0] if checkpoint["done"] else None
-        return surface if before is None or before.change != "control" else self._controlling(surface, problem)
+        if before is None or before.change != "control":
+            return surface
+        return self._controlling(surface, problem, checkpoint["surface"].get("followed"))
 
-    def _controlling(self, surface: MovingSurface, problem: Problem) -> MovingSurface:
-        return surface.controlling(problem.scheme, self.settings.levels, limit=self.settings.limit)
+    def _controlling(self, surface: MovingSurface, problem: Problem, corners: Tensor | None = None) -> MovingSurface:
+        return surface.controlling(problem.scheme, self.settings.levels, limit=self.settings.limit, corners=corners)
 
     def _step(self, member: int, stage: Stage, number: int) -> float:
         problem, target, rough = self.problems[member], self._targets[member], self._rough[member]
@@ -182,9 +193,9 @@ class GaussNewton:
             return self._controlling(surface, problem)
         if stage.change == "place" and surface.on_sphere is not None:
             faces, places = self._source(problem)[1], self._on_sphere(problem)
-            return surface if places is None else surface.carrying(faces, places, target)
+            return surface if places is None else surface.carrying(faces, places, target, _polygons_of(problem))
         movable = self.settings.connectivity == "remeshed" or surface.on_sphere is not None
-        count = self._rough_verts(problem) * stage.share
+        count = self._rough_verts(problem) * stage.share * growth(declared(problem.scheme), stage.refined)
         if movable and (stage.change == "remesh" or (stage.change == "start" and len(surface.verts) > count)):
             return surface.remeshed(count, target if stage.sized else None)
         return surface
@@ -196,4 +207,8 @@ class GaussNewton:
             return max(float(problem.source.num_verts), self.settings.verts / 4.0)
         if self.settings.variables == "control":
             return float(self.settings.verts)
-        return self.settings.verts / 4.0**self.settings.levels
+        return self.settings.verts / growth(declared(problem.scheme), self.settings.levels)
+
+
+def _polygons_of(problem: Problem) -> PolygonTopology | None:
+    return None if problem.polygons is None else PolygonTopology.of(problem.polygons)

@@ -18,14 +18,17 @@ from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.fitting.gauss_newton.webs import tension
 from meshfit.loss.sparse import Sparse
 from meshfit.mesh.mesh import Verts
+from meshfit.mesh.polygon_topology import PolygonTopology
+from meshfit.mesh.polygons import fan_triangles
 from meshfit.mesh.topology import Topology
 from meshfit.remeshing.moving import Moving
 from meshfit.remeshing.remesh import remeshed
 from meshfit.subdivision.choose import declared
 from meshfit.subdivision.flat import flat
 from meshfit.subdivision.limit import loop_limit
+from meshfit.subdivision.polygon_scheme import PolygonScheme
 from meshfit.subdivision.refine import refine
-from meshfit.subdivision.refinement import faces_at
+from meshfit.subdivision.refinement import cut
 from meshfit.subdivision.scheme import Scheme
 from meshfit.subdivision.triangle_scheme import TriangleScheme
 
@@ -62,11 +65,13 @@ class Followers:
         pattern: of its connectivity.
         operator: takes the verts of the control mesh to its own.
         squares: the squared entries of that.
+        polygons: whose fans its faces are, if they are any.
     """
 
     pattern: Pattern
     operator: Sparse
     squares: Sparse
+    polygons: PolygonTopology | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +84,7 @@ class MovingSurface:
         stiffness: (V, 1) at least 1, factors of fairness.
         on_sphere: (V, 3) where its verts are on the sphere, if it has a map to it.
         followers: if these are the verts of a control mesh, the surface that follows them.
+        polygons: whose fans its faces are, if they are any.
     """
 
     pattern: Pattern
@@ -86,19 +92,31 @@ class MovingSurface:
     stiffness: Float[Tensor, "V 1"]
     on_sphere: Float64[Tensor, "V 3"] | None = None
     followers: Followers | None = None
+    polygons: PolygonTopology | None = None
 
     @classmethod
-    def of(cls, verts: Tensor, faces: Tensor, on_sphere: Tensor | None = None) -> "MovingSurface":
+    def of(
+        cls,
+        verts: Tensor,
+        faces: Tensor,
+        on_sphere: Tensor | None = None,
+        polygons: PolygonTopology | None = None,
+    ) -> "MovingSurface":
         """A surface that nothing has held back."""
         pattern = Pattern(Connectivity(faces, len(verts), verts.dtype))
-        return cls(pattern, verts, torch.ones_like(verts[:, :1]), on_sphere)
+        return cls(pattern, verts, torch.ones_like(verts[:, :1]), on_sphere, polygons=polygons)
 
     @classmethod
     def restored(cls, state: dict[str, Tensor | None], dtype: torch.dtype, device: torch.device) -> "MovingSurface":
         """What `state` was taken of, less its followers."""
         verts, faces, stiffness, on_sphere = (state[key] for key in ("verts", "faces", "stiffness", "on_sphere"))
         assert verts is not None and faces is not None and stiffness is not None  # noqa: S101, PT018  always there
-        surface = cls.of(verts.to(device, dtype), faces.to(device), None if on_sphere is None else on_sphere.to(device))
+        corners, sizes = state.get("corners"), state.get("sizes")
+        polygons = None
+        if corners is not None and sizes is not None:
+            polygons = PolygonTopology(len(verts), corners.numpy(), sizes.numpy())
+        places = None if on_sphere is None else on_sphere.to(device)
+        surface = cls.of(verts.to(device, dtype), faces.to(device), places, polygons)
         return replace(surface, stiffness=stiffness.to(device, dtype))
 
     def state(self) -> dict[str, Tensor | None]:
@@ -108,6 +126,15 @@ class MovingSurface:
             "faces": self.pattern.connectivity.faces.cpu(),
             "stiffness": self.stiffness.cpu(),
             "on_sphere": None if self.on_sphere is None else self.on_sphere.cpu(),
+        } | self._state_of_polygons()
+
+    def _state_of_polygons(self) -> dict[str, Tensor | None]:
+        own = self.polygons
+        followed = None if self.followers is None else self.followers.polygons
+        return {
+            "corners": None if own is None else torch.tensor(own.corners),
+            "sizes": None if own is None else torch.tensor(own.sizes),
+            "followed": None if followed is None else torch.tensor(followed.corners),
         }
 
     @property
@@ -138,7 +165,7 @@ class MovingSurface:
         return Taken(replace(self, verts=verts, stiffness=stiffness), pairs, int(held.sum()))
 
     def controlling(
-        self, scheme: str | Scheme, levels: int, *, limit: bool, faces: Int64[Tensor, "G 3"] | None = None
+        self, scheme: str | Scheme, levels: int, *, limit: bool, corners: Int64[Tensor, " C"] | None = None
     ) -> "MovingSurface":
         """The surface as a control mesh, followed by some levels of a scheme.
 
@@ -146,22 +173,24 @@ class MovingSurface:
             scheme: the scheme.
             levels: how many.
             limit: put the verts of the last level where Loop subdivision would put them in the end.
-            faces: (G, 3) those of the last level, if it is known how its polygons are cut into triangles.
+            corners: (C,) of the polygons of the last level, if it is known already where each of them begins.
         """
-        topology = Topology(len(self.verts), self.pattern.connectivity.faces.cpu().numpy())
         masks = declared(scheme)
-        refinement = refine(topology, masks, levels)
+        refinement = refine(self._topology_for(masks), masks, levels)
         matrix = refinement.matrix
-        if faces is None:
-            faces = torch.tensor(faces_at(refinement, matrix @ self._places))
+        faces, polygons = cut(refinement, matrix @ self._places)
+        if corners is not None and polygons is not None:
+            polygons = replace(polygons, corners=corners.numpy())
+            faces = fan_triangles(polygons.corners, polygons.sizes)
         if limit:
             assert isinstance(masks, TriangleScheme)  # noqa: S101  only Loop's have a limit that is known
-            matrix = loop_limit(Topology(matrix.shape[0], faces.numpy()), masks) @ matrix
+            matrix = loop_limit(Topology(matrix.shape[0], faces), masks) @ matrix
         dtype, device = self.verts.dtype, self.verts.device
         followers = Followers(
-            Pattern(Connectivity(faces.to(device), matrix.shape[0], dtype)),
+            Pattern(Connectivity(torch.tensor(faces, device=device), matrix.shape[0], dtype)),
             Sparse.of(matrix, dtype, device),
             Sparse.of(matrix.power(2), dtype, device),
+            polygons,
         )
         return replace(self, on_sphere=None, followers=followers)
 
@@ -169,17 +198,25 @@ class MovingSurface:
     def _places(self) -> Verts:
         return np.asarray(self.verts.cpu().double().numpy())
 
+    def _topology_for(self, scheme: Scheme) -> Topology | PolygonTopology:
+        if self.polygons is not None and isinstance(scheme, PolygonScheme):
+            return self.polygons
+        return Topology(len(self.verts), self.pattern.connectivity.faces.cpu().numpy())
+
     def refined(self, scheme: str | Scheme) -> "MovingSurface":
         """One level of a scheme, as far as it leaves the surface sound: elsewhere verts stay nearer to its faces.
 
-        Where edges are halved, there is always such a place, since the surface itself is one.
+        Where triangles are cut in four, there is always such a place, since the surface itself is one; where the scheme
+        has other ways of keeping old verts, there nearly is one. A scheme on polygons goes on from those of the last.
         """
         masks, device = declared(scheme), self.verts.device
-        topology = Topology(len(self.verts), self.pattern.connectivity.faces.cpu().numpy())
+        topology = self._topology_for(masks)
         refinement, verts = refine(topology, masks), self._places
         fine = refinement(verts)
-        faces = torch.tensor(faces_at(refinement, fine), device=device)
-        surface, linear = MovingSurface.of(torch.as_tensor(fine).to(self.verts), faces), flat(masks)
+        faces, polygons = cut(refinement, fine)
+        place = torch.as_tensor(fine).to(self.verts)
+        surface = MovingSurface.of(place, torch.tensor(faces, device=device), polygons=polygons)
+        linear = flat(masks)
         if linear is None:
             return surface.untangled()
         between = refine(topology, linear)
@@ -228,20 +265,27 @@ class MovingSurface:
             return self
         return replace(self, on_sphere=self._sphere(target).improved(self.on_sphere, steps))
 
-    def carrying(self, faces: Tensor, on_sphere: Float64[Tensor, "N 3"], target: TargetCloud) -> "MovingSurface":
+    def carrying(
+        self,
+        faces: Tensor,
+        on_sphere: Float64[Tensor, "N 3"],
+        target: TargetCloud,
+        polygons: PolygonTopology | None = None,
+    ) -> "MovingSurface":
         """Another connectivity put on the surface, by where its verts are on the sphere, densely where it is curved.
 
         Args:
             faces: (G, 3) of that connectivity.
             on_sphere: (N, 3) where its verts are.
             target: where curvature is taken from.
+            polygons: whose fans the faces are, if they are any.
         """
         surface = self.with_better_map(_LAST_MAP_STEPS, target)
         assert surface.on_sphere is not None  # noqa: S101  only surfaces that have a map are asked
         here, weights = self._sphere(None).located(surface.on_sphere, on_sphere)
         corners = self.verts[self.pattern.connectivity.faces[here]]
         verts = (weights.to(corners)[:, :, None] * corners).sum(1)
-        return MovingSurface.of(verts, faces).untangled()
+        return MovingSurface.of(verts, faces, polygons=polygons).untangled()
 
     def _sphere(self, target: TargetCloud | None) -> SphereMap:
         if target is None:

@@ -31,6 +31,7 @@ class Stage:
         sized: for `remesh`, whether edges are to be shorter where the target is curved.
         weights: fairness and point weight of each step.
         attempt: the number of the try at the rough shape, from 0; None where that has been found.
+        refined: for `remesh`, levels of the scheme by which there are to be more verts than that share.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Stage:
     sized: bool
     weights: tuple[tuple[float, float], ...]
     attempt: int | None = None
+    refined: int = 0
 
 
 def stages(settings: GaussNewtonSettings) -> list[Stage]:
@@ -53,7 +55,8 @@ def stages(settings: GaussNewtonSettings) -> list[Stage]:
         return [*found, Stage("control mesh", "control", 1.0, sized=False, weights=weights + _last(settings))]
     found += [Stage(f"level {k}", "refine", 1.0, sized=False, weights=weights) for k in range(1, settings.levels + 1)]
     weights = _last(settings)
-    found.append(Stage("last", "remesh" if remeshed else "none", 4.0**settings.levels, remeshed, weights))
+    change: Change = "remesh" if remeshed else "none"
+    found.append(Stage("last", change, 1.0, remeshed, weights, refined=settings.levels))
     return found
 
 
