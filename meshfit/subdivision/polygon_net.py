@@ -41,6 +41,8 @@ class Net:
         if self.mask.diagonal is None and not self.mask.is_local:
             _require_regular(self.topology)
         total = csr_array((division.num_new, self.topology.num_verts))
+        if not self.topology.num_faces:
+            return total
         for t, place in enumerate(division.inner_place):
             total = total + put(place, self._in_edges(t, division.inner), division.num_new)
         inside = np.flatnonzero(division.corner_place != NONE)

@@ -1,0 +1,40 @@
+"""The schemes on polygons that the laws are stated over, and on which meshes."""
+
+import numpy as np
+
+from meshfit.mesh.polygon_topology import PolygonTopology
+from meshfit.mesh.polygons import PolygonMesh
+from meshfit.subdivision.choose import scheme_of
+from meshfit.subdivision.polygon_table import POLYGON_SCHEMES
+from meshfit.subdivision.refine import refine
+from meshfit.subdivision.refinement import PolygonRefinement
+from tests.quads import EVERY, quad_patch, quad_torus
+
+VARIANTS = (
+    *POLYGON_SCHEMES,
+    "interp-catmull-clark:alpha=0",
+    "interp-catmull-clark:alpha=0.5",
+    "interp-sqrt2:alpha=0.5",
+)
+INTERPOLATORY = ("interp-catmull-clark", "kobbelt", "interp-sqrt2", "interp-ternary")
+REGULAR = ("ternary", "interp-ternary")
+ANYWHERE = tuple(spec for spec in VARIANTS if spec not in REGULAR)
+KEEPING = tuple(spec for spec in VARIANTS if spec != "doo-sabin")
+
+_REGULAR_MESHES = {"torus": lambda: quad_torus(5, 4), "patch": lambda: quad_patch(5, 4)}
+CASES = [(spec, shape) for spec in VARIANTS for shape in (_REGULAR_MESHES if spec in REGULAR else EVERY)]
+
+
+def shape_of(name: str) -> PolygonMesh:
+    """The mesh of that name."""
+    return EVERY[name]()
+
+
+def refined(mesh: PolygonMesh, spec: str, levels: int = 1) -> PolygonRefinement:
+    """The refinement of a mesh's connectivity."""
+    return refine(PolygonTopology.of(mesh), scheme_of(spec), levels)
+
+
+def dense(mesh: PolygonMesh, spec: str, levels: int = 1) -> np.ndarray:
+    """Its matrix, written out."""
+    return refined(mesh, spec, levels).matrix.toarray()
