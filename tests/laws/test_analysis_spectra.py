@@ -132,7 +132,7 @@ def test_closed_forms(n):
 @pytest.mark.parametrize("n", [3, 5, 6, 8])
 def test_blocks_are_those_of_the_tests_own_local_matrix(spec, n):
     """Their rings are found by walking straight and turning, these by walking both meshes side by side."""
-    rings = 3 if spec == "interp-sqrt3" else 2
+    rings = 2 if "sqrt3" not in spec or spec == "sqrt3" else 3
     scheme = scheme_of(spec)
     steps = 2 if "sqrt3" in spec else 1
     matrix = local_matrix(bench_of(scheme).wheel(n, rings + PAD), steps, rings)
