@@ -175,6 +175,14 @@ def test_curvature():
     assert places_of("butterfly", (5,))[5].spectrum.curvature == "flat"
 
 
+@pytest.mark.parametrize("alpha", ["1e-300", "1e-200", "1e-9"])
+def test_weights_that_are_next_to_nothing_change_nothing(alpha):
+    found, loop = analyse(scheme_of(f"interp-loop:alpha={alpha}")), analyse(scheme_of("loop"))
+    assert (found.failing, found.continuity) == ((), 2)
+    for place, other in zip(found.places, loop.places, strict=True):
+        assert place.spectrum.leading.value == pytest.approx(other.spectrum.leading.value, abs=1e-8)
+
+
 def test_refusals():
     for valence in (-1, 0, 1, 2):
         with pytest.raises(SchemeError, match="3 or more"):
