@@ -94,7 +94,6 @@ def analyse(scheme: Scheme, valences: Sequence[int] = VALENCES) -> Analysis:
     odd = valences if bench.wheel is not None else ()
     places = _places(bench, mask, support.radius, odd)
     alphas = {each.valence: largest_alpha(scheme, mask.steps, each) for each in places if each.fault}
-    rings = ceil(support.radius - _ROUNDING)
     neighbours = NEIGHBOURS if odd and bench.fan is not None else ()
     return Analysis(
         domain=bench.name,
@@ -112,7 +111,7 @@ def analyse(scheme: Scheme, valences: Sequence[int] = VALENCES) -> Analysis:
         support=support,
         places=places,
         unruled=tuple(valence for valence in odd if valence not in {place.valence for place in places}),
-        boundary=tuple(study_boundary(bench, mask.steps, mask.dilation, rings, count) for count in neighbours),
+        boundary=_boundary(bench, mask, ceil(support.radius - _ROUNDING), neighbours),
         alphas={valence: alpha for valence, alpha in alphas.items() if alpha is not None},
     )
 
@@ -123,6 +122,15 @@ def _places(bench: Bench, mask: RegularMask, radius: float, valences: Sequence[i
     for valence in valences:
         with suppress(MeshError):
             found.append(study_valence(bench, mask, radius, valence))
+    return tuple(found)
+
+
+def _boundary(bench: Bench, mask: RegularMask, rings: int, neighbours: Sequence[int]) -> tuple[BoundaryPlace, ...]:
+    """The same along the boundary."""
+    found = []
+    for count in neighbours:
+        with suppress(MeshError):
+            found.append(study_boundary(bench, mask.steps, mask.dilation, rings, count))
     return tuple(found)
 
 
