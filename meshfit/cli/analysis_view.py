@@ -19,7 +19,7 @@ def print_verdict(analysis: "Analysis") -> None:
     """The one line that says how smooth the limit is."""
     from meshfit.subdivision.analysis.verdict import verdict
 
-    out.print(f"[bold]{escape(verdict(analysis))}[/]\n", soft_wrap=True)
+    out.print(f"[bold]{escape(verdict(analysis))}[/]\n")
 
 
 def print_analysis(analysis: "Analysis") -> None:

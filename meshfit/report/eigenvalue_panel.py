@@ -31,7 +31,7 @@ def draw_eigenvalues(axes: Any, analysis: Analysis, font: float) -> None:  # noq
     axes.set_xlabel("corners of the face" if analysis.odd == "face" else "valence", fontsize=font, color=INK)
     axes.set_ylabel("modulus of eigenvalues", fontsize=font, color=INK)
     if analysis.failing:
-        axes.fill_between([], [], color=_FAILING, linewidth=0, label="not C1")
+        axes.fill_between([], [], facecolor=_FAILING, edgecolor=_SQUARE, linewidth=0.4, label="not C1")
     axes.legend(
         loc="upper left",
         ncols=2,

@@ -1,6 +1,6 @@
 """Eigenvalues around boundary verts, against closed forms, tabulated values and the tests' own local matrices."""
 
-from math import cos, pi
+from math import cos, pi, sqrt
 
 import numpy as np
 import pytest
@@ -50,6 +50,25 @@ def test_the_tests_own_matrices_have_the_same_eigenvalues(spec, count):
     place = study_boundary(bench_of(scheme_of(spec)), 1, 2, 2, count)
     theirs = moduli(boundary_matrix(count, spec, 3))
     np.testing.assert_allclose(place.moduli, theirs[1:4], rtol=0, atol=1e-5)
+
+
+def test_catmull_clark_in_closed_form():
+    """What vanishes on the boundary is an odd function on a closed wheel of 2 (k - 1) spokes, in its j-th mode."""
+    for place in analyse(scheme_of("catmull-clark"), (5,)).boundary:
+        angles = [pi * j / (place.neighbours - 1) for j in range(1, place.neighbours - 1)]
+        across = [(5 + cos(t) + cos(t / 2) * sqrt(2 * (9 + cos(t)))) / 16 for t in angles]
+        if place.neighbours > 2:
+            expected = sorted([1 / 2, 1 / 4, *across], reverse=True)[:3]
+            np.testing.assert_allclose(place.moduli, expected, rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("spec", ["kobbelt", "interp-catmull-clark", "sqrt2", "interp-sqrt2", "ternary"])
+def test_straight_boundaries_of_quads_are_in_order(spec):
+    """At three neighbours the mesh is regular up to its boundary, and the tangent plane has both directions."""
+    found = {place.neighbours: place for place in analyse(scheme_of(spec), (4,)).boundary}
+    assert found[3].in_order
+    regular = 1 / 3 if spec == "ternary" else 1 / 2
+    assert min(abs(modulus - regular) for modulus in found[3].moduli[:2]) < 1e-9
 
 
 def test_sqrt3_has_the_ternary_curves_eigenvalue():

@@ -61,7 +61,8 @@ def exponents(mask: RegularMask) -> tuple[int, float, float, int]:
     order = sum_rule_order(mask)
     found = regularity_of(mask)
     assert (found.stable, found.accuracy) == (True, order)
-    return order, found.s2, holder_bound(mask, order), continuity(mask, order, found)
+    bound = holder_bound(mask, order)
+    return order, found.s2, bound, continuity(mask, order, found, bound)
 
 
 @pytest.mark.parametrize("degree", range(6))
@@ -112,7 +113,7 @@ def test_box_splines_whose_shifts_are_unstable(axes, diagonals, accuracy):
     assert (found.stable, found.accuracy) == (False, accuracy)
     assert found.s2 == pytest.approx(accuracy - 1 / 2, abs=1e-6)
     assert sum_rule_order(mask) <= accuracy
-    assert continuity(mask, sum_rule_order(mask), found) == accuracy - 2
+    assert continuity(mask, sum_rule_order(mask), found, float(accuracy)) == accuracy - 2
 
 
 def test_four_point_scheme_and_its_binary_relatives():

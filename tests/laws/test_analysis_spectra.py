@@ -132,7 +132,7 @@ def test_closed_forms(n):
 @pytest.mark.parametrize("n", [3, 5, 6, 8])
 def test_blocks_are_those_of_the_tests_own_local_matrix(spec, n):
     """Their rings are found by walking straight and turning, these by walking both meshes side by side."""
-    rings = 3 if spec == "interp-sqrt3" else 2
+    rings = 2 if "sqrt3" not in spec or spec == "sqrt3" else 3
     scheme = scheme_of(spec)
     steps = 2 if "sqrt3" in spec else 1
     matrix = local_matrix(bench_of(scheme).wheel(n, rings + PAD), steps, rings)
@@ -173,6 +173,14 @@ def test_curvature():
     modified = places_of("modified-butterfly", VALENCES)
     assert {place.spectrum.curvature for place in modified.values()} == {"bounded"}
     assert places_of("butterfly", (5,))[5].spectrum.curvature == "flat"
+
+
+@pytest.mark.parametrize("alpha", ["1e-300", "1e-200", "1e-9"])
+def test_weights_that_are_next_to_nothing_change_nothing(alpha):
+    found, loop = analyse(scheme_of(f"interp-loop:alpha={alpha}")), analyse(scheme_of("loop"))
+    assert (found.failing, found.continuity) == ((), 2)
+    for place, other in zip(found.places, loop.places, strict=True):
+        assert place.spectrum.leading.value == pytest.approx(other.spectrum.leading.value, abs=1e-8)
 
 
 def test_refusals():

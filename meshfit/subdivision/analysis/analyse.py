@@ -91,10 +91,10 @@ def analyse(scheme: Scheme, valences: Sequence[int] = VALENCES) -> Analysis:
     order = sum_rule_order(mask)
     support = support_of(bench, mask)
     regular = regularity_of(mask)
+    bound = holder_bound(mask, order)
     odd = valences if bench.wheel is not None else ()
     places = _places(bench, mask, support.radius, odd)
     alphas = {each.valence: largest_alpha(scheme, mask.steps, each) for each in places if each.fault}
-    rings = ceil(support.radius - _ROUNDING)
     neighbours = NEIGHBOURS if odd and bench.fan is not None else ()
     return Analysis(
         domain=bench.name,
@@ -107,12 +107,12 @@ def analyse(scheme: Scheme, valences: Sequence[int] = VALENCES) -> Analysis:
         generated=regular.accuracy - 1,
         s2=regular.s2,
         stable=regular.stable,
-        holder_bound=holder_bound(mask, order) if regular.stable else None,
-        continuity=continuity(mask, order, regular),
+        holder_bound=bound if regular.stable else None,
+        continuity=continuity(mask, order, regular, bound),
         support=support,
         places=places,
         unruled=tuple(valence for valence in odd if valence not in {place.valence for place in places}),
-        boundary=tuple(study_boundary(bench, mask.steps, mask.dilation, rings, count) for count in neighbours),
+        boundary=_boundary(bench, mask, ceil(support.radius - _ROUNDING), neighbours),
         alphas={valence: alpha for valence, alpha in alphas.items() if alpha is not None},
     )
 
@@ -123,6 +123,15 @@ def _places(bench: Bench, mask: RegularMask, radius: float, valences: Sequence[i
     for valence in valences:
         with suppress(MeshError):
             found.append(study_valence(bench, mask, radius, valence))
+    return tuple(found)
+
+
+def _boundary(bench: Bench, mask: RegularMask, rings: int, neighbours: Sequence[int]) -> tuple[BoundaryPlace, ...]:
+    """The same along the boundary."""
+    found = []
+    for count in neighbours:
+        with suppress(MeshError):
+            found.append(study_boundary(bench, mask.steps, mask.dilation, rings, count))
     return tuple(found)
 
 

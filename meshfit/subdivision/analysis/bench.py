@@ -13,6 +13,8 @@ from scipy.sparse import csr_array
 from meshfit.mesh.halfedges import Indices, Mask
 from meshfit.mesh.polygon_topology import PolygonTopology
 
+_ZERO = 1e-14
+
 
 @dataclass(frozen=True, eq=False)
 class Finer:
@@ -28,11 +30,12 @@ class Finer:
         return values
 
     def rows(self, verts: Indices) -> Float64[np.ndarray, "N V"]:
-        """(N, V) what these finest verts take of all coarse ones."""
+        """(N, V) what these finest verts take of all coarse ones; what is rounding, or next to nothing, is 0."""
         rows = self.operators[-1][verts]
         for operator in self.operators[-2::-1]:
             rows = rows @ operator
-        return np.asarray(rows.toarray())
+        dense = rows.toarray()
+        return np.where(np.abs(dense) > _ZERO, dense, 0.0)
 
 
 Refine = Callable[[int], Finer]

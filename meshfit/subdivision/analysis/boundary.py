@@ -10,8 +10,6 @@ from meshfit.subdivision.analysis.local_matrix import MOST_RINGS, PAD
 from meshfit.subdivision.analysis.matching import match_fan
 from meshfit.subdivision.analysis.spectrum import TIE, eigenvalues
 
-_ZERO = 1e-14
-
 
 @dataclass(frozen=True)
 class BoundaryPlace:
@@ -55,7 +53,7 @@ def study_boundary(bench: Bench, steps: int, dilation: int, rings: int, neighbou
         finer = fan.refine(steps)
         inside = fan.ring <= number
         rows = finer.rows(match_fan(fan, finer.topology, fan.locate(steps), number)[inside])
-        if (np.abs(rows[:, ~inside]) <= _ZERO).all():
+        if not rows[:, ~inside].any():
             found = eigenvalues(rows[:, inside].astype(np.complex128))
             others = np.delete(found, int(np.argmin(np.abs(found - 1))))
             first, second, third, *_ = np.append(np.abs(others), np.zeros(3)).tolist()

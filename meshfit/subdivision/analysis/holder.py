@@ -6,7 +6,7 @@ scheme is stable it is not if some product shrinks slower (Daubechies and Lagari
 in L_p spaces).
 """
 
-from itertools import product
+from itertools import combinations, product
 from math import ceil, inf, log
 
 import numpy as np
@@ -24,7 +24,7 @@ _SAME = 1e-6
 _SMOOTHING = 60
 
 
-def continuity(mask: RegularMask, order: int, regularity: Regularity) -> int:
+def continuity(mask: RegularMask, order: int, regularity: Regularity, bound: float) -> int:
     """The largest k for which the basis function is shown to be C^k; -1 where not even continuity is shown.
 
     By Sobolev's embedding s2 > k + D/2 suffices; beyond that, products of the matrices above are followed until each
@@ -34,10 +34,11 @@ def continuity(mask: RegularMask, order: int, regularity: Regularity) -> int:
         mask: on the regular lattice.
         order: κ, the order of its sum rules.
         regularity: what is known of it in L2.
+        bound: of its Hölder exponent, beyond which nothing is tried.
     """
     shown = ceil(min(regularity.s2, 99.0) - mask.dimension / 2 - _SAME) - 1
     digits = _digit_matrices(mask, order)
-    while shown + 1 < holder_bound(mask, order) - _SAME and _shrink(digits, mask.dilation ** -float(shown + 1)):
+    while shown + 1 < bound - _SAME and _shrink(digits, mask.dilation ** -float(shown + 1)):
         shown += 1
     return max(shown, -1)
 
@@ -47,7 +48,8 @@ def holder_bound(mask: RegularMask, order: int) -> float:
     digits = _digit_matrices(mask, order)
     if not digits.shape[1]:
         return inf
-    pairs = (digits[:, None] @ digits[None]).reshape(-1, *digits.shape[1:])
+    # Turned round, a product has the same eigenvalues.
+    pairs = np.stack([first @ second for first, second in combinations(digits, 2)])
     radius = max(_radius(digits), _radius(pairs) ** 0.5)
     return -log(radius) / log(mask.dilation) if radius else inf
 

@@ -20,8 +20,6 @@ PAD = 3
 MOST_RINGS = 9
 """Where the search for rings that follow from themselves ends."""
 
-_ZERO = 1e-14
-
 
 @dataclass(frozen=True, eq=False)
 class LocalMatrix:
@@ -61,7 +59,7 @@ def local_matrix(wheel: Wheel, steps: int, rings: int) -> LocalMatrix | None:
     dense = finer.rows(matched[kept])
     outside = np.ones(dense.shape[1], dtype=bool)
     outside[kept] = False
-    if (np.abs(dense[:, outside]) > _ZERO).any():
+    if dense[:, outside].any():
         return None
     row_of = np.full(dense.shape[1], NONE)
     row_of[kept] = np.arange(len(kept))

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Complex128, Int64
 
 from meshfit.mesh.polygon_topology import PolygonTopology
-from meshfit.subdivision.analysis.bench import Bench, Finer, Patch, Refine, Wheel
+from meshfit.subdivision.analysis.bench import Bench, Fan, Finer, Patch, Refine, Wheel
 from meshfit.subdivision.polygon_masks import CornerMask
 from meshfit.subdivision.polygon_scheme import LINEAR, PolygonScheme
 from meshfit.subdivision.refine import refine
@@ -30,7 +30,7 @@ def polygon_bench(scheme: PolygonScheme) -> Bench:
         4,
         lambda reach: _patch(scheme, reach),
         lambda valence, rings: wheel(scheme, valence, rings),
-        None,
+        None if dual else lambda neighbours, rings: _fan(scheme, neighbours, rings),
         lambda places: np.abs(places).max(axis=1),
         _AXES,
     )
@@ -97,6 +97,30 @@ def _dual_wheel(scheme: PolygonScheme, valence: int, rings: int) -> Wheel:
     return _laid(scheme, topology, _places(cells, valence, 0.5, turns.size), turns, ring, hub=False)
 
 
+def _fan(scheme: PolygonScheme, neighbours: int, rings: int) -> Fan:
+    """Quadrants as of a wheel, between as many spokes as vertex 0 has neighbours."""
+    last = neighbours - 1
+    inner = [(s, i, j) for s in range(last) for i in range(1, rings + 1) for j in range(rings + 1)]
+    order = sorted([*inner, *((last, i, 0) for i in range(1, rings + 1))], key=lambda at: (max(at[1:]), at))
+    number = {place: 1 + index for index, place in enumerate(order)}
+
+    def at(s: int, i: int, j: int) -> int:
+        if i:
+            return number[s, i, j]
+        return number[s + 1, j, 0] if j else 0
+
+    quads = [
+        (at(s, i, j), at(s, i + 1, j), at(s, i + 1, j + 1), at(s, i, j + 1))
+        for s in range(last)
+        for i in range(rings)
+        for j in range(rings)
+    ]
+    topology = _of_quads(1 + len(order), np.array(quads))
+    ring = np.array([0, *(max(place[1:]) for place in order)])
+    # Linear interpolation keeps the boundary in its place, so that any places tell vertex 0 from the others.
+    return Fan(topology, ring, _refine(scheme, topology), _locate(scheme, topology, ring.astype(np.complex128)))
+
+
 def _numbered(
     valence: int, first: int, spans: Iterator[tuple[int, int]], ring_of: Callable[[int, int], int]
 ) -> tuple[Cells, Int64[np.ndarray, "K N"], Int64[np.ndarray, " K"]]:
@@ -123,10 +147,14 @@ def _laid(
     *,
     hub: bool,
 ) -> Wheel:
-    def locate(steps: int) -> Complex128[np.ndarray, " W"]:
-        return np.asarray(refine(topology, _linear(scheme), steps)(places))
+    return Wheel(places, topology, turns, ring, _refine(scheme, topology), _locate(scheme, topology, places), hub=hub)
 
-    return Wheel(places, topology, turns, ring, _refine(scheme, topology), locate, hub=hub)
+
+def _locate(
+    scheme: PolygonScheme, topology: PolygonTopology, places: Complex128[np.ndarray, " V"]
+) -> Callable[[int], Complex128[np.ndarray, " W"]]:
+    linear = _linear(scheme)
+    return lambda steps: np.asarray(refine(topology, linear, steps)(places))
 
 
 def _linear(scheme: PolygonScheme) -> PolygonScheme:

@@ -21,7 +21,7 @@ def verdict(analysis: Analysis) -> str:
     parts = [regular]
     if analysis.failing:
         parts.append(f"C1 fails at {_named(analysis, analysis.failing)}")
-    elif analysis.places:
+    elif any(place.valence != analysis.regular for place in analysis.places):
         parts.append(f"C1 at {_named(analysis, [place.valence for place in analysis.places])}")
     if analysis.unruled:
         parts.append(f"no rule at {_named(analysis, analysis.unruled)}")
