@@ -117,7 +117,7 @@ class SourceSettings(Settings):
     """Reduce the control mesh to about so many faces first; null leaves it as it is."""
     levels: Annotated[int, Field(ge=0, le=MOST_LEVELS)] = 4
     """Levels of subdivision by the scheme."""
-    verts: Annotated[int, Field(ge=4)] | None = None
+    wanted_verts: Annotated[int, Field(ge=4)] | None = None
     """In place of `levels`: as many as bring the number of verts nearest to this, so that schemes that make more verts
     of one at a level than others do can be compared; null leaves it to `levels`."""
     radius: Annotated[float, Field(gt=0)] | None = 1.0

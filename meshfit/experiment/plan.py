@@ -20,7 +20,7 @@ from meshfit.subdivision.catalogue import NamedScheme
 # Raised whenever the same settings would give other numbers, so that older results are not taken for newer ones.
 SCHEMA_VERSION = 2
 _WITH_FILES = ("creases", "alpha")
-_LATER = (*_WITH_FILES, "verts")
+_LATER = (*_WITH_FILES, "wanted_verts")
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ def _check_target(target: str) -> str:
 def _check_source(settings: SourceSettings, schemes: tuple[NamedScheme, ...]) -> tuple[tuple[str, str], ...]:
     files = source_files(settings)
     for scheme in schemes:
-        short = settings.model_copy(update={"levels": min(settings.levels, 1), "verts": None})
+        short = settings.model_copy(update={"levels": min(settings.levels, 1), "wanted_verts": None})
         build_source(short, scheme.declared(), scheme.spec)
     return tuple((role, file_sha256(target_path(name))) for role, name in files.items())
 

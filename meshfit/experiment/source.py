@@ -54,10 +54,10 @@ def _refined(
     mesh: Mesh | PolygonMesh, settings: SourceSettings, scheme: Scheme, creases: Creases | None
 ) -> Mesh | PolygonMesh:
     topology = Topology.of(mesh) if isinstance(mesh, Mesh) else PolygonTopology.of(mesh)
-    if settings.verts is None:
+    if settings.wanted_verts is None:
         refinement = refine(topology, scheme, settings.levels, creases)
     else:
-        refinement = _nearest_in_size(topology, scheme, settings.verts, creases)
+        refinement = _nearest_in_size(topology, scheme, settings.wanted_verts, creases)
     operators = refinement.operators
     verts = refinement(mesh.verts) if settings.project == "none" else refined_on_ball(mesh.verts, operators)
     if isinstance(refinement, Refinement):

@@ -123,8 +123,14 @@ REFUSED = {
     ("cube.ply", "out.ply", "--sharpness", "2"): "--sharpness: goes with --creases",
     ("cube.ply", "out.ply", "--creases", "45", "--sharpness", "3.5", "--limit"): "limits are known where creases are "
     "smooth or sharp for ever: a sharpness of 2.5 is left; refine 3 levels more",
-    ("cube.ply", "out.ply", "-s", "interp-loop", "--limit"): "limit positions and normals are known for loop only",
-    ("cube.ply", "out.ply", "-s", "sqrt3", "--normals"): "limit positions and normals are known for loop only",
+    (
+        "cube.ply",
+        "out.ply",
+        "-s",
+        "interp-loop",
+        "--limit",
+    ): "--limit: limits are known for loop only; found interp-loop",
+    ("cube.ply", "out.ply", "-s", "sqrt3", "--normals"): "--normals: limits are known for loop only; found sqrt3",
     ("cube.ply", "out.stl", "--normals"): "out.stl: vertex normals are written to .obj and .ply files only",
     ("cube.ply", "out.ply", "--alpha", "solid.obj"): "scheme 'loop' has no parameter 'alpha'",
     ("cube.ply", "out.ply", "-s", "interp-loop", "--alpha", "attribute:a"): "cube.ply: 'a' cannot be read: its verts",

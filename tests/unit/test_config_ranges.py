@@ -18,6 +18,7 @@ RANGES = {
         ["30", "edges.txt", "{}", "{angle: 30, file: a}", "{sharpness: 1}", "{angle: 0}", "{angle: 181}", "[30]"],
     ),
     "source.creases.angle": (["1e-3", "180"], ["0", "-1", "180.5", ".nan"]),
+    "source.wanted_verts": (["null", "4", "2562"], ["3", "0", "-1", "2.5"]),
     "source.alpha": (["null", "{file: a.txt}", "{attribute: alpha}"], ["0.5", "{}", "{file: a, attribute: b}"]),
     "source.project": (["none", "sphere"], ["Sphere", "null"]),
     "source.mesh": (["cube"], ["5", "null"]),

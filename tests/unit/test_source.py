@@ -79,19 +79,21 @@ def test_an_unknown_base_is_refused_with_what_is_allowed(name):
         ("sqrt2", 2562, 1922),
     ],
 )
-def test_verts_takes_as_many_levels_as_come_nearest(scheme, wanted, verts):
-    assert build_source(SourceSettings(verts=wanted), scheme).num_verts == verts
+def test_wanted_verts_take_as_many_levels_as_come_nearest(scheme, wanted, verts):
+    assert build_source(SourceSettings(wanted_verts=wanted), scheme).num_verts == verts
 
 
-def test_verts_takes_the_place_of_levels_and_neither_changes_the_other():
-    by_number, by_levels = (build_source(SourceSettings(**asked), "sqrt3") for asked in ({"verts": 92}, {"levels": 2}))
+def test_wanted_verts_take_the_place_of_levels_and_neither_changes_the_other():
+    by_number, by_levels = (
+        build_source(SourceSettings(**asked), "sqrt3") for asked in ({"wanted_verts": 92}, {"levels": 2})
+    )
     assert (by_number.verts == by_levels.verts).all()
     assert (by_number.faces == by_levels.faces).all()
 
 
 def test_verts_that_no_level_reaches_take_the_finest_allowed():
-    coarse = SourceSettings(mesh="tetrahedron", verts=10**9)
+    coarse = SourceSettings(mesh="tetrahedron", wanted_verts=10**9)
     assert (
         build_source(coarse, "sqrt3").num_verts
-        == build_source(coarse.model_copy(update={"verts": None, "levels": 8}), "sqrt3").num_verts
+        == build_source(coarse.model_copy(update={"wanted_verts": None, "levels": 8}), "sqrt3").num_verts
     )

@@ -10,7 +10,8 @@ from meshfit.experiment import plan as plan_module
 from meshfit.experiment.parcels import open_parcel, parcel_for
 from meshfit.experiment.plan import plan
 from meshfit.experiment.progress import Phase
-from meshfit.experiment.source import build_source, relocated
+from meshfit.experiment.control import relocated
+from meshfit.experiment.source import build_source
 from meshfit.experiment.store import RunDirectory
 from meshfit.experiment.trial import run_together
 from meshfit.mesh.files import load_mesh, save_mesh
