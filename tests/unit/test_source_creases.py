@@ -7,10 +7,10 @@ from meshfit.config.experiment import SourceSettings
 from meshfit.config.load import load_experiment
 from meshfit.errors import ConfigError, MeshError, MeshfitError, SchemeError
 from meshfit.experiment import plan as plan_module
+from meshfit.experiment.control import relocated
 from meshfit.experiment.parcels import open_parcel, parcel_for
 from meshfit.experiment.plan import plan
 from meshfit.experiment.progress import Phase
-from meshfit.experiment.control import relocated
 from meshfit.experiment.source import build_source
 from meshfit.experiment.store import RunDirectory
 from meshfit.experiment.trial import run_together
