@@ -16,6 +16,7 @@ from meshfit.experiment.store import RunDirectory
 from meshfit.experiment.trial import run_together
 from meshfit.fitting.gauss_newton import target as cloud
 from meshfit.fitting.gauss_newton.moving_surface import MovingSurface
+from meshfit.fitting.gauss_newton.refining import refined
 from meshfit.fitting.gauss_newton.stages import stages
 from meshfit.fitting.progress import Interrupted
 from meshfit.fitting.settings import GaussNewtonSettings
@@ -184,13 +185,13 @@ def test_refined_surfaces_keep_old_verts_and_are_sound(scheme):
     surface = MovingSurface.of(
         torch.tensor(mesh.verts), torch.tensor(triangles.faces), polygons=PolygonTopology.of(mesh)
     )
-    fine = surface.refined(scheme)
+    fine = refined(surface, scheme)
     expected = subdivide(mesh, scheme)
     np.testing.assert_allclose(fine.verts.numpy(), expected.verts, rtol=0, atol=1e-12)
     assert face_rows(expected.with_short_diagonals()) == [
         fine.polygons.corners_of(face) for face in range(fine.polygons.num_faces)
     ]
-    plain = replace(surface, polygons=None).refined(scheme)
+    plain = refined(replace(surface, polygons=None), scheme)
     assert plain.polygons.num_verts == subdivide(triangles, scheme).num_verts
 
 

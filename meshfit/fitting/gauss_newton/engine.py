@@ -10,6 +10,7 @@ from torch import Generator, Tensor
 from meshfit.errors import ConfigError
 from meshfit.fitting.gauss_newton.embedding import on_sphere
 from meshfit.fitting.gauss_newton.moving_surface import MovingSurface, Taken
+from meshfit.fitting.gauss_newton.refining import controlling, refined
 from meshfit.fitting.gauss_newton.rough_shape import RoughShape
 from meshfit.fitting.gauss_newton.stages import Stage, stages
 from meshfit.fitting.gauss_newton.target import TargetCloud
@@ -154,7 +155,7 @@ class GaussNewton:
         return self._controlling(surface, problem, checkpoint["surface"].get("followed"))
 
     def _controlling(self, surface: MovingSurface, problem: Problem, corners: Tensor | None = None) -> MovingSurface:
-        return surface.controlling(problem.scheme, self.settings.levels, limit=self.settings.limit, corners=corners)
+        return controlling(surface, problem.scheme, self.settings.levels, limit=self.settings.limit, corners=corners)
 
     def _step(self, member: int, stage: Stage, number: int) -> float:
         problem, target, rough = self.problems[member], self._targets[member], self._rough[member]
@@ -186,7 +187,7 @@ class GaussNewton:
         if stage.change == "start" and stage.attempt:
             surface = self._start(problem)
         if stage.change == "refine":
-            fine = surface.refined(problem.scheme)
+            fine = refined(surface, problem.scheme)
             too_many = self.settings.connectivity == "remeshed" and len(fine.verts) > self.settings.verts
             return surface if too_many else fine
         if stage.change == "control":

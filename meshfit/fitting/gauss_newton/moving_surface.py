@@ -2,9 +2,8 @@
 
 from dataclasses import dataclass, replace
 
-import numpy as np
 import torch
-from jaxtyping import Float, Float64, Int64
+from jaxtyping import Float, Float64
 from torch import Generator, Tensor
 
 from meshfit.fitting.gauss_newton.equations import Control, Pattern, solve_step
@@ -17,20 +16,9 @@ from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.fitting.gauss_newton.webs import tension
 from meshfit.loss.sparse import Sparse
-from meshfit.mesh.mesh import Verts
 from meshfit.mesh.polygon_topology import PolygonTopology
-from meshfit.mesh.polygons import fan_triangles
-from meshfit.mesh.topology import Topology
 from meshfit.remeshing.moving import Moving
 from meshfit.remeshing.remesh import remeshed
-from meshfit.subdivision.choose import declared
-from meshfit.subdivision.flat import flat
-from meshfit.subdivision.limit import loop_limit
-from meshfit.subdivision.polygon_scheme import PolygonScheme
-from meshfit.subdivision.refine import refine
-from meshfit.subdivision.refinement import cut
-from meshfit.subdivision.scheme import Scheme
-from meshfit.subdivision.triangle_scheme import TriangleScheme
 
 _REMESH_ROUNDS = 3
 # Lengths go down with curvature to this power where a connectivity is placed: the map gives way to part of it only.
@@ -163,67 +151,6 @@ class MovingSurface:
         relaxed = (self.stiffness * _WEARING).clamp_min(1)
         stiffness = torch.where(held[:, None], (relaxed * _STIFFER).clamp_max(_STIFFEST), relaxed)
         return Taken(replace(self, verts=verts, stiffness=stiffness), pairs, int(held.sum()))
-
-    def controlling(
-        self, scheme: str | Scheme, levels: int, *, limit: bool, corners: Int64[Tensor, " C"] | None = None
-    ) -> "MovingSurface":
-        """The surface as a control mesh, followed by some levels of a scheme.
-
-        Args:
-            scheme: the scheme.
-            levels: how many.
-            limit: put the verts of the last level where Loop subdivision would put them in the end.
-            corners: (C,) of the polygons of the last level, if it is known already where each of them begins.
-        """
-        masks = declared(scheme)
-        refinement = refine(self._topology_for(masks), masks, levels)
-        matrix = refinement.matrix
-        faces, polygons = cut(refinement, matrix @ self._places)
-        if corners is not None and polygons is not None:
-            polygons = replace(polygons, corners=corners.numpy())
-            faces = fan_triangles(polygons.corners, polygons.sizes)
-        if limit:
-            assert isinstance(masks, TriangleScheme)  # noqa: S101  only Loop's have a limit that is known
-            matrix = loop_limit(Topology(matrix.shape[0], faces), masks) @ matrix
-        dtype, device = self.verts.dtype, self.verts.device
-        followers = Followers(
-            Pattern(Connectivity(torch.tensor(faces, device=device), matrix.shape[0], dtype)),
-            Sparse.of(matrix, dtype, device),
-            Sparse.of(matrix.power(2), dtype, device),
-            polygons,
-        )
-        return replace(self, on_sphere=None, followers=followers)
-
-    @property
-    def _places(self) -> Verts:
-        return np.asarray(self.verts.cpu().double().numpy())
-
-    def _topology_for(self, scheme: Scheme) -> Topology | PolygonTopology:
-        if self.polygons is not None and isinstance(scheme, PolygonScheme):
-            return self.polygons
-        return Topology(len(self.verts), self.pattern.connectivity.faces.cpu().numpy())
-
-    def refined(self, scheme: str | Scheme) -> "MovingSurface":
-        """One level of a scheme, as far as it leaves the surface sound: elsewhere verts stay nearer to its faces.
-
-        Where triangles are cut in four, there is always such a place, since the surface itself is one; where the scheme
-        has other ways of keeping old verts, there nearly is one. A scheme on polygons goes on from those of the last.
-        """
-        masks, device = declared(scheme), self.verts.device
-        topology = self._topology_for(masks)
-        refinement, verts = refine(topology, masks), self._places
-        fine = refinement(verts)
-        faces, polygons = cut(refinement, fine)
-        place = torch.as_tensor(fine).to(self.verts)
-        surface = MovingSurface.of(place, torch.tensor(faces, device=device), polygons=polygons)
-        linear = flat(masks)
-        if linear is None:
-            return surface.untangled()
-        between = refine(topology, linear)
-        start = torch.as_tensor(between(verts)).to(self.verts)
-        stiffness = torch.as_tensor(between(self.stiffness.cpu().double().numpy())).to(self.verts)
-        held, _ = guarded(surface.pattern.connectivity, start, surface.verts)
-        return replace(surface, verts=held, stiffness=stiffness).untangled()
 
     def untangled(self) -> "MovingSurface":
         """The surface with unsound faces smoothed away, as far as that goes; as it is if it follows a control mesh."""
