@@ -13,7 +13,7 @@ NEW    ?= bench.json
 ALL_TARGETS := --set 'targets=[bunny, cow, bone, airplane, mousehead]' --set 'seeds=[0, 1, 2, 3, 4]'
 
 .DEFAULT_GOAL := help
-.PHONY: help setup quickstart test check lint types layers table1 reproduce bench bench-compare ablation accuracy figures mousehead wheel clean
+.PHONY: help setup quickstart test check lint types layers table1 reproduce bench bench-compare ablation accuracy figures zoo mousehead wheel clean
 
 help:  ## List the targets
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -81,6 +81,11 @@ figures: $(DEV)  ## Draw the README's pictures from real runs (under 10 minutes)
 	$(BIN)/meshfit render bunny mousehead cow bone airplane -o data/pictures/targets.png
 	$(BIN)/meshfit figure $(RUNS)/table1/*/*/seed-0-* -o data/pictures/table1.png --targets bunny,mousehead
 	$(BIN)/meshfit figure $(RUNS)/accurate/*/*/seed-0-* -o data/pictures/accurate.png --targets bunny,mousehead
+	$(BIN)/meshfit schemes interp-loop --analyse --plot data/pictures/interp-loop.png
+
+zoo: $(DEV)  ## Every scheme on every target with both engines, and the chart in the README (half an hour)
+	$(BIN)/meshfit run zoo --runs $(RUNS)
+	$(BIN)/meshfit chart $(RUNS)/zoo -o data/pictures/zoo.png
 
 mousehead: $(RUN)  ## Make the mousehead target anew
 	$(BIN)/python data/mousehead.py

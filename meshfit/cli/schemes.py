@@ -1,6 +1,7 @@
 """`meshfit schemes`: the table of schemes, or one of them with its masks and what is computed of it."""
 
 import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -62,6 +63,8 @@ def schemes(
 
         meshfit schemes butterfly --analyse --plot butterfly.png
     """
+    if analysed or plot is not None:
+        _stay_on_one_thread()
     from meshfit.config.load import defined_in
     from meshfit.config.scheme_files import adopted
     from meshfit.errors import ConfigError
@@ -152,6 +155,14 @@ def _print_masks(title: str, entry: SchemeEntry, scheme: "Scheme", rows: "list[M
     for row in rows:
         facts.add_row(row.where, row.weights)
     out.print(facts)
+
+
+def _stay_on_one_thread() -> None:
+    """Before numpy is imported: an analysis has small matrices, for which threads wait longer than they work."""
+    from meshfit.experiment.interrupts import ONE_THREAD
+
+    for name, count in ONE_THREAD.items():
+        os.environ.setdefault(name, count)
 
 
 def _with_parameters(name: str, entry: SchemeEntry) -> str:

@@ -118,7 +118,7 @@ TRIANGLE_SCHEMES: dict[str, SchemeEntry] = {
         "interpolatory Loop",
         "triangles",
         "interpolatory",
-        "C1 for 0 < alpha <= 1; at valence 3 only for alpha < 0.864, or with valence3=zorin",
+        "C1, on regular meshes C2 for alpha < 1; C1 at valence 3 only for alpha < 0.864, or with valence3=zorin",
         "Loop displaced back, after Lin, You, Luo and Li 2008 and Li and Zheng 2012",
         _interp_loop,
         {
