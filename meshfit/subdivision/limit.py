@@ -80,9 +80,10 @@ def sharp_for_ever(topology: Topology, creases: Creases | None) -> Mask:
     sharpness = creases.sharpness_on(topology)
     left = sharpness[(sharpness > 0) & ~np.isinf(sharpness)]
     if len(left):
+        more = int(np.ceil(left.max()))
         raise SchemeError(
             f"limits are known where creases are smooth or sharp for ever: a sharpness of {left.max():g} is left; "
-            f"refine {int(np.ceil(left.max()))} levels more"
+            f"refine {more} {'level' if more == 1 else 'levels'} more"
         )
     return np.asarray(np.isinf(sharpness))
 
