@@ -1,13 +1,17 @@
 """`meshfit chart`: the numbers of some runs as a picture."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from meshfit.cli import completions
 from meshfit.cli.console import out
 from meshfit.cli.options import DEFAULT_METRIC, RunDirs
+
+if TYPE_CHECKING:
+    from meshfit.report.table import ResultTable
 
 
 def chart(
@@ -20,7 +24,7 @@ def chart(
         typer.Option("--metric", help="What is drawn.", metavar="NAME", autocompletion=completions.metrics),
     ] = DEFAULT_METRIC,
 ) -> int:
-    """Draw the numbers of some runs as a chart.
+    """Draw the numbers of some runs as a chart, and print means.
 
     Schemes stand under their kind, with a mark for each target: the mean over its seeds. Bars are geometric means over
     the targets; there is a panel for each setting of a sweep. Needs the extra: pip install 'meshfit[report]'.
@@ -38,6 +42,29 @@ def chart(
     from meshfit.report.typeset import require_suffix
 
     require_suffix(output)
-    write_chart(build_tables(told_apart(with_planned_names(read_results(runs))), metric), output)
+    tables = build_tables(told_apart(with_planned_names(read_results(runs))), metric)
+    write_chart(tables, output)
+    _print_means(tables)
     out.print(f"wrote {output}", soft_wrap=True, markup=False)
     return 0
+
+
+def _print_means(tables: "Sequence[ResultTable]") -> None:
+    """What the bars stand for, in numbers."""
+    from rich.table import Table
+
+    from meshfit.measuring.metrics import METRICS
+    from meshfit.report.chart import geometric_means
+
+    columns = [(table.variant or table.title, geometric_means(table)) for table in tables]
+    schemes = list(dict.fromkeys(scheme for _, means in columns for scheme in means))
+    if not schemes:
+        return
+    shown = Table(box=None, pad_edge=False)
+    shown.add_column("scheme")
+    for name, _ in columns:
+        shown.add_column(name, justify="right")
+    for scheme in schemes:
+        shown.add_row(scheme, *(f"{means[scheme]:.4g}" if scheme in means else "" for _, means in columns))
+    out.print(f"{METRICS[tables[0].metric].title}: geometric means over the targets")
+    out.print(shown)

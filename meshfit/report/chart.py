@@ -69,6 +69,18 @@ def write_chart(tables: Sequence[ResultTable], path: Path) -> None:
         write_drawing(figure, path, DPI[path.suffix.lower()])
 
 
+def geometric_means(table: ResultTable) -> dict[str, float]:
+    """Over the targets, of each scheme that has results on all of them, where these are several."""
+    means = _means(table)
+    found = {scheme: [means.get((target, scheme)) for target in table.targets] for scheme in table.schemes}
+    whole = {scheme: [value for value in values if value is not None] for scheme, values in found.items()}
+    return {
+        scheme: exp(fmean(log(value) for value in values))
+        for scheme, values in whole.items()
+        if len(values) == len(table.targets) > 1
+    }
+
+
 def _lines(tables: Sequence[ResultTable]) -> list[_Line]:
     """Schemes by their kind, each under its heading; in one table the order of the other."""
     schemes = list(dict.fromkeys(scheme for table in tables for scheme in table.schemes))
@@ -101,8 +113,8 @@ def _draw_panel(axes: Any, table: ResultTable, lines: Sequence[_Line], *, names:
         if not values:
             continue
         axes.axhline(row, color="#e4e8ec", linewidth=0.5, zorder=0)
-        if len(values) == len(table.targets) > 1:
-            middle = exp(fmean(log(value) for value in values.values()))
+        middle = geometric_means(table).get(line.scheme or "")
+        if middle is not None:
             axes.plot([middle, middle], [row - 0.4, row + 0.4], color=_MEAN, linewidth=2.2, zorder=1)
         for place, target in enumerate(table.targets):
             if target in values:

@@ -1,11 +1,12 @@
 """The chart of numbers: what is on it, and what it refuses."""
 
 import re
+from dataclasses import replace
 
 import pytest
 
 from meshfit.errors import ConfigError
-from meshfit.report.chart import write_chart
+from meshfit.report.chart import geometric_means, write_chart
 from meshfit.report.table import build_tables
 from tests.cli import answered, refused
 from tests.runs import complete, result_of
@@ -49,6 +50,22 @@ def test_a_scheme_without_results_in_one_setting_leaves_its_line_free(tmp_path):
     some = [one for one in results() if not (one["variant"] == "first" and one["scheme"] == "loop")]
     write_chart(build_tables(some), tmp_path / "chart.svg")
     assert "loop" in texts(tmp_path / "chart.svg")
+
+
+def test_geometric_means_are_over_all_targets_or_none():
+    some = [one for one in results() if (one["target"], one["scheme"]) != ("cow", "midpoint")]
+    for table in build_tables(some):
+        doubled = replace(
+            table,
+            cells={
+                key: replace(cell, mean=cell.mean * (4 if key[0] == "cow" else 1)) for key, cell in table.cells.items()
+            },
+        )
+        assert geometric_means(doubled) == pytest.approx(
+            {"loop": 0.02, "interp-loop": 0.04, "interp-loop:alpha=0.5": 0.06}
+        )
+    alone = [one for one in results() if one["target"] == "cow"]
+    assert all(geometric_means(table) == {} for table in build_tables(alone))
 
 
 def test_what_a_logarithm_does_not_take_is_refused(tmp_path):
