@@ -54,11 +54,14 @@ def setting_lines(sheet: Sheet) -> list[str]:
     def get(key: str) -> str:
         return str(found.get(key, "?"))
 
-    source = [get("source.mesh"), _count(get("source.levels"), "level")]
+    wanted = sheet.settings.get("source.wanted_verts")
+    size = _count(get("source.levels"), "level") if wanted is None else f"refined to about {wanted} verts"
+    source = [get("source.mesh"), size]
     if sheet.settings.get("source.decimate"):
         source.insert(1, f"decimated to {get('source.decimate')} faces")
     if sheet.settings.get("source.project", "none") != "none":
-        source.append(f"projected to the {get('source.project')}")
+        project = get("source.project")
+        source.append(f"projection {VARIED}" if project == VARIED else f"projected to the {project}")
     source += _tags(sheet.settings)
     scheme = f"; scheme {sheet.schemes[0]}" if row_names(sheet) == ("variation",) else ""
     return [

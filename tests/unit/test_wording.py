@@ -1,0 +1,36 @@
+"""Sentences about tables: what is said of the source."""
+
+import pytest
+
+from meshfit.report.sheet import arrange
+from meshfit.report.table import build_tables
+from meshfit.report.wording import setting_lines
+from meshfit.settings import merged
+from tests.runs import result_of
+
+
+def source_line(*sources):
+    results = []
+    for place, source in enumerate(sources):
+        one = result_of(seed=place, steps=100 + place)
+        results.append(one | {"variant": str(place), "settings": merged(one["settings"], {"source": source})})
+    (sheet,) = arrange(build_tables(results))
+    return setting_lines(sheet)[-1]
+
+
+@pytest.mark.parametrize(
+    ("source", "said"),
+    [
+        ({"levels": 1}, "Source: icosahedron, 1 level"),
+        ({"wanted_verts": 2562}, "Source: icosahedron, refined to about 2562 verts"),
+        ({"decimate": 500, "mesh": "bunny"}, "Source: bunny, decimated to 500 faces, 4 levels"),
+        ({"project": "sphere"}, "Source: icosahedron, 4 levels, projected to the sphere"),
+    ],
+)
+def test_the_source_of_all_trials(source, said):
+    assert source_line(source) == said
+
+
+def test_what_differs_from_trial_to_trial_is_told_to_vary():
+    line = source_line({"project": "sphere"}, {"project": "none"})
+    assert line.startswith("Source: icosahedron, 4 levels, projection varied")
