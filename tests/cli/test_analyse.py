@@ -27,14 +27,19 @@ def test_the_verdict_comes_first(name):
     assert out.startswith(f"{VERDICTS[name]}\n\n{name}  ")
 
 
-@pytest.mark.parametrize("name", SCHEMES)
+QUICK = ("loop", "doo-sabin", "four-point")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name not in QUICK)) for name in SCHEMES]
+)
 def test_every_scheme_is_analysed_in_80_columns(name):
     with mock.patch("tests.cli.WIDTH", 80):
         out = answered("schemes", name, "--analyse")
+        assert answered("schemes", name) in out
     assert max(map(len, out.splitlines())) <= 80
     assert "Sobolev exponent" in out
     assert "shifts of the basis" in out
-    assert answered("schemes", name) in answered("schemes", name, "--analyse")
 
 
 def test_what_is_printed_of_interp_loop():

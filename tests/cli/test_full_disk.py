@@ -29,7 +29,8 @@ def disk(tmp_path):
         subprocess.run(["umount", place], check=True)
 
 
-@pytest.mark.parametrize("kib", [pytest.param(4, marks=pytest.mark.slow), 16, pytest.param(28, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("kib", [4, 16, 28])
 def test_a_full_disk_ends_the_run_in_one_line_and_with_room_it_goes_on(tmp_path, disk, kib):
     config = config_file(tmp_path, SMALL)
     runs, resize = disk

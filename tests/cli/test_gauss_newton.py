@@ -1,5 +1,7 @@
 """Both commands that fit, with the second engine."""
 
+import pytest
+
 from tests.cli.processes import contents, meshfit
 from tests.small import config_file
 
@@ -14,6 +16,7 @@ device: cpu
 """
 
 
+@pytest.mark.slow
 def test_run_and_compare_fit_by_gauss_newton_and_print_their_tables(tmp_path):
     config = config_file(tmp_path, CONFIG)
     out, err = meshfit("run", config, folder=tmp_path)

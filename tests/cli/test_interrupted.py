@@ -28,6 +28,7 @@ def is_alive(pid: int) -> bool:
     return bool(state.stdout.strip()) and not state.stdout.strip().startswith("Z")
 
 
+@pytest.mark.slow
 def test_ctrl_c_exits_130_and_the_next_run_goes_on_from_the_checkpoint(tmp_path, undisturbed):
     config = config_file(tmp_path, LONG)
     process = start("run", config, "-j", 1, folder=tmp_path)

@@ -101,6 +101,7 @@ def test_clean_removes_what_failed_and_leaves_what_is_complete(copied):
     assert answered("clean", "runs", "--failed", "--partial") == "removed 0 trials, 0 B\n"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs POSIX signals")
 def test_a_real_run_is_seen_running_then_interrupted_and_goes_on_after_a_clean(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -74,6 +74,7 @@ def test_a_run_gives_what_the_same_built_in_scheme_gives(complete):
     assert len(identities) == 8
 
 
+@pytest.mark.slow
 def test_a_resolved_config_runs_on_its_own(complete, tmp_path):
     folder, _ = complete
     config = next((folder / "runs/small/ellipsoid/softer").glob("seed-1-*/config.yaml"))
@@ -109,6 +110,7 @@ def test_compare_takes_names_of_a_config_and_files(complete):
     assert "Difference from warren" in out
 
 
+@pytest.mark.slow
 def test_compare_with_a_bundled_config(folder):
     out = answered("compare", "loop", "softer.yaml:alpha=0.25", "--config", "quickstart", "--dry-run", "--json")
     assert {row["scheme"] for row in json.loads(out)["trials"]} == {"loop", "softer:alpha=0.25"}

@@ -100,6 +100,7 @@ def test_several_metrics_stand_in_one_table(complete):
     assert [row["metric"] for row in rows] == ["hausdorff.symmetric"] * 2 + ["f_score.f1"] * 2
 
 
+@pytest.mark.slow
 def test_differences_are_from_the_baseline(complete):
     for command in (("table", "runs"), ("run", "small.yaml"), ("compare", "loop", "interp-loop", *SMALL)):
         out, _ = meshfit(*command, folder=complete[0])
@@ -108,6 +109,7 @@ def test_differences_are_from_the_baseline(complete):
         assert "Difference from interp-loop" in out
 
 
+@pytest.mark.slow
 def test_variations_of_an_experiment_are_rows_of_one_table(copied):
     before, _ = meshfit("table", "runs", "--format", "json", folder=copied)
     meshfit("run", "small.yaml", "-q", "--set", "fit.steps=10", folder=copied)
