@@ -80,6 +80,7 @@ def test_moments_are_in_the_targets_frame_whatever_frame_they_were_written_in(tm
     assert not np.allclose(load_mesh(place / "result.ply").verts, result.mesh.verts)
 
 
+@pytest.mark.slow
 def test_a_surface_that_has_not_moved_is_shown_once(tmp_path):
     settings = SECOND | {"coarse_steps": 40, "tries": 2, "snapshots": 1}
     trial, store, place = prepared(tmp_path, fit=settings)
@@ -101,6 +102,7 @@ def test_what_cannot_be_written_is_refused(tmp_path):
     assert "there is no folder" in refused("animate", place, "-o", tmp_path / "gone" / "fit.gif")
 
 
+@pytest.mark.slow
 def test_complete_trials_without_the_snapshots_that_are_wanted_are_told_of(tmp_path):
     arguments = ["run", config_file(tmp_path), "--runs", tmp_path / "runs", "--set", "seeds=[0]", "--quiet"]
     arguments += ["--set", "schemes=[loop]"]

@@ -40,6 +40,7 @@ def test_run_ends_in_a_table_and_a_second_run_does_nothing(complete):
     assert contents(folder / "runs", "result.json") == before
 
 
+@pytest.mark.slow
 def test_dry_run_tells_what_is_complete_and_writes_nothing(complete):
     folder, _ = complete
     out, _ = meshfit("run", "small.yaml", "--dry-run", "--runs", "elsewhere", folder=folder)
@@ -56,6 +57,7 @@ def test_json_goes_to_stdout_alone(complete):
     assert all(result["hausdorff"]["symmetric"] > 0 for result in results)
 
 
+@pytest.mark.slow
 def test_compare_runs_what_is_missing_and_pairs_by_seed(copied):
     before = contents(copied / "runs", "result.json")
     arguments = ("compare", "loop", "butterfly:tension=0.05", "--config", "small.yaml", "--seeds", "2")

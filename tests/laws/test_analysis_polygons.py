@@ -126,6 +126,7 @@ def test_every_valence_of_a_wheel_is_what_it_says():
         assert not np.any(topology.faces_per_edge > 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("alpha", [0.25, 0.5, 1.0])
 def test_blends_are_smooth_at_all_valences(alpha):
     for name in ("interp-catmull-clark", "interp-sqrt2"):

@@ -30,6 +30,7 @@ def places_of(scheme, valences):
     return {place.valence: place for place in analyse(scheme, valences).places}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spec", TABLES)
 def test_leading_eigenvalues_are_those_of_the_tables(spec):
     places = places_of(spec, tuple(TABLES[spec]))
@@ -45,6 +46,7 @@ def test_every_row_of_the_tables_is_looked_at():
     assert len(CASES) == sum(len(table) for table in TABLES.values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spec", "failing"),
     [

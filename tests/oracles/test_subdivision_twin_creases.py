@@ -83,6 +83,7 @@ def refined_once(walk: Creased, alpha: float) -> Creased:
     return Creased(Mesh(np.array(points), np.array(faces)), sharpness, walk.corners)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", MESHES.values(), ids=MESHES.keys())
 @pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize(("spec", "alpha"), [("loop", 0), ("interp-loop", 1), ("interp-loop:alpha=0.4", 0.4)])

@@ -50,6 +50,7 @@ def test_without_complete_trials_one_is_probed(tmp_path):
     assert 0 < found.seconds < 60
 
 
+@pytest.mark.slow
 def test_a_long_trial_is_probed_by_its_first_steps(tmp_path):
     trials = plan([experiment(tmp_path, fit={"steps": 1_000_000}, jobs=1)])
     assert estimate(trials, []).seconds > 60

@@ -80,6 +80,7 @@ def test_a_small_ball_becomes_the_shape_that_it_is_fitted_to(name, changes):
     assert 0.7 * SMALL["verts"] < quality.verts <= (642 if changes else SMALL["verts"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scheme", "levels"),
     [*((scheme, 1) for scheme in QUADRISECTING), ("loop", 0), ("loop", 2), ("sqrt3", 1), ("sqrt3", 2)],
