@@ -3,14 +3,13 @@
 import random
 import signal
 import tracemalloc
-import warnings
 
 import numpy as np
 import pytest
 
-from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.files import SUFFIXES, encode_mesh, load_mesh
 from meshfit.mesh.solids import octahedron
+from tests.damaged import read_or_refused
 
 CASES = 150
 SECONDS = 20
@@ -65,19 +64,6 @@ def damaged(content, rng):
     )()
 
 
-def loaded(path):
-    """The mesh, if there is one; any other warning than our own is an error."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MeshfitWarning)
-        try:
-            return load_mesh(path)
-        except MeshError as error:
-            said = str(error)
-    assert said.startswith(f"{path}: ")
-    assert "\n" not in said
-    return None
-
-
 @pytest.mark.parametrize("name", VALID)
 def test_a_damaged_file_is_refused_or_gives_a_sane_mesh(tmp_path, name):
     rng = random.Random(name)
@@ -88,7 +74,7 @@ def test_a_damaged_file_is_refused_or_gives_a_sane_mesh(tmp_path, name):
         for _ in range(rng.randrange(1, 4)):
             content = damaged(content, rng) or b"\0"
         path.write_bytes(content)
-        mesh = loaded(path)
+        mesh = read_or_refused(load_mesh, path)
         if mesh is None:
             refused += 1
             continue
@@ -119,7 +105,7 @@ GIANTS = {
 def test_what_a_file_announces_is_not_allocated_before_it_is_there(tmp_path, name):
     (tmp_path / name).write_bytes(GIANTS[name])
     tracemalloc.start()
-    mesh = loaded(tmp_path / name)
+    mesh = read_or_refused(load_mesh, tmp_path / name)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 20 * MEGABYTE
@@ -130,4 +116,4 @@ def test_what_a_file_announces_is_not_allocated_before_it_is_there(tmp_path, nam
 def test_the_undamaged_files_are_good(tmp_path, name):
     path = tmp_path / f"a{name}"
     path.write_bytes(VALID[name])
-    assert loaded(path) is not None
+    assert read_or_refused(load_mesh, path) is not None
