@@ -105,7 +105,7 @@ def _means(table: ResultTable) -> Mapping[tuple[str, str], float]:
 
 
 def _draw_panel(axes: Any, table: ResultTable, lines: Sequence[_Line], *, names: bool) -> None:  # noqa: ANN401
-    means = _means(table)
+    means, middles = _means(table), geometric_means(table)
     for row, line in enumerate(lines):
         values = {
             target: means[target, line.scheme or ""] for target in table.targets if (target, line.scheme) in means
@@ -113,7 +113,7 @@ def _draw_panel(axes: Any, table: ResultTable, lines: Sequence[_Line], *, names:
         if not values:
             continue
         axes.axhline(row, color="#e4e8ec", linewidth=0.5, zorder=0)
-        middle = geometric_means(table).get(line.scheme or "")
+        middle = middles.get(line.scheme or "")
         if middle is not None:
             axes.plot([middle, middle], [row - 0.4, row + 0.4], color=_MEAN, linewidth=2.2, zorder=1)
         for place, target in enumerate(table.targets):

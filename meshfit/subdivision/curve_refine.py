@@ -1,10 +1,11 @@
 """Refinement of curves: some levels of a scheme on their chains."""
 
-import numpy as np
+from functools import partial
 
 from meshfit.mesh.curves import Chains, require_chains
 from meshfit.subdivision.curve_assemble import assemble_curves, vertex_attribute_carry
 from meshfit.subdivision.curve_scheme import CurveScheme
+from meshfit.subdivision.push_back import with_carried_alpha
 from meshfit.subdivision.refinement import CurveRefinement
 
 
@@ -19,7 +20,6 @@ def refine_chains(chains: Chains, scheme: CurveScheme, levels: int) -> CurveRefi
     num_coarse, operators = chains.num_verts, []
     for _ in range(levels):
         operators.append(assemble_curves(chains, scheme))
-        if scheme.push_back is not None and np.ndim(scheme.push_back.alpha):
-            scheme = scheme.with_alpha(vertex_attribute_carry(chains, scheme) @ np.asarray(scheme.push_back.alpha))
+        scheme = with_carried_alpha(scheme, partial(vertex_attribute_carry, chains, scheme))
         chains = chains.split(len(scheme.mask.inserted))
     return CurveRefinement(num_coarse, tuple(operators), chains)

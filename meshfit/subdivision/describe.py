@@ -8,7 +8,7 @@ from meshfit.mesh.topology import Topology
 from meshfit.subdivision.assemble import assemble
 from meshfit.subdivision.curve_scheme import CurveScheme
 from meshfit.subdivision.describe_curves import describe_curves
-from meshfit.subdivision.mask_rows import MaskRow, along, grouped, number
+from meshfit.subdivision.mask_rows import MaskRow, along, grouped, number, push_back_row
 from meshfit.subdivision.polygon_describe import describe_on_polygons
 from meshfit.subdivision.polygon_scheme import PolygonScheme
 from meshfit.subdivision.scheme import Scheme
@@ -45,9 +45,7 @@ def _on_triangles(scheme: TriangleScheme) -> Iterator[MaskRow]:
     yield from _extraordinary(scheme)
     yield from _boundary(scheme)
     if scheme.push_back is not None:
-        yield MaskRow(
-            "push-back", f"alpha = {number(float(scheme.push_back.alpha))}: old E + αD, new O + αMD, D = I - E"
-        )
+        yield push_back_row(scheme.push_back)
 
 
 def _extraordinary(scheme: TriangleScheme) -> Iterator[MaskRow]:

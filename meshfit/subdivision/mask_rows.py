@@ -5,6 +5,8 @@ from fractions import Fraction
 
 from scipy.sparse import coo_array, csr_array
 
+from meshfit.subdivision.triangle_scheme import PushBack
+
 _LARGEST_DENOMINATOR = 8192
 _ZERO = 1e-14
 
@@ -36,10 +38,15 @@ def grouped(rows: csr_array, row: int, roles: dict[int, str], others: str) -> st
 
 
 def along(rows: csr_array, row: int, origin: int) -> str:
-    """A row's weights along a boundary, by offset from one of its verts."""
+    """A row's weights along a boundary or another curve, by offset from one of its verts."""
     weights = {column - origin: weight for column, weight in entries(rows, row)}
     listed = ", ".join(number(weights[offset]) for offset in sorted(weights))
     return f"{listed} " + (f"at {min(weights)} … {max(weights)} along it" if len(weights) > 1 else "itself")
+
+
+def push_back_row(push_back: PushBack) -> MaskRow:
+    """What a push-back by one α for all makes of the masks."""
+    return MaskRow("push-back", f"alpha = {number(float(push_back.alpha))}: old E + αD, new O + αMD, D = I - E")
 
 
 def number(value: float) -> str:

@@ -1,7 +1,7 @@
 """The assembler of polygons: it lays masks down as a sparse operator, and never asks which scheme they are of."""
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array, eye_array, vstack
+from scipy.sparse import csr_array, vstack
 
 from meshfit.mesh.halfedges import NONE, Indices
 from meshfit.mesh.polygon_topology import PolygonTopology
@@ -10,7 +10,7 @@ from meshfit.subdivision.polygon_masks import CornerMask, MeanMask, NetMask
 from meshfit.subdivision.polygon_net import Net
 from meshfit.subdivision.polygon_scheme import LINEAR, PolygonScheme
 from meshfit.subdivision.polygon_splits import PolygonDivision
-from meshfit.subdivision.triangle_scheme import PushBack
+from meshfit.subdivision.push_back import pushed_back
 
 
 def assemble_polygons(topology: PolygonTopology, scheme: PolygonScheme, division: PolygonDivision) -> csr_array:
@@ -30,7 +30,7 @@ def assemble_polygons(topology: PolygonTopology, scheme: PolygonScheme, division
     even, odd = _old_verts(topology, scheme, division), _new_verts(topology, scheme, division)
     if scheme.push_back is not None:
         between = _new_verts(topology, LINEAR[scheme.split], division)
-        even, odd = _push_back(scheme.push_back, even, odd, between)
+        even, odd = pushed_back(scheme.push_back.alpha, between, even, odd)
     operator = csr_array(vstack([even, odd], format="csr"))
     operator.eliminate_zeros()
     operator.sort_indices()
@@ -121,9 +121,3 @@ def _in_face(topology: PolygonTopology, mask: CornerMask, corner: Indices) -> cs
             rows = rows + put(here, pick(topology.tail[other], topology.num_verts), len(topology.corners), share)
             other = topology.following(other)
     return csr_array(rows)
-
-
-def _push_back(push_back: PushBack, even: csr_array, odd: csr_array, between: csr_array) -> tuple[csr_array, csr_array]:
-    alpha = np.broadcast_to(np.asarray(push_back.alpha, dtype=np.float64), (even.shape[0],))
-    displacement = diags_array(alpha) @ (eye_array(even.shape[0], format="csr") - even)
-    return csr_array(even + displacement), csr_array(odd + between @ displacement)

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from meshfit.mesh.polygon_topology import PolygonTopology
-from meshfit.subdivision.mask_rows import MaskRow, along, entries, grouped, number
+from meshfit.subdivision.mask_rows import MaskRow, along, entries, grouped, number, push_back_row
 from meshfit.subdivision.polygon_masks import CornerMask, NetMask
 from meshfit.subdivision.polygon_scheme import PolygonScheme, PolygonSplit
 from meshfit.subdivision.refine import refine
@@ -69,8 +69,7 @@ def describe_on_polygons(scheme: PolygonScheme) -> Iterator[MaskRow]:
     yield from _extraordinary(scheme)
     yield from _boundary(scheme)
     if scheme.push_back is not None:
-        alpha = number(float(scheme.push_back.alpha))
-        yield MaskRow("push-back", f"alpha = {alpha}: old E + αD, new O + αMD, D = I - E")
+        yield push_back_row(scheme.push_back)
 
 
 def _extraordinary(scheme: PolygonScheme) -> Iterator[MaskRow]:

@@ -1,6 +1,7 @@
 """Refinement: some levels of a scheme laid down on a connectivity, or on a mesh."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any, overload
 
 import numpy as np
@@ -22,7 +23,8 @@ from meshfit.subdivision.curve_refine import refine_chains
 from meshfit.subdivision.curve_scheme import CurveScheme
 from meshfit.subdivision.polygon_assemble import assemble_polygons
 from meshfit.subdivision.polygon_scheme import LINEAR, PolygonScheme
-from meshfit.subdivision.polygon_splits import divide_polygons
+from meshfit.subdivision.polygon_splits import PolygonDivision, divide_polygons
+from meshfit.subdivision.push_back import with_carried_alpha
 from meshfit.subdivision.refinement import CurveRefinement, PolygonRefinement, Refinement
 from meshfit.subdivision.scheme import Scheme
 from meshfit.subdivision.splits import divide
@@ -97,8 +99,7 @@ def _refine_triangles(topology: Topology, scheme: TriangleScheme, levels: int, c
     for step in range(levels):
         division = divide(topology, scheme.split, step)
         operators.append(assemble(topology, scheme, division, creases))
-        if scheme.push_back is not None and np.ndim(scheme.push_back.alpha):
-            scheme = scheme.with_alpha(vertex_attribute_carry(topology, division) @ np.asarray(scheme.push_back.alpha))
+        scheme = with_carried_alpha(scheme, partial(vertex_attribute_carry, topology, division))
         topology = Topology(topology.num_verts + division.num_new, division.faces)
         creases = None if creases is None else creases.finer(topology.num_verts, topology.edges)
     return Refinement(num_coarse, tuple(operators), topology.faces, creases)
@@ -109,11 +110,13 @@ def _refine_polygons(topology: PolygonTopology, scheme: PolygonScheme, levels: i
     for step in range(levels):
         division = divide_polygons(topology, scheme.split, step)
         operators.append(assemble_polygons(topology, scheme, division))
-        if scheme.push_back is not None and np.ndim(scheme.push_back.alpha):
-            carry = assemble_polygons(topology, LINEAR[scheme.split], division)
-            scheme = scheme.with_alpha(carry @ np.asarray(scheme.push_back.alpha))
+        scheme = with_carried_alpha(scheme, partial(_linear_carry, topology, scheme, division))
         topology = division.finer
     return PolygonRefinement(num_coarse, tuple(operators), topology)
+
+
+def _linear_carry(topology: PolygonTopology, scheme: PolygonScheme, division: PolygonDivision) -> csr_array:
+    return assemble_polygons(topology, LINEAR[scheme.split], division)
 
 
 @overload
