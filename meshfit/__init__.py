@@ -10,19 +10,18 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from meshfit.errors import MeshfitError, MeshfitWarning
     from meshfit.fitting.fit import fit, fit_batch
+    from meshfit.fitting.loop import FitResult
     from meshfit.fitting.problem import Diverged, Problem
-    from meshfit.fitting.run import FitResult
     from meshfit.measuring.measure import Measurement, measure
-    from meshfit.mesh.curve_files import load_curves, save_curves
     from meshfit.mesh.curves import Curves
-    from meshfit.mesh.files import load_mesh, load_polygons, save_mesh
-    from meshfit.mesh.frames import Frame, frame_of
+    from meshfit.mesh.io.curve_files import load_curves, save_curves
+    from meshfit.mesh.io.files import load_mesh, load_polygons, save_mesh
     from meshfit.mesh.mesh import Mesh
+    from meshfit.mesh.normalisation import Frame, frame_of
     from meshfit.mesh.polygons import PolygonMesh
     from meshfit.mesh.targets import load_target
     from meshfit.subdivision.creases import Creases, creases_by_angle
-    from meshfit.subdivision.limit import loop_limit
-    from meshfit.subdivision.limit_normals import loop_limit_normals
+    from meshfit.subdivision.limit import loop_limit, loop_limit_normals
     from meshfit.subdivision.refine import refine, subdivide
     from meshfit.subdivision.refinement import CurveRefinement, Refinement
 
@@ -30,27 +29,27 @@ _HOMES = {
     "MeshfitError": "meshfit.errors",
     "MeshfitWarning": "meshfit.errors",
     "Diverged": "meshfit.fitting.problem",
-    "FitResult": "meshfit.fitting.run",
+    "FitResult": "meshfit.fitting.loop",
     "Problem": "meshfit.fitting.problem",
     "fit": "meshfit.fitting.fit",
     "fit_batch": "meshfit.fitting.fit",
     "Measurement": "meshfit.measuring.measure",
     "measure": "meshfit.measuring.measure",
     "Curves": "meshfit.mesh.curves",
-    "load_curves": "meshfit.mesh.curve_files",
-    "save_curves": "meshfit.mesh.curve_files",
-    "load_mesh": "meshfit.mesh.files",
-    "load_polygons": "meshfit.mesh.files",
-    "save_mesh": "meshfit.mesh.files",
-    "Frame": "meshfit.mesh.frames",
-    "frame_of": "meshfit.mesh.frames",
+    "load_curves": "meshfit.mesh.io.curve_files",
+    "save_curves": "meshfit.mesh.io.curve_files",
+    "load_mesh": "meshfit.mesh.io.files",
+    "load_polygons": "meshfit.mesh.io.files",
+    "save_mesh": "meshfit.mesh.io.files",
+    "Frame": "meshfit.mesh.normalisation",
+    "frame_of": "meshfit.mesh.normalisation",
     "Mesh": "meshfit.mesh.mesh",
     "PolygonMesh": "meshfit.mesh.polygons",
     "load_target": "meshfit.mesh.targets",
     "Creases": "meshfit.subdivision.creases",
     "creases_by_angle": "meshfit.subdivision.creases",
     "loop_limit": "meshfit.subdivision.limit",
-    "loop_limit_normals": "meshfit.subdivision.limit_normals",
+    "loop_limit_normals": "meshfit.subdivision.limit",
     "CurveRefinement": "meshfit.subdivision.refinement",
     "Refinement": "meshfit.subdivision.refinement",
     "refine": "meshfit.subdivision.refine",

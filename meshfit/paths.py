@@ -38,3 +38,15 @@ def unwritable(path: Path, error: OSError) -> str:
         return f"cannot be written: there is no folder {path.parent}; make it, or choose another place"
     remedy = _REMEDIES.get(error.errno or 0)
     return f"cannot be written: {error.strerror}" + (f"; {remedy}" if remedy else "")
+
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def bundled(folder: str) -> Path:
+    """The bundled folder of that name (`configs` or `data`).
+
+    A wheel carries both inside the package; a checkout, which an editable install points at, has them at its top level.
+    """
+    inside = _PACKAGE / folder
+    return inside if inside.is_dir() else _PACKAGE.parent / folder

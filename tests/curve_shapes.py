@@ -3,10 +3,10 @@
 import numpy as np
 
 from meshfit.mesh.curves import Chains, Curves
-from meshfit.subdivision.choose import scheme_of
-from meshfit.subdivision.curve_table import CURVE_SCHEMES
+from meshfit.subdivision.curves.table import CURVE_SCHEMES
 from meshfit.subdivision.refine import refine
 from meshfit.subdivision.refinement import CurveRefinement
+from meshfit.subdivision.registry import scheme_of
 
 VARIANTS = (
     *CURVE_SCHEMES,

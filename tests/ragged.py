@@ -3,8 +3,8 @@
 import numpy as np
 
 from meshfit.fitting.fit import fit
+from meshfit.fitting.loop import FitResult
 from meshfit.fitting.problem import Diverged, Problem
-from meshfit.fitting.run import FitResult
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, icosahedron, octahedron, tetrahedron
 from tests.shapes import mixed_closed, mixed_open, patch

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from meshfit.config.changed import defaults
+from meshfit.config.experiment import defaults
 from meshfit.config.strict_yaml import dump
 from meshfit.measuring.metrics import METRICS
 from meshfit.settings import merged

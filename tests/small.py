@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from meshfit.config.experiment import ExperimentSettings
-from meshfit.config.load import Experiment
-from meshfit.mesh.files import save_mesh
+from meshfit.config.loading import Experiment
+from meshfit.mesh.io.files import save_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import octahedron
 from meshfit.settings import override

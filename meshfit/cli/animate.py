@@ -12,7 +12,7 @@ from meshfit.cli.options import DEFAULT_RUNS, OneTrial, Runs
 from meshfit.errors import ConfigError
 
 if TYPE_CHECKING:
-    from meshfit.experiment.overview import Standing
+    from meshfit.experiment.status.scan import Standing
 
 _MOMENTS = 60
 
@@ -49,10 +49,9 @@ def animate(
 
         meshfit animate 3f9a -o fit.gif --size 320 --edges
     """
-    from meshfit.experiment.find_trial import find_trial
-    from meshfit.report.amounts import size as amount
-    from meshfit.report.animation import frames_of, require_film, write_film
-    from meshfit.report.moments import course_of
+    from meshfit.experiment.status.scan import find_trial
+    from meshfit.report.figures.animation import course_of, frames_of, require_film, write_film
+    from meshfit.report.tables.numbers import size as amount
 
     require_film(output)
     _, found = find_trial(trial, runs, datetime.now(UTC))
@@ -66,10 +65,10 @@ def animate(
 
 
 def _require_snapshots(trial: "Standing") -> None:
-    from meshfit.config.load import bundled_configs
-    from meshfit.experiment.folders import State
-    from meshfit.experiment.records import read_result
-    from meshfit.experiment.snapshots import snapshots_in
+    from meshfit.config.loading import bundled_configs
+    from meshfit.experiment.status.scan import State
+    from meshfit.experiment.storage.checkpoint import snapshots_in
+    from meshfit.experiment.storage.result import read_result
 
     if trial.state is not State.COMPLETE:
         said = f"{trial.label}: {trial.state.value}, not complete"

@@ -11,7 +11,7 @@ from meshfit.cli.console import out
 from meshfit.cli.options import DEFAULT_METRIC, RunDirs
 
 if TYPE_CHECKING:
-    from meshfit.report.table import ResultTable
+    from meshfit.report.tables.table import ResultTable
 
 
 def chart(
@@ -34,12 +34,12 @@ def chart(
 
         meshfit chart runs/zoo -o mean.png --metric distance.mean
     """
-    from meshfit.experiment.plan_file import with_planned_names
-    from meshfit.experiment.store import read_results
-    from meshfit.report.chart import write_chart
-    from meshfit.report.own_schemes import told_apart
-    from meshfit.report.table import build_tables
-    from meshfit.report.typeset import require_suffix
+    from meshfit.experiment.storage.plan_file import with_planned_names
+    from meshfit.experiment.storage.run_directory import read_results
+    from meshfit.report.figures.chart import write_chart
+    from meshfit.report.figures.layout import require_suffix
+    from meshfit.report.tables.grouping import told_apart
+    from meshfit.report.tables.table import build_tables
 
     require_suffix(output)
     tables = build_tables(told_apart(with_planned_names(read_results(runs))), metric)
@@ -54,7 +54,7 @@ def _print_means(tables: "Sequence[ResultTable]") -> None:
     from rich.table import Table
 
     from meshfit.measuring.metrics import METRICS
-    from meshfit.report.chart import geometric_means
+    from meshfit.report.figures.chart import geometric_means
 
     columns = [(table.variant or table.title, geometric_means(table)) for table in tables]
     schemes = list(dict.fromkeys(scheme for _, means in columns for scheme in means))

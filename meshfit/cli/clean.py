@@ -11,7 +11,7 @@ from meshfit.cli.options import RunDirs
 from meshfit.errors import ConfigError
 
 if TYPE_CHECKING:
-    from meshfit.experiment.cleaning import Cleaned, Removed
+    from meshfit.experiment.status.cleaning import Cleaned, Removed
 
 
 def clean(
@@ -37,9 +37,8 @@ def clean(
     """
     if not (failed or partial):
         raise ConfigError("found neither --failed nor --partial; one of them or both are needed")
-    from meshfit.experiment.cleaning import clean as cleaned
-    from meshfit.experiment.folders import State
-    from meshfit.experiment.overview import overview
+    from meshfit.experiment.status.cleaning import clean as cleaned
+    from meshfit.experiment.status.scan import State, overview
 
     states = [state for state, wanted in ((State.FAILED, failed), (State.INTERRUPTED, partial)) if wanted]
     found = cleaned(overview(runs, datetime.now(UTC)), states, runs, dry_run=dry_run)
@@ -48,7 +47,7 @@ def clean(
 
 
 def _print(cleaned: "Cleaned", *, dry_run: bool) -> None:
-    from meshfit.report.amounts import size
+    from meshfit.report.tables.numbers import size
 
     if dry_run:
         for removed in cleaned.removed:

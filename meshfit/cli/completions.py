@@ -14,14 +14,14 @@ Completions = list[tuple[str, str]]
 
 def configs(incomplete: str) -> Completions:
     """Bundled configs and YAML files."""
-    from meshfit.config.load import bundled_configs
+    from meshfit.config.loading import bundled_configs
 
     return _named(dict.fromkeys(bundled_configs(), "bundled"), incomplete) + _files(incomplete, CONFIG_SUFFIXES)
 
 
 def schemes(incomplete: str) -> Completions:
     """Subdivision schemes, and YAML files, which may define one."""
-    from meshfit.subdivision.table import SCHEMES
+    from meshfit.subdivision.registry import SCHEMES
 
     named = _named({name: f"{entry.title}, {entry.kind}" for name, entry in SCHEMES.items()}, incomplete)
     return named + _files(incomplete, CONFIG_SUFFIXES)
@@ -29,7 +29,7 @@ def schemes(incomplete: str) -> Completions:
 
 def fitted_schemes(incomplete: str) -> Completions:
     """Subdivision schemes that experiments can have: those on surfaces."""
-    from meshfit.subdivision.table import SCHEMES
+    from meshfit.subdivision.registry import SCHEMES
 
     curves = {name for name, entry in SCHEMES.items() if entry.domain == "curves"}
     return [pair for pair in schemes(incomplete) if pair[0] not in curves]
@@ -64,7 +64,7 @@ def settings(incomplete: str) -> Completions:
     """The keys of settings, up to the equals sign."""
     from meshfit.config.experiment import ExperimentSettings
     from meshfit.fitting.settings import METHODS
-    from meshfit.report.gather import flat
+    from meshfit.report.tables.grouping import flat
 
     plain = ExperimentSettings().model_dump(mode="json")
     fits = [plain["fit"] | model().model_dump(mode="json") for model in reversed(METHODS.values())]

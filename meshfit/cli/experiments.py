@@ -1,25 +1,103 @@
-"""What `run` and `compare` share: run the trials that are missing, say what failed, and print tables."""
+"""What failed: by the reason, with the place where it is recorded."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
+from rich.markup import escape
 
-from meshfit.cli.console import out, say_warning
-from meshfit.cli.failures import print_failures
-from meshfit.cli.plan import print_plan
-from meshfit.cli.tables import check_display, show_tables
-from meshfit.experiment.progress import Outcome
-from meshfit.experiment.snapshots import snapshots_in
-from meshfit.experiment.store import Result, RunDirectory, make_folder
+from meshfit.cli.console import err, out, say_warning
+from meshfit.cli.table import check_display, show_tables
+from meshfit.errors import TrialError
+from meshfit.experiment.storage.checkpoint import snapshots_in
+from meshfit.experiment.storage.run_directory import FAILURE, Result, RunDirectory, make_folder
+from meshfit.experiment.trial_status import Outcome, Phase
+from meshfit.report.tables.numbers import duration
 
 if TYPE_CHECKING:
     from meshfit.experiment.plan import Trial
-    from meshfit.experiment.remote import Remote, Transfer
+    from meshfit.experiment.running.backends import Remote, Transfer
+    from meshfit.experiment.status.eta import Estimate
+
+
+FAILED = 1
+_MOST_ALIKE = 20
+
+
+def print_failures(trials: Sequence["Trial"], outcomes: Mapping[int, Outcome], runs: Path) -> int:
+    """A table of what failed, by the reason, and where that is recorded; the exit code is returned."""
+    store = RunDirectory(runs)
+    failed = [i for i, outcome in sorted(outcomes.items()) if outcome.phase is Phase.FAILED]
+    if not failed:
+        return 0
+    err.print(f"[bold red]{len(failed)} of {len(trials)} trials failed[/]")
+    width = max(len(trials[i].label) for i in failed)
+    for message in dict.fromkeys(outcomes[i].message for i in failed):
+        alike = [i for i in failed if outcomes[i].message == message]
+        err.print(escape(message), soft_wrap=True)
+        for i in alike[:_MOST_ALIKE]:
+            record = escape(str(store.folder(trials[i]) / FAILURE))
+            err.print(f"  {escape(trials[i].label.ljust(width))}  {record}", soft_wrap=True)
+        if len(alike) > _MOST_ALIKE:
+            where = escape(str(runs / trials[alike[0]].experiment))
+            err.print(f"  and {len(alike) - _MOST_ALIKE} more: meshfit status {where} --all", soft_wrap=True)
+    return FAILED
+
+
+def print_plan(
+    trials: Sequence["Trial"], runs: Path, *, jobs: int | None, elsewhere: bool, force: bool, as_json: bool
+) -> None:
+    """Say what would be run.
+
+    Args:
+        trials: the plan.
+        runs: the run directory.
+        jobs: how many processes; None leaves it to the settings.
+        elsewhere: they would run on a cluster, whose speed is not known.
+        force: complete ones would run again.
+        as_json: as an object to stdout.
+    """
+    store = RunDirectory(runs)
+    complete = [store.is_complete(trial) for trial in trials]
+    left = [trial for trial, done in zip(trials, complete, strict=True) if force or not done]
+    found = None if elsewhere else _estimate(trials, left, store, jobs)
+    if as_json:
+        rows = [
+            {"target": trial.target, "scheme": trial.scheme, "variant": trial.variant, "seed": trial.seed}
+            | {"identity": trial.identity, "folder": str(store.folder(trial)), "complete": done}
+            for trial, done in zip(trials, complete, strict=True)
+        ]
+        estimated = (
+            None if found is None else {"seconds": found.seconds, "workers": found.workers, "basis": found.basis}
+        )
+        counts = {"complete": sum(complete), "to_run": len(left), "estimate": estimated}
+        typer.echo(json.dumps({"trials": rows} | counts, indent=2))
+        return
+    for trial, done in zip(trials, complete, strict=True):
+        mark = "[green]complete[/]" if done else "[magenta]to run  [/]"
+        out.print(f"{mark}  {escape(trial.label)}  {escape(str(store.folder(trial)))}", soft_wrap=True)
+    out.print(f"{len(trials)} trials: {sum(complete)} complete, {len(left)} to run")
+    if found is not None:
+        workers = "1 worker" if found.workers == 1 else f"{found.workers} workers"
+        out.print(f"about {duration(found.seconds)} on {workers}, going by {found.basis}")
+
+
+def _estimate(
+    trials: Sequence["Trial"], left: Sequence["Trial"], store: RunDirectory, jobs: int | None
+) -> "Estimate | None":
+    from meshfit.experiment.status.eta import estimate
+
+    results = [(trial, result) for trial in trials if (result := store.result(trial)) is not None]
+    try:
+        with err.status("probing how long a trial takes"):
+            return estimate(left, results, jobs=jobs)
+    except TrialError as error:
+        say_warning(f"no estimate of time, since the trial that was probed failed: {error}")
+        return None
 
 
 @dataclass(frozen=True)
@@ -64,7 +142,7 @@ def run_missing(
 ) -> dict[int, Outcome]:
     """Run what is not complete, with progress shown."""
     from meshfit.cli.progress import shown_progress
-    from meshfit.experiment.executor import run_trials
+    from meshfit.experiment.running.scheduler import run_trials
 
     make_folder(runs)
     with _remote(workers) as remote, shown_progress(trials, quiet=quiet) as watch:
@@ -76,7 +154,7 @@ def _remote(workers: Workers) -> "Iterator[Remote | None]":
     if workers.cluster is None:
         yield None
         return
-    from meshfit.experiment.dask_cluster import DaskRemote
+    from meshfit.experiment.running.dask_backend import DaskRemote
 
     remote = DaskRemote(workers.cluster, transfer=workers.transfer)
     try:
@@ -87,7 +165,7 @@ def _remote(workers: Workers) -> "Iterator[Remote | None]":
 
 def results_of(trials: Sequence["Trial"], runs: Path) -> list[Result]:
     """The results of those trials that are complete."""
-    from meshfit.report.own_schemes import told_apart
+    from meshfit.report.tables.grouping import told_apart
 
     store = RunDirectory(runs)
     results = [(trial, store.result(trial)) for trial in trials]

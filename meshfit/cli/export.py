@@ -27,9 +27,8 @@ def export(
 
         meshfit export runs -o results.parquet
     """
-    from meshfit.experiment.overview import overview
-    from meshfit.report.export import encoder, write_rows
-    from meshfit.report.rows import columns_of, rows_of
+    from meshfit.experiment.status.scan import overview
+    from meshfit.report.tables.export import columns_of, encoder, rows_of, write_rows
 
     encoder(output)  # now, and not when all has been read
     rows = rows_of(overview(runs, datetime.now(UTC)))

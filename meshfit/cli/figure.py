@@ -49,13 +49,12 @@ def figure(
 
         meshfit figure runs/accurate -o cow.svg --targets cow --metric distance.mean
     """
-    from meshfit.experiment.plan_file import with_planned_names
-    from meshfit.experiment.store import read_results, write_atomically
-    from meshfit.report.caption import latex_figure, plain_caption
-    from meshfit.report.figure import read_strips, write_figure
-    from meshfit.report.own_schemes import told_apart
-    from meshfit.report.picks import pick_trials
-    from meshfit.report.typeset import require_suffix
+    from meshfit.experiment.storage.plan_file import with_planned_names
+    from meshfit.experiment.storage.run_directory import read_results, write_atomically
+    from meshfit.report.figures.figure import latex_figure, plain_caption, read_strips, write_figure
+    from meshfit.report.figures.layout import require_suffix
+    from meshfit.report.figures.representative_trial import pick_trials
+    from meshfit.report.tables.grouping import told_apart
 
     require_suffix(output)
     results = told_apart(with_planned_names(read_results(runs)))

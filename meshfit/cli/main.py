@@ -10,16 +10,12 @@ from meshfit.cli import (
     animate,
     chart,
     clean,
-    compare,
-    expect,
     export,
     figure,
-    init,
     measure,
     render,
     report,
     run,
-    schema,
     schemes,
     show,
     status,
@@ -27,9 +23,13 @@ from meshfit.cli import (
     table,
     targets,
 )
+from meshfit.cli import config as init
+from meshfit.cli import config as schema
+from meshfit.cli import run as compare
+from meshfit.cli import table as expect
 from meshfit.cli.console import EXIT_INTERRUPTED, exit_code_of, out, say_error
-from meshfit.cli.help import Command, Group
-from meshfit.cli.welcome import print_welcome
+from meshfit.cli.help import Command, Group, print_examples
+from meshfit.cli.options import DEFAULT_RUNS
 
 USAGE_ERROR = 2
 
@@ -119,3 +119,20 @@ def run_app() -> int:
 def main() -> None:
     """The console script."""
     sys.exit(exit_code_of(run_app))
+
+
+def print_welcome() -> None:
+    """A screen for someone who sees it for the first time."""
+    out.print("[bold]meshfit[/] fits a source mesh, refined by a subdivision scheme of your choice, to")
+    out.print("target shapes, measures how well that went, and prints the table.")
+    first = ["meshfit run quickstart  # two animals, two schemes, in under 2 minutes"]
+    first += ["meshfit compare loop interp-loop --config quickstart  # two schemes compared"]
+    first += ["meshfit init  # writes a config for an experiment of your own"]
+    print_examples(first, "Start here")
+    then = ["meshfit --help  # all commands"]
+    then += ["meshfit run --help  # one of them, with examples"]
+    then += ["meshfit targets  # what can be fitted to; any mesh file, too"]
+    then += ["meshfit --install-completion  # let the Tab key complete all this"]
+    if DEFAULT_RUNS.is_dir():
+        then.insert(0, f"meshfit status  # how the experiments in {DEFAULT_RUNS}/ stand")
+    print_examples(then, "Then")

@@ -14,7 +14,7 @@ from meshfit.cli.options import AsJson
 
 
 class Normalisation(StrEnum):
-    """What `meshfit.mesh.frames.Normalisation` allows, as Typer wants it."""
+    """What `meshfit.mesh.normalisation.Normalisation` allows, as Typer wants it."""
 
     TUTORIAL = "tutorial"
     BOX = "box"
@@ -55,7 +55,7 @@ def measure(
     """
     from meshfit.measuring.measure import measure as measured
     from meshfit.measuring.settings import MeasureSettings
-    from meshfit.mesh.frames import frame_of
+    from meshfit.mesh.normalisation import frame_of
     from meshfit.mesh.targets import load_target
 
     meshes = load_target(result), load_target(target)

@@ -92,7 +92,7 @@ Cluster = Annotated[
 
 
 class TransferChoice(StrEnum):
-    """What `meshfit.experiment.remote.Transfer` allows, as Typer wants it."""
+    """What `meshfit.experiment.running.backends.Transfer` allows, as Typer wants it."""
 
     AUTO = "auto"
     SHARED = "shared"

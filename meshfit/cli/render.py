@@ -45,9 +45,8 @@ def render(
 
         meshfit render loop.ply interp-loop.ply --against bunny -o distances.png
     """
-    from meshfit.report.pictures import draw_row
-    from meshfit.report.scene import scene_of
-    from meshfit.report.typeset import require_suffix
+    from meshfit.report.figures.layout import require_suffix
+    from meshfit.report.figures.render import draw_row, scene_of
 
     require_suffix(output)
     row, label = scene_of(what, against)

@@ -32,9 +32,9 @@ def report(
 
         meshfit report runs -o report --metric distance.mean
     """
-    from meshfit.experiment.store import make_folder, write_atomically
-    from meshfit.report.amounts import size
-    from meshfit.report.page.compose import page_text, read_content, require_extra
+    from meshfit.experiment.storage.run_directory import make_folder, write_atomically
+    from meshfit.report.html.page import page_text, read_content, require_extra
+    from meshfit.report.tables.numbers import size
 
     require_extra()
     now = datetime.now(UTC)

@@ -1,7 +1,8 @@
-"""`meshfit schemes`: the table of schemes, or one of them with its masks and what is computed of it."""
+"""An analysis of a scheme as it is printed, and as plain data."""
 
 import json
 import os
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,10 +16,141 @@ from meshfit.cli.options import AsJson, DefinedIn
 from meshfit.subdivision.scheme import SchemeEntry
 
 if TYPE_CHECKING:
-    from meshfit.subdivision.analysis.analyse import Analysis
-    from meshfit.subdivision.choose import Catalogue
-    from meshfit.subdivision.mask_rows import MaskRow
+    from meshfit.analysis.analyse import Analysis
+    from meshfit.analysis.spectrum import Eigenvalue
+    from meshfit.subdivision.describe import MaskRow
+    from meshfit.subdivision.registry import Catalogue
     from meshfit.subdivision.scheme import Scheme
+
+
+_DIGITS = 12  # more of an eigenvalue is rounding
+
+
+def print_verdict(analysis: "Analysis") -> None:
+    """The one line that says how smooth the limit is."""
+    from meshfit.analysis.analyse import verdict
+
+    out.print(f"[bold]{escape(verdict(analysis))}[/]\n")
+
+
+def print_analysis(analysis: "Analysis") -> None:
+    """What holds on regular meshes, a row for each valence, and what to be warned of."""
+    from meshfit.analysis.analyse import warnings_of
+
+    out.print()
+    out.print(_facts(analysis))
+    if analysis.places:
+        out.print()
+        out.print(_valences(analysis))
+        out.print("\nλ1 is of mode 1; times: how many eigenvalues are as large; rest: the largest other one.")
+    if analysis.boundary:
+        out.print()
+        out.print(_boundary(analysis))
+        out.print("\nIn order: two eigenvalues lead, and that of the boundary curve's tangent is one of them.")
+    for warning in warnings_of(analysis):
+        out.print(f"[bold magenta]warning:[/] {escape(warning)}")
+
+
+def plain_analysis(analysis: "Analysis") -> dict[str, object]:
+    """The same as data that JSON can hold."""
+    from meshfit.analysis.analyse import curvature_of, verdict, warnings_of
+
+    numbers = asdict(analysis)
+    for part in ("places", "boundary", "alphas"):
+        del numbers[part]
+    boundary = [
+        {
+            "neighbours": place.neighbours,
+            "moduli": [round(modulus, _DIGITS) for modulus in place.moduli],
+            "in_order": place.in_order,
+        }
+        for place in analysis.boundary
+    ]
+    places = [
+        {
+            "valence": place.valence,
+            "lambda1": _plain_eigenvalue(place.spectrum.leading),
+            "multiplicity": place.spectrum.multiplicity,
+            "rest": _plain_eigenvalue(place.spectrum.rest),
+            "curvature": curvature_of(analysis, place.valence) or None,
+            "characteristic_map_regular": place.regular_map,
+            "c1": place.valence not in analysis.failing,
+            "c1_below_alpha": analysis.alphas.get(place.valence),
+        }
+        for place in analysis.places
+    ]
+    return (
+        {"verdict": verdict(analysis)}
+        | numbers
+        | {
+            "valences": places,
+            "boundary": boundary,
+            "warnings": list(warnings_of(analysis)),
+        }
+    )
+
+
+def _facts(analysis: "Analysis") -> Table:
+    facts = Table(box=None, pad_edge=False, show_header=False)
+    facts.add_column(style="bold")
+    facts.add_column()
+    off = max(abs(1 - total) for total in analysis.row_sums)
+    support, bound = analysis.support, analysis.holder_bound
+    unit = "edge" if analysis.domain == "curves" else "ring"
+    low, high = support.stencils
+    for what, found in (
+        ("row sums", f"1, within {off:.0e}" if off else "1"),
+        ("polynomials", f"reproduced to degree {analysis.reproduced}, generated to degree {analysis.generated}"),
+        ("Sobolev exponent", f"{analysis.s2:.4f} in L2"),
+        ("Hölder exponent", f"at most {bound:.4f}" if bound is not None else "no bound is known"),
+        ("shifts of the basis", "stable" if analysis.stable else "unstable"),
+        (
+            "support",
+            f"{support.radius:g} {unit}s about a vertex; stencils of {f'{low} to ' * (low < high)}{high} verts",
+        ),
+        ("dilation", f"{analysis.dilation} after {analysis.steps} level{'s' * (analysis.steps > 1)}"),
+    ):
+        facts.add_row(what, found)
+    return facts
+
+
+def _valences(analysis: "Analysis") -> Table:
+    from meshfit.analysis.analyse import curvature_of
+
+    table = Table(box=None, pad_edge=False)
+    name = "corners" if analysis.odd == "face" else "valence"
+    for column in (name, "λ1", "times", "rest", "mode", "curvature", "map", "C1"):
+        table.add_column(column, justify="left" if column in ("curvature", "map", "C1") else "right")
+    for place in analysis.places:
+        spectrum, smooth = place.spectrum, place.valence not in analysis.failing
+        table.add_row(
+            f"{place.valence}",
+            f"{spectrum.leading.modulus:.4f}",
+            f"{spectrum.multiplicity}",
+            f"{spectrum.rest.modulus:.4f}",
+            f"{spectrum.rest.mode}",
+            curvature_of(analysis, place.valence) or "–",
+            "regular" if place.regular_map else "folds",
+            "yes" if smooth else "[bold magenta]no[/]",
+        )
+    return table
+
+
+def _boundary(analysis: "Analysis") -> Table:
+    table = Table(box=None, pad_edge=False)
+    for column in ("neighbours on a boundary", "largest eigenvalues", "in order"):
+        table.add_column(column, justify="right" if column.startswith("n") else "left")
+    for place in analysis.boundary:
+        order = "yes" if place.in_order else "[bold magenta]no[/]"
+        table.add_row(f"{place.neighbours}", ", ".join(f"{modulus:.4f}" for modulus in place.moduli), order)
+    return table
+
+
+def _plain_eigenvalue(eigenvalue: "Eigenvalue") -> dict[str, float | int]:
+    value, digits = eigenvalue.value, _DIGITS
+    parts = {"modulus": abs(value), "real": value.real, "imaginary": value.imag}
+    return {name: round(part, digits) + 0.0 for name, part in parts.items()} | {"mode": eigenvalue.mode}
+
 
 _WIDEST = 24
 
@@ -65,10 +197,10 @@ def schemes(
     """
     if analysed or plot is not None:
         _stay_on_one_thread()
-    from meshfit.config.load import defined_in
+    from meshfit.config.loading import defined_in
     from meshfit.config.scheme_files import adopted
     from meshfit.errors import ConfigError
-    from meshfit.subdivision.catalogue import catalogue_of
+    from meshfit.subdivision.registry import catalogue_of
 
     specs, own = adopted([] if name is None else [name], defined_in(config))
     catalogue = catalogue_of(own)
@@ -96,9 +228,8 @@ def schemes(
 
 
 def _one(text: str, catalogue: "Catalogue", plot: Path | None, *, analysed: bool, as_json: bool) -> int:
-    from meshfit.cli.analysis_view import plain_analysis, print_analysis, print_verdict
-    from meshfit.subdivision.choose import canonical, entry_of, scheme_of, spec_of
     from meshfit.subdivision.describe import describe
+    from meshfit.subdivision.registry import canonical, entry_of, scheme_of, spec_of
 
     scheme = scheme_of(text, catalogue)
     name, title = spec_of(text).name, canonical(text, catalogue)
@@ -120,12 +251,12 @@ def _one(text: str, catalogue: "Catalogue", plot: Path | None, *, analysed: bool
 
 
 def _analysis(scheme: "Scheme", title: str, plot: Path | None) -> "Analysis":
-    from meshfit.subdivision.analysis.analyse import analyse
+    from meshfit.analysis.analyse import analyse
 
     if plot is None:
         return analyse(scheme)
-    from meshfit.report.analysis_plate import write_analysis
-    from meshfit.report.typeset import require_suffix
+    from meshfit.analysis.figure import write_analysis
+    from meshfit.report.figures.layout import require_suffix
 
     require_suffix(plot)
     analysis = analyse(scheme)
@@ -159,7 +290,7 @@ def _print_masks(title: str, entry: SchemeEntry, scheme: "Scheme", rows: "list[M
 
 def _stay_on_one_thread() -> None:
     """Before numpy is imported: an analysis has small matrices, for which threads wait longer than they work."""
-    from meshfit.experiment.interrupts import ONE_THREAD
+    from meshfit.experiment.running.environment import ONE_THREAD
 
     for name, count in ONE_THREAD.items():
         os.environ.setdefault(name, count)

@@ -1,12 +1,149 @@
-"""`meshfit status`: how experiments stand, and about how long they still take."""
+"""How experiments stand, in the words and the lines of `meshfit status`, and as plain data."""
 
 import json
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from typing import Annotated
 
 import typer
+from rich.console import RenderableType
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
 
+from meshfit.cli.console import out
 from meshfit.cli.options import DEFAULT_RUNS, AsJson, OptionalRunDirs
+from meshfit.experiment.status.eta import seconds_left
+from meshfit.experiment.status.scan import ExperimentOverview, Standing, State
+from meshfit.experiment.storage.failure import Failure, failures_by_kind, read_failure
+from meshfit.experiment.storage.trial_log import FRESH_SECONDS, LastProgress, read_progress
+from meshfit.report.tables.numbers import duration
+
+_MOST_OF_HOST = 12
+_LEAST_OF_LABEL = len("  no sign of life for 59 min")
+STYLES = {
+    State.COMPLETE: "green",
+    State.RUNNING: "cyan",
+    State.FAILED: "red",
+    State.INTERRUPTED: "magenta",
+    State.WAITING: "",
+}
+
+
+def print_overview(experiments: Sequence[ExperimentOverview], now: datetime, most: int | None) -> None:
+    """Print a line for each experiment, and below it what runs and what failed.
+
+    Args:
+        experiments: what to print.
+        now: the time, by which the age of a sign of life is told.
+        most: how many trials to list at most that run, or that failed in one way; None for all.
+    """
+    width = max(len(experiment.name) for experiment in experiments)
+    for place, experiment in enumerate(experiments):
+        details = [*_running(experiment, now, most), *_failed(experiment, most)]
+        for line in (_summary(experiment, width), *details):
+            out.print(line, soft_wrap=isinstance(line, Text))
+        if details and place < len(experiments) - 1:
+            out.print()
+
+
+def _summary(experiment: ExperimentOverview, width: int) -> Text:
+    counts = [Text(f"{count:,} {state}", STYLES[state]) for state, count in experiment.counts.items() if count]
+    line = Text.assemble((experiment.name.ljust(width), "bold"), "  ", Text(" · ").join(counts))
+    if left := _time_left(experiment):
+        fits = line.cell_len + 2 + len(left) <= out.width
+        line.append(f"  {left}" if fits else f"\n{' ' * width}  {left}", "bold")
+    return line
+
+
+def _time_left(experiment: ExperimentOverview) -> str:
+    seconds = seconds_left(experiment)
+    if seconds == 0:
+        return ""
+    left = "time left unknown" if seconds is None else f"about {duration(seconds)} left"
+    return left if experiment.counts[State.RUNNING] else f"stopped, {left}"
+
+
+def _running(experiment: ExperimentOverview, now: datetime, most: int | None) -> Iterator[RenderableType]:
+    running = experiment.of(State.RUNNING)
+    if not running:
+        return
+    grid = Table.grid(padding=(0, 2, 0, 0))
+    grid.add_column(overflow="fold", min_width=_LEAST_OF_LABEL)
+    for _ in range(3):
+        grid.add_column(justify="right", no_wrap=True)
+    grid.add_column(overflow="fold")
+    grid.add_row(*(Text(heading, "bold") for heading in ("running", "step", "loss", "for", "where")))
+    for trial in running[:most]:
+        progress = read_progress(trial.path)
+        grid.add_row(Text(trial.label, "cyan"), *_last_said(progress, now))
+        if progress is not None and progress.silent_seconds(now) >= FRESH_SECONDS:
+            grid.add_row(Text(f"  no sign of life for {duration(progress.silent_seconds(now))}", "bold magenta"))
+    yield Padding(grid, (0, 0, 0, 2))
+    yield from _more(len(running), most)
+
+
+def _last_said(progress: LastProgress | None, now: datetime) -> Sequence[Text]:
+    if progress is None:
+        return [Text("starting")]
+    step = f"{progress.step:,}/{progress.steps:,}" if progress.phase == "fitting" else progress.phase
+    loss = "" if progress.loss is None else f"{progress.loss:.3g}"
+    host = progress.host.partition(".")[0]
+    host = host if len(host) <= _MOST_OF_HOST else f"{host[: _MOST_OF_HOST - 1]}…"
+    return [
+        Text(step),
+        Text(loss),
+        Text(duration((now - progress.started).total_seconds())),
+        Text(f"{host}:{progress.pid}"),
+    ]
+
+
+def _failed(experiment: ExperimentOverview, most: int | None) -> Iterator[RenderableType]:
+    for kind, failures in failures_by_kind(experiment).items():
+        yield Text.assemble("  ", (f"failed: {kind}", "bold red"), f" ({len(failures):,})")
+        said = ""
+        # Those that failed in the same words below each other, so that the words stand there once.
+        for failure in sorted(failures[:most], key=lambda failure: failure.message):
+            if failure.message != said:
+                said = failure.message
+                yield Padding(Text(said), (0, 0, 0, 4))
+            step = "" if failure.step is None else f", step {failure.step:,}"
+            yield Text.assemble("      ", (failure.trial.label, "red"), step)
+            yield Text(f"        {failure.where}")
+        yield from _more(len(failures), most)
+
+
+def _more(count: int, most: int | None) -> Iterator[Text]:
+    if most is not None and count > most:
+        yield Text(f"  and {count - most:,} more; --all lists them")
+
+
+def plain_overview(experiment: ExperimentOverview) -> dict[str, object]:
+    """An experiment and its trials as plain data, fit for JSON."""
+    return {
+        "experiment": experiment.name,
+        "folder": str(experiment.folder),
+        "workers": experiment.plan.workers if experiment.plan else None,
+        "counts": {state.value: count for state, count in experiment.counts.items()},
+        "seconds_left": seconds_left(experiment),
+        "trials": [_plain_trial(trial) for trial in experiment.trials],
+    }
+
+
+def _plain_trial(trial: Standing) -> dict[str, object]:
+    facts: dict[str, object] = {"folder": str(trial.path), "identity": trial.identity, "state": trial.state.value}
+    facts |= {"target": trial.target, "scheme": trial.scheme, "seed": trial.seed, "variant": trial.variant}
+    if trial.state is State.RUNNING:
+        progress = read_progress(trial.path)
+        return facts | {"progress": progress.to_dict() if progress else None}
+    if trial.state is State.FAILED:
+        return facts | {"failure": _plain_failure(read_failure(trial))}
+    return facts
+
+
+def _plain_failure(failure: Failure) -> dict[str, object]:
+    return {"kind": failure.kind, "message": failure.message, "step": failure.step, "see": str(failure.where)}
+
 
 MOST_LISTED = 20
 
@@ -31,8 +168,7 @@ def status(
 
         watch -n 5 meshfit status  # again every 5 seconds
     """
-    from meshfit.cli.status_view import plain_overview, print_overview
-    from meshfit.experiment.overview import overview
+    from meshfit.experiment.status.scan import overview
 
     now = datetime.now(UTC)
     found = overview(runs or [DEFAULT_RUNS], now)

@@ -1,15 +1,159 @@
-"""`meshfit subdivide`: refine one mesh file."""
+"""What `meshfit subdivide` does to a mesh or to curves, by what is asked of it."""
 
+from dataclasses import dataclass
 from math import inf
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from meshfit.cli import completions
 from meshfit.cli.console import out
 from meshfit.cli.options import DefinedIn
-from meshfit.errors import DomainError
+from meshfit.errors import ConfigError, DomainError
+
+if TYPE_CHECKING:
+    from meshfit.mesh.io.vertex_values import Values
+    from meshfit.mesh.mesh import Mesh
+    from meshfit.mesh.topology import Indices, Topology
+    from meshfit.subdivision.creases import Creases
+    from meshfit.subdivision.scheme import Scheme
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What is asked of a surface besides its refinement.
+
+    Attributes:
+        alphas: where the α of each vertex is, if it is not one for all.
+        creases: degrees or a file.
+        sharpness: of creases.
+        limit: put verts at their limit.
+        normals: write limit normals.
+    """
+
+    alphas: str | None
+    creases: str | None
+    sharpness: float
+    limit: bool
+    normals: bool
+
+
+def check(name: str, scheme: "Scheme", wishes: Wishes) -> None:
+    """Refuse what the scheme cannot do before a mesh is read."""
+    from meshfit.subdivision.limit import has_loop_limit
+    from meshfit.subdivision.refine import require_takes_creases
+    from meshfit.subdivision.registry import domain_of
+
+    if wishes.creases is not None:
+        require_takes_creases(scheme, f"--creases: {name}")
+    elif wishes.sharpness != inf:
+        raise ConfigError("--sharpness: goes with --creases, which says where")
+    if wishes.alphas and domain_of(scheme) == "curves":
+        raise ConfigError(f"--alpha: {name} refines curves, for which one number is needed")
+    for option, wanted in (("--limit", wishes.limit), ("--normals", wishes.normals)):
+        if wanted and not has_loop_limit(scheme):
+            raise ConfigError(f"{option}: limits are known for loop only; found {name}")
+
+
+def refined_mesh(source: str, destination: Path, scheme: "Scheme", levels: int, wishes: Wishes) -> str:
+    """Refine a surface from file to file, and say in numbers what became of it."""
+    from meshfit.mesh.io.files import save_mesh
+    from meshfit.mesh.mesh import Mesh
+    from meshfit.mesh.polygons import PolygonMesh
+    from meshfit.mesh.targets import load_numbered_polygon_target, load_numbered_target, target_path
+    from meshfit.subdivision.polygons.scheme import PolygonScheme
+    from meshfit.subdivision.refine import subdivide
+
+    on_polygons = isinstance(scheme, PolygonScheme)
+    mesh, numbering = load_numbered_polygon_target(source) if on_polygons else load_numbered_target(source)
+    if wishes.alphas is not None:
+        scheme = scheme.with_alpha(_alphas(wishes.alphas, target_path(source), numbering))
+    finer: Mesh | PolygonMesh
+    found = ""
+    if isinstance(mesh, Mesh):
+        finer, found = _creased(mesh, numbering, destination, scheme, levels, wishes)
+    else:
+        finer = subdivide(mesh, scheme, levels)
+        save_mesh(finer, destination)
+    return f"{mesh.num_faces:,} faces → {finer.num_faces:,} faces, {finer.num_verts:,} verts{found}"
+
+
+def _creased(
+    mesh: "Mesh", numbering: "Indices", destination: Path, scheme: "Scheme", levels: int, wishes: Wishes
+) -> tuple["Mesh", str]:
+    """The refined triangles, written, and what was sharp on them, in words."""
+    from meshfit.mesh.io.files import save_mesh
+    from meshfit.mesh.mesh import Mesh
+    from meshfit.mesh.topology import Topology
+    from meshfit.subdivision.limit import loop_limit, loop_limit_normals
+    from meshfit.subdivision.refine import refine
+    from meshfit.subdivision.refinement import Refinement
+
+    topology = Topology.of(mesh)
+    tagged = None if wishes.creases is None else _creases(wishes.creases, wishes.sharpness, mesh, numbering)
+    refinement = refine(topology, scheme, levels, tagged)
+    assert isinstance(refinement, Refinement)  # noqa: S101  of triangles
+    finer = Mesh(refinement(mesh.verts), refinement.faces)
+    directions = loop_limit_normals(finer, scheme, refinement.creases) if wishes.normals else None
+    if wishes.limit:
+        at_limit = loop_limit(Topology.of(finer), scheme, refinement.creases) @ finer.verts
+        finer = Mesh(at_limit, finer.faces)
+    save_mesh(finer, destination, directions)
+    return finer, "" if tagged is None else f"; {_counted(tagged, topology)}"
+
+
+def refined_curves(source: str, destination: Path, scheme: "Scheme", levels: int) -> str:
+    """Refine curves from file to file, and say in numbers what became of them."""
+    from meshfit.mesh.io.curve_files import load_curves, save_curves
+    from meshfit.mesh.targets import target_path
+    from meshfit.subdivision.refine import subdivide
+
+    curves = load_curves(target_path(source))
+    finer = subdivide(curves, scheme, levels)
+    save_curves(finer, destination)
+    return f"{curves.num_segments:,} segments → {finer.num_segments:,} segments, {finer.num_verts:,} verts"
+
+
+def number_in(text: str | None) -> float | None:
+    """The number that a text is, if it is one."""
+    try:
+        return None if text is None else float(text)
+    except ValueError:
+        return None
+
+
+def _alphas(text: str, mesh_path: Path, numbering: "Indices") -> "Values":
+    from meshfit.mesh.io.vertex_values import read_attribute, read_values
+
+    prefix, colon, name = text.partition(":")
+    if colon and prefix == "attribute":
+        return read_attribute(mesh_path, name, numbering, (0.0, 1.0))
+    if not Path(text).is_file():
+        raise ConfigError(f"--alpha: '{text}' is no number, no file, and no attribute:NAME")
+    return read_values(text, numbering, (0.0, 1.0))
+
+
+def _creases(text: str, sharpness: float, mesh: "Mesh", numbering: "Indices") -> "Creases":
+    from meshfit.mesh.topology import Topology
+    from meshfit.subdivision.crease_files import read_creases
+    from meshfit.subdivision.creases import creases_by_angle
+
+    if not sharpness >= 0:
+        raise ConfigError(f"--sharpness: {sharpness:g} is not allowed: 0 or more is")
+    degrees = number_in(text)
+    if degrees is not None:
+        return creases_by_angle(mesh, degrees, sharpness)
+    if not Path(text).is_file():
+        raise ConfigError(f"--creases: '{text}' is no number of degrees and no file")
+    return read_creases(text, Topology.of(mesh), numbering, sharpness)
+
+
+def _counted(creases: "Creases", topology: "Topology") -> str:
+    edges = int(((creases.sharpness > 0) & ~topology.boundary_edges).sum())
+    corners = int((creases.rules(topology).corner > 0).sum())
+    return f"{edges:,} sharp edge{'' if edges == 1 else 's'}, {corners:,} corner{'' if corners == 1 else 's'}"
+
 
 _PARAMETERS, _CREASES, _LIMIT = "Parameters of schemes", "Creases", "The limit surface of loop"
 
@@ -129,11 +273,9 @@ def subdivide(
 
         meshfit subdivide head.obj fine.obj -s my-scheme.yaml
     """
-    from meshfit.cli.refining import Wishes, check, number_in, refined_curves, refined_mesh
-    from meshfit.config.load import defined_in
+    from meshfit.config.loading import defined_in
     from meshfit.config.scheme_files import adopted
-    from meshfit.subdivision.catalogue import catalogue_of
-    from meshfit.subdivision.choose import SURFACES, domain_of, scheme_of, schemes_on
+    from meshfit.subdivision.registry import SURFACES, catalogue_of, domain_of, scheme_of, schemes_on
 
     number = number_in(alpha)
     each = alpha if number is None else None

@@ -1,13 +1,71 @@
-"""`meshfit table`: the table again, from the result files alone."""
+"""Tables on stdout, and what can be refused of them before anything is run."""
 
+import json
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from meshfit.cli import completions
 from meshfit.cli.console import err, out, say_error
-from meshfit.cli.options import SHOWN, Baseline, Metrics, RunDirs
+from meshfit.cli.options import DEFAULT_METRIC, SHOWN, Baseline, Metrics, RunDirs
+from meshfit.errors import ConfigError
+from meshfit.experiment.storage.run_directory import Result
+
+if TYPE_CHECKING:
+    from meshfit.experiment.plan import Trial
+
+
+def show_tables(
+    results: Sequence[Result],
+    metrics: Sequence[str] | None,
+    *,
+    baseline: str | None = None,
+    format_name: str = "rich",
+    planned: bool = False,
+) -> None:
+    """Print the tables of some results to stdout."""
+    from meshfit.report.tables.formats import FORMATS
+    from meshfit.report.tables.formats.terminal import SheetsView
+    from meshfit.report.tables.grouping import target_key
+    from meshfit.report.tables.sheet import arrange
+    from meshfit.report.tables.table import build_tables
+
+    # The config's order, which is the order that trials were planned in.
+    schemes = dict.fromkeys(result["scheme"] for result in results) if planned else ()
+    targets = dict.fromkeys(map(target_key, results)) if planned else ()
+    order = {"schemes": list(schemes), "targets": list(targets)}
+    wanted = dict.fromkeys(metrics or [DEFAULT_METRIC])
+    tables = [table for metric in wanted for table in build_tables(results, metric, baseline=baseline, **order)]
+    sheets = arrange(tables, planned=planned)
+    if format_name == "rich":
+        out.print(SheetsView(sheets))
+    else:
+        typer.echo(FORMATS[format_name](sheets), nl=False)
+
+
+def check_display(trials: Sequence["Trial"], metrics: Sequence[str] | None, baseline: str | None) -> None:
+    """Refuse, before anything is run, what could not be shown once it has been.
+
+    Raises:
+        ConfigError: no such metric, or a baseline that is not among the planned schemes.
+        SchemeError: the baseline is not a scheme.
+    """
+    from meshfit.report.tables.grouping import canonical_among, told_apart
+    from meshfit.report.tables.table import require_metric
+    from meshfit.specs import suggest
+
+    for metric in metrics or ():
+        require_metric(metric)
+    if baseline is None:
+        return
+    results = told_apart([{"scheme": trial.scheme, "settings": trial.plain_settings} for trial in trials])
+    planned, wanted = dict.fromkeys(result["scheme"] for result in results), canonical_among(results, baseline)
+    if wanted not in planned:
+        raise ConfigError(f"baseline '{baseline}' is not among the schemes: {suggest(wanted, planned)}")
+
 
 DEVIATES = 1
 
@@ -54,10 +112,9 @@ def table(
 
         meshfit table runs/table1 --check configs/expected/table1.json
     """
-    from meshfit.cli.tables import show_tables
-    from meshfit.experiment.plan_file import with_planned_names
-    from meshfit.experiment.store import read_results
-    from meshfit.report.own_schemes import told_apart
+    from meshfit.experiment.storage.plan_file import with_planned_names
+    from meshfit.experiment.storage.run_directory import read_results
+    from meshfit.report.tables.grouping import told_apart
 
     results = told_apart(with_planned_names(read_results(runs)))
     if check is not None:
@@ -67,9 +124,8 @@ def table(
 
 
 def _check(runs: list[Path], results: list[dict[str, object]], path: Path) -> int:
-    from meshfit.report.expected import check
-    from meshfit.report.expected_file import read_expected
-    from meshfit.report.table import build_tables
+    from meshfit.report.tables.expected import check, read_expected
+    from meshfit.report.tables.table import build_tables
 
     expected = read_expected(path)
     metrics = dict.fromkeys(wanted.metric for wanted in expected.tables)
@@ -82,4 +138,38 @@ def _check(runs: list[Path], results: list[dict[str, object]], path: Path) -> in
         err.print(f"{where}: {len(deviations)} deviations from {path}", soft_wrap=True, markup=False)
         return DEVIATES
     out.print(f"{where}: all {cells} cells are as {path} expects", soft_wrap=True, markup=False)
+    return 0
+
+
+def expect(
+    runs: RunDirs,
+    output: Annotated[Path, typer.Option("--output", "-o", help="The file to write.", metavar="FILE")],
+    metrics: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--metric",
+            help="A metric to write down; may be repeated.",
+            show_default=DEFAULT_METRIC,
+            metavar="NAME",
+            autocompletion=completions.metrics,
+        ),
+    ] = None,
+) -> int:
+    """Write the file that `meshfit table --check` compares with.
+
+    It holds each cell, its spread over the seeds, and a tolerance that follows from it.
+
+    Example:
+        meshfit expect runs/table1 -o configs/expected/table1.json
+    """
+    from meshfit.experiment.storage.run_directory import read_results, write_atomically
+    from meshfit.report.tables.expected import expectation
+    from meshfit.report.tables.grouping import told_apart
+    from meshfit.report.tables.table import build_tables
+
+    results = told_apart(read_results(runs))
+    tables = [table for metric in metrics or [DEFAULT_METRIC] for table in build_tables(results, metric)]
+    write_atomically(output, json.dumps(expectation(tables), indent=2) + "\n")
+    cells = sum(len(table.cells) for table in tables)
+    out.print(f"wrote {output}: {cells} cells", soft_wrap=True, markup=False)
     return 0

@@ -1,6 +1,7 @@
 """The settings of an experiment: targets × schemes × seeds over one set of everything else."""
 
 import json
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -14,11 +15,10 @@ from pydantic import (
 )
 
 from meshfit.errors import SchemeError
-from meshfit.fitting.settings import Dtype, FirstOrderSettings, FitSettings
+from meshfit.fitting.settings import METHODS, Dtype, FirstOrderSettings, FitSettings
 from meshfit.measuring.settings import MeasureSettings
-from meshfit.settings import Settings
-from meshfit.subdivision.catalogue import Definitions, catalogue_of
-from meshfit.subdivision.choose import SURFACES, canonical, entry_of, schemes_on, spec_of
+from meshfit.settings import TAG, Settings
+from meshfit.subdivision.registry import SURFACES, Definitions, canonical, catalogue_of, entry_of, schemes_on, spec_of
 
 
 def _unique(values: tuple[object, ...]) -> tuple[object, ...]:
@@ -188,3 +188,39 @@ class ExperimentSettings(Settings):
     def __hash__(self) -> int:
         """Of its JSON text: a sweep is plain data, which has no hash."""
         return hash(self.model_dump_json())
+
+
+_WITHOUT_EFFECT = {"jobs", "threads"}
+
+
+def defaults(method: str = "first-order") -> dict[str, Any]:
+    """Every setting that a result may depend on, at its default, as plain data.
+
+    Args:
+        method: the engine that the settings of the fit are for.
+    """
+    plain = ExperimentSettings().model_dump(mode="json", exclude=_WITHOUT_EFFECT)
+    fit = METHODS.get(method)
+    return plain | ({"fit": fit().model_dump(mode="json")} if fit else {})
+
+
+def changed(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Those of some settings, as plain data, that are not at their defaults, in the order that they come in."""
+    fit = settings.get("fit")
+    method = fit.get(TAG, "first-order") if isinstance(fit, Mapping) else "first-order"
+    found = _difference(settings, defaults(method))
+    if method != "first-order" and "fit" in settings:
+        found["fit"] = {TAG: method} | found.get("fit", {})
+    return found
+
+
+def _difference(settings: Mapping[str, Any], usual: Mapping[str, Any]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for key, value in settings.items():
+        default = usual.get(key)
+        if isinstance(value, Mapping) and isinstance(default, Mapping):
+            if inner := _difference(value, default):
+                found[key] = inner
+        elif key not in usual or value != default:
+            found[key] = value
+    return found

@@ -10,8 +10,8 @@ from meshfit.config.strict_yaml import Document, read_document
 from meshfit.errors import ConfigError
 from meshfit.paths import CONFIG_SUFFIXES, missing
 from meshfit.settings import Key, Settings, build, dotted
-from meshfit.subdivision.catalogue import OwnSchemes
-from meshfit.subdivision.definition import Definition
+from meshfit.subdivision.custom.definitions import Definition
+from meshfit.subdivision.registry import OwnSchemes
 
 _SPEC = re.compile(r"(?P<path>.*\.ya?ml)(?P<parameters>:.*)?", re.DOTALL)
 

@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from meshfit.config.experiment import WITHOUT_EFFECT, ExperimentSettings, SourceSettings
-from meshfit.config.load import Experiment
-from meshfit.config.sweep import Variant, variants_of
-from meshfit.experiment.control import source_files
-from meshfit.experiment.source import build_source
+from meshfit.config.loading import Experiment
+from meshfit.config.sweeps import Variant, variants_of
+from meshfit.experiment.source import build_source, source_files
 from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path, target_title
-from meshfit.subdivision.catalogue import NamedScheme
+from meshfit.subdivision.registry import NamedScheme
 
 # Raised whenever the same settings would give other numbers, so that older results are not taken for newer ones.
 SCHEMA_VERSION = 2

@@ -9,13 +9,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from meshfit.fitting.capture import captured
-from meshfit.fitting.matching import match
+from meshfit.fitting.device import captured
+from meshfit.fitting.nearest_neighbours import match
 from meshfit.fitting.optimizer import OPTIMIZERS, learning_rate
-from meshfit.fitting.problem import Checkpoint, Diverged, Problem
+from meshfit.fitting.problem import Checkpoint, Diverged, Problem, Trace
 from meshfit.fitting.sampling import AreaTable, sample
 from meshfit.fitting.settings import FirstOrderSettings
-from meshfit.fitting.trace import Trace
 from meshfit.loss.surface import FaceGeometry, Faces, Surface
 from meshfit.loss.terms import LAPLACIANS, TERMS, State, Term
 from meshfit.mesh.mesh import Mesh

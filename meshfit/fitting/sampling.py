@@ -12,7 +12,7 @@ from torch.autograd.function import Function, once_differentiable
 from torch.nn.functional import embedding_bag
 
 from meshfit.loss.autograd import apply
-from meshfit.loss.members import Members
+from meshfit.loss.batch_segments import Members
 from meshfit.loss.surface import FaceGeometry
 from meshfit.loss.terms import Samples
 

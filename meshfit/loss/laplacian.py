@@ -8,7 +8,7 @@ from torch import Tensor
 from torch.autograd.function import Function, once_differentiable
 
 from meshfit.loss.autograd import apply
-from meshfit.loss.members import Members
+from meshfit.loss.batch_segments import Members
 from meshfit.loss.surface import LEAST_DOUBLE_AREA, FaceGeometry, Surface
 
 

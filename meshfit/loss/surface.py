@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.autograd.function import Function, once_differentiable
 
 from meshfit.loss.autograd import apply
-from meshfit.loss.members import Members
+from meshfit.loss.batch_segments import Members
 from meshfit.loss.sparse import Sparse
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology

@@ -12,8 +12,7 @@ from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.topology import Indices
-from meshfit.paths import MESH_SUFFIXES, missing
-from meshfit.resources import bundled
+from meshfit.paths import MESH_SUFFIXES, bundled, missing
 from meshfit.specs import suggest
 
 
@@ -115,7 +114,7 @@ def load_numbered_target(target: str) -> tuple[Mesh, Indices]:
     Raises:
         MeshError: as `target_path` and `load_mesh` do.
     """
-    from meshfit.mesh.files import load_numbered  # brings scipy, which those who only want names need not wait for
+    from meshfit.mesh.io.files import load_numbered  # brings scipy, which those who only want names need not wait for
 
     return _loaded(target, load_numbered)
 
@@ -135,7 +134,7 @@ def load_numbered_polygon_target(target: str) -> tuple[PolygonMesh, Indices]:
     Raises:
         MeshError: as `target_path` and `load_polygons` do.
     """
-    from meshfit.mesh.files import load_numbered_polygons
+    from meshfit.mesh.io.files import load_numbered_polygons
 
     return _loaded(target, load_numbered_polygons)
 

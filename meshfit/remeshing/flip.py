@@ -6,8 +6,8 @@ import torch
 from torch import Tensor
 
 from meshfit.remeshing.connectivity import Edges, contained
-from meshfit.remeshing.moving import Moving
 from meshfit.remeshing.shapes import dot, normal_and_sine
+from meshfit.remeshing.state import Moving
 
 _PASSES = 8
 _LAYERS = 3

@@ -5,8 +5,8 @@ import math
 import torch
 from torch import Tensor
 
-from meshfit.remeshing.moving import Moving, around
 from meshfit.remeshing.shapes import corners_of, dot, length_of, normal_and_sine, unit
+from meshfit.remeshing.state import Moving, around
 
 _TURN = math.cos(math.radians(20))
 _SINE = math.sin(math.radians(30))

@@ -7,10 +7,10 @@ from torch import Tensor
 from meshfit.errors import MeshError
 from meshfit.remeshing.collapse import collapse
 from meshfit.remeshing.flip import flip
-from meshfit.remeshing.moving import Moving
 from meshfit.remeshing.relax import relax
 from meshfit.remeshing.sizing import num_verts_for
 from meshfit.remeshing.split import split
+from meshfit.remeshing.state import Moving
 
 _LONG, _SHORT = 4 / 3, 4 / 5
 # Beyond this share of the number of verts expected, further edges are split or collapsed to make up for it.

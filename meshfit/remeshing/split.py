@@ -4,8 +4,8 @@ import torch
 from jaxtyping import Bool
 from torch import Tensor
 
-from meshfit.remeshing.moving import Moving
 from meshfit.remeshing.shapes import length_of, unit
+from meshfit.remeshing.state import Moving
 
 
 def split(surface: Moving, long: float, most: int | None = None) -> Moving:

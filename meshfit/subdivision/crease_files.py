@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from meshfit.errors import MeshError
+from meshfit.mesh.io.vertex_values import lines_of
 from meshfit.mesh.topology import NONE, Indices, Topology
-from meshfit.mesh.vertex_values import lines_of
 from meshfit.subdivision.creases import Creases, edges_between
 
 

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from scipy.sparse import csr_array, diags_array, eye_array
 
-from meshfit.subdivision.curve_scheme import CurveScheme
-from meshfit.subdivision.polygon_scheme import PolygonScheme
-from meshfit.subdivision.triangle_scheme import TriangleScheme
+from meshfit.subdivision.curves.scheme import CurveScheme
+from meshfit.subdivision.polygons.scheme import PolygonScheme
+from meshfit.subdivision.triangles.scheme import TriangleScheme
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -12,23 +12,23 @@ from meshfit.errors import MeshError, SchemeError
 from meshfit.mesh.curves import Chains, Curves
 from meshfit.mesh.manifold import require_manifold
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.polygon_topology import PolygonTopology
 from meshfit.mesh.polygons import PolygonMesh
-from meshfit.mesh.topology import Topology
+from meshfit.mesh.topology import PolygonTopology, Topology
 from meshfit.specs import Value
-from meshfit.subdivision.assemble import assemble, vertex_attribute_carry
-from meshfit.subdivision.choose import scheme_of, unfit
 from meshfit.subdivision.creases import Creases, require_creases
-from meshfit.subdivision.curve_refine import refine_chains
-from meshfit.subdivision.curve_scheme import CurveScheme
-from meshfit.subdivision.polygon_assemble import assemble_polygons
-from meshfit.subdivision.polygon_scheme import LINEAR, PolygonScheme
-from meshfit.subdivision.polygon_splits import PolygonDivision, divide_polygons
+from meshfit.subdivision.curves.assemble import refine_chains
+from meshfit.subdivision.curves.scheme import CurveScheme
+from meshfit.subdivision.polygons.assemble import assemble_polygons
+from meshfit.subdivision.polygons.scheme import LINEAR, PolygonScheme, PolygonSplit
+from meshfit.subdivision.polygons.splits import PolygonDivision, divide_polygons
 from meshfit.subdivision.push_back import with_carried_alpha
 from meshfit.subdivision.refinement import CurveRefinement, PolygonRefinement, Refinement
+from meshfit.subdivision.registry import scheme_of, unfit
 from meshfit.subdivision.scheme import Scheme
-from meshfit.subdivision.splits import divide
-from meshfit.subdivision.triangle_scheme import TriangleScheme
+from meshfit.subdivision.triangles.assemble import assemble, vertex_attribute_carry
+from meshfit.subdivision.triangles.scheme import Split, TriangleScheme
+from meshfit.subdivision.triangles.splits import divide
+from meshfit.subdivision.triangles.table import MIDPOINT
 
 ParameterValue = Value | NDArray[Any]
 
@@ -233,3 +233,28 @@ def _require_alphas(scheme: Scheme, num_verts: int) -> None:
     alpha = scheme.push_back.alpha if scheme.push_back is not None else 0.0
     if np.ndim(alpha) and np.shape(alpha) != (num_verts,):
         raise MeshError(f"alpha has shape {np.shape(alpha)}; one value for each of {num_verts} verts is needed")
+
+
+def flat(scheme: Scheme) -> Scheme | None:
+    """The scheme that keeps old verts and puts those of the same split between them; None where old edges are lost."""
+    if isinstance(scheme, PolygonScheme):
+        return LINEAR.get(scheme.split)
+    return MIDPOINT if scheme.split is Split.QUADRISECT else None
+
+
+# On a large closed surface of triangles, which has three edges and two faces for each vertex, the first level, and any
+# that follows it on the polygons that it leaves.
+_ON_TRIANGLES: dict[PolygonSplit, tuple[float, float]] = {
+    PolygonSplit.QUADS: (6.0, 4.0),
+    PolygonSplit.SQRT2: (3.0, 2.0),
+    PolygonSplit.TERNARY: (13.0, 9.0),
+    PolygonSplit.DUAL: (6.0, 4.0),
+}
+
+
+def growth(scheme: Scheme, levels: int) -> float:
+    """About how many verts come of each by some levels on triangles; four at each for any scheme on triangles."""
+    if not isinstance(scheme, PolygonScheme):
+        return 4.0**levels
+    first, later = _ON_TRIANGLES[scheme.split]
+    return first * later ** (levels - 1) if levels else 1.0

@@ -1,23 +1,46 @@
-"""What some levels of a scheme make of a connectivity: a finer one, and sparse operators on what is given at verts."""
+"""Refinement operators on torch tensors."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from math import prod
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
+import torch
 from jaxtyping import Int64
-from scipy.sparse import csr_array, eye_array
+from scipy.sparse import coo_array, csr_array, eye_array
+from torch import Tensor
 
 from meshfit.errors import MeshError
 from meshfit.mesh.curves import Chains
 from meshfit.mesh.mesh import Faces, Verts
-from meshfit.mesh.polygon_topology import PolygonTopology
 from meshfit.mesh.polygons import PolygonMesh
+from meshfit.mesh.topology import PolygonTopology
 from meshfit.subdivision.creases import Creases
 
 if TYPE_CHECKING:
     import torch
+
+
+def as_tensor(operator: csr_array, dtype: torch.dtype, device: torch.device | str) -> Tensor:
+    """A sparse COO tensor of the operator, which products differentiate through on every device that has them."""
+    entries = coo_array(operator)
+    indices = torch.stack([torch.as_tensor(entries.row.astype("int64")), torch.as_tensor(entries.col.astype("int64"))])
+    values = torch.as_tensor(entries.data, dtype=dtype)
+    return torch.sparse_coo_tensor(
+        indices, values, tuple(operator.shape), is_coalesced=True, check_invariants=False
+    ).to(device)
+
+
+def apply_to_tensor(operators: Iterable[csr_array], values: Tensor) -> Tensor:
+    """Apply each operator in turn to a (V, …) tensor, in its dtype and on its device."""
+    values = values if values.is_floating_point() else values.double()
+    flat = values.reshape(len(values), prod(values.shape[1:]))
+    for operator in operators:
+        flat = torch.sparse.mm(as_tensor(operator, values.dtype, values.device), flat)
+    return flat.reshape(-1, *values.shape[1:])
+
 
 Values = TypeVar("Values", np.ndarray, "torch.Tensor")
 
@@ -67,7 +90,6 @@ class Operators:
                 flat = operator @ flat
             fine = flat.reshape(-1, *values.shape[1:])
             return fine.astype(values.dtype) if np.issubdtype(values.dtype, np.floating) else fine
-        from meshfit.subdivision.tensors import apply_to_tensor
 
         return apply_to_tensor(self.operators, values)
 

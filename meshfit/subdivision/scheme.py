@@ -6,9 +6,9 @@ from typing import Literal
 
 from meshfit.errors import SchemeError
 from meshfit.specs import Value, suggest
-from meshfit.subdivision.curve_scheme import CurveScheme
-from meshfit.subdivision.polygon_scheme import PolygonScheme
-from meshfit.subdivision.triangle_scheme import TriangleScheme
+from meshfit.subdivision.curves.scheme import CurveScheme
+from meshfit.subdivision.polygons.scheme import PolygonScheme
+from meshfit.subdivision.triangles.scheme import TriangleScheme
 
 Kind = Literal["approximating", "interpolatory"]
 Domain = Literal["triangles", "polygons", "curves"]

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from typing import TypeVar
 
-from meshfit.experiment.memory import peak_memory_mb
+from meshfit.experiment.running.trial_runner import peak_memory_mb
 from tests.benchmarks.commands import COMMANDS
 from tests.benchmarks.timing import Benchmark, Outcome, run
 

@@ -9,20 +9,20 @@ from pathlib import Path
 import torch
 import trimesh
 
-from meshfit.config.load import load_experiment
-from meshfit.experiment.executor import run_trials
+from meshfit.config.loading import load_experiment
 from meshfit.experiment.plan import Trial, plan
-from meshfit.experiment.store import RunDirectory
-from meshfit.experiment.trial import run_together
+from meshfit.experiment.running.batch_runner import run_together
+from meshfit.experiment.running.scheduler import run_trials
+from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.fitting.first_order import FirstOrder
 from meshfit.fitting.fit import fit, fit_batch
-from meshfit.fitting.matching import match
+from meshfit.fitting.nearest_neighbours import match
 from meshfit.fitting.problem import Problem
 from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.measuring.measure import measure
-from meshfit.mesh.frames import frame_of
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.meshlab import decimate
+from meshfit.mesh.normalisation import frame_of
 from meshfit.mesh.solids import icosahedron
 from meshfit.mesh.targets import load_target
 from meshfit.subdivision.refine import subdivide

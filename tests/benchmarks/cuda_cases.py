@@ -5,14 +5,14 @@ from functools import partial
 
 import torch
 
-from meshfit.config.load import load_experiment
+from meshfit.config.loading import load_experiment
 from meshfit.experiment.source import build_source
 from meshfit.fitting.first_order import FirstOrder
 from meshfit.fitting.fit import fit
 from meshfit.fitting.problem import Problem
 from meshfit.fitting.settings import FirstOrderSettings
-from meshfit.mesh.frames import frame_of
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.normalisation import frame_of
 from meshfit.mesh.solids import icosahedron
 from meshfit.mesh.targets import load_target
 from meshfit.subdivision.refine import subdivide

@@ -8,10 +8,10 @@ import tempfile
 import time
 from pathlib import Path
 
-from meshfit.config.load import load_experiment
-from meshfit.experiment.executor import run_trials
+from meshfit.config.loading import load_experiment
 from meshfit.experiment.plan import plan
-from meshfit.experiment.store import RunDirectory, read_results
+from meshfit.experiment.running.scheduler import run_trials
+from meshfit.experiment.storage.run_directory import RunDirectory, read_results
 from tests.cli.processes import meshfit
 
 _TRIALS, _WORKERS = 300, 2

@@ -7,7 +7,7 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from meshfit.subdivision.table import SCHEMES
+from meshfit.subdivision.registry import SCHEMES
 from tests.cli import answered, refused
 
 VERDICTS = {

@@ -6,9 +6,9 @@ import subprocess
 import numpy as np
 import pytest
 
-from meshfit.experiment.snapshots import snapshots_in
-from meshfit.mesh.files import load_mesh
-from meshfit.report.moments import course_of
+from meshfit.experiment.storage.checkpoint import snapshots_in
+from meshfit.mesh.io.files import load_mesh
+from meshfit.report.figures.animation import course_of
 from tests.cli import answered, invoke, refused
 from tests.small import config_file
 from tests.unit.test_snapshots import SECOND, quietly, taken

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from meshfit.mesh.files import SUFFIXES, encode_mesh, load_mesh, load_polygons, save_mesh
+from meshfit.mesh.io.files import SUFFIXES, encode_mesh, load_mesh, load_polygons, save_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import octahedron, quad_cube
 from meshfit.subdivision.refine import subdivide

@@ -7,10 +7,10 @@ import sys
 import pytest
 
 from meshfit.cli import completions
-from meshfit.config.load import bundled_configs
+from meshfit.config.loading import bundled_configs
 from meshfit.measuring.metrics import METRICS
 from meshfit.mesh.targets import NAMED_TARGETS
-from meshfit.subdivision.table import SCHEMES
+from meshfit.subdivision.registry import SCHEMES
 from tests.runs import complete
 
 RUN = "import sys; sys.argv[0] = 'meshfit'; from meshfit.cli.main import main; main()"

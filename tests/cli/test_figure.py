@@ -3,11 +3,11 @@ import re
 import numpy as np
 import pytest
 
-from meshfit.mesh.files import save_mesh
+from meshfit.mesh.io.files import save_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron
-from meshfit.report.figure import WIDTH
-from meshfit.report.typeset import DPI
+from meshfit.report.figures.figure import WIDTH
+from meshfit.report.figures.layout import DPI
 from tests.cli import answered, refused
 from tests.runs import complete
 

@@ -9,9 +9,9 @@ from importlib.metadata import version
 import pytest
 
 from meshfit.config.experiment import ExperimentSettings
-from meshfit.config.load import load_experiment
+from meshfit.config.loading import load_experiment
 from meshfit.mesh.targets import NAMED_TARGETS
-from meshfit.subdivision.table import SCHEMES
+from meshfit.subdivision.registry import SCHEMES
 from tests.cli import answered, refused
 
 COMMANDS = (

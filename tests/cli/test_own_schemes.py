@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from meshfit.mesh.files import load_mesh, save_mesh
+from meshfit.mesh.io.files import load_mesh, save_mesh
 from meshfit.mesh.solids import octahedron
 from meshfit.subdivision.refine import subdivide
 from tests.cli import answered, invoke, refused

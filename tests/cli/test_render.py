@@ -4,9 +4,9 @@ import json
 import numpy as np
 import pytest
 
-from meshfit.mesh.files import save_mesh
-from meshfit.mesh.frames import Frame
+from meshfit.mesh.io.files import save_mesh
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.normalisation import Frame
 from meshfit.mesh.solids import icosahedron
 from tests.cli import answered, invoke, refused
 

@@ -6,17 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from meshfit.config.load import load_experiment
-from meshfit.experiment.executor import run_trials
+from meshfit.config.loading import load_experiment
 from meshfit.experiment.plan import plan
-from meshfit.experiment.remote import Remote
-from meshfit.experiment.store import RunDirectory, read_results
-from meshfit.report.expected import check
-from meshfit.report.expected_file import read_expected
-from meshfit.report.table import build_tables
-from meshfit.resources import bundled
+from meshfit.experiment.running.backends import Remote
+from meshfit.experiment.running.scheduler import run_trials
+from meshfit.experiment.storage.run_directory import RunDirectory, read_results
+from meshfit.paths import bundled
+from meshfit.report.tables.expected import check, read_expected
+from meshfit.report.tables.table import build_tables
 from meshfit.subdivision.masks import EdgeMask
-from meshfit.subdivision.table import SCHEMES
+from meshfit.subdivision.registry import SCHEMES
 from tests.inline import Inline
 
 EXPECTED = read_expected(bundled("configs") / "expected" / "reproduce.json")

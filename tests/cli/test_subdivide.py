@@ -5,16 +5,15 @@ from math import inf
 import numpy as np
 import pytest
 
-from meshfit.mesh.files import load_mesh, save_mesh
+from meshfit.mesh.io.files import load_mesh, save_mesh
+from meshfit.mesh.io.vertex_values import read_attribute
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, octahedron
 from meshfit.mesh.topology import Topology
-from meshfit.mesh.vertex_values import read_attribute
-from meshfit.subdivision.choose import scheme_of
 from meshfit.subdivision.creases import Creases, creases_by_angle
-from meshfit.subdivision.limit import loop_limit
-from meshfit.subdivision.limit_normals import loop_limit_normals
+from meshfit.subdivision.limit import loop_limit, loop_limit_normals
 from meshfit.subdivision.refine import subdivide
+from meshfit.subdivision.registry import scheme_of
 from tests.cli import invoke, refused
 
 ALPHAS = [0.0, 1.0, 0.25, 0.5, 0.125, 1.0]

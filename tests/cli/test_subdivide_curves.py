@@ -5,13 +5,13 @@ import json
 import numpy as np
 import pytest
 
-from meshfit.mesh.curve_files import load_curves, save_curves
 from meshfit.mesh.curves import Curves
-from meshfit.mesh.files import save_mesh
+from meshfit.mesh.io.curve_files import load_curves, save_curves
+from meshfit.mesh.io.files import save_mesh
 from meshfit.mesh.solids import octahedron
-from meshfit.subdivision.curve_table import CURVE_SCHEMES
+from meshfit.subdivision.curves.table import CURVE_SCHEMES
 from meshfit.subdivision.refine import subdivide
-from meshfit.subdivision.triangle_table import TRIANGLE_SCHEMES
+from meshfit.subdivision.triangles.table import TRIANGLE_SCHEMES
 from tests.cli import answered, refused
 from tests.cli.test_completion import completed
 

@@ -6,11 +6,10 @@ import numpy as np
 
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import NONE, Topology, next_in_face
-from meshfit.subdivision.choose import scheme_of
 from meshfit.subdivision.masks import CurveMask, FaceMask
 from meshfit.subdivision.refine import refine
-from meshfit.subdivision.table import SCHEMES
-from meshfit.subdivision.triangle_scheme import Split, TriangleScheme
+from meshfit.subdivision.registry import SCHEMES, scheme_of
+from meshfit.subdivision.triangles.scheme import Split, TriangleScheme
 from tests.shapes import fan, wheel
 
 

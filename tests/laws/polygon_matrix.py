@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from meshfit.mesh.polygon_topology import PolygonTopology
-from meshfit.subdivision.choose import scheme_of
-from meshfit.subdivision.polygon_scheme import LINEAR, PolygonSplit
+from meshfit.mesh.topology import PolygonTopology
+from meshfit.subdivision.polygons.scheme import LINEAR, PolygonSplit
 from meshfit.subdivision.refine import refine
+from meshfit.subdivision.registry import scheme_of
 from tests.quads import quad_wheel
 
 STEPS = {PolygonSplit.QUADS: 1, PolygonSplit.SQRT2: 2, PolygonSplit.TERNARY: 1}

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from meshfit.mesh.polygon_topology import PolygonTopology
 from meshfit.mesh.polygons import PolygonMesh
-from meshfit.subdivision.choose import scheme_of
-from meshfit.subdivision.polygon_table import POLYGON_SCHEMES
+from meshfit.mesh.topology import PolygonTopology
+from meshfit.subdivision.polygons.table import POLYGON_SCHEMES
 from meshfit.subdivision.refine import refine
 from meshfit.subdivision.refinement import PolygonRefinement
+from meshfit.subdivision.registry import scheme_of
 from tests.quads import EVERY, quad_patch, quad_torus
 
 VARIANTS = (

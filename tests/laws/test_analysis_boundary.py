@@ -5,11 +5,11 @@ from math import cos, pi, sqrt
 import numpy as np
 import pytest
 
+from meshfit.analysis.analyse import NEIGHBOURS, analyse
+from meshfit.analysis.curve_meshes import bench_of
+from meshfit.analysis.extraordinary_vertex import study_boundary
 from meshfit.errors import SchemeError
-from meshfit.subdivision.analysis.analyse import NEIGHBOURS, analyse
-from meshfit.subdivision.analysis.benches import bench_of
-from meshfit.subdivision.analysis.boundary import study_boundary
-from meshfit.subdivision.choose import scheme_of
+from meshfit.subdivision.registry import scheme_of
 from tests.laws.local_matrix import boundary_matrix
 from tests.laws.test_subdivision_spectra import moduli
 

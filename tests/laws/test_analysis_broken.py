@@ -5,16 +5,14 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from meshfit.analysis.analyse import analyse, verdict, warnings_of
+from meshfit.analysis.curve_meshes import bench_of
+from meshfit.analysis.extraordinary_vertex import characteristic_net, corner_turns, wheels
+from meshfit.analysis.local_matrix import PAD, invariant_matrix
 from meshfit.errors import SchemeError
-from meshfit.subdivision.analysis.analyse import analyse
-from meshfit.subdivision.analysis.benches import bench_of
-from meshfit.subdivision.analysis.characteristic import characteristic_net, corner_turns
-from meshfit.subdivision.analysis.local_matrix import PAD, invariant_matrix
-from meshfit.subdivision.analysis.odd_place import wheels
-from meshfit.subdivision.analysis.verdict import verdict, warnings_of
-from meshfit.subdivision.choose import scheme_of
 from meshfit.subdivision.masks import CurveMask, EdgeMask, SpokeMask, VertMask
-from meshfit.subdivision.triangle_scheme import Split, TriangleScheme
+from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.triangles.scheme import Split, TriangleScheme
 
 BUTTERFLY = scheme_of("butterfly")
 HALF = Fraction(1, 2)
@@ -143,6 +141,6 @@ def test_eigenvalues_that_decide_need_not_be_near_one():
 
 
 def test_stencils_too_wide_for_any_ring_are_refused(monkeypatch):
-    monkeypatch.setattr("meshfit.subdivision.analysis.local_matrix.MOST_RINGS", 1)
+    monkeypatch.setattr("meshfit.analysis.local_matrix.MOST_RINGS", 1)
     with pytest.raises(SchemeError, match="1 rings around a vertex do not follow"):
         analyse(BUTTERFLY, (5,))

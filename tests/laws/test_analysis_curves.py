@@ -2,11 +2,10 @@
 
 import pytest
 
-from meshfit.subdivision.analysis.analyse import analyse
-from meshfit.subdivision.analysis.benches import bench_of
-from meshfit.subdivision.analysis.lattice import regular_mask
-from meshfit.subdivision.analysis.verdict import verdict
-from meshfit.subdivision.choose import scheme_of
+from meshfit.analysis.analyse import analyse, verdict
+from meshfit.analysis.curve_meshes import bench_of
+from meshfit.analysis.regular_lattice import regular_mask
+from meshfit.subdivision.registry import scheme_of
 
 # Exponent in L2, degrees reproduced and generated, and continuity. Of four points with another tension than 1/16 only
 # linear functions are left, whose sum rules are of order 2 (Dyn, Gregory and Levin 1987).

@@ -5,13 +5,11 @@ from math import cos, pi, sqrt
 import numpy as np
 import pytest
 
-from meshfit.subdivision.analysis.analyse import VALENCES, analyse
-from meshfit.subdivision.analysis.benches import bench_of
-from meshfit.subdivision.analysis.lattice import regular_mask
-from meshfit.subdivision.analysis.matching import match_wheel
-from meshfit.subdivision.analysis.verdict import verdict
-from meshfit.subdivision.choose import scheme_of
-from meshfit.subdivision.table import SCHEMES
+from meshfit.analysis.analyse import VALENCES, analyse, verdict
+from meshfit.analysis.curve_meshes import bench_of
+from meshfit.analysis.local_matrix import match_wheel
+from meshfit.analysis.regular_lattice import regular_mask
+from meshfit.subdivision.registry import SCHEMES, scheme_of
 
 NAMES = [name for name, entry in SCHEMES.items() if entry.domain == "polygons"]
 # Exponent, degrees reproduced and generated, and continuity: of tensor products of splines and of the four-point

@@ -6,13 +6,11 @@ from math import comb, log2, sqrt
 import numpy as np
 import pytest
 
-from meshfit.subdivision.analysis.analyse import analyse
-from meshfit.subdivision.analysis.benches import bench_of
-from meshfit.subdivision.analysis.holder import continuity, holder_bound
-from meshfit.subdivision.analysis.lattice import RegularMask, regular_mask
-from meshfit.subdivision.analysis.polynomials import sum_rule_order
-from meshfit.subdivision.analysis.smoothness import regularity_of
-from meshfit.subdivision.choose import scheme_of
+from meshfit.analysis.analyse import analyse
+from meshfit.analysis.curve_meshes import bench_of
+from meshfit.analysis.regular_lattice import RegularMask, regular_mask, sum_rule_order
+from meshfit.analysis.regularity import continuity, holder_bound, regularity_of
+from meshfit.subdivision.registry import scheme_of
 from tests.laws.test_subdivision_polynomials import DEGREE
 from tests.laws.variants import VARIANTS
 

@@ -5,14 +5,14 @@ from math import cos, pi
 import numpy as np
 import pytest
 
+from meshfit.analysis.analyse import analyse
+from meshfit.analysis.curve_meshes import bench_of
+from meshfit.analysis.extraordinary_vertex import wheels
+from meshfit.analysis.local_matrix import PAD, invariant_matrix, local_matrix
+from meshfit.analysis.spectrum import spectrum_of
 from meshfit.errors import SchemeError
-from meshfit.subdivision.analysis.analyse import analyse
-from meshfit.subdivision.analysis.benches import bench_of
-from meshfit.subdivision.analysis.local_matrix import PAD, invariant_matrix, local_matrix
-from meshfit.subdivision.analysis.odd_place import wheels
-from meshfit.subdivision.analysis.spectrum import spectrum_of
-from meshfit.subdivision.choose import scheme_of
-from meshfit.subdivision.triangle_scheme import PushBack, TriangleScheme
+from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.triangles.scheme import PushBack, TriangleScheme
 from tests.laws import local_matrix as own
 from tests.laws.test_subdivision_spectra import CASES, TABLES, VALENCES, mode_block, moduli
 from tests.laws.variants import VARIANTS

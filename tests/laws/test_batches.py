@@ -8,7 +8,7 @@ import pytest
 
 from meshfit.errors import MeshError
 from meshfit.fitting import fit as fitting
-from meshfit.fitting import packs
+from meshfit.fitting import fit as packs
 from meshfit.fitting.first_order import FirstOrder
 from meshfit.fitting.fit import fit, fit_batch
 from meshfit.fitting.problem import Problem

@@ -6,15 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from meshfit.mesh.curves import Chains, Curves
-from meshfit.mesh.join_segments import join_segments
+from meshfit.mesh.curves import Chains, Curves, join_segments
 from meshfit.mesh.topology import Topology
-from meshfit.subdivision.choose import scheme_of
-from meshfit.subdivision.curve_masks import CUBIC_BSPLINE, TERNARY_BSPLINE, four_point
-from meshfit.subdivision.curve_scheme import CurveScheme
+from meshfit.subdivision.curves.scheme import CUBIC_BSPLINE, TERNARY_BSPLINE, CurveScheme, four_point
 from meshfit.subdivision.refine import refine, subdivide
-from meshfit.subdivision.triangle_scheme import PushBack
-from meshfit.subdivision.triangle_table import TRIANGLE_SCHEMES
+from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.triangles.scheme import PushBack
+from meshfit.subdivision.triangles.table import TRIANGLE_SCHEMES
 from tests.curve_shapes import SHAPES, arity, dense, rows_along
 from tests.shapes import OPEN
 

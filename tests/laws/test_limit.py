@@ -5,9 +5,9 @@ import pytest
 
 from meshfit.errors import SchemeError
 from meshfit.mesh.topology import Topology
-from meshfit.subdivision.choose import scheme_of
 from meshfit.subdivision.limit import has_loop_limit, loop_limit
 from meshfit.subdivision.refine import refine
+from meshfit.subdivision.registry import scheme_of
 from tests.shapes import mixed_closed, mixed_open, patch
 
 

@@ -10,12 +10,17 @@ from meshfit.mesh.geometry import area_vectors, normalised
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import SOLIDS, cube
 from meshfit.mesh.topology import Topology
-from meshfit.subdivision.choose import scheme_of
 from meshfit.subdivision.creases import Creases, creases_by_angle
-from meshfit.subdivision.limit import loop_limit
-from meshfit.subdivision.limit_masks import dart_masks, open_tangents, smooth_tangents
-from meshfit.subdivision.limit_normals import loop_limit_normals, loop_limit_tangents
+from meshfit.subdivision.limit import (
+    dart_masks,
+    loop_limit,
+    loop_limit_normals,
+    loop_limit_tangents,
+    open_tangents,
+    smooth_tangents,
+)
 from meshfit.subdivision.refine import refine, subdivide
+from meshfit.subdivision.registry import scheme_of
 from tests.laws.local_matrix import boundary_matrix, local_matrix
 from tests.laws.test_subdivision_spectra import loop_ring, warren_ring
 from tests.shapes import fan, mixed_closed, mixed_open, opened, patch, wheel

@@ -5,7 +5,7 @@ import pytest
 import torch
 from torch.autograd import gradcheck
 
-from meshfit.fitting.matching import match
+from meshfit.fitting.nearest_neighbours import match
 from meshfit.fitting.sampling import sample
 from meshfit.loss.chamfer import chamfer
 from meshfit.loss.consistency import consistency

@@ -5,7 +5,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from meshfit.fitting.matching import match
+from meshfit.fitting.nearest_neighbours import match
 from meshfit.fitting.sampling import sample
 from meshfit.loss.surface import FaceGeometry, Surface
 from meshfit.loss.terms import LAPLACIANS, TERMS, State

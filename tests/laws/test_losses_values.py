@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from meshfit.fitting.matching import by_blocks, match
+from meshfit.fitting.nearest_neighbours import by_blocks, match
 from meshfit.loss.chamfer import Matches, chamfer
 from meshfit.loss.consistency import consistency
 from meshfit.loss.edge import edge

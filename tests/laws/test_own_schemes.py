@@ -9,10 +9,9 @@ from meshfit.errors import SchemeError
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
 from meshfit.settings import build
-from meshfit.subdivision.catalogue import NamedScheme, OwnSchemes, catalogue_of
-from meshfit.subdivision.choose import canonical, scheme_of
 from meshfit.subdivision.limit import has_loop_limit
 from meshfit.subdivision.refine import refine
+from meshfit.subdivision.registry import NamedScheme, OwnSchemes, canonical, catalogue_of, scheme_of
 from tests.shapes import fan, mixed_closed, mixed_open, patch, wheel
 
 LOOP_RING = "5/8 - (3/8 + cos(2*pi/n)/4)^2"

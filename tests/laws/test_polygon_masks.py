@@ -6,8 +6,8 @@ from math import cos, pi
 import numpy as np
 import pytest
 
-from meshfit.mesh.polygon_topology import PolygonTopology
-from meshfit.subdivision.polygon_table import POLYGON_SCHEMES
+from meshfit.mesh.topology import PolygonTopology
+from meshfit.subdivision.polygons.table import POLYGON_SCHEMES
 from tests.laws.polygon_variants import dense, refined
 from tests.quads import prism, quad_patch, quad_torus, quad_wheel
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from meshfit.mesh.geometry import area_vectors
-from meshfit.mesh.polygon_topology import PolygonTopology
+from meshfit.mesh.topology import PolygonTopology
 from meshfit.subdivision.refine import subdivide
 from tests.laws.polygon_variants import ANYWHERE, VARIANTS, refined
 from tests.quads import quad_patch, quad_wheel

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from meshfit.mesh.manifold import euler_number, is_watertight, num_components, require_manifold
-from meshfit.mesh.polygon_topology import PolygonTopology
 from meshfit.mesh.polygons import PolygonMesh, face_rows
-from meshfit.mesh.topology import Topology
-from meshfit.subdivision.choose import scheme_of
+from meshfit.mesh.topology import PolygonTopology, Topology
 from meshfit.subdivision.refine import refine, subdivide
+from meshfit.subdivision.registry import scheme_of
 from tests.laws.polygon_variants import ANYWHERE, CASES, INTERPOLATORY, KEEPING, REGULAR, dense, refined, shape_of
 from tests.quads import mixed, quad_cube, quad_patch, renumbered
 from tests.shapes import mixed_closed, mixed_open

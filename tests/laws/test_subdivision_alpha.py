@@ -7,8 +7,8 @@ import pytest
 
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
-from meshfit.subdivision.choose import scheme_of
 from meshfit.subdivision.refine import refine, subdivide
+from meshfit.subdivision.registry import scheme_of
 from tests.laws.variants import dense
 from tests.shapes import mixed_closed, mixed_open
 

@@ -11,7 +11,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import octahedron
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.refine import subdivide
-from meshfit.subdivision.triangle_table import TRIANGLE_SCHEMES
+from meshfit.subdivision.triangles.table import TRIANGLE_SCHEMES
 from tests.laws.variants import QUADRISECTING, SQRT3, VARIANTS, refined
 from tests.shapes import ALL, CLOSED, OPEN, mixed_open, patch, wheel
 

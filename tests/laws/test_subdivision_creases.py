@@ -9,9 +9,9 @@ import pytest
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import SOLIDS, cube
 from meshfit.mesh.topology import Topology
-from meshfit.subdivision.choose import scheme_of
 from meshfit.subdivision.creases import Creases, creases_by_angle
 from meshfit.subdivision.refine import refine, subdivide
+from meshfit.subdivision.registry import scheme_of
 from tests.laws.test_subdivision_masks import fractions_of
 from tests.shapes import ALL, mixed_closed, mixed_open, permuted, torus, wheel
 

@@ -6,10 +6,10 @@ import torch
 
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
-from meshfit.subdivision.assemble import assemble
-from meshfit.subdivision.choose import scheme_of
 from meshfit.subdivision.refine import refine, subdivide
-from meshfit.subdivision.splits import divide
+from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.triangles.assemble import assemble
+from meshfit.subdivision.triangles.splits import divide
 from tests.laws.variants import QUADRISECTING, SQRT3, VARIANTS, refined
 from tests.shapes import mixed_closed, mixed_open
 

@@ -4,10 +4,10 @@ import numpy as np
 
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
-from meshfit.subdivision.choose import scheme_of
 from meshfit.subdivision.refine import Refinement, refine
-from meshfit.subdivision.triangle_scheme import Split
-from meshfit.subdivision.triangle_table import TRIANGLE_SCHEMES
+from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.triangles.scheme import Split
+from meshfit.subdivision.triangles.table import TRIANGLE_SCHEMES
 
 VARIANTS = (
     *TRIANGLE_SCHEMES,

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from meshfit.fitting.gauss_newton.pairs import nearest_in_triangles
+from meshfit.fitting.gauss_newton.correspondences import nearest_in_triangles
 
 POINTS = 150
 REGIONS = [(1, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (0, 1, 1), (1, 0, 1)]

@@ -4,8 +4,8 @@ from functools import cache
 
 import pytest
 
-from meshfit.fitting import packs
-from meshfit.fitting import run as running
+from meshfit.fitting import fit as packs
+from meshfit.fitting import loop as running
 from meshfit.fitting.fit import fit_batch
 from meshfit.fitting.problem import Problem
 from meshfit.fitting.progress import Interrupted

@@ -3,7 +3,8 @@
 import pytest
 import torch
 
-from meshfit.fitting import first_order, packs
+from meshfit.fitting import first_order
+from meshfit.fitting import fit as packs
 from meshfit.fitting.fit import fit_batch
 from meshfit.fitting.problem import Diverged
 from tests.ragged import FAR, LATE, OUTSIDE, PROBLEMS, SHAKY, alone, bytes_of

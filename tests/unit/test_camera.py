@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from meshfit.errors import MeshError
-from meshfit.mesh.frames import Frame, frame_of
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.normalisation import Frame, frame_of
 from meshfit.mesh.solids import icosahedron
 from meshfit.mesh.targets import NAMED_TARGETS, load_target
-from meshfit.report.camera import MARGIN, camera_of
+from meshfit.report.figures.camera import MARGIN, camera_of
 
 SQUARE = Mesh([[0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]], [[0, 2, 1], [0, 3, 2]])
 SHAPES = {

@@ -7,7 +7,7 @@ import torch
 
 from meshfit.errors import MeshfitWarning
 from meshfit.fitting import first_order
-from meshfit.fitting.capture import captured
+from meshfit.fitting.device import captured
 from meshfit.fitting.first_order import FirstOrder
 from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.settings import build

@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 
 from meshfit.errors import ConfigError
-from meshfit.report.chart import geometric_means, write_chart
-from meshfit.report.table import build_tables
+from meshfit.report.figures.chart import geometric_means, write_chart
+from meshfit.report.tables.table import build_tables
 from tests.cli import answered, refused
 from tests.runs import complete, result_of
 

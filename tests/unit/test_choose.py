@@ -5,9 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from meshfit.errors import SchemeError
-from meshfit.subdivision.choose import canonical, entry_of, scheme_of
 from meshfit.subdivision.refine import subdivide
-from meshfit.subdivision.table import SCHEMES
+from meshfit.subdivision.registry import SCHEMES, canonical, entry_of, scheme_of
 from tests.shapes import mixed_open
 
 CANONICAL = {

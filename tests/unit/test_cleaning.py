@@ -4,10 +4,9 @@ import pytest
 from filelock import FileLock
 
 from meshfit.errors import StoreError
-from meshfit.experiment.cleaning import clean, is_half_written
-from meshfit.experiment.folders import State
-from meshfit.experiment.overview import overview
-from meshfit.experiment.store import write_atomically
+from meshfit.experiment.status.cleaning import clean, is_half_written
+from meshfit.experiment.status.scan import State, overview
+from meshfit.experiment.storage.run_directory import write_atomically
 from tests.runs import NOW, begun, complete, failed, held, write_plan
 
 FAILED, PARTIAL, BOTH = [State.FAILED], [State.INTERRUPTED], [State.FAILED, State.INTERRUPTED]

@@ -1,5 +1,4 @@
-from meshfit.config.changed import changed, defaults
-from meshfit.config.experiment import ExperimentSettings
+from meshfit.config.experiment import ExperimentSettings, changed, defaults
 from meshfit.fitting.settings import METHODS
 from meshfit.settings import build, override
 

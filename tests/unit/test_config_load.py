@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 
 from meshfit.config.experiment import ExperimentSettings
-from meshfit.config.load import bundled_configs, config_path, load_experiment
+from meshfit.config.loading import bundled_configs, config_path, load_experiment
 from meshfit.config.strict_yaml import dump, parse_document
 from meshfit.errors import ConfigError
-from meshfit.mesh.files import save_mesh
+from meshfit.mesh.io.files import save_mesh
 from meshfit.mesh.solids import cube
 from meshfit.settings import build
 

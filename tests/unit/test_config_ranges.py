@@ -3,7 +3,7 @@
 import pytest
 
 from meshfit.config.experiment import ExperimentSettings
-from meshfit.config.load import load_experiment
+from meshfit.config.loading import load_experiment
 from meshfit.config.strict_yaml import parse_document
 from meshfit.errors import ConfigError
 from meshfit.settings import build

@@ -6,7 +6,7 @@ import re
 import pytest
 
 from meshfit.config.experiment import ExperimentSettings
-from meshfit.config.load import bundled_configs, load_experiment
+from meshfit.config.loading import bundled_configs, load_experiment
 from meshfit.config.starter import starter_config
 from meshfit.config.strict_yaml import parse_document
 from meshfit.errors import ConfigError

@@ -6,17 +6,15 @@ import numpy as np
 import pytest
 
 from meshfit.errors import MeshError, SchemeError
-from meshfit.mesh.files import load_numbered, save_mesh
+from meshfit.mesh.io.files import load_numbered, save_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, octahedron
 from meshfit.mesh.topology import NONE, Topology
-from meshfit.subdivision.choose import scheme_of
 from meshfit.subdivision.crease_files import read_creases
 from meshfit.subdivision.creases import Creases, creases_by_angle
-from meshfit.subdivision.limit import loop_limit
-from meshfit.subdivision.limit_normals import loop_limit_normals
+from meshfit.subdivision.limit import loop_limit, loop_limit_normals
 from meshfit.subdivision.refine import refine, subdivide
-from meshfit.subdivision.table import SCHEMES
+from meshfit.subdivision.registry import SCHEMES, scheme_of
 from tests.shapes import mixed_closed, mixed_open
 
 SOLID = Topology.of(octahedron())

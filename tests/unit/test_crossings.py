@@ -11,10 +11,9 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.meshlab import self_intersecting_faces
 from meshfit.mesh.solids import cube, icosahedron, octahedron, tetrahedron
 from meshfit.mesh.targets import load_target
-from meshfit.remeshing import overlaps
-from meshfit.remeshing.crossings import crossing_faces, crossing_pairs
-from meshfit.remeshing.neighbourhood import near_some
-from meshfit.remeshing.overlaps import overlapping_boxes
+from meshfit.remeshing import broad_phase as overlaps
+from meshfit.remeshing.broad_phase import near_some, overlapping_boxes
+from meshfit.remeshing.self_intersections import crossing_faces, crossing_pairs
 from meshfit.subdivision.refine import subdivide
 from tests.shapes import torus
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from meshfit.errors import DomainError, MeshError, MeshfitWarning
-from meshfit.mesh.curve_files import SUFFIXES, encode_curves, load_curves, save_curves
 from meshfit.mesh.curves import Chains, Curves, require_chains
-from meshfit.mesh.files import load_mesh, save_mesh
+from meshfit.mesh.io.curve_files import SUFFIXES, encode_curves, load_curves, save_curves
+from meshfit.mesh.io.files import load_mesh, save_mesh
 from meshfit.mesh.solids import octahedron
 from tests.curve_shapes import SHAPES, many
 from tests.damaged import read_or_refused

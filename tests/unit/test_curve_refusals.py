@@ -7,20 +7,18 @@ import pytest
 
 import meshfit
 from meshfit.config.experiment import SourceSettings
-from meshfit.config.load import load_experiment
+from meshfit.config.loading import load_experiment
 from meshfit.errors import ConfigError, MeshError, SchemeError
 from meshfit.experiment.source import build_source
 from meshfit.mesh.curves import Chains, Curves
 from meshfit.mesh.solids import octahedron
 from meshfit.mesh.topology import Topology
-from meshfit.subdivision.choose import domain_of, scheme_of
-from meshfit.subdivision.curve_masks import KEPT, LINEAR, four_point
-from meshfit.subdivision.curve_scheme import CurveScheme, CurveSplit
-from meshfit.subdivision.curve_table import CURVE_SCHEMES
+from meshfit.subdivision.curves.scheme import KEPT, LINEAR, CurveScheme, CurveSplit, four_point
+from meshfit.subdivision.curves.table import CURVE_SCHEMES
 from meshfit.subdivision.masks import CurveMask
 from meshfit.subdivision.refine import refine, subdivide
-from meshfit.subdivision.table import SCHEMES
-from meshfit.subdivision.triangle_table import TRIANGLE_SCHEMES
+from meshfit.subdivision.registry import SCHEMES, domain_of, scheme_of
+from meshfit.subdivision.triangles.table import TRIANGLE_SCHEMES
 from tests.curve_shapes import single
 
 by_curve_scheme = pytest.mark.parametrize("name", CURVE_SCHEMES)

@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from meshfit.errors import MeshError
-from meshfit.mesh.curves import Chains, Curves, require_chains
-from meshfit.mesh.join_segments import join_segments
+from meshfit.mesh.curves import Chains, Curves, join_segments, require_chains
 from meshfit.mesh.topology import NONE
 from tests.curve_shapes import SHAPES, many, single
 

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from meshfit.config.load import load_experiment
+from meshfit.config.loading import load_experiment
 from meshfit.errors import ConfigError
 
 MASKS = {"edge": "{end: 3/8, opposite: 1/8}", "boundary": "cubic-bspline"}

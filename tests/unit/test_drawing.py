@@ -7,9 +7,9 @@ import pytest
 from meshfit.errors import ConfigError
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron
-from meshfit.report.camera import camera_of
-from meshfit.report.colours import DISTANCES, MISSING, ramp, rgb
-from meshfit.report.drawing import draw, png
+from meshfit.report.figures.camera import camera_of
+from meshfit.report.figures.colours import DISTANCES, MISSING, ramp, rgb
+from meshfit.report.figures.drawing import draw, png
 
 pillow = pytest.importorskip("PIL.Image", reason="pictures need pyvista, which brings pillow")
 pytest.importorskip("pyvista")

@@ -3,8 +3,8 @@
 import pytest
 
 from meshfit.errors import TrialError
-from meshfit.experiment.estimate import _work, estimate
 from meshfit.experiment.plan import plan
+from meshfit.experiment.status.eta import _work, estimate
 from tests.small import experiment
 
 

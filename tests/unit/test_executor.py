@@ -8,16 +8,17 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from meshfit.errors import ClusterError, MeshError
-from meshfit.experiment import attempt, remote
-from meshfit.experiment.board import Board
-from meshfit.experiment.executor import run_trials
-from meshfit.experiment.failure import kind_of
-from meshfit.experiment.interrupts import environment
 from meshfit.experiment.plan import plan
-from meshfit.experiment.progress import Phase, Progress
-from meshfit.experiment.remote import FileStopSign, Remote
-from meshfit.experiment.store import RunDirectory
-from meshfit.experiment.work import Errand, Job, work
+from meshfit.experiment.running import backends as remote
+from meshfit.experiment.running import trial_runner as attempt
+from meshfit.experiment.running.backends import FileStopSign, Remote
+from meshfit.experiment.running.environment import environment
+from meshfit.experiment.running.progress import Board
+from meshfit.experiment.running.scheduler import run_trials
+from meshfit.experiment.running.worker import Errand, Job, work
+from meshfit.experiment.storage.failure import kind_of
+from meshfit.experiment.storage.run_directory import RunDirectory
+from meshfit.experiment.trial_status import Phase, Progress
 from meshfit.fitting.progress import Step
 from tests.inline import Inline
 from tests.small import experiment

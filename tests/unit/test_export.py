@@ -8,11 +8,10 @@ import pytest
 
 from meshfit.config.experiment import ExperimentSettings
 from meshfit.errors import ConfigError, StoreError
-from meshfit.experiment.overview import overview
+from meshfit.experiment.status.scan import overview
 from meshfit.measuring.metrics import METRICS
-from meshfit.report.export import write_rows
-from meshfit.report.gather import flat
-from meshfit.report.rows import HEAD, columns_of, rows_of
+from meshfit.report.tables.export import HEAD, columns_of, rows_of, write_rows
+from meshfit.report.tables.grouping import flat
 from tests.runs import NOW, begun, complete, failed, write_plan
 
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from meshfit.errors import SchemeError
-from meshfit.subdivision.expression_text import LONGEST, parse_expression
+from meshfit.subdivision.custom.expression import LONGEST, parse_expression
 
 VARIABLES = ("n", "j")
 

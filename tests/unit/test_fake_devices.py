@@ -12,7 +12,8 @@ import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
-from meshfit.fitting import first_order, matching
+from meshfit.fitting import first_order
+from meshfit.fitting import nearest_neighbours as matching
 from meshfit.fitting.first_order import FirstOrder
 from meshfit.fitting.problem import Problem
 from meshfit.fitting.settings import FirstOrderSettings

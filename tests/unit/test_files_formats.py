@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from meshfit.errors import MeshfitWarning
-from meshfit.mesh.files import load_mesh
+from meshfit.mesh.io.files import load_mesh
 
 VERTS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])

@@ -7,7 +7,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from meshfit.mesh.files import SUFFIXES, encode_mesh, load_mesh
+from meshfit.mesh.io.files import SUFFIXES, encode_mesh, load_mesh
 from meshfit.mesh.solids import octahedron
 from tests.damaged import read_or_refused
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from meshfit.errors import MeshError, MeshfitWarning
-from meshfit.mesh.files import encode_mesh, load_mesh, load_polygons, save_mesh
+from meshfit.mesh.cleaning import clean_polygons
+from meshfit.mesh.io.files import encode_mesh, load_mesh, load_polygons, save_mesh
 from meshfit.mesh.polygons import PolygonMesh, Polygons, face_rows
-from meshfit.mesh.repair import clean_polygons
 from tests.quads import EVERY, mixed, prism, quad_cube, quad_torus
 
 OF_POLYGONS = (".obj", ".off", ".ply")

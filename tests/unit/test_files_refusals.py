@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from meshfit.errors import MeshError
-from meshfit.mesh.files import SUFFIXES, encode_mesh, load_mesh
+from meshfit.mesh.io.files import SUFFIXES, encode_mesh, load_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import octahedron
 

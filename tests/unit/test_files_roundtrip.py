@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from meshfit.errors import MeshError
-from meshfit.mesh.files import SUFFIXES, encode_mesh, load_mesh, save_mesh
+from meshfit.mesh.io.files import SUFFIXES, encode_mesh, load_mesh, save_mesh
 from meshfit.mesh.mesh import Mesh
 from tests.shapes import CLOSED
 

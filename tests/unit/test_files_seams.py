@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from meshfit.mesh.files import load_mesh, save_mesh
+from meshfit.mesh.cleaning import weld_seams
+from meshfit.mesh.io.files import load_mesh, save_mesh
 from meshfit.mesh.manifold import euler_number, is_watertight, nonmanifold_edges
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.repair import weld_seams
 from meshfit.mesh.solids import SOLIDS, cube, icosahedron, octahedron
 from meshfit.mesh.targets import load_target
 from meshfit.mesh.topology import Topology

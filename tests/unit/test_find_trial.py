@@ -1,8 +1,8 @@
 import pytest
 
 from meshfit.errors import ConfigError, StoreError
-from meshfit.experiment import find_trial as module
-from meshfit.experiment.find_trial import find_trial
+from meshfit.experiment.status import scan as module
+from meshfit.experiment.status.scan import find_trial
 from tests.runs import NOW, begun, complete, place, write_plan
 
 

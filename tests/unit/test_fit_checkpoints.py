@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import torch
 
-from meshfit.fitting import run as running
+from meshfit.fitting import loop as running
 from meshfit.fitting.first_order import FirstOrder
 from meshfit.fitting.fit import fit
+from meshfit.fitting.loop import run
 from meshfit.fitting.problem import Diverged, Problem
 from meshfit.fitting.progress import Interrupted
-from meshfit.fitting.run import run
 from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.mesh.solids import cube
 from meshfit.settings import build

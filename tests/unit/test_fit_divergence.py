@@ -7,8 +7,7 @@ import torch
 from meshfit.errors import TrialError
 from meshfit.fitting import first_order
 from meshfit.fitting.fit import fit
-from meshfit.fitting.problem import Diverged
-from meshfit.fitting.trace import COLUMNS
+from meshfit.fitting.problem import COLUMNS, Diverged
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, icosahedron
 

@@ -8,8 +8,8 @@ import pytest
 from filelock import FileLock
 
 from meshfit.errors import StoreError
-from meshfit.experiment.folders import State, look_at, scan, state_of
-from meshfit.experiment.progress_file import this_host
+from meshfit.experiment.status.scan import State, look_at, scan, state_of
+from meshfit.experiment.storage.trial_log import this_host
 from tests.runs import NOW, begun, complete, failed, held, write_progress
 
 

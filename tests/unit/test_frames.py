@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from meshfit.errors import MeshError
-from meshfit.mesh.frames import Frame, frame_of
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.normalisation import Frame, frame_of
 from tests.shapes import ALL, mixed_closed
 
 TRIANGLE = np.array([[1.0, 0, 0], [4, 0, 0], [1, 4, 12]])

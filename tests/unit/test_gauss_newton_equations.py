@@ -7,15 +7,15 @@ import pytest
 import torch
 
 from meshfit.fitting.gauss_newton import equations
+from meshfit.fitting.gauss_newton.correspondences import Pairs
 from meshfit.fitting.gauss_newton.equations import Control, Pattern, conjugate_gradients, solve_step
 from meshfit.fitting.gauss_newton.fairness import Fairness, Tension
-from meshfit.fitting.gauss_newton.pairs import Pairs
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.loss.sparse import Sparse
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
-from meshfit.subdivision.choose import scheme_of
 from meshfit.subdivision.refine import refine
+from meshfit.subdivision.registry import scheme_of
 from tests.shapes import mixed_closed, mixed_open, torus
 
 MESHES = {"closed": mixed_closed, "open": mixed_open, "torus": lambda: torus(6, 5)}

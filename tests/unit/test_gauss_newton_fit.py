@@ -8,11 +8,12 @@ import torch
 
 import meshfit
 from meshfit.errors import ConfigError, MeshError
-from meshfit.fitting.gauss_newton import moving_surface, target
+from meshfit.fitting.gauss_newton import fit_state as moving_surface
+from meshfit.fitting.gauss_newton import target
 from meshfit.fitting.gauss_newton.engine import COLUMNS
-from meshfit.fitting.gauss_newton.moving_surface import MovingSurface
-from meshfit.fitting.gauss_newton.refining import refined
-from meshfit.fitting.gauss_newton.stages import stage_at
+from meshfit.fitting.gauss_newton.fit_state import MovingSurface
+from meshfit.fitting.gauss_newton.refinement import refined
+from meshfit.fitting.gauss_newton.schedule import stage_at
 from meshfit.fitting.problem import Diverged
 from meshfit.fitting.settings import GaussNewtonSettings
 from meshfit.mesh.geometry import face_areas

@@ -4,10 +4,10 @@ from itertools import pairwise, product
 
 import pytest
 
-from meshfit.config.load import load_experiment
+from meshfit.config.loading import load_experiment
 from meshfit.errors import ConfigError
 from meshfit.fitting.fit import fit
-from meshfit.fitting.gauss_newton.stages import stage_at, stages
+from meshfit.fitting.gauss_newton.schedule import stage_at, stages
 from meshfit.fitting.settings import FirstOrderSettings, GaussNewtonSettings
 from meshfit.mesh.solids import cube, icosahedron
 from meshfit.settings import build

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from meshfit.fitting.gauss_newton import target
-from meshfit.fitting.gauss_newton.moving_surface import MovingSurface
+from meshfit.fitting.gauss_newton.fit_state import MovingSurface
 from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, icosahedron

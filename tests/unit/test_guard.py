@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from meshfit.fitting.gauss_newton.guard import guarded, unsound_faces, untangled
+from meshfit.fitting.gauss_newton.step_limiting import guarded, unsound_faces, untangled
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.measuring.quality import degenerate_faces, flipped_faces
 from meshfit.mesh.mesh import Mesh

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from meshfit.fitting import matching
-from meshfit.fitting.matching import by_blocks, match, searching_with
+from meshfit.fitting import nearest_neighbours as matching
+from meshfit.fitting.nearest_neighbours import by_blocks, match, searching_with
 from meshfit.loss.chamfer import Matches
 
 GENERATOR = np.random.default_rng(0)

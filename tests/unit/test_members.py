@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch.autograd import gradcheck
 
-from meshfit.loss.members import Members
+from meshfit.loss.batch_segments import Members
 from tests.elsewhere import pretend_elsewhere
 
 SIZES = pytest.mark.parametrize("sizes", [[5], [3, 1, 4], [0, 3], [3, 0], [2, 0, 0, 1], [1, 1, 1]], ids=str)

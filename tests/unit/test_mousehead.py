@@ -12,7 +12,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.meshlab import self_intersecting_faces
 from meshfit.mesh.targets import NAMED_TARGETS, load_target
 from meshfit.mesh.topology import Topology
-from meshfit.resources import bundled
+from meshfit.paths import bundled
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ import torch
 import meshfit
 from meshfit.fitting import first_order, sampling
 from meshfit.fitting.first_order import FirstOrder
-from meshfit.fitting.matching import match, nearest_to
+from meshfit.fitting.nearest_neighbours import match, nearest_to
 from meshfit.fitting.problem import Problem
 from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.mesh.mesh import Mesh

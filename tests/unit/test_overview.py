@@ -5,8 +5,7 @@ from collections import Counter
 import pytest
 
 from meshfit.errors import StoreError
-from meshfit.experiment.folders import State
-from meshfit.experiment.overview import overview
+from meshfit.experiment.status.scan import State, overview
 from tests.runs import NOW, begun, complete, failed, held, write_plan
 
 

@@ -4,16 +4,16 @@ import pickle
 
 import pytest
 
-from meshfit.config.changed import changed
-from meshfit.config.load import load_experiment
+from meshfit.config.experiment import changed
+from meshfit.config.loading import load_experiment
 from meshfit.config.strict_yaml import dump
 from meshfit.experiment.plan import plan
-from meshfit.experiment.progress import Phase
-from meshfit.experiment.store import RunDirectory
-from meshfit.experiment.trial import run_together
-from meshfit.report.own_schemes import canonical_among, told_apart
-from meshfit.report.page.records import definitions_grid
-from meshfit.report.table import build_tables
+from meshfit.experiment.running.batch_runner import run_together
+from meshfit.experiment.storage.run_directory import RunDirectory
+from meshfit.experiment.trial_status import Phase
+from meshfit.report.html.tables import definitions_grid
+from meshfit.report.tables.grouping import canonical_among, told_apart
+from meshfit.report.tables.table import build_tables
 from tests.small import experiment
 
 LOOP = {

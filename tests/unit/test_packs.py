@@ -8,8 +8,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from meshfit.fitting import packs as packing
-from meshfit.fitting.packs import done_before, packs
+from meshfit.fitting import fit as packing
+from meshfit.fitting.fit import done_before, packs
 from meshfit.fitting.problem import Problem
 from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.mesh.mesh import Mesh

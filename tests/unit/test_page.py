@@ -8,20 +8,26 @@ import struct
 import numpy as np
 import pytest
 
-from meshfit.experiment.statistics import PairedDifference
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron
-from meshfit.report.camera import camera_of
-from meshfit.report.page.close_up import close_up
-from meshfit.report.page.exhibits import keyed, trials_on, walls_of
-from meshfit.report.page.forest import whiskers
-from meshfit.report.page.histograms import BINS, histogram, vert_areas
-from meshfit.report.page.pack import packed_json
-from meshfit.report.page.scenes import Scene, View, quantised
-from meshfit.report.page.traces import MOST_CURVES, MOST_POINTS, curves_of, thinned
-from meshfit.report.sheet import arrange
-from meshfit.report.sight import in_sight
-from meshfit.report.table import build_tables
+from meshfit.report.figures.camera import camera_of
+from meshfit.report.figures.visibility import close_up, in_sight
+from meshfit.report.html.charts import (
+    BINS,
+    MOST_CURVES,
+    MOST_POINTS,
+    curves_of,
+    histogram,
+    thinned,
+    vert_areas,
+    whiskers,
+)
+from meshfit.report.html.page import packed_json
+from meshfit.report.html.target_section import keyed, trials_on, walls_of
+from meshfit.report.html.viewer import Scene, View, quantised
+from meshfit.report.tables.sheet import arrange
+from meshfit.report.tables.table import build_tables
+from meshfit.statistics import PairedDifference
 from meshfit.subdivision.refine import subdivide
 from tests.runs import result_of
 

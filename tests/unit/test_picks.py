@@ -1,7 +1,7 @@
 import pytest
 
 from meshfit.errors import ConfigError, SchemeError
-from meshfit.report.picks import pick_trials
+from meshfit.report.figures.representative_trial import pick_trials
 from tests.runs import place, result_of
 
 METRIC = "hausdorff.symmetric"

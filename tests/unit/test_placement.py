@@ -4,9 +4,9 @@ import os
 
 import pytest
 
-from meshfit.experiment import placement
-from meshfit.experiment.placement import available_cores, place, workers_and_threads
 from meshfit.experiment.plan import plan
+from meshfit.experiment.running import device_assignment as placement
+from meshfit.experiment.running.device_assignment import available_cores, place, workers_and_threads
 from tests.small import experiment
 
 

@@ -10,25 +10,24 @@ import meshfit
 from meshfit.config.experiment import SourceSettings
 from meshfit.errors import SchemeError
 from meshfit.experiment.plan import plan
-from meshfit.experiment.progress import Phase
+from meshfit.experiment.running.batch_runner import run_together
 from meshfit.experiment.source import build_source
-from meshfit.experiment.store import RunDirectory
-from meshfit.experiment.trial import run_together
+from meshfit.experiment.storage.run_directory import RunDirectory
+from meshfit.experiment.trial_status import Phase
 from meshfit.fitting.gauss_newton import target as cloud
-from meshfit.fitting.gauss_newton.moving_surface import MovingSurface
-from meshfit.fitting.gauss_newton.refining import refined
-from meshfit.fitting.gauss_newton.stages import stages
+from meshfit.fitting.gauss_newton.fit_state import MovingSurface
+from meshfit.fitting.gauss_newton.refinement import refined
+from meshfit.fitting.gauss_newton.schedule import stages
 from meshfit.fitting.progress import Interrupted
 from meshfit.fitting.settings import GaussNewtonSettings
-from meshfit.mesh.files import load_mesh, load_polygons, save_mesh
+from meshfit.mesh.io.files import load_mesh, load_polygons, save_mesh
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.polygon_topology import PolygonTopology
 from meshfit.mesh.polygons import PolygonMesh, face_rows
 from meshfit.mesh.solids import cube, icosahedron
-from meshfit.subdivision.choose import scheme_of
-from meshfit.subdivision.growth import growth
-from meshfit.subdivision.polygon_table import POLYGON_SCHEMES
-from meshfit.subdivision.refine import subdivide
+from meshfit.mesh.topology import PolygonTopology
+from meshfit.subdivision.polygons.table import POLYGON_SCHEMES
+from meshfit.subdivision.refine import growth, subdivide
+from meshfit.subdivision.registry import scheme_of
 from tests.checkpoints import through_a_file
 from tests.quads import quad_cube
 from tests.small import experiment

@@ -6,12 +6,11 @@ import pytest
 from meshfit.errors import MeshError, SchemeError
 from meshfit.mesh.halfedges import NONE
 from meshfit.mesh.manifold import folded_faces, nonmanifold_verts, require_faces, require_manifold
-from meshfit.mesh.polygon_topology import PolygonTopology
 from meshfit.mesh.polygons import PolygonMesh, face_rows
 from meshfit.mesh.solids import POLYGON_SOLIDS, SOLIDS, cube
-from meshfit.mesh.topology import Topology
-from meshfit.subdivision.choose import scheme_of
+from meshfit.mesh.topology import PolygonTopology, Topology
 from meshfit.subdivision.refine import refine, subdivide
+from meshfit.subdivision.registry import scheme_of
 from tests.quads import EVERY, mixed, of_rows, prism, quad_cube, quad_patch, quad_wheel
 from tests.shapes import ALL
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from meshfit.experiment.power import MOST_SEEDS, seeds_needed
-from meshfit.experiment.statistics import paired_difference
+from meshfit.statistics import MOST_SEEDS, paired_difference, seeds_needed
 
 # Sample sizes of the paired t test for 80 % power at 5 %, two-sided, by effect size: G*Power 3.1 and Cohen's tables.
 PUBLISHED = {0.2: 199, 0.5: 34, 0.8: 15, 1.0: 10}

@@ -4,10 +4,10 @@ import re
 
 import pytest
 
-from meshfit.cli.progress_lines import Lines
-from meshfit.experiment.board import Board
+from meshfit.cli.progress import Lines
 from meshfit.experiment.plan import plan
-from meshfit.experiment.progress import Outcome, Phase, Progress
+from meshfit.experiment.running.progress import Board
+from meshfit.experiment.trial_status import Outcome, Phase, Progress
 from meshfit.fitting.progress import Step
 from tests.small import experiment
 

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from meshfit.config.load import bundled_configs, load_experiment
-from meshfit.config.sweep import variants_of
-from meshfit.mesh.files import load_mesh
-from meshfit.subdivision import triangle_table as table
+from meshfit.config.loading import bundled_configs, load_experiment
+from meshfit.config.sweeps import variants_of
+from meshfit.mesh.io.files import load_mesh
 from meshfit.subdivision.scheme import SchemeEntry
+from meshfit.subdivision.triangles import table
 from tests.cli import invoke
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from meshfit.report.relief import occlusion_shade
+from meshfit.report.figures.drawing import occlusion_shade
 
 ROWS, COLUMNS = np.mgrid[0:120, 0:140].astype(np.float32)
 FAR = np.float32(np.inf)

@@ -21,11 +21,11 @@ from meshfit.mesh.topology import Topology
 from meshfit.remeshing.collapse import collapse
 from meshfit.remeshing.connectivity import Edges
 from meshfit.remeshing.flip import flip
-from meshfit.remeshing.moving import Moving
 from meshfit.remeshing.relax import relax
 from meshfit.remeshing.remesh import remesh
 from meshfit.remeshing.sizing import limited, num_verts_for
 from meshfit.remeshing.split import split
+from meshfit.remeshing.state import Moving
 from meshfit.subdivision.refine import subdivide
 from tests.shapes import patch, torus
 

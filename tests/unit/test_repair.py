@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from meshfit.errors import MeshError, MeshfitWarning
-from meshfit.mesh.files import load_mesh, save_mesh
+from meshfit.mesh.cleaning import clean
+from meshfit.mesh.io.files import load_mesh, save_mesh
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.repair import clean
 from meshfit.mesh.solids import icosahedron, octahedron
 from tests.shapes import CLOSED, mixed_open, patch
 

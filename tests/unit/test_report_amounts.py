@@ -1,6 +1,6 @@
 import pytest
 
-from meshfit.report.amounts import duration, size
+from meshfit.report.tables.numbers import duration, size
 
 
 @pytest.mark.parametrize(

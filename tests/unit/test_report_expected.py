@@ -7,10 +7,9 @@ import math
 import pytest
 
 from meshfit.errors import ConfigError
-from meshfit.experiment.statistics import summarise
-from meshfit.report.expected import check, expectation, tolerance
-from meshfit.report.expected_file import parse_expected, read_expected
-from meshfit.report.table import build_tables
+from meshfit.report.tables.expected import check, expectation, parse_expected, read_expected, tolerance
+from meshfit.report.tables.table import build_tables
+from meshfit.statistics import summarise
 from tests.unit.test_table import CLEAR, grid, result
 
 TABLES = build_tables(grid(CLEAR))

@@ -11,14 +11,14 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from meshfit.report.formats import FORMATS
-from meshfit.report.formats.csv_text import FIELDS
-from meshfit.report.formats.latex import to_latex
-from meshfit.report.formats.markdown import to_markdown
-from meshfit.report.formats.rich_text import SheetsView, to_text
-from meshfit.report.sheet import arrange
-from meshfit.report.table import DEFAULT_METRIC, build_tables
-from meshfit.report.verdicts import difference_lines
+from meshfit.report.tables.differences import difference_lines
+from meshfit.report.tables.formats import FORMATS
+from meshfit.report.tables.formats.csv_text import FIELDS
+from meshfit.report.tables.formats.latex import to_latex
+from meshfit.report.tables.formats.markdown import to_markdown
+from meshfit.report.tables.formats.terminal import SheetsView, to_text
+from meshfit.report.tables.sheet import arrange
+from meshfit.report.tables.table import DEFAULT_METRIC, build_tables
 from tests.unit.test_table import CLEAR, grid, result
 
 
@@ -320,7 +320,7 @@ def test_sweeps_fit_their_width_too(width, shown):
 
 def test_reports_import_nothing_heavy():
     code = (
-        "import sys, meshfit.report.formats, meshfit.report.expected; "
+        "import sys, meshfit.report.tables.formats, meshfit.report.tables.expected; "
         "sys.exit(bool({'torch', 'trimesh', 'pymeshlab', 'scipy'} & set(sys.modules)))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -2,8 +2,8 @@
 
 import pytest
 
-from meshfit.experiment.statistics import PairedDifference, Summary
-from meshfit.report.numbers import difference_and_interval, mean_median_interval, plain
+from meshfit.report.tables.numbers import difference_and_interval, mean_median_interval, plain
+from meshfit.statistics import PairedDifference, Summary
 
 
 def summary(mean, half, median=None):

@@ -1,6 +1,6 @@
 """The numbers of the paper, and the two ways of reading them."""
 
-from meshfit.report.paper import READINGS, paper_value
+from meshfit.report.tables.paper_numbers import READINGS, paper_value
 
 
 def test_the_two_readings_hold_the_same_numbers_in_another_order():

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-from meshfit.fitting.gauss_newton import rough_shape, target
-from meshfit.fitting.gauss_newton.engine import GaussNewton
-from meshfit.fitting.gauss_newton.moving_surface import MovingSurface
-from meshfit.fitting.gauss_newton.rough_shape import RoughShape
+from meshfit.fitting.gauss_newton import engine as rough_shape
+from meshfit.fitting.gauss_newton import target
+from meshfit.fitting.gauss_newton.engine import GaussNewton, RoughShape
+from meshfit.fitting.gauss_newton.fit_state import MovingSurface
 from meshfit.fitting.problem import Problem
 from meshfit.fitting.settings import GaussNewtonSettings
 from meshfit.mesh.mesh import Mesh

@@ -3,12 +3,11 @@ import json
 import numpy as np
 import pytest
 
-from meshfit.mesh.files import save_mesh
+from meshfit.mesh.io.files import save_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron
-from meshfit.report.camera import MARGIN
-from meshfit.report.pictures import cameras_of
-from meshfit.report.scene import scene_of
+from meshfit.report.figures.camera import MARGIN
+from meshfit.report.figures.render import cameras_of, scene_of
 
 BALL = icosahedron()
 LARGE = Mesh(3.0 * BALL.verts, BALL.faces)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from meshfit.config.load import load_experiment
+from meshfit.config.loading import load_experiment
 from meshfit.config.scheme_files import adopted, without_path
 from meshfit.config.strict_yaml import dump
 from meshfit.errors import ConfigError

@@ -8,11 +8,11 @@ import pytest
 
 from meshfit.errors import SchemeError
 from meshfit.mesh.topology import Topology
-from meshfit.subdivision.choose import scheme_of
 from meshfit.subdivision.masks import CurveMask, EdgeMask, FaceMask, SpokeMask, VertMask
 from meshfit.subdivision.refine import refine
-from meshfit.subdivision.triangle_scheme import PushBack, Split, TriangleScheme
-from meshfit.subdivision.triangle_table import TRIANGLE_SCHEMES
+from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.triangles.scheme import PushBack, Split, TriangleScheme
+from meshfit.subdivision.triangles.table import TRIANGLE_SCHEMES
 from tests.shapes import mixed_closed, mixed_open, patch, torus
 
 HALF = Fraction(1, 2)

@@ -8,9 +8,9 @@ from meshfit.errors import MeshError, SchemeError
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import octahedron, tetrahedron
 from meshfit.mesh.topology import Topology
-from meshfit.subdivision.choose import scheme_of
 from meshfit.subdivision.refine import refine, subdivide
-from meshfit.subdivision.triangle_table import TRIANGLE_SCHEMES
+from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.triangles.table import TRIANGLE_SCHEMES
 
 by_name = pytest.mark.parametrize("name", TRIANGLE_SCHEMES)
 POINTS = np.random.default_rng(0).standard_normal((7, 3))

@@ -2,10 +2,10 @@
 
 import pytest
 
-from meshfit.experiment.statistics import mean_difference, paired_difference
-from meshfit.report.contrast import Row
-from meshfit.report.sheet import VARIED, arrange
-from meshfit.report.table import build_tables
+from meshfit.report.tables.comparisons import Row
+from meshfit.report.tables.sheet import VARIED, arrange
+from meshfit.report.tables.table import build_tables
+from meshfit.statistics import mean_difference, paired_difference
 from tests.unit.test_table import CLEAR, grid, result
 
 DEFAULT = "hausdorff.symmetric"

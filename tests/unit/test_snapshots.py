@@ -3,15 +3,15 @@
 import pytest
 
 from meshfit.errors import ConfigError
-from meshfit.experiment.parcels import open_parcel, parcel_for, parcel_of, put_back
 from meshfit.experiment.plan import plan
-from meshfit.experiment.progress import Phase
-from meshfit.experiment.snapshots import SNAPSHOTS, snapshots_in
-from meshfit.experiment.store import RunDirectory
-from meshfit.experiment.trial import run_together
+from meshfit.experiment.running.batch_runner import run_together
+from meshfit.experiment.running.worker import open_parcel, parcel_for, parcel_of, put_back
+from meshfit.experiment.storage.checkpoint import SNAPSHOTS, snapshots_in
+from meshfit.experiment.storage.run_directory import RunDirectory
+from meshfit.experiment.trial_status import Phase
 from meshfit.fitting.fit import fit
 from meshfit.fitting.progress import Interrupted
-from meshfit.mesh.files import load_mesh
+from meshfit.mesh.io.files import load_mesh
 from meshfit.mesh.solids import octahedron
 from tests.small import experiment
 from tests.unit.test_trial import prepared, run_trial

@@ -4,7 +4,7 @@ import pytest
 from meshfit.config.experiment import SourceSettings
 from meshfit.errors import ConfigError, MeshfitWarning
 from meshfit.experiment.source import build_source
-from meshfit.mesh.files import save_mesh
+from meshfit.mesh.io.files import save_mesh
 from meshfit.mesh.manifold import is_watertight
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron

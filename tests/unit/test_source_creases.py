@@ -4,22 +4,21 @@ import numpy as np
 import pytest
 
 from meshfit.config.experiment import SourceSettings
-from meshfit.config.load import load_experiment
+from meshfit.config.loading import load_experiment
 from meshfit.errors import ConfigError, MeshError, MeshfitError, SchemeError
 from meshfit.experiment import plan as plan_module
-from meshfit.experiment.control import relocated
-from meshfit.experiment.parcels import open_parcel, parcel_for
 from meshfit.experiment.plan import plan
-from meshfit.experiment.progress import Phase
-from meshfit.experiment.source import build_source
-from meshfit.experiment.store import RunDirectory
-from meshfit.experiment.trial import run_together
-from meshfit.mesh.files import load_mesh, save_mesh
+from meshfit.experiment.running.batch_runner import run_together
+from meshfit.experiment.running.worker import open_parcel, parcel_for
+from meshfit.experiment.source import build_source, relocated
+from meshfit.experiment.storage.run_directory import RunDirectory
+from meshfit.experiment.trial_status import Phase
+from meshfit.mesh.io.files import load_mesh, save_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, octahedron
 from meshfit.mesh.topology import Topology
-from meshfit.report.gather import shared_settings
-from meshfit.report.wording import _tags
+from meshfit.report.tables.grouping import shared_settings
+from meshfit.report.tables.notes import _tags
 from meshfit.settings import build
 from meshfit.subdivision.creases import Creases, creases_by_angle
 from meshfit.subdivision.refine import subdivide

@@ -6,17 +6,16 @@ import numpy as np
 import pytest
 import torch
 
-from meshfit.fitting.gauss_newton.embedding import on_sphere
 from meshfit.fitting.gauss_newton.equations import Pattern
-from meshfit.fitting.gauss_newton.moving_surface import MovingSurface
-from meshfit.fitting.gauss_newton.sphere import SphereMap
+from meshfit.fitting.gauss_newton.fit_state import MovingSurface
+from meshfit.fitting.gauss_newton.sphere_map import SphereMap, on_sphere
 from meshfit.fitting.gauss_newton.surface import Connectivity
 from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron, octahedron
-from meshfit.remeshing.moving import Moving
 from meshfit.remeshing.remesh import remeshed
 from meshfit.remeshing.shapes import turned_over, unit
+from meshfit.remeshing.state import Moving
 from meshfit.subdivision.refine import subdivide
 from tests.shapes import opened, table, torus
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from meshfit.experiment.statistics import differ, mean_difference, paired_difference, summarise
+from meshfit.statistics import differ, mean_difference, paired_difference, summarise
 
 
 def test_a_summary_has_the_known_mean_spread_and_median():
@@ -217,5 +217,5 @@ def test_an_interval_over_targets_keeps_its_promise_for_few_seeds(count, spreads
 
 
 def test_importing_statistics_does_not_import_scipy():
-    code = "import sys, meshfit.experiment.statistics; sys.exit('scipy' in sys.modules)"
+    code = "import sys, meshfit.statistics; sys.exit('scipy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

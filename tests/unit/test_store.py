@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from meshfit.errors import StoreError
-from meshfit.experiment.store import make_folder, read_results, write_atomically, write_json
+from meshfit.experiment.storage.run_directory import make_folder, read_results, write_atomically, write_json
 
 
 def test_a_file_is_written_whole_or_not_at_all(tmp_path, monkeypatch):

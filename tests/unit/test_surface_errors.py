@@ -6,7 +6,7 @@ from meshfit.measuring.proximity import distances_to as measured
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron
 from meshfit.mesh.targets import load_target
-from meshfit.report.surface_errors import distances_to, worst_vert
+from meshfit.report.figures.surface_errors import distances_to, worst_vert
 
 SQUARE = Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
 

@@ -5,8 +5,8 @@ import json
 import pytest
 
 from meshfit.config.experiment import ExperimentSettings
-from meshfit.config.load import Experiment, load_experiment
-from meshfit.config.sweep import variants_of
+from meshfit.config.loading import Experiment, load_experiment
+from meshfit.config.sweeps import variants_of
 from meshfit.errors import ConfigError
 from meshfit.experiment.plan import plan
 from meshfit.settings import build, override

@@ -6,8 +6,8 @@ import pytest
 
 from meshfit.config.experiment import ExperimentSettings
 from meshfit.errors import ConfigError, SchemeError, StoreError
-from meshfit.report.paper import paper_value
-from meshfit.report.table import build_tables
+from meshfit.report.tables.paper_numbers import paper_value
+from meshfit.report.tables.table import build_tables
 from meshfit.settings import merged
 
 TITLES = {"mousehead": "mousehead (stand-in)"}

@@ -8,7 +8,7 @@ import pytest
 
 from meshfit.errors import MeshError
 from meshfit.mesh import targets
-from meshfit.mesh.files import save_mesh
+from meshfit.mesh.io.files import save_mesh
 from meshfit.mesh.manifold import euler_number, is_watertight, num_components
 from meshfit.mesh.solids import cube
 from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path, target_title

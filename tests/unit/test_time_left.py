@@ -2,8 +2,8 @@ import json
 
 import pytest
 
-from meshfit.experiment.overview import overview
-from meshfit.experiment.time_left import seconds_left
+from meshfit.experiment.status.eta import seconds_left
+from meshfit.experiment.status.scan import overview
 from tests.runs import NOW, begun, complete, failed, held, write_plan, write_progress
 
 

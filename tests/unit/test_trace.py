@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from meshfit.fitting.fit import fit
-from meshfit.fitting.trace import COLUMNS, Trace
+from meshfit.fitting.problem import COLUMNS, Trace
 from meshfit.mesh.solids import cube
 from tests.shapes import mixed_closed
 

@@ -3,17 +3,17 @@ import json
 import numpy as np
 import pytest
 
-from meshfit.config.load import load_experiment
+from meshfit.config.loading import load_experiment
 from meshfit.errors import StoreError
-from meshfit.experiment import attempt
 from meshfit.experiment.plan import plan
-from meshfit.experiment.progress import Phase
-from meshfit.experiment.store import RunDirectory
-from meshfit.experiment.trial import run_together
-from meshfit.fitting import run
+from meshfit.experiment.running import trial_runner as attempt
+from meshfit.experiment.running.batch_runner import run_together
+from meshfit.experiment.storage.run_directory import RunDirectory
+from meshfit.experiment.trial_status import Phase
+from meshfit.fitting import loop as run
 from meshfit.fitting.progress import Interrupted
 from meshfit.measuring.measure import measure
-from meshfit.mesh.files import load_mesh
+from meshfit.mesh.io.files import load_mesh
 from tests.small import experiment
 
 FILES = ["config.yaml", "result.json", "result.ply", "source.ply", "trace.csv", "trial.log"]

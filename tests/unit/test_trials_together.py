@@ -2,13 +2,14 @@
 
 import pytest
 
-from meshfit.experiment import attempt, trial
 from meshfit.experiment.plan import plan
-from meshfit.experiment.progress import Phase
-from meshfit.experiment.store import RunDirectory
-from meshfit.experiment.trial import run_together
+from meshfit.experiment.running import batch_runner as trial
+from meshfit.experiment.running import trial_runner as attempt
+from meshfit.experiment.running.batch_runner import run_together
+from meshfit.experiment.storage.run_directory import RunDirectory
+from meshfit.experiment.trial_status import Phase
 from meshfit.fitting.progress import Interrupted
-from meshfit.mesh.files import save_mesh
+from meshfit.mesh.io.files import save_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube
 from tests.small import experiment

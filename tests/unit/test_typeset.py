@@ -5,8 +5,16 @@ import numpy as np
 import pytest
 
 from meshfit.errors import ConfigError
-from meshfit.report.plate import ColourBar, Panel, Ring, Row
-from meshfit.report.typeset import SUFFIXES, column_width, require_suffix, write_plate
+from meshfit.report.figures.layout import (
+    SUFFIXES,
+    ColourBar,
+    Panel,
+    Ring,
+    Row,
+    column_width,
+    require_suffix,
+    write_plate,
+)
 
 png = pytest.importorskip("PIL.Image", reason="plates need matplotlib and pillow")
 pytest.importorskip("matplotlib")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from meshfit.report.variations import differing_keys, natural_order, variation_names
+from meshfit.report.tables.grouping import differing_keys, natural_order, variation_names
 
 
 def test_only_what_differs_is_named_and_keys_are_short_where_that_is_clear():

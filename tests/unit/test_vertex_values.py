@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from meshfit.errors import MeshError
-from meshfit.mesh.files import encode_mesh, load_mesh, load_numbered, save_mesh
+from meshfit.mesh.io.files import encode_mesh, load_mesh, load_numbered, save_mesh
+from meshfit.mesh.io.vertex_values import read_attribute, read_values
 from meshfit.mesh.solids import octahedron
 from meshfit.mesh.topology import NONE
-from meshfit.mesh.vertex_values import read_attribute, read_values
 
 SAME = np.arange(6)
 VALUES = [0.0, 1.0, 0.25, 0.5, 0.125, 1e-3]

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from meshfit.mesh.frames import Frame
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.normalisation import Frame
 from meshfit.mesh.solids import icosahedron
-from meshfit.report.camera import MARGIN, camera_of
-from meshfit.report.sight import in_sight
-from meshfit.report.surface_errors import shared_limit
-from meshfit.report.view import View
+from meshfit.report.figures.camera import MARGIN, camera_of
+from meshfit.report.figures.surface_errors import shared_limit
+from meshfit.report.figures.view import View
+from meshfit.report.figures.visibility import in_sight
 from meshfit.subdivision.refine import subdivide
 
 pytest.importorskip("pyvista", reason="pictures need pyvista")

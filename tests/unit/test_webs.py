@@ -5,11 +5,12 @@ import pytest
 import torch
 
 import meshfit
-from meshfit.fitting.gauss_newton import target, webs
-from meshfit.fitting.gauss_newton.pairs import find_pairs
+from meshfit.fitting.gauss_newton import fairness as webs
+from meshfit.fitting.gauss_newton import target
+from meshfit.fitting.gauss_newton.correspondences import find_pairs
+from meshfit.fitting.gauss_newton.fairness import in_webs, share_at_verts, tension
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
-from meshfit.fitting.gauss_newton.webs import in_webs, share_at_verts, tension
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, icosahedron
 from meshfit.subdivision.refine import subdivide

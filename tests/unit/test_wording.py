@@ -2,9 +2,9 @@
 
 import pytest
 
-from meshfit.report.sheet import arrange
-from meshfit.report.table import build_tables
-from meshfit.report.wording import setting_lines
+from meshfit.report.tables.notes import setting_lines
+from meshfit.report.tables.sheet import arrange
+from meshfit.report.tables.table import build_tables
 from meshfit.settings import merged
 from tests.runs import result_of
 

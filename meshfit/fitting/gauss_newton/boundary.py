@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Generator, Tensor
 
 from meshfit.fitting.gauss_newton.surface import Shape
-from meshfit.fitting.matching import nearest_to
+from meshfit.fitting.nearest_neighbours import nearest_to
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
 from meshfit.remeshing.shapes import unit

@@ -1,30 +1,72 @@
-"""The Gauss–Newton engine: problems taken through the stages of a fit, step by step."""
+"""The best of several tries at the rough shape: parts that stay off the target in one seldom do in all."""
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Generator, Tensor
 
 from meshfit.errors import ConfigError
-from meshfit.fitting.gauss_newton.embedding import on_sphere
-from meshfit.fitting.gauss_newton.moving_surface import MovingSurface, Taken
-from meshfit.fitting.gauss_newton.refining import controlling, refined
-from meshfit.fitting.gauss_newton.rough_shape import RoughShape
-from meshfit.fitting.gauss_newton.stages import Stage, stages
+from meshfit.fitting.gauss_newton.fit_state import MovingSurface, Taken
+from meshfit.fitting.gauss_newton.refinement import controlling, refined
+from meshfit.fitting.gauss_newton.schedule import Stage, stages
+from meshfit.fitting.gauss_newton.sphere_map import on_sphere
 from meshfit.fitting.gauss_newton.target import TargetCloud
-from meshfit.fitting.problem import Checkpoint, Diverged, Problem
+from meshfit.fitting.problem import Checkpoint, Diverged, Problem, Trace
 from meshfit.fitting.settings import GaussNewtonSettings
-from meshfit.fitting.trace import Trace
 from meshfit.mesh.manifold import require_manifold
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.polygon_topology import PolygonTopology
 from meshfit.mesh.polygons import PolygonMesh
-from meshfit.mesh.topology import Topology
-from meshfit.subdivision.choose import declared
-from meshfit.subdivision.growth import growth
+from meshfit.mesh.topology import PolygonTopology, Topology
 from meshfit.subdivision.limit import has_loop_limit
+from meshfit.subdivision.refine import growth
+from meshfit.subdivision.registry import declared
+
+# From this share of points on that have found others facing alike, there is nothing to gain from another try: webs
+# and strangled parts are among those that find none.
+_ENOUGH = 0.992
+
+
+@dataclass
+class RoughShape:
+    """What is known of the tries that have been made.
+
+    Attributes:
+        best: the surface of the best try.
+        share: of its points that found others facing alike; -1 where no try has ended.
+        matched: that share in the last step.
+        distance: that the last step began with.
+    """
+
+    best: MovingSurface | None = None
+    share: float = -1.0
+    matched: float = 0.0
+    distance: float = 0.0
+
+    @property
+    def settled(self) -> bool:
+        """Whether no further try is needed."""
+        return self.share >= _ENOUGH
+
+    def best_of(self, surface: MovingSurface) -> MovingSurface:
+        """The best surface so far, this one included, with which a try ends."""
+        if self.best is None or (not self.settled and self.matched > self.share):
+            self.best, self.share = surface, self.matched
+        return self.best
+
+    def state(self) -> dict[str, Any]:
+        """What `restored` makes it from."""
+        best = None if self.best is None else self.best.state()
+        return {"best": best, "share": self.share, "matched": self.matched, "distance": self.distance}
+
+    @classmethod
+    def restored(cls, state: dict[str, Any], dtype: torch.dtype, device: torch.device) -> "RoughShape":
+        """What `state` was taken of."""
+        best = None if state["best"] is None else MovingSurface.restored(state["best"], dtype, device)
+        return cls(best, state["share"], state["matched"], state["distance"])
+
 
 COLUMNS = ("step", "distance", "verts", "matched", "fairness", "point_weight", "held_back")
 _REMEDY = "raise fit.fairness, or place the source nearer to the target"

@@ -9,8 +9,8 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
+from meshfit.fitting.gauss_newton.correspondences import Pairs
 from meshfit.fitting.gauss_newton.fairness import Fairness
-from meshfit.fitting.gauss_newton.pairs import Pairs
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.loss.sparse import Sparse, compressed_rows
 from meshfit.remeshing.shapes import dot

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int64
 from torch import Generator, Tensor
 
 from meshfit.fitting.gauss_newton.boundary import Rim
-from meshfit.fitting.matching import nearest_to
+from meshfit.fitting.nearest_neighbours import nearest_to
 from meshfit.mesh.geometry import area_vectors, face_normals, normalised
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.sampling import sample_surface

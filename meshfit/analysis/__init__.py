@@ -1,0 +1,1 @@
+"""Analysis of subdivision schemes: masks, spectra, smoothness, and figures of them."""

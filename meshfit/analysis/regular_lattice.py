@@ -1,0 +1,162 @@
+"""The mask of a scheme on the regular lattice, read off a column of its operator."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from meshfit.analysis.stencil_meshes import Bench, Patch
+from meshfit.errors import SchemeError
+
+_REACH = 9
+_MOST_STEPS = 4
+_WHOLE = 1e-8
+_ZERO = 1e-14
+
+
+@dataclass(frozen=True, eq=False)
+class RegularMask:
+    """The weights a(k) that one coarse value contributes to the fine lattice: fine(k) = Σ_j a(k - m j) coarse(j).
+
+    Attributes:
+        offsets: (K, D) k, in units of the fine lattice and in its basis, from where the coarse value lies; multiples
+            of 1/2 for dual schemes, whose new verts do not lie on old ones.
+        weights: (K,) a(k).
+        dilation: m, the number of fine edges along a coarse one.
+        steps: levels of the scheme that it takes until the fine lattice lies as the coarse one does: 2 for √3 and √2.
+    """
+
+    offsets: Float64[np.ndarray, "K D"]
+    weights: Float64[np.ndarray, " K"]
+    dilation: int
+    steps: int
+
+    @property
+    def dimension(self) -> int:
+        """D, of the lattice."""
+        return int(self.offsets.shape[1])
+
+    @property
+    def whole_offsets(self) -> Int64[np.ndarray, "K D"]:
+        """(K, D) the offsets moved to integers; the same ones where they are integers."""
+        return np.asarray(np.rint(self.offsets - _part(self.offsets)), dtype=np.int64)
+
+
+def regular_mask(bench: Bench) -> RegularMask:
+    """Read the mask off a patch.
+
+    New verts are located by refining the lattice's coordinates, which every scheme of symmetric masks reproduces.
+
+    Raises:
+        SchemeError: the fine lattice never lies as the coarse one does.
+    """
+    patch = bench.patch(_REACH)
+    for steps in range(1, _MOST_STEPS + 1):
+        found = _mask_after(patch, steps)
+        if found is not None:
+            return found
+    raise SchemeError(
+        f"this scheme cannot be analysed: after {_MOST_STEPS} steps its new verts are no finer copy of the lattice"
+    )
+
+
+def _mask_after(patch: Patch, steps: int) -> RegularMask | None:
+    finer = patch.refine(steps)
+    inner = patch.regular(finer)
+    places = finer.carry(patch.places)[inner]
+    dimension = patch.places.shape[1]
+    density = int(((places > -0.5 - _WHOLE) & (places < 0.5 - _WHOLE)).all(axis=1).sum())
+    dilation = round(density ** (1 / dimension))
+    if dilation < 2 or dilation**dimension != density:
+        return None
+    offsets = dilation * places
+    if np.abs(offsets - _part(offsets) - np.rint(offsets - _part(offsets))).max() > _WHOLE:
+        return None
+    origin = (patch.places == 0).all(axis=1) * 1.0
+    weights = finer.carry(origin)[inner]
+    kept = np.abs(weights) > _ZERO
+    part = _part(offsets)
+    return RegularMask(np.rint(offsets[kept] - part) + part, weights[kept], dilation, steps)
+
+
+def _part(offsets: Float64[np.ndarray, "K D"]) -> Float64[np.ndarray, " D"]:
+    """What the offsets have in common beyond integers: 0, or 1/2 for dual schemes."""
+    return np.asarray(np.rint(2 * offsets[0]) % 2 / 2)
+
+
+@dataclass(frozen=True)
+class Support:
+    """The support of the basis function, the limit of the data that are 1 at one vertex and 0 at all others.
+
+    Attributes:
+        radius: rings of faces around its vertex that its convex hull reaches over; edges, on a curve.
+        stencils: the least and the most coarse verts that a new vertex of one level is made of.
+        mask: number of fine verts that a coarse one contributes to, in as many steps as make a scalar dilation.
+    """
+
+    radius: float
+    stencils: tuple[int, int]
+    mask: int
+
+
+def support_of(bench: Bench, mask: RegularMask) -> Support:
+    """The support: a mask on the points Ω gives a limit on Ω / m + Ω / m² + …, whose hull is that of Ω / (m - 1)."""
+    radius = float(bench.distance(mask.offsets).max()) / (mask.dilation - 1)
+    sizes = _stencil_sizes(bench)
+    return Support(radius, (int(sizes.min()), int(sizes.max())), len(mask.weights))
+
+
+def _stencil_sizes(bench: Bench) -> Float64[np.ndarray, " N"]:
+    patch = bench.patch(_REACH)
+    finer = patch.refine(1)
+    inner = patch.regular(finer)
+    used = abs(finer.operators[0]) > _ZERO
+    return np.asarray(used.sum(axis=1)[inner], dtype=np.float64)
+
+
+_REACH_POLYNOMIALS = 7
+_HIGHEST = 11
+_TOLERANCE = 1e-9
+
+
+def reproduced_degree(bench: Bench) -> int:
+    """The highest degree up to which values of every polynomial at old verts become its values at new ones, or -1."""
+    patch = bench.patch(_REACH_POLYNOMIALS)
+    finer = patch.refine(1)
+    inner = patch.regular(finer)
+    coarse, fine = patch.places / _REACH_POLYNOMIALS, finer.carry(patch.places)[inner] / _REACH_POLYNOMIALS
+    for degree in range(_HIGHEST + 1):
+        found = finer.carry(monomials(coarse, degree))[inner]
+        if np.abs(found - monomials(fine, degree)).max() > _TOLERANCE:
+            return degree - 1
+    return _HIGHEST
+
+
+def sum_rule_order(mask: RegularMask) -> int:
+    """The order κ of the sum rules: polynomials below degree κ are generated, so that κ - 1 is the highest of them.
+
+    Order κ: Σ_j a(m j + ε) p(m j + ε) is the same for every ε, for every polynomial p of degree below κ (Jia 1998,
+    Characterization of smoothness of multivariate refinable functions in Sobolev spaces).
+    """
+    offsets = mask.whole_offsets
+    _, coset = np.unique(offsets % mask.dilation, axis=0, return_inverse=True)
+    scale = max(1, int(np.abs(offsets).max()))
+    places = offsets / scale
+    count = mask.dilation**mask.dimension
+    for degree in range(_HIGHEST + 1):
+        moments = np.zeros((count, len(list(_powers(mask.dimension, degree)))))
+        np.add.at(moments, coset.reshape(-1), mask.weights[:, None] * monomials(places, degree))
+        if np.abs(moments - moments[0]).max() > _TOLERANCE:
+            return degree
+    return _HIGHEST + 1
+
+
+def monomials(places: Float64[np.ndarray, "N D"], degree: int) -> Float64[np.ndarray, "N M"]:
+    """(N, M) values of every monomial of exactly that degree."""
+    return np.stack([np.prod(places ** np.array(power), axis=1) for power in _powers(places.shape[1], degree)], axis=1)
+
+
+def _powers(dimension: int, degree: int) -> Iterator[tuple[int, ...]]:
+    return (power for power in product(range(degree + 1), repeat=dimension) if sum(power) == degree)

@@ -1,0 +1,48 @@
+"""`meshfit init`: a starter config."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from meshfit.cli.console import out
+from meshfit.errors import ConfigError
+from meshfit.paths import unwritable
+
+
+def init(
+    path: Annotated[Path, typer.Argument(help="Where to write it.", metavar="[FILE]")] = Path("experiment.yaml"),
+    force: Annotated[bool, typer.Option("--force", help="Write over a file that is there.")] = False,
+) -> int:
+    """Write a starter config, every setting with its meaning.
+
+    All settings are at their defaults; delete what you do not change.
+
+    Example:
+        meshfit init mine.yaml && meshfit run mine.yaml
+    """
+    from meshfit.config.starter import starter_config
+
+    if path.exists() and not force:
+        raise ConfigError(f"{path}: is there already; give another name, or --force to write over it")
+    try:
+        path.write_text(starter_config(), encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{path}: {unwritable(path, error)}") from error
+    out.print(f"wrote {path}; now: meshfit run {path}", soft_wrap=True, markup=False)
+    return 0
+
+
+def schema() -> int:
+    """Print the JSON Schema of a config, for editors.
+
+    An editor that knows it completes and checks configs as they are written.
+
+    Example:
+        meshfit schema > meshfit.schema.json
+    """
+    from meshfit.config.experiment import ExperimentSettings
+
+    typer.echo(json.dumps(ExperimentSettings.model_json_schema(), indent=2))
+    return 0

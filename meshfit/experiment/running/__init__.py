@@ -1,0 +1,1 @@
+"""Running trials: scheduler, backends and workers."""

@@ -1,0 +1,1 @@
+"""Status of experiments: trial scan, remaining time, cleaning."""

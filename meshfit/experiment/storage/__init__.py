@@ -1,0 +1,1 @@
+"""Files of a run directory: each module writes and reads one kind."""

@@ -1,0 +1,1 @@
+"""Mesh, polygon and curve files."""

@@ -1,0 +1,1 @@
+"""Figures of meshes and results."""

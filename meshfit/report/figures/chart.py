@@ -1,0 +1,168 @@
+"""The chart of result tables: schemes down, values across, a mark for each target, a panel for each table."""
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import exp, isfinite, log
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+from meshfit.errors import ConfigError
+from meshfit.measuring.metrics import METRICS
+from meshfit.report.extra import needed
+from meshfit.report.figures.colours import INK
+from meshfit.report.figures.layout import DPI, STYLE, write_drawing
+from meshfit.report.tables.table import ResultTable
+from meshfit.specs import parse_spec
+from meshfit.subdivision.registry import SCHEMES
+
+# Okabe and Ito (2008): told apart by the colour-blind; shapes differ too.
+_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
+_SHAPES = ("o", "s", "^", "D", "v", "P")
+_WIDTH, _ROW, _MARGIN, _HEAD, _FONT = 7.0, 0.19, 1.55, 0.55, 8.0
+_FOOT = 0.45
+_MEAN = "#7d8a96"
+
+
+@dataclass(frozen=True)
+class _Line:
+    """A line of every panel: a scheme, or the heading of those of a kind."""
+
+    text: str
+    scheme: str | None
+
+
+def write_chart(tables: Sequence[ResultTable], path: Path) -> None:
+    """Draw the chart and write it.
+
+    Means over the seeds are drawn, and over them, as bars, geometric means over the targets, which weigh a factor on
+    an easy target as much as the same factor on a hard one.
+
+    Args:
+        tables: of one metric, a panel for each, side by side.
+        path: .png, .pdf or .svg.
+
+    Raises:
+        ConfigError: a metric whose values are not above 0, a library of the extra that is not installed, or a file that
+            cannot be written.
+    """
+    matplotlib, figures = needed("matplotlib"), needed("matplotlib.figure")
+    metric = tables[0].metric
+    if not all(value > 0 and isfinite(value) for table in tables for value in _means(table).values()):
+        raise ConfigError(f"{metric}: a chart has a logarithmic scale, and some of the values are not above 0")
+    lines = _lines(tables)
+    high = _HEAD + _FOOT + _ROW * len(lines)
+    with matplotlib.rc_context(STYLE), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a letter that no font has is drawn as a box
+        figure = figures.Figure(figsize=(_WIDTH, high), facecolor="white")
+        across = (_WIDTH - _MARGIN) / len(tables)
+        for place, table in enumerate(tables):
+            box = (
+                (_MARGIN + place * across) / _WIDTH,
+                _FOOT / high,
+                (across - 0.12) / _WIDTH,
+                1 - (_HEAD + _FOOT) / high,
+            )
+            _draw_panel(figure.add_axes(box), table, lines, names=place == 0)
+        _add_legend(figure, tables)
+        write_drawing(figure, path, DPI[path.suffix.lower()])
+
+
+def geometric_means(table: ResultTable) -> dict[str, float]:
+    """Over the targets, of each scheme that has results on all of them, where these are several."""
+    means = _means(table)
+    found = {scheme: [means.get((target, scheme)) for target in table.targets] for scheme in table.schemes}
+    whole = {scheme: [value for value in values if value is not None] for scheme, values in found.items()}
+    return {
+        scheme: exp(fmean(log(value) for value in values))
+        for scheme, values in whole.items()
+        if len(values) == len(table.targets) > 1
+    }
+
+
+def _lines(tables: Sequence[ResultTable]) -> list[_Line]:
+    """Schemes by their kind, each under its heading; in one table the order of the other."""
+    schemes = list(dict.fromkeys(scheme for table in tables for scheme in table.schemes))
+    lines = []
+    for kind in ("approximating", "interpolatory", "of one's own"):
+        of_kind = [scheme for scheme in schemes if _kind(scheme) == kind]
+        lines += [_Line(kind, None), *(_Line(scheme, scheme) for scheme in of_kind)] if of_kind else []
+    return lines
+
+
+def _kind(scheme: str) -> str:
+    # What tells several definitions of one name apart stands after a blank, and is no part of a spec.
+    if scheme.partition(" ")[0].partition(":")[0] not in SCHEMES:
+        return "of one's own"
+    spec = parse_spec(scheme)
+    alpha = dict(spec.parameters).get("alpha", 1.0)
+    return SCHEMES[spec.name].kind if alpha == 1 else "approximating"
+
+
+def _means(table: ResultTable) -> Mapping[tuple[str, str], float]:
+    return {cell: summary.mean for cell, summary in table.cells.items()}
+
+
+def _draw_panel(axes: Any, table: ResultTable, lines: Sequence[_Line], *, names: bool) -> None:  # noqa: ANN401
+    means, middles = _means(table), geometric_means(table)
+    for row, line in enumerate(lines):
+        values = {
+            target: means[target, line.scheme or ""] for target in table.targets if (target, line.scheme) in means
+        }
+        if not values:
+            continue
+        axes.axhline(row, color="#e4e8ec", linewidth=0.5, zorder=0)
+        middle = middles.get(line.scheme or "")
+        if middle is not None:
+            axes.plot([middle, middle], [row - 0.4, row + 0.4], color=_MEAN, linewidth=2.2, zorder=1)
+        for place, target in enumerate(table.targets):
+            if target in values:
+                axes.plot(values[target], row, **_mark(place), zorder=3)
+    axes.set_xscale("log")
+    _set_ticks(axes)
+    axes.set_ylim(len(lines) - 0.4, -0.6)
+    axes.set_yticks(range(len(lines)), [line.text if names else "" for line in lines], fontsize=_FONT, color=INK)
+    for label, line in zip(axes.get_yticklabels(), lines, strict=True):
+        label.set_fontstyle("normal" if line.scheme else "italic")
+    axes.tick_params(axis="y", length=0)
+    axes.tick_params(axis="x", which="both", labelsize=_FONT, length=2, width=0.5, colors=INK)
+    axes.set_xlabel(METRICS[table.metric].title, fontsize=_FONT, color=INK, labelpad=2)
+    axes.set_title(table.variant or table.title, fontsize=_FONT + 1, color=INK, pad=4)
+    for side in ("top", "right", "left"):
+        axes.spines[side].set_visible(False)
+
+
+def _set_ticks(axes: Any) -> None:  # noqa: ANN401  matplotlib is optional
+    """1, 2 and 5 times powers of ten, as far apart as they can be read."""
+    ticker = needed("matplotlib.ticker")
+    low, high = axes.get_xlim()
+    steps = (1.0,) if high / low > 50 else (1.0, 2.0, 5.0) if high / low > 3 else tuple(map(float, range(1, 10)))
+    axes.xaxis.set_major_locator(ticker.LogLocator(subs=steps))
+    axes.xaxis.set_major_formatter(ticker.FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(ticker.NullFormatter())
+
+
+def _mark(place: int) -> dict[str, object]:
+    colour, shape = _COLOURS[place % len(_COLOURS)], _SHAPES[place % len(_SHAPES)]
+    return {"color": colour, "marker": shape, "markersize": 4, "linestyle": "none", "markeredgewidth": 0}
+
+
+def _add_legend(figure: Any, tables: Sequence[ResultTable]) -> None:  # noqa: ANN401  matplotlib is optional
+    line = needed("matplotlib.lines").Line2D
+    titles = tables[0].targets
+    handles = [line([], [], label=title, **_mark(place)) for place, title in enumerate(titles.values())]
+    if len(titles) > 1:
+        handles.append(line([], [], color=_MEAN, linewidth=2.2, label="geometric mean"))
+    figure.legend(
+        handles=handles,
+        loc="upper center",
+        borderaxespad=0.1,
+        ncols=len(handles),
+        fontsize=_FONT,
+        frameon=False,
+        labelcolor=INK,
+        handlelength=1.2,
+        handletextpad=0.4,
+        columnspacing=1.2,
+    )

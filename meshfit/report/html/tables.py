@@ -1,0 +1,263 @@
+"""Tables as the page shows them: cells, differences and notes as text, ready for the template."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from meshfit.experiment.status.scan import ExperimentOverview, State
+from meshfit.experiment.storage.failure import read_failure
+from meshfit.experiment.storage.run_directory import Result
+from meshfit.measuring.metrics import METRICS
+from meshfit.report.html.charts import Whisker, whiskers
+from meshfit.report.html.target_section import Keyed, row_title, trials_on
+from meshfit.report.tables.comparisons import Contrast, Row
+from meshfit.report.tables.differences import (
+    Section,
+    chance,
+    difference_lines,
+    sections,
+    seeds_text,
+    verdict,
+    without_intervals,
+)
+from meshfit.report.tables.grouping import definitions_of, differing_keys, shown
+from meshfit.report.tables.layout import Entry, columns, entries, row_groups, row_names
+from meshfit.report.tables.notes import alike_note, best_note, cell_line, metric_line, notes, setting_lines
+from meshfit.report.tables.numbers import difference_and_interval, duration, plain, size
+from meshfit.report.tables.sheet import VARIED, Sheet
+
+
+@dataclass(frozen=True)
+class ShownRow:
+    """A row: its place among all rows of the sheet, its label, and its cells."""
+
+    place: int
+    label: str
+    cells: tuple[Entry, ...]
+
+
+@dataclass(frozen=True)
+class ShownDifference:
+    """A difference: what differs, by how much, what is found of it, and how it is drawn."""
+
+    label: str
+    amount: str
+    verdict: str
+    chance: str
+    seeds: str
+    doubtful: bool
+    whisker: Whisker | None
+
+
+@dataclass(frozen=True)
+class ShownSection:
+    """Differences of one kind, by where they were found."""
+
+    title: str
+    places: tuple[tuple[str, tuple[ShownDifference, ...]], ...]
+
+
+@dataclass(frozen=True)
+class ShownSheet:
+    """A table in text.
+
+    Attributes:
+        title: of the sheet.
+        about: what its cells are.
+        settings: what they were made with.
+        first: what the first column holds.
+        heads: what stands above the others, and whether a column is the paper's.
+        groups: rows below the variation that they share.
+        sections: the differences; none where `lines` say why.
+        lines: what is said in place of differences.
+        best: what being marked as the best means; empty where nothing is.
+        alike: what being marked as alike means; likewise.
+        notes: what to bear in mind.
+    """
+
+    title: str
+    about: str
+    settings: tuple[str, ...]
+    first: str
+    heads: tuple[tuple[str, bool], ...]
+    groups: tuple[tuple[str, tuple[ShownRow, ...]], ...]
+    sections: tuple[ShownSection, ...]
+    lines: tuple[str, ...]
+    best: str
+    alike: str
+    notes: tuple[str, ...]
+
+
+def shown_sheet(sheet: Sheet) -> ShownSheet:
+    """A sheet in text."""
+    shown = columns(sheet)
+    cells = list(zip(*(entries(sheet, column) for column in shown), strict=True))
+    groups = tuple(
+        (heading, tuple(ShownRow(place, label, cells[place]) for place, label in rows))
+        for heading, rows in row_groups(sheet)
+    )
+    alone = without_intervals(sheet)
+    return ShownSheet(
+        title=sheet.title,
+        about=f"{metric_line(sheet)}. {cell_line(sheet)}.",
+        settings=tuple(setting_lines(sheet)),
+        first=row_names(sheet)[-1],
+        heads=tuple((column.heading, column.paper) for column in shown),
+        groups=groups,
+        sections=() if alone else tuple(_sections(sheet)),
+        lines=tuple(difference_lines(sheet)) if alone else (),
+        best=best_note(sheet),
+        alike=alike_note(sheet),
+        notes=tuple(notes(sheet)),
+    )
+
+
+def _sections(sheet: Sheet) -> list[ShownSection]:
+    return [_section(sheet, section) for section in sections(sheet)]
+
+
+def _section(sheet: Sheet, section: Section) -> ShownSection:
+    """A section; all of its whiskers lie along one axis."""
+    drawn = iter(whiskers([contrast.paired for found in section.places.values() for _, contrast in found]))
+    places = tuple(
+        (place, tuple(_difference(sheet, label, contrast, next(drawn)) for label, contrast in found))
+        for place, found in section.places.items()
+    )
+    return ShownSection(section.title, places)
+
+
+def _difference(sheet: Sheet, label: str, contrast: Contrast, whisker: Whisker | None) -> ShownDifference:
+    paired = contrast.paired
+    return ShownDifference(
+        label,
+        difference_and_interval(paired),
+        verdict(sheet, paired),
+        chance(paired),
+        seeds_text(paired),
+        doubtful=paired.significant is False,
+        whisker=whisker,
+    )
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Rows of text below their headings."""
+
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+def differing_settings(sheets: Sequence[Sheet]) -> Grid:
+    """The settings in which some results differ, for each variation of each sheet; no rows where all are alike."""
+    settings = [same[0].settings for sheet in sheets for same in sheet.tables]
+    names = [
+        " · ".join(filter(None, (sheet.title if len(sheets) > 1 else "", name)))
+        for sheet in sheets
+        for name in sheet.variations
+    ]
+    keys = differing_keys(settings)
+    rows = tuple((key, *(shown(some[key]) if key in some else "" for some in settings)) for key in keys)
+    return Grid(("setting", *names), rows)
+
+
+def shared_by_all(sheets: Sequence[Sheet]) -> Grid:
+    """The settings that all results have in common."""
+    settings = [sheet.settings for sheet in sheets]
+    differing = {*differing_keys(settings), *(key for some in settings for key in some if some[key] == VARIED)}
+    found = settings[0] if settings else {}
+    return Grid(("setting", "value"), tuple((key, shown(found[key])) for key in found if key not in differing))
+
+
+def definitions_grid(results: Sequence[Result]) -> Grid:
+    """The schemes of the user's own; no rows where there are none."""
+    return Grid(("scheme", "definition"), tuple(definitions_of(results).items()))
+
+
+def trials_grid(sheets: Sequence[Sheet], trials: Sequence[Keyed]) -> Grid:
+    """Every value of every trial, by experiment, target, row and seed."""
+    metrics = dict.fromkeys(metric for sheet in sheets for metric in sheet.metrics)
+    rows = [
+        (
+            sheet.targets[target],
+            row_title(sheet, sheet.rows[place]),
+            str(seed),
+            *(_value(sheet, metric, target, sheet.rows[place], seed) for metric in metrics),
+            f"{_seconds(result, 'fit'):.3g}",
+            str(result["folder"]),
+        )
+        for sheet in sheets
+        for target in sheet.targets
+        for place, by_seed in trials_on(sheet, target, trials).items()
+        for seed, result in by_seed.items()
+    ]
+    titles = [METRICS[metric].title for metric in metrics]
+    return Grid(("target", "row", "seed", *titles, "seconds of the fit", "folder"), tuple(rows))
+
+
+def failures_grid(experiments: Sequence[ExperimentOverview]) -> Grid:
+    """The trials that failed, and why."""
+    found = [read_failure(trial) for experiment in experiments for trial in experiment.of(State.FAILED)]
+    rows = [
+        (
+            failure.trial.label,
+            failure.kind,
+            "" if failure.step is None else f"{failure.step:,}",
+            failure.message,
+            str(failure.where),
+        )
+        for failure in found
+    ]
+    return Grid(("trial", "kind", "step", "message", "look into"), tuple(rows))
+
+
+def states_grid(experiments: Sequence[ExperimentOverview]) -> Grid:
+    """How many trials of each experiment are in each state that some trial is in."""
+    states = [state for state in State if any(experiment.counts[state] for experiment in experiments)]
+    rows = [(experiment.name, *(f"{experiment.counts[state]:,}" for state in states)) for experiment in experiments]
+    return Grid(("experiment", *states), tuple(rows))
+
+
+def machines_grid(results: Sequence[Result]) -> Grid:
+    """The versions and machines that results were made with, and what they took, a column for each kind."""
+    kinds: dict[tuple[tuple[str, str], ...], list[Result]] = {}
+    for result in results:
+        kinds.setdefault(_made_with(result), []).append(result)
+    names = list(dict.fromkeys(name for kind in kinds for name, _ in kind))
+    rows = [(name, *(dict(kind).get(name, "") for kind in kinds)) for name in names]
+    rows.append(("trials", *(f"{len(found):,}" for found in kinds.values())))
+    rows.append(("seconds a fit", *(_range([_seconds(result, "fit") for result in found]) for found in kinds.values())))
+    rows.append(("all together", *(duration(sum(map(_all_seconds, found))) for found in kinds.values())))
+    memory = [max(float(result.get("peak_memory_mb") or 0) for result in found) for found in kinds.values()]
+    rows.append(("most memory", *(size(most * 1e6) if most else "" for most in memory)))
+    return Grid(("", *(f"machine {place + 1}" if len(kinds) > 1 else "" for place in range(len(kinds)))), tuple(rows))
+
+
+def warnings_of(results: Sequence[Result]) -> list[str]:
+    """What was warned of, each once, with how many trials it was said of."""
+    counted: dict[str, int] = {}
+    for text in (" ".join(str(text).split()) for result in results for text in result.get("warnings", ())):
+        counted[text] = counted.get(text, 0) + 1
+    return [f"{text} ({count} trials)" if count > 1 else text for text, count in counted.items()]
+
+
+def _value(sheet: Sheet, metric: str, target: str, row: Row, seed: int) -> str:
+    value = sheet.sample(metric, target, row).get(seed) if metric in sheet.metrics else None
+    return "" if value is None else plain(value, whole=METRICS[metric].format in ("d", ""))
+
+
+def _made_with(result: Result) -> tuple[tuple[str, str], ...]:
+    device = {"device": result.get("fit", {}).get("device")}
+    facts = {**result.get("platform", {}), **device, **result.get("versions", {})}
+    return tuple((name, str(value)) for name, value in facts.items() if value is not None)
+
+
+def _seconds(result: Result, part: str) -> float:
+    return float(result.get("seconds", {}).get(part) or 0.0)
+
+
+def _all_seconds(result: Result) -> float:
+    return sum(float(value) for value in result.get("seconds", {}).values() if isinstance(value, int | float))
+
+
+def _range(values: Sequence[float]) -> str:
+    low, high = f"{min(values):.3g}", f"{max(values):.3g}"
+    return low if low == high else f"{low} to {high}"

@@ -1,0 +1,1 @@
+"""Subdivision schemes on polygon meshes."""

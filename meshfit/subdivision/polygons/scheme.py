@@ -1,0 +1,187 @@
+"""Masks of schemes on polygons: the weights of a rule, declared by role and checked to sum to one."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import Enum
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from meshfit.errors import SchemeError
+from meshfit.subdivision.masks import CHECKED_VALENCES, CurveMask, CurveWeights, require_unit_sum
+from meshfit.subdivision.triangles.scheme import PushBack
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class RoundMask:
+    """The new place of an interior vertex of valence n.
+
+    Attributes:
+        weights: n → those of itself, of the mean of its n neighbours, and of the mean of the means of its n faces.
+    """
+
+    weights: Callable[[int], tuple[Fraction, Fraction, Fraction]]
+
+    def __post_init__(self) -> None:
+        for valence in CHECKED_VALENCES:
+            require_unit_sum(sum(self.weights(valence), Fraction(0)), f"a vertex mask at valence {valence}")
+
+
+@dataclass(frozen=True)
+class MeanMask:
+    """New vertices from the means of faces: that of a face is its mean itself.
+
+    Attributes:
+        end: for the vertex in an interior edge, the weight of each of the 2 ends.
+        mean: of the mean of each of the 2 faces beside it.
+    """
+
+    end: Fraction = Fraction(1, 2)
+    mean: Fraction = Fraction(0)
+
+    def __post_init__(self) -> None:
+        require_unit_sum(2 * self.end + 2 * self.mean, "an edge mask")
+
+
+@dataclass(frozen=True)
+class NetMask:
+    """A rule for curves, carried along the lines of a net of quads, then across them.
+
+    A vertex in an edge is on the curve through the verts in line with the edge; one in a face is on the curve through
+    the new verts of edges that lie side by side, and the mean of both directions where these differ. Beyond a boundary,
+    the line goes on to the mirror image of what is before it.
+
+    Attributes:
+        curve: the rule for curves, with weights at offsets -1 to 2.
+        diagonal: of the point that the line goes on to behind an interior vertex of valence n other than 4. With the
+            neighbours l and the verts h diagonally across faces, h_i between l_i and l_i+1, that is
+
+                4/n Σl - (l_i-1 + l_i + l_i+1) + q (h_i-2 + h_i-1 + h_i + h_i+1 - 4/n Σh)
+
+            for the line that comes from l_i, q this weight (Kobbelt 1996, section 4; at n = 4, it is l_i+2). Without
+            it, other valences than 4 are refused, and faces other than quads.
+    """
+
+    curve: CurveMask
+    diagonal: Fraction | None = None
+
+    def __post_init__(self) -> None:
+        first, *others = self.curve.inserted
+        last = others[-1] if others else first
+        if {1 - offset: weight for offset, weight in first.items()} != dict(last):
+            raise SchemeError("a net needs a curve rule that is its own mirror image")
+
+    @property
+    def is_local(self) -> bool:
+        """Whether it takes the verts of the edge or face alone, so that no net has to go on beyond these."""
+        reach = {offset for weights in self.curve.inserted for offset in weights}
+        return reach <= {0, 1} and not self.moves
+
+    @property
+    def moves(self) -> bool:
+        """Whether old verts move, and new ones in edges with them."""
+        return dict(self.curve.vert) != {0: Fraction(1)}
+
+    def round(self) -> RoundMask:
+        """The rule for old verts: the curve's, in one direction after the other."""
+        own, side = self.curve.vert[0], self.curve.vert[1]
+        # The mean of a quad is a quarter of each corner, so that verts diagonally across come with the others.
+        weights = (own**2 - 4 * side**2, 4 * own * side - 8 * side**2, 16 * side**2)
+        return RoundMask(lambda _: weights)
+
+
+@dataclass(frozen=True)
+class CornerMask:
+    """A new vertex in every corner of a face, in place of the old verts.
+
+    A corner between two edges on the boundary stays where it is. One at a single such edge has its new vertex on it.
+
+    Attributes:
+        weights: n → those of the n corners of the face, from the one itself on counter-clockwise.
+        on_edge: of a corner at one edge on the boundary: the weights of itself (0) and of the other end (1).
+        beside_kept: the same where the other end is a corner that stays.
+        beside: of a corner off the boundary one side of which leads to an edge on it: the weights of itself, of the
+            corner on that edge, and of the mean of the face. Where both sides lead there, the new vertex is that mean.
+    """
+
+    weights: Callable[[int], tuple[float, ...]]
+    on_edge: CurveWeights
+    beside_kept: CurveWeights
+    beside: tuple[Fraction, Fraction, Fraction]
+
+    def __post_init__(self) -> None:
+        for weights in (self.on_edge.values(), self.beside_kept.values(), self.beside):
+            require_unit_sum(sum(weights, Fraction(0)), "a corner mask at the boundary")
+        for size in CHECKED_VALENCES:
+            found = self.weights(size)
+            if len(found) != size:
+                raise SchemeError(f"a corner mask has {len(found)} weights in a face of {size} corners")
+            require_unit_sum(sum(found), f"a corner mask in a face of {size} corners")
+
+
+def mirrored(first: CurveWeights) -> CurveWeights:
+    """The weights of the vertex that is inserted as far from the other end of an edge."""
+    return {1 - offset: weight for offset, weight in first.items()}
+
+
+class PolygonSplit(Enum):
+    """How faces are divided."""
+
+    QUADS = "n-gons to n quads: a vertex in every edge and every face"
+    SQRT2 = (
+        "a quad for every edge: a vertex in every face, old edges dropped; boundary edges halved at every second step"
+    )
+    TERNARY = "quads to 9: two verts in every edge, one in every corner"
+    DUAL = "a face for every face, edge and vertex: a vertex in every corner, old verts dropped"
+
+
+@dataclass(frozen=True)
+class PolygonScheme:
+    """One subdivision scheme on polygons, every parameter fixed: declared data, which `assemble_polygons` lays down.
+
+    Attributes:
+        split: how faces are divided.
+        inserted: mask of the new verts off the boundary.
+        boundary: masks along the boundary; None for masks of corners, which have their own.
+        vert: mask of the old interior verts; None keeps them where they are.
+        push_back: a blend towards interpolation.
+    """
+
+    split: PolygonSplit
+    inserted: MeanMask | NetMask | CornerMask
+    boundary: CurveMask | None = None
+    vert: RoundMask | None = None
+    push_back: PushBack | None = None
+
+    def __post_init__(self) -> None:
+        dual = self.split is PolygonSplit.DUAL
+        if isinstance(self.inserted, CornerMask) != dual or (self.boundary is None) != dual:
+            raise SchemeError("masks of corners go with the dual split, and those of curves with all others")
+        if dual and (self.vert or self.push_back):
+            raise SchemeError("the dual split keeps no old verts that could be moved or pushed back")
+
+    def with_alpha(self, alpha: "float | NDArray[np.float64]") -> "PolygonScheme":
+        """The same scheme with another α of its push-back.
+
+        Raises:
+            SchemeError: the scheme has none.
+        """
+        if self.push_back is None:
+            raise SchemeError("this scheme has no parameter alpha; interp-catmull-clark has")
+        return replace(self, push_back=replace(self.push_back, alpha=alpha))
+
+
+_KEPT = {0: Fraction(1)}
+_HALF = {0: Fraction(1, 2), 1: Fraction(1, 2)}
+_THIRD = {0: Fraction(2, 3), 1: Fraction(1, 3)}
+_HALVED, _TRISECTED = CurveMask(_KEPT, (_HALF,)), CurveMask(_KEPT, (_THIRD, mirrored(_THIRD)))
+
+LINEAR: dict[PolygonSplit, PolygonScheme] = {
+    PolygonSplit.QUADS: PolygonScheme(PolygonSplit.QUADS, MeanMask(), _HALVED),
+    PolygonSplit.SQRT2: PolygonScheme(PolygonSplit.SQRT2, MeanMask(), _HALVED),
+    PolygonSplit.TERNARY: PolygonScheme(PolygonSplit.TERNARY, NetMask(_TRISECTED), _TRISECTED),
+}
+"""Linear interpolation on each split that keeps old verts: these stay, new ones are put between them."""
