@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 import typer
 
 from meshfit.cli.console import err, out
-from meshfit.cli.options import DEFAULT_RUNS, OneTrial, Runs
+from meshfit.cli.options import DEFAULT_RUNS, Runs, TrialName
 from meshfit.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ _T = TypeVar("_T")
 
 
 def animate(
-    trial: OneTrial,
+    trial: TrialName,
     output: Annotated[Path, typer.Option("--output", "-o", help="The film to write: .mp4 or .gif.", metavar="FILE")],
     fps: Annotated[int, typer.Option("--fps", min=1, max=60, help="Pictures a second, 1 to 60.", metavar="N")] = 12,
     size: Annotated[

@@ -43,18 +43,18 @@ err = Console(stderr=True, highlight=False)
 # alike; yellow and blue cannot, nor can dim text. What is told by colour is told by words too.
 
 
-def say_error(message: str) -> None:
+def print_error(message: str) -> None:
     """One line on stderr: what is wrong."""
     err.print(f"[bold red]error:[/] {escape(' '.join(message.split()))}", soft_wrap=True)
 
 
-def say_warning(message: str) -> None:
+def print_warning(message: str) -> None:
     """One line on stderr: what was mended, or is worth knowing."""
     err.print(f"[bold magenta]warning:[/] {escape(message)}", soft_wrap=True)
 
 
 @contextmanager
-def shown_warnings() -> Iterator[None]:
+def show_warnings() -> Iterator[None]:
     """Show meshfit's own warnings as single lines, each once, and nobody else's."""
     seen: set[str] = set()
 
@@ -62,7 +62,7 @@ def shown_warnings() -> Iterator[None]:
         text = str(message)
         if isinstance(message, MeshfitWarning) and text not in seen:
             seen.add(text)
-            say_warning(text)
+            print_warning(text)
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -74,10 +74,10 @@ def shown_warnings() -> Iterator[None]:
 def exit_code_of(command: Callable[[], int]) -> int:
     """Run a command; foreseen errors, and those of the file system, become one line and an exit code."""
     try:
-        with shown_warnings():
+        with show_warnings():
             return command()
     except MeshfitError as error:
-        say_error(str(error))
+        print_error(str(error))
         return error.exit_code
     except KeyboardInterrupt:
         err.print("interrupted; the same command goes on from here", style="bold magenta")
@@ -85,5 +85,5 @@ def exit_code_of(command: Callable[[], int]) -> int:
     except BrokenPipeError:
         return 0
     except OSError as error:
-        say_error(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+        print_error(f"{error.filename}: {error.strerror}" if error.filename else str(error))
         return MeshfitError.exit_code

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import typer
 from rich.markup import escape
 
-from meshfit.cli.console import err, out, say_warning
+from meshfit.cli.console import err, out, print_warning
 from meshfit.cli.table import check_display, show_tables
 from meshfit.errors import TrialError
 from meshfit.experiment.storage.checkpoint import snapshots_in
@@ -96,7 +96,7 @@ def _estimate(
         with err.status("probing how long a trial takes"):
             return estimate(left, results, jobs=jobs)
     except TrialError as error:
-        say_warning(f"no estimate of time, since the trial that was probed failed: {error}")
+        print_warning(f"no estimate of time, since the trial that was probed failed: {error}")
         return None
 
 
@@ -141,11 +141,11 @@ def run_missing(
     trials: Sequence["Trial"], runs: Path, *, workers: Workers, force: bool, quiet: bool
 ) -> dict[int, Outcome]:
     """Run what is not complete, with progress shown."""
-    from meshfit.cli.progress import shown_progress
+    from meshfit.cli.progress import show_progress
     from meshfit.experiment.running.scheduler import run_trials
 
     make_folder(runs)
-    with _remote(workers) as remote, shown_progress(trials, quiet=quiet) as watch:
+    with _remote(workers) as remote, show_progress(trials, quiet=quiet) as watch:
         return run_trials(trials, RunDirectory(runs), jobs=workers.jobs, force=force, remote=remote, watch=watch)
 
 
@@ -193,7 +193,7 @@ def run_and_report(
         typer.echo(json.dumps(results, indent=2))
     elif results:
         for note in dict.fromkeys(f"{result['target']}: {text}" for result in results for text in result["warnings"]):
-            say_warning(note)
+            print_warning(note)
         show_tables(results, display.metrics, baseline=display.baseline, planned=True)
         folders = dict.fromkeys(str(runs / trial.experiment) for trial in trials)
         out.print(f"\nResults: {', '.join(folders)}", soft_wrap=True, markup=False)
@@ -205,6 +205,6 @@ def _warn_of_missing_snapshots(trials: Sequence["Trial"], store: RunDirectory) -
     without = sum(not snapshots_in(store.folder(trial)) for trial in wanted)
     if without:
         trials_are = "1 trial is" if without == 1 else f"{without} trials are"
-        say_warning(
+        print_warning(
             f"{trials_are} complete without the snapshots that are wanted; --force runs them anew, and takes some"
         )

@@ -27,7 +27,7 @@ from meshfit.cli import config as init
 from meshfit.cli import config as schema
 from meshfit.cli import run as compare
 from meshfit.cli import table as expect
-from meshfit.cli.console import EXIT_INTERRUPTED, exit_code_of, out, say_error
+from meshfit.cli.console import EXIT_INTERRUPTED, exit_code_of, out, print_error
 from meshfit.cli.help import Command, Group, print_examples
 from meshfit.cli.options import DEFAULT_RUNS
 
@@ -107,7 +107,7 @@ def run_app() -> int:
         context = getattr(error, "ctx", None)
         command = context.command_path if context is not None else "meshfit"
         said = " ".join(error.format_message().replace("Value error, ", "").split())
-        say_error(f"{said}{'' if said.endswith(('.', '?')) else '.'} See '{command} --help'.")
+        print_error(f"{said}{'' if said.endswith(('.', '?')) else '.'} See '{command} --help'.")
         return USAGE_ERROR
     except typer.Abort:
         return EXIT_INTERRUPTED

@@ -8,7 +8,7 @@ import typer
 
 from meshfit.cli import completions
 
-WHAT, WHO, SHOWN = "What is run", "Who runs it", "What is shown"
+SELECTION, EXECUTION, OUTPUT = "Selection", "Execution", "Output"
 
 Runs = Annotated[
     Path,
@@ -29,7 +29,7 @@ OptionalRunDirs = Annotated[
         autocompletion=completions.folders,
     ),
 ]
-OneTrial = Annotated[
+TrialName = Annotated[
     str,
     typer.Argument(
         help="A trial's folder, a file in it, or the first digits of its identity (4 or more).",
@@ -37,17 +37,17 @@ OneTrial = Annotated[
         autocompletion=completions.trials,
     ),
 ]
-Sets = Annotated[
+Overrides = Annotated[
     list[str] | None,
     typer.Option(
         "--set",
         help="Override a setting; the value is YAML. May be repeated.",
         metavar="KEY=VALUE",
-        rich_help_panel=WHAT,
+        rich_help_panel=SELECTION,
         autocompletion=completions.settings,
     ),
 ]
-DefinedIn = Annotated[
+SchemeConfig = Annotated[
     str | None,
     typer.Option(
         "--config",
@@ -57,17 +57,17 @@ DefinedIn = Annotated[
     ),
 ]
 Force = Annotated[
-    bool, typer.Option("--force", help="Run trials anew that are complete already.", rich_help_panel=WHAT)
+    bool, typer.Option("--force", help="Run trials anew that are complete already.", rich_help_panel=SELECTION)
 ]
 DryRun = Annotated[
     bool,
-    typer.Option("--dry-run", help="Print the plan, and what of it is complete; run nothing.", rich_help_panel=WHAT),
+    typer.Option("--dry-run", help="Print the plan and what is complete; run nothing.", rich_help_panel=SELECTION),
 ]
 Quiet = Annotated[
-    bool, typer.Option("--quiet", "-q", help="No progress; errors and the table only.", rich_help_panel=SHOWN)
+    bool, typer.Option("--quiet", "-q", help="No progress; errors and the table only.", rich_help_panel=OUTPUT)
 ]
 AsJson = Annotated[
-    bool, typer.Option("--json", help="Print JSON to stdout, and nothing else there.", rich_help_panel=SHOWN)
+    bool, typer.Option("--json", help="Print JSON to stdout, and nothing else there.", rich_help_panel=OUTPUT)
 ]
 Jobs = Annotated[
     int | None,
@@ -77,7 +77,7 @@ Jobs = Annotated[
         min=1,
         help="Trials side by side on the CPU, in place of the config's `jobs`.",
         metavar="N",
-        rich_help_panel=WHO,
+        rich_help_panel=EXECUTION,
     ),
 ]
 Cluster = Annotated[
@@ -86,7 +86,7 @@ Cluster = Annotated[
         "--cluster",
         help="Send trials to a Dask cluster: tcp://HOST:PORT, or the scheduler's file. Needs the extra `dask`.",
         metavar="ADDRESS",
-        rich_help_panel=WHO,
+        rich_help_panel=EXECUTION,
     ),
 ]
 
@@ -105,7 +105,7 @@ Transfer = Annotated[
         "--transfer",
         help="For --cluster: workers write to a `shared` directory, or files are `returned`; `auto` looks which.",
         metavar="HOW",
-        rich_help_panel=WHO,
+        rich_help_panel=EXECUTION,
     ),
 ]
 DEFAULT_RUNS = Path("runs")
@@ -117,7 +117,7 @@ Metrics = Annotated[
         help="What cells hold, such as distance.mean or quality.self_intersecting_faces. May be repeated.",
         show_default=DEFAULT_METRIC,
         metavar="NAME",
-        rich_help_panel=SHOWN,
+        rich_help_panel=OUTPUT,
         autocompletion=completions.metrics,
     ),
 ]
@@ -127,7 +127,7 @@ Baseline = Annotated[
         "--baseline",
         help="Scheme to compare the others with; by default the first.",
         metavar="SCHEME",
-        rich_help_panel=SHOWN,
+        rich_help_panel=OUTPUT,
         autocompletion=completions.fitted_schemes,
     ),
 ]

@@ -26,7 +26,7 @@ _SECONDS_PER_LINE = 5.0
 _SECONDS_BETWEEN_SIGNS = 60.0
 
 
-class Lines:
+class PlainProgress:
     """A line for every trial that ends, or for several if they end faster than that; one a minute if none ends."""
 
     def __init__(self, trials: Sequence["Trial"], clock: Callable[[], float] = time.monotonic) -> None:
@@ -87,15 +87,15 @@ _LINES_FOR_OTHERS = 4
 
 
 @contextmanager
-def shown_progress(trials: Sequence["Trial"], *, quiet: bool) -> Iterator[Watch]:
+def show_progress(trials: Sequence["Trial"], *, quiet: bool) -> Iterator[Watch]:
     """What `run_trials` calls to show where trials are."""
     if quiet:
         yield lambda *_: None
     elif err.is_terminal:
         with _bars() as bars:
-            yield _Bars(trials, bars).update
+            yield BarProgress(trials, bars).update
     else:
-        yield Lines(trials).update
+        yield PlainProgress(trials).update
 
 
 def _bars() -> Progress:
@@ -111,7 +111,7 @@ def _bars() -> Progress:
     )
 
 
-class _Bars:
+class BarProgress:
     """Bars on a terminal; those of trials that have ended make room for others, as far as there is room."""
 
     def __init__(self, trials: Sequence["Trial"], bars: Progress) -> None:
@@ -121,6 +121,7 @@ class _Bars:
         self._total = bars.add_task("[bold]all trials", total=len(trials), state="")
 
     def update(self, board: "ProgressBoard", outcomes: Mapping[int, Outcome]) -> None:
+        """Move the bars and print new failures above them."""
         running = [i for i in range(len(self._trials)) if i not in outcomes and board.phase(i) in _RUNNING]
         self._tell_failures(outcomes)
         parts = sum(board.step(i).done / max(self._trials[i].settings.fit.steps, 1) for i in running)

@@ -7,7 +7,7 @@ import typer
 from meshfit.cli import completions
 from meshfit.cli.options import (
     DEFAULT_RUNS,
-    WHAT,
+    SELECTION,
     AsJson,
     Baseline,
     Cluster,
@@ -15,9 +15,9 @@ from meshfit.cli.options import (
     Force,
     Jobs,
     Metrics,
+    Overrides,
     Quiet,
     Runs,
-    Sets,
     Transfer,
     TransferChoice,
 )
@@ -32,7 +32,7 @@ def run(
         ),
     ],
     runs: Runs = DEFAULT_RUNS,
-    overrides: Sets = None,
+    overrides: Overrides = None,
     jobs: Jobs = None,
     cluster: Cluster = None,
     transfer: Transfer = TransferChoice.AUTO,
@@ -82,7 +82,7 @@ def compare(
             "--config",
             help="Settings of the fits: a config file or a bundled one.",
             metavar="CONFIG",
-            rich_help_panel=WHAT,
+            rich_help_panel=SELECTION,
             autocompletion=completions.configs,
         ),
     ] = "table1",
@@ -92,18 +92,18 @@ def compare(
             "--targets",
             help="Targets, comma-separated, in place of the config's.",
             metavar="A,B",
-            rich_help_panel=WHAT,
+            rich_help_panel=SELECTION,
             autocompletion=completions.listed_targets,
         ),
     ] = None,
     seeds: Annotated[
         int | None,
         typer.Option(
-            "--seeds", min=1, help="Seeds 0 to N-1, in place of the config's.", metavar="N", rich_help_panel=WHAT
+            "--seeds", min=1, help="Seeds 0 to N-1, in place of the config's.", metavar="N", rich_help_panel=SELECTION
         ),
     ] = None,
     runs: Runs = DEFAULT_RUNS,
-    overrides: Sets = None,
+    overrides: Overrides = None,
     jobs: Jobs = None,
     cluster: Cluster = None,
     transfer: Transfer = TransferChoice.AUTO,

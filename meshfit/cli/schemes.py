@@ -12,7 +12,7 @@ from rich.table import Table
 
 from meshfit.cli import completions
 from meshfit.cli.console import out
-from meshfit.cli.options import AsJson, DefinedIn
+from meshfit.cli.options import AsJson, SchemeConfig
 from meshfit.subdivision.scheme import SchemeEntry
 
 if TYPE_CHECKING:
@@ -164,7 +164,7 @@ def schemes(
             autocompletion=completions.schemes,
         ),
     ] = None,
-    config: DefinedIn = None,
+    config: SchemeConfig = None,
     analysed: Annotated[
         bool,
         typer.Option(

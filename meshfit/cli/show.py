@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from meshfit.cli.console import out
-from meshfit.cli.options import DEFAULT_RUNS, AsJson, OneTrial, Runs
+from meshfit.cli.options import DEFAULT_RUNS, AsJson, Runs, TrialName
 from meshfit.cli.status import STYLES
 from meshfit.config.experiment import changed
 from meshfit.config.strict_yaml import dump
@@ -184,7 +184,7 @@ def _heading(text: str) -> None:
 
 
 def show(
-    trial: OneTrial,
+    trial: TrialName,
     runs: Runs = DEFAULT_RUNS,
     every: Annotated[bool, typer.Option("--all", help="Every setting, not only those not at their defaults.")] = False,
     as_json: AsJson = False,

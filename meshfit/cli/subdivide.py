@@ -9,7 +9,7 @@ import typer
 
 from meshfit.cli import completions
 from meshfit.cli.console import out
-from meshfit.cli.options import DefinedIn
+from meshfit.cli.options import SchemeConfig
 from meshfit.errors import ConfigError, DomainError
 
 if TYPE_CHECKING:
@@ -181,7 +181,7 @@ def subdivide(
             autocompletion=completions.schemes,
         ),
     ] = "loop",
-    config: DefinedIn = None,
+    config: SchemeConfig = None,
     levels: Annotated[
         int, typer.Option("--levels", "-n", min=0, max=10, help="How many times, 0 to 10.", metavar="N")
     ] = 1,

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from meshfit.cli import completions
-from meshfit.cli.console import err, out, say_error
-from meshfit.cli.options import DEFAULT_METRIC, SHOWN, Baseline, Metrics, RunDirs
+from meshfit.cli.console import err, out, print_error
+from meshfit.cli.options import DEFAULT_METRIC, OUTPUT, Baseline, Metrics, RunDirs
 from meshfit.errors import ConfigError
 from meshfit.experiment.storage.run_directory import Result
 
@@ -89,7 +89,7 @@ def table(
             "-f",
             help="`rich`, for a terminal; `md` or `latex`, with the notes in full; `csv` or `json`.",
             metavar="FORMAT",
-            rich_help_panel=SHOWN,
+            rich_help_panel=OUTPUT,
         ),
     ] = Format.RICH,
     metrics: Metrics = None,
@@ -131,7 +131,7 @@ def _check(runs: list[Path], results: list[dict[str, object]], path: Path) -> in
     metrics = dict.fromkeys(wanted.metric for wanted in expected.tables)
     deviations = check([table for metric in metrics for table in build_tables(results, metric)], expected)
     for deviation in deviations:
-        say_error(str(deviation))
+        print_error(str(deviation))
     cells = sum(len(wanted.cells) for wanted in expected.tables)
     where = ", ".join(map(str, runs))
     if deviations:
