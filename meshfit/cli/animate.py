@@ -51,7 +51,7 @@ def animate(
     """
     from meshfit.experiment.status.scan import find_trial
     from meshfit.report.figures.animation import course_of, frames_of, require_film, write_film
-    from meshfit.report.tables.numbers import size as amount
+    from meshfit.units import size_text
 
     require_film(output)
     _, found = find_trial(trial, runs, datetime.now(UTC))
@@ -59,7 +59,7 @@ def animate(
     course = course_of(found.path)
     frames = frames_of(course, size=size, fps=fps, edges=edges)
     count = write_film(_told(frames, len(course.moments)), output, fps)
-    film = f"{count} frames, {count / fps:.1f} s, {amount(output.stat().st_size)}"
+    film = f"{count} frames, {count / fps:.1f} s, {size_text(output.stat().st_size)}"
     out.print(f"wrote {output}: {film}", soft_wrap=True, markup=False)
     return 0
 

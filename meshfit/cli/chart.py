@@ -38,11 +38,11 @@ def chart(
     from meshfit.experiment.storage.run_directory import read_results
     from meshfit.report.figures.chart import write_chart
     from meshfit.report.figures.layout import require_suffix
-    from meshfit.report.tables.grouping import told_apart
+    from meshfit.report.tables.grouping import distinguish_definitions
     from meshfit.report.tables.table import build_tables
 
     require_suffix(output)
-    tables = build_tables(told_apart(with_planned_names(read_results(runs))), metric)
+    tables = build_tables(distinguish_definitions(with_planned_names(read_results(runs))), metric)
     write_chart(tables, output)
     _print_means(tables)
     out.print(f"wrote {output}", soft_wrap=True, markup=False)

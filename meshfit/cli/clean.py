@@ -47,25 +47,21 @@ def clean(
 
 
 def _print(cleaned: "Cleaned", *, dry_run: bool) -> None:
-    from meshfit.report.tables.numbers import size
+    from meshfit.units import count_text, size_text
 
     if dry_run:
         for removed in cleaned.removed:
-            out.print(Text(f"{_what(removed)}, {size(removed.size)}  {removed.trial.path}"), soft_wrap=True)
+            out.print(Text(f"{_what(removed)}, {size_text(removed.size)}  {removed.trial.path}"), soft_wrap=True)
     folders = sum(not removed.names for removed in cleaned.removed)
     files = sum(len(removed.names) for removed in cleaned.removed)
-    gone = [_count(folders, "trial")] if folders or not files else []
-    gone += [_count(files, "half-written file")] if files else []
-    total = size(sum(removed.size for removed in cleaned.removed))
+    gone = [count_text(folders, "trial")] if folders or not files else []
+    gone += [count_text(files, "half-written file")] if files else []
+    total = size_text(sum(removed.size for removed in cleaned.removed))
     out.print(f"{'would remove' if dry_run else 'removed'} {' and '.join(gone)}, {total}")
     if cleaned.running:
-        out.print(f"left {_count(len(cleaned.running), 'trial')} that run" + "s" * (len(cleaned.running) == 1))
+        out.print(f"left {count_text(len(cleaned.running), 'trial')} that run" + "s" * (len(cleaned.running) == 1))
 
 
 def _what(removed: "Removed") -> str:
     trial = removed.trial
     return f"half-written files of {trial.label}" if removed.names else f"{trial.state.value}: {trial.label}"
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}s"

@@ -64,11 +64,11 @@ def settings(incomplete: str) -> Completions:
     """The keys of settings, up to the equals sign."""
     from meshfit.config.experiment import ExperimentSettings
     from meshfit.fitting.settings import METHODS
-    from meshfit.report.tables.grouping import flat
+    from meshfit.report.tables.grouping import flatten
 
     plain = ExperimentSettings().model_dump(mode="json")
     fits = [plain["fit"] | model().model_dump(mode="json") for model in reversed(METHODS.values())]
-    found = {key: value for fit in fits for key, value in flat(plain | {"fit": fit}).items()}
+    found = {key: value for fit in fits for key, value in flatten(plain | {"fit": fit}).items()}
     return _named({f"{key}=": f"default {value}" for key, value in found.items()}, incomplete)
 
 

@@ -16,7 +16,7 @@ from meshfit.errors import TrialError
 from meshfit.experiment.storage.checkpoint import snapshots_in
 from meshfit.experiment.storage.run_directory import FAILURE, Result, RunDirectory, make_folder
 from meshfit.experiment.trial_status import Outcome, Phase
-from meshfit.report.tables.numbers import duration
+from meshfit.units import duration_text
 
 if TYPE_CHECKING:
     from meshfit.experiment.plan import Trial
@@ -83,7 +83,7 @@ def print_plan(
     out.print(f"{len(trials)} trials: {sum(complete)} complete, {len(left)} to run")
     if found is not None:
         workers = "1 worker" if found.workers == 1 else f"{found.workers} workers"
-        out.print(f"about {duration(found.seconds)} on {workers}, going by {found.basis}")
+        out.print(f"about {duration_text(found.seconds)} on {workers}, going by {found.basis}")
 
 
 def _estimate(
@@ -165,12 +165,14 @@ def _remote(workers: Workers) -> "Iterator[Remote | None]":
 
 def results_of(trials: Sequence["Trial"], runs: Path) -> list[Result]:
     """The results of those trials that are complete."""
-    from meshfit.report.tables.grouping import told_apart
+    from meshfit.report.tables.grouping import distinguish_definitions
 
     store = RunDirectory(runs)
     results = [(trial, store.result(trial)) for trial in trials]
     # A trial may have been run before its point of a sweep had the name that it has now.
-    return told_apart([result | {"variant": trial.variant} for trial, result in results if result is not None])
+    return distinguish_definitions(
+        [result | {"variant": trial.variant} for trial, result in results if result is not None]
+    )
 
 
 def run_and_report(

@@ -29,6 +29,7 @@ def export(
     """
     from meshfit.experiment.status.scan import overview
     from meshfit.report.tables.export import columns_of, encoder, rows_of, write_rows
+    from meshfit.units import count_text
 
     encoder(output)  # now, and not when all has been read
     rows = rows_of(overview(runs, datetime.now(UTC)))
@@ -36,6 +37,5 @@ def export(
         raise StoreError(f"no trial under {', '.join(map(str, runs))} is complete or failed")
     columns = columns_of(rows)
     write_rows(rows, columns, output)
-    trials = "1 trial" if len(rows) == 1 else f"{len(rows):,} trials"
-    out.print(f"wrote {output}: {trials}, {len(columns)} columns", soft_wrap=True, markup=False)
+    out.print(f"wrote {output}: {count_text(len(rows), 'trial')}, {len(columns)} columns", soft_wrap=True, markup=False)
     return 0

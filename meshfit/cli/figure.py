@@ -54,10 +54,10 @@ def figure(
     from meshfit.report.figures.figure import latex_figure, plain_caption, read_strips, write_figure
     from meshfit.report.figures.layout import require_suffix
     from meshfit.report.figures.representative_trial import pick_trials
-    from meshfit.report.tables.grouping import told_apart
+    from meshfit.report.tables.grouping import distinguish_definitions
 
     require_suffix(output)
-    results = told_apart(with_planned_names(read_results(runs)))
+    results = distinguish_definitions(with_planned_names(read_results(runs)))
     strips = read_strips(pick_trials(results, metric, targets=_names(targets), schemes=_names(schemes)))
     write_figure(strips, output, metric)
     written = [output, output.with_suffix(".txt"), output.with_suffix(".tex")]

@@ -14,7 +14,7 @@ from meshfit.experiment.trial_status import Outcome, Phase
 from meshfit.fitting.gauss_newton.schedule import stage_at
 from meshfit.fitting.progress import Step
 from meshfit.fitting.settings import GaussNewtonSettings
-from meshfit.report.tables.numbers import duration
+from meshfit.units import duration_text
 
 if TYPE_CHECKING:
     from meshfit.experiment.plan import Trial
@@ -77,7 +77,7 @@ class PlainProgress:
         done = len(outcomes) - (self._before or 0) + parts
         left = (now - self._started) * (len(waiting) - parts) / done if done else None
         text = f"{len(running)} running, {len(waiting) - len(running)} waiting"
-        return text if left is None else f"{text}; about {duration(left)} left"
+        return text if left is None else f"{text}; about {duration_text(left)} left"
 
 
 Watch = Callable[["ProgressBoard", Mapping[int, Outcome]], None]

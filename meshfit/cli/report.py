@@ -34,7 +34,7 @@ def report(
     """
     from meshfit.experiment.storage.run_directory import make_folder, write_atomically
     from meshfit.report.html.page import page_text, read_content, require_extra
-    from meshfit.report.tables.numbers import size
+    from meshfit.units import size_text
 
     require_extra()
     now = datetime.now(UTC)
@@ -44,7 +44,7 @@ def report(
         make_folder(output)
         text = page_text(content, now, progress).encode()
     write_atomically(output / "index.html", text)
-    out.print(f"wrote {output / 'index.html'}: {size(len(text))}", soft_wrap=True, markup=False)
+    out.print(f"wrote {output / 'index.html'}: {size_text(len(text))}", soft_wrap=True, markup=False)
     return 0
 
 

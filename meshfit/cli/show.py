@@ -23,8 +23,8 @@ from meshfit.experiment.storage.result import ended, read_result, read_settings
 from meshfit.experiment.storage.run_directory import LOCK, Result
 from meshfit.experiment.storage.trial_log import read_progress
 from meshfit.measuring.metrics import METRICS
-from meshfit.report.tables.grouping import flat
-from meshfit.report.tables.numbers import size
+from meshfit.report.tables.grouping import flatten
+from meshfit.units import size_text
 
 _FILES = {
     "result.json": "every figure; written last",
@@ -111,7 +111,7 @@ def _work(result: Result) -> Iterator[tuple[str, str]]:
     if seconds := result.get("seconds"):
         yield "seconds", ", ".join(f"{name} {value:.3g}" for name, value in seconds.items())
     if memory := result.get("peak_memory_mb"):
-        yield "memory", size(memory * 1e6)
+        yield "memory", size_text(memory * 1e6)
     for text in result.get("warnings", ()):
         yield "warning", str(text)
 
@@ -125,7 +125,7 @@ def _print_failure(failure: Failure) -> None:
 
 
 def _metrics(result: Result) -> Padding:
-    found = flat({key: value for key, value in result.items() if isinstance(value, Mapping) and key != "settings"})
+    found = flatten({key: value for key, value in result.items() if isinstance(value, Mapping) and key != "settings"})
     grid = Table.grid(padding=(0, 2, 0, 0))
     grid.add_column()
     grid.add_column(justify="right", style="bold")
@@ -166,7 +166,7 @@ def _file_grid(files: list[tuple[str, int, str]]) -> Padding:
     grid.add_column(justify="right")
     grid.add_column()
     for name, count, what in files:
-        grid.add_row(Text(name), size(count), what)
+        grid.add_row(Text(name), size_text(count), what)
     return Padding(grid, (0, 0, 0, 2))
 
 

@@ -17,7 +17,7 @@ from meshfit.experiment.status.eta import seconds_left
 from meshfit.experiment.status.scan import ExperimentOverview, Standing, State
 from meshfit.experiment.storage.failure import Failure, failures_by_kind, read_failure
 from meshfit.experiment.storage.trial_log import FRESH_SECONDS, LastProgress, read_progress
-from meshfit.report.tables.numbers import duration
+from meshfit.units import duration_text
 
 _MOST_OF_HOST = 12
 _LEAST_OF_LABEL = len("  no sign of life for 59 min")
@@ -60,7 +60,7 @@ def _time_left(experiment: ExperimentOverview) -> str:
     seconds = seconds_left(experiment)
     if seconds == 0:
         return ""
-    left = "time left unknown" if seconds is None else f"about {duration(seconds)} left"
+    left = "time left unknown" if seconds is None else f"about {duration_text(seconds)} left"
     return left if experiment.counts[State.RUNNING] else f"stopped, {left}"
 
 
@@ -78,7 +78,7 @@ def _running(experiment: ExperimentOverview, now: datetime, most: int | None) ->
         progress = read_progress(trial.path)
         grid.add_row(Text(trial.label, "cyan"), *_last_said(progress, now))
         if progress is not None and progress.silent_seconds(now) >= FRESH_SECONDS:
-            grid.add_row(Text(f"  no sign of life for {duration(progress.silent_seconds(now))}", "bold magenta"))
+            grid.add_row(Text(f"  no sign of life for {duration_text(progress.silent_seconds(now))}", "bold magenta"))
     yield Padding(grid, (0, 0, 0, 2))
     yield from _more(len(running), most)
 
@@ -93,7 +93,7 @@ def _last_said(progress: LastProgress | None, now: datetime) -> Sequence[Text]:
     return [
         Text(step),
         Text(loss),
-        Text(duration((now - progress.started).total_seconds())),
+        Text(duration_text((now - progress.started).total_seconds())),
         Text(f"{host}:{progress.pid}"),
     ]
 

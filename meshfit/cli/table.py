@@ -53,7 +53,7 @@ def check_display(trials: Sequence["Trial"], metrics: Sequence[str] | None, base
         ConfigError: no such metric, or a baseline that is not among the planned schemes.
         SchemeError: the baseline is not a scheme.
     """
-    from meshfit.report.tables.grouping import canonical_among, told_apart
+    from meshfit.report.tables.grouping import distinguish_definitions, resolve_scheme
     from meshfit.report.tables.table import require_metric
     from meshfit.specs import suggest
 
@@ -61,8 +61,8 @@ def check_display(trials: Sequence["Trial"], metrics: Sequence[str] | None, base
         require_metric(metric)
     if baseline is None:
         return
-    results = told_apart([{"scheme": trial.scheme, "settings": trial.plain_settings} for trial in trials])
-    planned, wanted = dict.fromkeys(result["scheme"] for result in results), canonical_among(results, baseline)
+    results = distinguish_definitions([{"scheme": trial.scheme, "settings": trial.plain_settings} for trial in trials])
+    planned, wanted = dict.fromkeys(result["scheme"] for result in results), resolve_scheme(results, baseline)
     if wanted not in planned:
         raise ConfigError(f"baseline '{baseline}' is not among the schemes: {suggest(wanted, planned)}")
 
@@ -114,9 +114,9 @@ def table(
     """
     from meshfit.experiment.storage.plan_file import with_planned_names
     from meshfit.experiment.storage.run_directory import read_results
-    from meshfit.report.tables.grouping import told_apart
+    from meshfit.report.tables.grouping import distinguish_definitions
 
-    results = told_apart(with_planned_names(read_results(runs)))
+    results = distinguish_definitions(with_planned_names(read_results(runs)))
     if check is not None:
         return _check(runs, results, check)
     show_tables(results, metrics, baseline=baseline, format_name=format.value)
@@ -164,10 +164,10 @@ def expect(
     """
     from meshfit.experiment.storage.run_directory import read_results, write_atomically
     from meshfit.report.tables.expected import expectation
-    from meshfit.report.tables.grouping import told_apart
+    from meshfit.report.tables.grouping import distinguish_definitions
     from meshfit.report.tables.table import build_tables
 
-    results = told_apart(read_results(runs))
+    results = distinguish_definitions(read_results(runs))
     tables = [table for metric in metrics or [DEFAULT_METRIC] for table in build_tables(results, metric)]
     write_atomically(output, json.dumps(expectation(tables), indent=2) + "\n")
     cells = sum(len(table.cells) for table in tables)

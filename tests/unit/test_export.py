@@ -11,7 +11,7 @@ from meshfit.errors import ConfigError, StoreError
 from meshfit.experiment.status.scan import overview
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.tables.export import HEAD, columns_of, rows_of, write_rows
-from meshfit.report.tables.grouping import flat
+from meshfit.report.tables.grouping import flatten
 from tests.runs import NOW, begun, complete, failed, write_plan
 
 
@@ -45,8 +45,8 @@ def read_csv(path):
 def test_a_row_holds_every_metric_every_setting_and_what_else_the_result_says(runs):
     row = row_of(runs, 1)
     result = json.loads((next(runs.glob("small/bunny/loop/seed-1-*")) / "result.json").read_text())
-    assert {key: row[key] for key in METRICS} == {key: flat(result)[key] for key in METRICS}
-    for key, value in flat(result["settings"]).items():
+    assert {key: row[key] for key in METRICS} == {key: flatten(result)[key] for key in METRICS}
+    for key, value in flatten(result["settings"]).items():
         assert row[key] == (json.dumps(value) if isinstance(value, list) else value)
     assert row["fit.losses.edge"] == 1e-17
     assert row["source.decimate"] is None
@@ -79,7 +79,7 @@ def test_columns_come_in_one_order_whichever_rows_there_are(runs):
     for some in (rows[:1], rows[2:3], rows[3:], rows[::-1]):
         found = columns_of(some)
         assert found == [column for column in every if column in found]
-    settings = flat(ExperimentSettings().model_dump(mode="json", exclude={"jobs", "threads"}))
+    settings = flatten(ExperimentSettings().model_dump(mode="json", exclude={"jobs", "threads"}))
     settings = {
         key: value
         for key, value in settings.items()

@@ -12,7 +12,7 @@ from meshfit.experiment.running.batch_runner import run_together
 from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.experiment.trial_status import Phase
 from meshfit.report.html.tables import definitions_grid
-from meshfit.report.tables.grouping import canonical_among, told_apart
+from meshfit.report.tables.grouping import distinguish_definitions, resolve_scheme
 from meshfit.report.tables.table import build_tables
 from tests.small import experiment
 
@@ -108,7 +108,7 @@ def result(trial, value):
 
 def test_a_definition_goes_with_its_scheme_and_not_with_the_settings(tmp_path):
     found = trials(tmp_path, "loop", "mine", "softer", seeds=[0, 1, 2])
-    results = told_apart([result(trial, 1 + trial.seed / 9) for trial in found])
+    results = distinguish_definitions([result(trial, 1 + trial.seed / 9) for trial in found])
     (table,) = build_tables(results, baseline="softer:alpha=0.5")
     assert table.schemes == ("loop", "mine", "softer")
     assert (table.baseline, len(table.differences)) == ("softer", 2)
@@ -117,14 +117,14 @@ def test_a_definition_goes_with_its_scheme_and_not_with_the_settings(tmp_path):
 def test_definitions_of_one_name_are_told_apart(tmp_path):
     old = trials(tmp_path, "loop", "mine", "softer")
     new = trials(tmp_path, "loop", "mine", "softer", define=DEFINE | {"mine": LOOP | {"vertex": "3/8"}})
-    results = told_apart([result(trial, place) for place, trial in enumerate([*old, *new[1:]])])
+    results = distinguish_definitions([result(trial, place) for place, trial in enumerate([*old, *new[1:]])])
     (table,) = build_tables(results, baseline="mine [vertex=3/8]")
     loop = LOOP["vertex"]
     assert set(table.schemes) == {
         "loop",
         *(f"{name} [vertex={vertex}]" for name in ("mine", "softer") for vertex in ("3/8", loop)),
     }
-    assert told_apart(results) == results
+    assert distinguish_definitions(results) == results
 
 
 def test_the_page_says_what_own_schemes_are(tmp_path):
@@ -140,8 +140,8 @@ def test_the_page_says_what_own_schemes_are(tmp_path):
 
 def test_a_baseline_may_be_named_by_its_file(tmp_path):
     results = [result(trial, 1.0) for trial in trials(tmp_path, "softer:alpha=0.25")]
-    assert canonical_among(results, "own/softer.yaml:alpha=0.250") == "softer:alpha=0.25"
-    assert canonical_among(results, "interp-loop:alpha=1") == "interp-loop"
+    assert resolve_scheme(results, "own/softer.yaml:alpha=0.250") == "softer:alpha=0.25"
+    assert resolve_scheme(results, "interp-loop:alpha=1") == "interp-loop"
 
 
 def test_what_is_written_is_read_back(tmp_path):

@@ -1,6 +1,6 @@
 import pytest
 
-from meshfit.report.tables.numbers import duration, size
+from meshfit.units import duration_text, size_text
 
 
 @pytest.mark.parametrize(
@@ -18,7 +18,7 @@ from meshfit.report.tables.numbers import duration, size
     ],
 )
 def test_durations(seconds, text):
-    assert duration(seconds) == text
+    assert duration_text(seconds) == text
 
 
 @pytest.mark.parametrize(
@@ -37,4 +37,4 @@ def test_durations(seconds, text):
     ],
 )
 def test_sizes(count, text):
-    assert size(count) == text
+    assert size_text(count) == text

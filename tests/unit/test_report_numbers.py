@@ -2,7 +2,7 @@
 
 import pytest
 
-from meshfit.report.tables.numbers import difference_and_interval, mean_median_interval, plain
+from meshfit.report.tables.numbers import format_difference, format_mean, format_number
 from meshfit.statistics import PairedDifference, Summary
 
 
@@ -28,28 +28,28 @@ def summary(mean, half, median=None):
     ],
 )
 def test_the_interval_decides_the_decimals(mean, half, texts):
-    assert mean_median_interval(summary(mean, half)) == texts
+    assert format_mean(summary(mean, half)) == texts
 
 
 def test_the_median_has_the_decimals_of_the_mean():
-    assert mean_median_interval(summary(0.11, 0.0056, 0.109342)) == ("0.1100 (0.1093)", "[0.1044, 0.1156]")
+    assert format_mean(summary(0.11, 0.0056, 0.109342)) == ("0.1100 (0.1093)", "[0.1044, 0.1156]")
 
 
 def test_an_interval_is_printed_as_it_lies_about_the_mean():
     lopsided = Summary(0.11, 0.01, 0.1, (0.104, 0.1153), 5, ())
-    assert mean_median_interval(lopsided)[1] == "[0.1040, 0.1153]"
+    assert format_mean(lopsided)[1] == "[0.1040, 0.1153]"
 
 
 def test_a_count_that_never_varies_has_no_decimals():
-    assert mean_median_interval(summary(211.0, None), whole=True) == ("211", "")
-    assert mean_median_interval(summary(0.0, 0.0), whole=True) == ("0 ± 0", "")
+    assert format_mean(summary(211.0, None), whole=True) == ("211", "")
+    assert format_mean(summary(0.0, 0.0), whole=True) == ("0 ± 0", "")
 
 
 @pytest.mark.parametrize(
     ("value", "text"), [(0, "0"), (1, "1.000"), (12345.6, "12346"), (-0.5, "−0.5000"), (1.23e-7, "1.230e−7")]
 )
 def test_a_number_by_itself_has_four_digits(value, text):
-    assert plain(value) == text
+    assert format_number(value) == text
 
 
 @pytest.mark.parametrize(
@@ -65,4 +65,4 @@ def test_a_number_by_itself_has_four_digits(value, text):
     ],
 )
 def test_a_difference_has_the_decimals_of_its_interval(mean, interval, text):
-    assert difference_and_interval(PairedDifference(mean, interval, 5)) == text
+    assert format_difference(PairedDifference(mean, interval, 5)) == text

@@ -26,6 +26,7 @@ from meshfit.fitting.progress import Interrupted
 from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.subdivision.refine import growth
 from meshfit.subdivision.registry import NamedScheme
+from meshfit.units import count_text
 
 _Key = tuple[Path, str, int]
 """Folder of the scheme, which lies in that of the target; variant; steps."""
@@ -184,8 +185,8 @@ def estimate(
     each = [paces[trial.settings.fit.method] for trial in trials]
     seconds = [pace.besides + pace.per_work * _work(trial) for pace, trial in zip(each, trials, strict=True)]
     wall = max(sum(seconds) / workers, *seconds) + _START_SECONDS
-    told = [_count(len(results), "complete trial")] if results else []
-    probed = [f"a probe of {_count(len(missing), 'trial')}"] if missing else []
+    told = [count_text(len(results), "complete trial")] if results else []
+    probed = [f"a probe of {count_text(len(missing), 'trial')}"] if missing else []
     return Estimate(wall, workers, " and ".join(told + probed))
 
 
@@ -267,7 +268,3 @@ def _seconds_to_measure(trial: Trial) -> float:
     start = time.perf_counter()
     measure(target, target, trial.settings.measure)
     return time.perf_counter() - start
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

@@ -15,7 +15,7 @@ from meshfit.report.figures.trial_meshes import TrialMeshes, trial_meshes
 from meshfit.report.figures.view import View
 from meshfit.report.tables.formats.latex import escape
 from meshfit.report.tables.notes import FRAMES
-from meshfit.report.tables.numbers import plain
+from meshfit.report.tables.numbers import format_number
 
 WIDTH = 7.0
 """Of a figure over both columns of a paper, in inches."""
@@ -126,7 +126,7 @@ def _rows(strip: Strip, metric: str, pixels: int, columns: int) -> Iterator[Row]
 
 def _figure(pick: Pick, metric: str) -> str:
     title = METRICS[metric].title
-    value = plain(pick.value, whole=METRICS[metric].format == "d")
+    value = format_number(pick.value, whole=METRICS[metric].format == "d")
     return f"{title} {value}"
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from meshfit.errors import ConfigError
 from meshfit.experiment.storage.run_directory import Result
-from meshfit.report.tables.grouping import canonical_among, shared_settings, target_key, variation_names
+from meshfit.report.tables.grouping import resolve_scheme, shared_settings, target_key, variation_names
 from meshfit.report.tables.table import ResultTable, build_tables
 from meshfit.specs import suggest
 from meshfit.statistics import median_seed
@@ -64,7 +64,7 @@ def pick_trials(
         SchemeError: what is no scheme.
         StoreError: results that contradict each other.
     """
-    wanted = tuple(canonical_among(results, scheme) for scheme in schemes)
+    wanted = tuple(resolve_scheme(results, scheme) for scheme in schemes)
     _require(wanted, "scheme", (result["scheme"] for result in results))
     _require(targets, "target", map(target_key, results))
     chosen = [

@@ -15,7 +15,7 @@ from meshfit.report.figures.drawing import Image, draw
 from meshfit.report.figures.surface_errors import shared_limit, worst_vert
 from meshfit.report.figures.visibility import close_up
 from meshfit.report.html.target_section import Subject, Subjects
-from meshfit.report.tables.numbers import plain
+from meshfit.report.tables.numbers import format_number
 
 _QUALITY = 86
 
@@ -207,7 +207,7 @@ def _distance(subject: Subject, values: np.ndarray, title: str, frame: _Frame, l
     near = close_up(mesh, worst, frame.camera)
     inset = draw(mesh, near.camera, size=_INSET, values=values, limits=limits, edges=True, background=None)
     right, up, _ = frame.camera.project(mesh.verts[[worst]])[0] * min(size) / 2
-    farthest = plain(float(values[worst]))
+    farthest = format_number(float(values[worst]))
     return DistancePicture(
         Picture(data_uri(whole), size, label, f"farthest vert {farthest} off", f"Distances from {label} to {title}"),
         Picture(

@@ -23,7 +23,7 @@ from meshfit.report.html.charts import Curves, curves_of, histograms_of
 from meshfit.report.html.images import Gallery, gallery_of, pictures_in
 from meshfit.report.html.target_section import Keyed, Subjects, Wall, keyed, subjects_of, trials_on, walls_of
 from meshfit.report.html.viewer import MOST_FACES, Scene, scene_of
-from meshfit.report.tables.grouping import told_apart
+from meshfit.report.tables.grouping import distinguish_definitions
 from meshfit.report.tables.sheet import Sheet, arrange
 from meshfit.report.tables.table import build_tables
 
@@ -105,7 +105,7 @@ def read_content(roots: Sequence[Path], metrics: Sequence[str], baseline: str | 
         for trial in experiment.trials
         if (result := read_result(trial)) is not None
     ]
-    results = told_apart(with_planned_names(complete))
+    results = distinguish_definitions(with_planned_names(complete))
     wanted = list(dict.fromkeys(metrics))
     tables = [table for metric in wanted for table in build_tables(results, metric, baseline=baseline)]
     return Content(experiments, results, arrange(tables))

@@ -9,21 +9,22 @@ from meshfit.experiment.storage.run_directory import Result
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.html.charts import Whisker, whiskers
 from meshfit.report.html.target_section import Keyed, row_title, trials_on
-from meshfit.report.tables.comparisons import Contrast, Row
+from meshfit.report.tables.comparisons import Comparison, Row
 from meshfit.report.tables.differences import (
     Section,
-    chance,
     difference_lines,
+    improvement_text,
     sections,
     seeds_text,
     verdict,
     without_intervals,
 )
-from meshfit.report.tables.grouping import definitions_of, differing_keys, shown
-from meshfit.report.tables.layout import Entry, columns, entries, row_groups, row_names
-from meshfit.report.tables.notes import alike_note, best_note, cell_line, metric_line, notes, setting_lines
-from meshfit.report.tables.numbers import difference_and_interval, duration, plain, size
+from meshfit.report.tables.grouping import describe_definitions, differing_keys, setting_text
+from meshfit.report.tables.layout import TextCell, columns, entries, row_groups, row_names
+from meshfit.report.tables.notes import best_note, cell_line, metric_line, not_significant_note, notes, setting_lines
+from meshfit.report.tables.numbers import format_difference, format_number
 from meshfit.report.tables.sheet import VARIED, Sheet
+from meshfit.units import duration_text, size_text
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class ShownRow:
 
     place: int
     label: str
-    cells: tuple[Entry, ...]
+    cells: tuple[TextCell, ...]
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,7 @@ def shown_sheet(sheet: Sheet) -> ShownSheet:
         sections=() if alone else tuple(_sections(sheet)),
         lines=tuple(difference_lines(sheet)) if alone else (),
         best=best_note(sheet),
-        alike=alike_note(sheet),
+        alike=not_significant_note(sheet),
         notes=tuple(notes(sheet)),
     )
 
@@ -125,13 +126,13 @@ def _section(sheet: Sheet, section: Section) -> ShownSection:
     return ShownSection(section.title, places)
 
 
-def _difference(sheet: Sheet, label: str, contrast: Contrast, whisker: Whisker | None) -> ShownDifference:
+def _difference(sheet: Sheet, label: str, contrast: Comparison, whisker: Whisker | None) -> ShownDifference:
     paired = contrast.paired
     return ShownDifference(
         label,
-        difference_and_interval(paired),
+        format_difference(paired),
         verdict(sheet, paired),
-        chance(paired),
+        improvement_text(paired),
         seeds_text(paired),
         doubtful=paired.significant is False,
         whisker=whisker,
@@ -155,7 +156,7 @@ def differing_settings(sheets: Sequence[Sheet]) -> Grid:
         for name in sheet.variations
     ]
     keys = differing_keys(settings)
-    rows = tuple((key, *(shown(some[key]) if key in some else "" for some in settings)) for key in keys)
+    rows = tuple((key, *(setting_text(some[key]) if key in some else "" for some in settings)) for key in keys)
     return Grid(("setting", *names), rows)
 
 
@@ -164,12 +165,12 @@ def shared_by_all(sheets: Sequence[Sheet]) -> Grid:
     settings = [sheet.settings for sheet in sheets]
     differing = {*differing_keys(settings), *(key for some in settings for key in some if some[key] == VARIED)}
     found = settings[0] if settings else {}
-    return Grid(("setting", "value"), tuple((key, shown(found[key])) for key in found if key not in differing))
+    return Grid(("setting", "value"), tuple((key, setting_text(found[key])) for key in found if key not in differing))
 
 
 def definitions_grid(results: Sequence[Result]) -> Grid:
     """The schemes of the user's own; no rows where there are none."""
-    return Grid(("scheme", "definition"), tuple(definitions_of(results).items()))
+    return Grid(("scheme", "definition"), tuple(describe_definitions(results).items()))
 
 
 def trials_grid(sheets: Sequence[Sheet], trials: Sequence[Keyed]) -> Grid:
@@ -225,9 +226,9 @@ def machines_grid(results: Sequence[Result]) -> Grid:
     rows = [(name, *(dict(kind).get(name, "") for kind in kinds)) for name in names]
     rows.append(("trials", *(f"{len(found):,}" for found in kinds.values())))
     rows.append(("seconds a fit", *(_range([_seconds(result, "fit") for result in found]) for found in kinds.values())))
-    rows.append(("all together", *(duration(sum(map(_all_seconds, found))) for found in kinds.values())))
+    rows.append(("all together", *(duration_text(sum(map(_all_seconds, found))) for found in kinds.values())))
     memory = [max(float(result.get("peak_memory_mb") or 0) for result in found) for found in kinds.values()]
-    rows.append(("most memory", *(size(most * 1e6) if most else "" for most in memory)))
+    rows.append(("most memory", *(size_text(most * 1e6) if most else "" for most in memory)))
     return Grid(("", *(f"machine {place + 1}" if len(kinds) > 1 else "" for place in range(len(kinds)))), tuple(rows))
 
 
@@ -241,7 +242,7 @@ def warnings_of(results: Sequence[Result]) -> list[str]:
 
 def _value(sheet: Sheet, metric: str, target: str, row: Row, seed: int) -> str:
     value = sheet.sample(metric, target, row).get(seed) if metric in sheet.metrics else None
-    return "" if value is None else plain(value, whole=METRICS[metric].format in ("d", ""))
+    return "" if value is None else format_number(value, whole=METRICS[metric].format in ("d", ""))
 
 
 def _made_with(result: Result) -> tuple[tuple[str, str], ...]:

@@ -19,7 +19,7 @@ from meshfit.report.figures.surface_errors import distances_to
 from meshfit.report.tables.comparisons import Row
 from meshfit.report.tables.grouping import shared_settings, target_key
 from meshfit.report.tables.layout import row_labels
-from meshfit.report.tables.numbers import plain
+from meshfit.report.tables.numbers import format_number
 from meshfit.report.tables.sheet import Sheet
 from meshfit.statistics import median_seed
 
@@ -149,7 +149,7 @@ def _exhibits(sheet: Sheet, target: str, trials: Sequence[Keyed]) -> Iterator[Ex
     for place, there in trials_on(sheet, target, trials).items():
         sample = sheet.sample(metric, target, sheet.rows[place])
         seed = median_seed(sample) if sample else min(there)
-        figure = plain(sample[seed], whole=METRICS[metric].format == "d") if sample else ""
+        figure = format_number(sample[seed], whole=METRICS[metric].format == "d") if sample else ""
         yield Exhibit(place, row_title(sheet, sheet.rows[place]), seed, len(there), figure, there[seed])
 
 

@@ -20,7 +20,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Contrast:
+class Comparison:
     """A comparison of two rows: the first one's value minus that of the one it is held against.
 
     Attributes:
@@ -51,9 +51,9 @@ def targets_of(tables: Tables) -> dict[str, str]:
     return found
 
 
-def contrasts_of(tables: Tables) -> tuple[Contrast, ...]:
+def contrasts_of(tables: Tables) -> tuple[Comparison, ...]:
     """All comparisons, by metric, then target, then row; those over all targets follow those on each."""
-    found: list[Contrast] = []
+    found: list[Comparison] = []
     rows, targets = rows_of(tables), [*targets_of(tables), None]
     for place in range(len(tables[0])):
         of_metric = [
@@ -78,13 +78,13 @@ def best_rows(tables: Tables) -> dict[tuple[str, str], Row]:
     return found
 
 
-def _within(variation: int, table: ResultTable) -> Iterator[Contrast]:
+def _within(variation: int, table: ResultTable) -> Iterator[Comparison]:
     for found in (*table.differences, *table.over_targets):
         rows = Row(variation, found.scheme), Row(variation, found.baseline)
-        yield Contrast(table.metric, found.target, *rows, found.paired)
+        yield Comparison(table.metric, found.target, *rows, found.paired)
 
 
-def _across(variation: int, table: ResultTable, first: ResultTable) -> Iterator[Contrast]:
+def _across(variation: int, table: ResultTable, first: ResultTable) -> Iterator[Comparison]:
     """The baseline, with what it was in the first variation."""
     if variation == 0:
         return
@@ -94,9 +94,9 @@ def _across(variation: int, table: ResultTable, first: ResultTable) -> Iterator[
     pairs = {target: (_sample(table, target, scheme), _sample(first, target, scheme)) for target in first.targets}
     for target, pair in pairs.items():
         if comparable(pair):
-            yield Contrast(table.metric, target, *rows, paired_difference(*pair, smaller_is_better=better))
+            yield Comparison(table.metric, target, *rows, paired_difference(*pair, smaller_is_better=better))
     if (paired := over_targets(list(pairs.values()), table.metric)) is not None:
-        yield Contrast(table.metric, None, *rows, paired)
+        yield Comparison(table.metric, None, *rows, paired)
 
 
 def _sample(table: ResultTable, target: str, scheme: str) -> BySeed:

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from meshfit.measuring.metrics import METRICS
-from meshfit.report.tables.comparisons import Contrast
+from meshfit.report.tables.comparisons import Comparison
 from meshfit.report.tables.layout import row_names
-from meshfit.report.tables.numbers import difference_and_interval
+from meshfit.report.tables.numbers import format_difference
 from meshfit.report.tables.sheet import Sheet
 from meshfit.statistics import MOST_SEEDS, PairedDifference
 
@@ -19,7 +19,7 @@ def difference_lines(sheet: Sheet) -> list[str]:
         return ["Differences: one seed, so no interval; several seeds are needed to compare"]
     return [
         f"{_metric(sheet, contrast)}{rivals(sheet, contrast)} {place(sheet, contrast)}: "
-        f"{difference_and_interval(contrast.paired)}, {', '.join(_findings(sheet, contrast.paired))}"
+        f"{format_difference(contrast.paired)}, {', '.join(_findings(sheet, contrast.paired))}"
         for contrast in found
     ]
 
@@ -29,7 +29,7 @@ def without_intervals(sheet: Sheet) -> bool:
     return len(sheet.contrasts) > 1 and all(contrast.paired.interval is None for contrast in sheet.contrasts)
 
 
-def rivals(sheet: Sheet, contrast: Contrast) -> str:
+def rivals(sheet: Sheet, contrast: Comparison) -> str:
     """What is compared with what: `interp-loop vs loop`, `edge=0.2 vs edge=0.1 with loop`."""
     first, second = contrast.row, contrast.against
     names = [sheet.variations[row.variation] for row in (first, second)]
@@ -39,7 +39,7 @@ def rivals(sheet: Sheet, contrast: Contrast) -> str:
     return f"{first.scheme} vs {second.scheme}" + (f" at {names[0]}" if names[0] else "")
 
 
-def place(sheet: Sheet, contrast: Contrast) -> str:
+def place(sheet: Sheet, contrast: Comparison) -> str:
     """Where: `on bunny`, or `over 2 targets`."""
     if contrast.target is not None:
         return f"on {sheet.targets[contrast.target]}"
@@ -60,7 +60,7 @@ def verdict(sheet: Sheet, paired: PairedDifference) -> str:
     return f"{text} ({paired.count} seeds)" if paired.count < len(sheet.seeds) else text
 
 
-def chance(paired: PairedDifference) -> str:
+def improvement_text(paired: PairedDifference) -> str:
     """The probability of improvement, `0.92`; nothing for single runs, or where neither direction is better."""
     return "" if paired.improvement is None or paired.interval is None else f"{paired.improvement:.2f}"
 
@@ -72,12 +72,12 @@ def seeds_text(paired: PairedDifference) -> str:
     return f"> {MOST_SEEDS:,}" if paired.seeds_needed is None else f"{paired.seeds_needed:,}"
 
 
-def _metric(sheet: Sheet, contrast: Contrast) -> str:
+def _metric(sheet: Sheet, contrast: Comparison) -> str:
     return f"{METRICS[contrast.metric].title}: " if len(sheet.metrics) > 1 else ""
 
 
 def _findings(sheet: Sheet, paired: PairedDifference) -> list[str]:
-    better, seeds = chance(paired), seeds_text(paired).replace("> ", "more than ")
+    better, seeds = improvement_text(paired), seeds_text(paired).replace("> ", "more than ")
     found = [verdict(sheet, paired), f"P(better) {better}" if better else "", f"{seeds} seeds needed" if seeds else ""]
     return [text for text in found if text]
 
@@ -92,7 +92,7 @@ class Section:
     """
 
     title: str
-    places: dict[str, list[tuple[str, Contrast]]]
+    places: dict[str, list[tuple[str, Comparison]]]
 
 
 def sections(sheet: Sheet) -> list[Section]:
@@ -108,16 +108,16 @@ def sections(sheet: Sheet) -> list[Section]:
     return found
 
 
-def _section(sheet: Sheet, about: str, contrasts: list[Contrast]) -> Section:
+def _section(sheet: Sheet, about: str, contrasts: list[Comparison]) -> Section:
     ending, label = _told(sheet, contrasts)
-    places: dict[str, list[tuple[str, Contrast]]] = {}
+    places: dict[str, list[tuple[str, Comparison]]] = {}
     for contrast in contrasts:
         where = place(sheet, contrast).removeprefix("on ")
         places.setdefault(where, []).append((label(contrast), contrast))
     return Section(f"{about[:1].upper()}{about[1:]}{ending}", places)
 
 
-def _told(sheet: Sheet, contrasts: list[Contrast]) -> tuple[str, Callable[[Contrast], str]]:
+def _told(sheet: Sheet, contrasts: list[Comparison]) -> tuple[str, Callable[[Comparison], str]]:
     """What all differences are from, and what remains to be said of each."""
     first = contrasts[0]
     variation = first.against.variation

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, JsonValue
 
 from meshfit.errors import ConfigError
-from meshfit.report.tables.numbers import plain
+from meshfit.report.tables.numbers import format_number
 from meshfit.report.tables.table import ResultTable
 from meshfit.settings import Settings, build
 from meshfit.statistics import Summary
@@ -188,14 +188,14 @@ def _check_table(tables: Sequence[ResultTable], wanted: ExpectedTable) -> Iterat
 
 def _problem(table: ResultTable, cell: ExpectedCell) -> str | None:
     found = table.cells.get((cell.target, cell.scheme))
-    allowed = f"expected {plain(cell.mean)}, give or take {plain(cell.tolerance)}"
+    allowed = f"expected {format_number(cell.mean)}, give or take {format_number(cell.tolerance)}"
     if found is None:
         return f"found no result, {allowed}"
     seeds = sorted(table.samples[cell.target, cell.scheme])
     if seeds != sorted(cell.seeds):
         return f"found seeds {seeds}, expected {sorted(cell.seeds)}; means over other seeds are not compared"
     if not abs(found.mean - cell.mean) <= cell.tolerance:
-        return f"found {plain(found.mean)}, {allowed}"
+        return f"found {format_number(found.mean)}, {allowed}"
     return None
 
 

@@ -17,7 +17,7 @@ from meshfit.experiment.storage.result import read_result, read_settings
 from meshfit.experiment.storage.run_directory import Result, write_atomically
 from meshfit.fitting.settings import METHODS
 from meshfit.measuring.metrics import METRICS
-from meshfit.report.tables.grouping import flat
+from meshfit.report.tables.grouping import flatten
 
 Row = Mapping[str, bool | int | float | str | None]
 
@@ -69,8 +69,8 @@ def _row(experiment: ExperimentOverview, trial: Standing) -> Row:
         "folder": str(trial.path),
     }
     rest = {key: value for key, value in record.items() if key not in _NOT_SHOWN}
-    facts = flat(rest if result is not None else {"failure": rest})
-    return {key: _cell(value) for key, value in (head | facts | flat(settings)).items()}
+    facts = flatten(rest if result is not None else {"failure": rest})
+    return {key: _cell(value) for key, value in (head | facts | flatten(settings)).items()}
 
 
 def _failure_record(trial: Standing) -> Result:
@@ -89,7 +89,7 @@ def _settings() -> list[str]:
     for key, value in defaults().items():
         several = [model().model_dump(mode="json") for model in METHODS.values()] if key == "fit" else [value]
         for one in several:
-            found |= dict.fromkeys(flat({key: one}))
+            found |= dict.fromkeys(flatten({key: one}))
     return list(found)
 
 

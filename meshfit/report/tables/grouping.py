@@ -45,7 +45,7 @@ class Group:
     samples: dict[Cell, dict[int, float]] = field(default_factory=dict)
 
 
-def gather(results: Sequence[Result], metric: str) -> list[Group]:
+def group_results(results: Sequence[Result], metric: str) -> list[Group]:
     """Group results by their settings, in the order in which the groups first appear.
 
     Raises:
@@ -89,7 +89,7 @@ class _SharedSettings:
 
 def shared_settings(result: Result) -> dict[str, Any]:
     """Every setting of a result but target, scheme and seed, by dotted key, and what else its numbers hang on."""
-    settings = flat({key: value for key, value in result["settings"].items() if key not in _VARIED})
+    settings = flatten({key: value for key, value in result["settings"].items() if key not in _VARIED})
     settings = {key: value for key, value in settings.items() if key not in _WITHOUT_EFFECT}
     settings["schema_version"] = result["schema_version"]
     for key in sorted(settings.keys() & _PATHS):
@@ -109,11 +109,11 @@ def target_key(result: Result) -> str:
     return Path(result["settings"]["targets"][0]).name
 
 
-def flat(nested: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+def flatten(nested: Mapping[str, Any], above: str = "") -> dict[str, Any]:
     """Nested mappings as one, by dotted key."""
     found: dict[str, Any] = {}
     for key, value in nested.items():
-        found |= flat(value, f"{above}{key}.") if isinstance(value, Mapping) else {f"{above}{key}": value}
+        found |= flatten(value, f"{above}{key}.") if isinstance(value, Mapping) else {f"{above}{key}": value}
     return found
 
 
@@ -164,7 +164,8 @@ def variation_names(settings: Sequence[Settings], variants: Sequence[str]) -> li
     short = {key: key.rpartition(".")[2] for key in keys}
     clear = {key: name if list(short.values()).count(name) == 1 else key for key, name in short.items()}
     by_settings = [
-        ", ".join(f"{name}={shown(some[key])}" for key, name in clear.items() if key in some) for some in settings
+        ", ".join(f"{name}={setting_text(some[key])}" for key, name in clear.items() if key in some)
+        for some in settings
     ]
     named = [variant or name for variant, name in zip(variants, by_settings, strict=True)]
     return named if len(set(named)) == len(named) else by_settings
@@ -176,7 +177,7 @@ def natural_order(settings: Sequence[Settings]) -> list[int]:
     return sorted(range(len(settings)), key=lambda place: [_rank(settings[place].get(key)) for key in keys])
 
 
-def shown(value: object) -> str:
+def setting_text(value: object) -> str:
     """A setting's value as titles have it."""
     return value if isinstance(value, str) else json.dumps(value)
 
@@ -186,11 +187,11 @@ def _rank(value: object) -> tuple[int, float, list[tuple[int, float, str]]]:
         return 0, 0.0, []
     if isinstance(value, int | float):
         return 1, float(value), []
-    parts = re.findall(r"\d+(?:\.\d+)?|\D+", shown(value))
+    parts = re.findall(r"\d+(?:\.\d+)?|\D+", setting_text(value))
     return 2, 0.0, [(1, 0.0, part) if not part[0].isdigit() else (0, float(part), "") for part in parts]
 
 
-def told_apart(results: Sequence[Result]) -> list[Result]:
+def distinguish_definitions(results: Sequence[Result]) -> list[Result]:
     """Results, with what tells definitions apart added to a scheme's name: `mine [edge.end=3/8]`.
 
     Only where some results have one definition under a name and others another: a definition that was changed between
@@ -204,7 +205,7 @@ def told_apart(results: Sequence[Result]) -> list[Result]:
     return [_renamed(result, added.get(_name(result), {})) for result in results]
 
 
-def canonical_among(results: Sequence[Mapping[str, Any]], text: str) -> str:
+def resolve_scheme(results: Sequence[Mapping[str, Any]], text: str) -> str:
     """A scheme as results have it: their own word for it, or the canonical form of a spec of theirs or of the table.
 
     Raises:
@@ -220,7 +221,7 @@ def canonical_among(results: Sequence[Mapping[str, Any]], text: str) -> str:
     return canonical(text, catalogue_of(build(OwnSchemes, {"define": define}).define))
 
 
-def definitions_of(results: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+def describe_definitions(results: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     """What the user's own schemes among some results are, in a line for each of them as results call it."""
     found: dict[str, str] = {}
     for result in results:
@@ -231,7 +232,7 @@ def definitions_of(results: Sequence[Mapping[str, Any]]) -> dict[str, str]:
 
 
 def _in_words(value: object) -> str:
-    return f"[{', '.join(map(shown, value))}]" if isinstance(value, list) else shown(value)
+    return f"[{', '.join(map(setting_text, value))}]" if isinstance(value, list) else setting_text(value)
 
 
 def _name(result: Mapping[str, Any]) -> str:
@@ -260,7 +261,7 @@ def _differences(name: str, forms: Sequence[Mapping[str, Any]]) -> dict[str, str
 
 def _in_order(name: str, own: Mapping[str, Any]) -> dict[str, Any]:
     """A scheme's own entries by dotted key, and those of its base, with the base's name before them."""
-    return flat(own.get(name, {})) | flat({key: one for key, one in own.items() if key != name})
+    return flatten(own.get(name, {})) | flatten({key: one for key, one in own.items() if key != name})
 
 
 def _renamed(result: Result, added: Mapping[str, str]) -> Result:

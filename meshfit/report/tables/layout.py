@@ -7,7 +7,7 @@ from textwrap import wrap
 
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.tables.comparisons import Row
-from meshfit.report.tables.numbers import mean_median_interval
+from meshfit.report.tables.numbers import format_mean
 from meshfit.report.tables.paper_numbers import value_beside
 from meshfit.report.tables.sheet import Sheet
 
@@ -34,7 +34,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Entry:
+class TextCell:
     """The text of one place in the table.
 
     Attributes:
@@ -63,11 +63,11 @@ def columns(sheet: Sheet) -> list[Column]:
     return found
 
 
-def entries(sheet: Sheet, column: Column) -> list[Entry]:
+def entries(sheet: Sheet, column: Column) -> list[TextCell]:
     """What stands in a column, row by row."""
     if column.paper:
         values = [shown_paper_value(sheet, column.metric, column.target, row.scheme) for row in sheet.rows]
-        return [Entry("" if value is None else f"{value}") for value in values]
+        return [TextCell("" if value is None else f"{value}") for value in values]
     place = (column.metric, column.target)
     alike = {
         contrast.row
@@ -104,12 +104,12 @@ def shown_paper_value(sheet: Sheet, metric: str, target: str, scheme: str) -> fl
     return value_beside(metric, target, scheme) if len(sheet.variations) == 1 else None
 
 
-def _entry(sheet: Sheet, column: Column, row: Row, *, alike: bool) -> Entry:
+def _entry(sheet: Sheet, column: Column, row: Row, *, alike: bool) -> TextCell:
     summary = sheet.summary(column.metric, column.target, row)
     if summary is None:
-        return Entry(MISSING)
-    text, interval = mean_median_interval(summary, whole=METRICS[column.metric].format in ("d", ""))
-    return Entry(text, interval, best=sheet.best.get((column.metric, column.target)) == row, alike=alike)
+        return TextCell(MISSING)
+    text, interval = format_mean(summary, whole=METRICS[column.metric].format in ("d", ""))
+    return TextCell(text, interval, best=sheet.best.get((column.metric, column.target)) == row, alike=alike)
 
 
 GAP = 2
@@ -153,7 +153,7 @@ class Figures:
 
     column: Column
     heading: tuple[str, ...]
-    entries: tuple[Entry, ...]
+    entries: tuple[TextCell, ...]
     numbers: int
     width: int
 

@@ -22,7 +22,7 @@ def best_note(sheet: Sheet) -> str:
     return f"best of its column, and significantly so against each other {other}" if sheet.best else ""
 
 
-def alike_note(sheet: Sheet) -> str:
+def not_significant_note(sheet: Sheet) -> str:
     """What follows the mark of cells that do not differ significantly; nothing where none is marked."""
     alike = [one for one in sheet.contrasts if one.paired.significant is False and one.target is not None]
     if not alike:

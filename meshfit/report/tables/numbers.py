@@ -8,7 +8,7 @@ MINUS = "\u2212"
 _MOST_DECIMALS = 6
 
 
-def mean_median_interval(summary: Summary, *, whole: bool = False) -> tuple[str, str]:
+def format_mean(summary: Summary, *, whole: bool = False) -> tuple[str, str]:
     """`0.1100 (0.1093)` and `[0.1040, 0.1153]`: all to the decimal that shows two digits of the interval's half width.
 
     A single value stands alone, and the second text is empty; so it is for equal values, `0.1830 ± 0`.
@@ -17,7 +17,7 @@ def mean_median_interval(summary: Summary, *, whole: bool = False) -> tuple[str,
         summary: of a cell.
         whole: the values are counts, so that a single one has no decimals.
     """
-    mean, median = (plain(value, whole=whole) for value in (summary.mean, summary.median))
+    mean, median = (format_number(value, whole=whole) for value in (summary.mean, summary.median))
     if summary.interval is None:
         return mean, ""
     low, high = summary.interval
@@ -34,10 +34,10 @@ def mean_median_interval(summary: Summary, *, whole: bool = False) -> tuple[str,
     return f"{mean} ({median}){ending}", f"[{least}, {most}]{ending}"
 
 
-def difference_and_interval(paired: PairedDifference) -> str:
+def format_difference(paired: PairedDifference) -> str:
     """`−0.0123 [−0.0200, −0.0046]`: all to the decimal that shows two digits of the interval's half width."""
     if paired.interval is None or paired.interval[0] == paired.interval[1]:
-        mean = plain(paired.mean, sign="+")
+        mean = format_number(paired.mean, sign="+")
         return mean if paired.interval is None else f"{mean} [{mean}, {mean}]"
     power = _power(max(map(abs, paired.interval)))
     low, high = (bound / 10**power for bound in paired.interval)
@@ -49,7 +49,7 @@ def difference_and_interval(paired: PairedDifference) -> str:
     return _with_power(f"{texts[0]} [{texts[1]}, {texts[2]}]", power)
 
 
-def plain(value: float, *, whole: bool = False, sign: str = "") -> str:
+def format_number(value: float, *, whole: bool = False, sign: str = "") -> str:
     """A number by itself, to four significant digits; a count, or a zero, without decimals."""
     if value == 0 or (whole and value.is_integer()):
         return _fixed(value, 0, sign if value else "")
@@ -77,30 +77,3 @@ def _decimals(width: float) -> int:
 
 def _with_power(text: str, power: int) -> str:
     return f"({text})e{power}".replace("e-", f"e{MINUS}") if power else text
-
-
-_SECONDS = 90
-_MINUTES = 90 * 60
-_HOURS = 48 * 3600
-_UNITS = ("B", "kB", "MB", "GB", "TB")
-
-
-def duration(seconds: float) -> str:
-    """`45 s`, `12 min`, `3 h 20 min`, `4 days`."""
-    if seconds < _SECONDS:
-        return f"{seconds:.0f} s"
-    if seconds < _MINUTES:
-        return f"{seconds / 60:.0f} min"
-    if seconds < _HOURS:
-        hours, minutes = divmod(round(seconds / 60), 60)
-        return f"{hours} h {minutes} min" if minutes else f"{hours} h"
-    return f"{seconds / 86400:.0f} days"
-
-
-def size(count: float) -> str:
-    """`649 B`, `3.2 kB`, `128 kB`, `1.2 MB`; a kB is 1,000 bytes."""
-    power = 0
-    while count >= 999.5 and power < len(_UNITS) - 1:
-        count, power = count / 1000, power + 1
-    decimals = 1 if power and count < 9.95 else 0
-    return f"{count:.{decimals}f} {_UNITS[power]}"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from meshfit.report.tables.comparisons import Contrast, Row, best_rows, contrasts_of, rows_of, targets_of
+from meshfit.report.tables.comparisons import Comparison, Row, best_rows, contrasts_of, rows_of, targets_of
 from meshfit.report.tables.grouping import differing_keys, natural_order, variation_names
 from meshfit.report.tables.table import ResultTable, title_of
 from meshfit.statistics import BySeed, Summary
@@ -34,7 +34,7 @@ class Sheet:
     title: str
     variations: tuple[str, ...]
     tables: tuple[tuple[ResultTable, ...], ...]
-    contrasts: tuple[Contrast, ...]
+    contrasts: tuple[Comparison, ...]
     best: Mapping[tuple[str, str], Row]
 
     @property

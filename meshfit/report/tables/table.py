@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 from meshfit.errors import ConfigError
 from meshfit.experiment.storage.run_directory import Result
 from meshfit.measuring.metrics import METRICS
-from meshfit.report.tables.grouping import Cell, Group, canonical_among, differing_keys, gather, shown
+from meshfit.report.tables.grouping import Cell, Group, differing_keys, group_results, resolve_scheme, setting_text
 from meshfit.report.tables.paper_numbers import PAPER_TARGETS
 from meshfit.specs import suggest
 from meshfit.statistics import BySeed, PairedDifference, Summary, differ, mean_difference, paired_difference, summarise
@@ -157,9 +157,9 @@ def build_tables(
         StoreError: results that contradict each other.
     """
     require_metric(metric)
-    groups = gather(results, metric)
+    groups = group_results(results, metric)
     if baseline is not None:
-        baseline = _check_baseline(canonical_among(results, baseline), groups)
+        baseline = _check_baseline(resolve_scheme(results, baseline), groups)
     differing = differing_keys([group.settings for group in groups])
     return [_table(group, metric, differing, baseline, (schemes, targets)) for group in groups]
 
@@ -176,7 +176,7 @@ def require_metric(name: str) -> None:
 
 def title_of(experiment: str, settings: Mapping[str, Any], keys: Sequence[str]) -> str:
     """The experiment, and those of its settings by which it is told apart."""
-    details = ", ".join(f"{key}={shown(settings.get(key))}" for key in keys)
+    details = ", ".join(f"{key}={setting_text(settings.get(key))}" for key in keys)
     return f"{experiment} · {details}" if details else experiment
 
 

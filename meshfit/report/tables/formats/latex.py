@@ -7,8 +7,8 @@ from itertools import groupby
 from textwrap import wrap
 
 from meshfit.report.tables.differences import difference_lines
-from meshfit.report.tables.layout import Block, Entry, Label, blocks
-from meshfit.report.tables.notes import alike_note, best_note, cell_line, metric_line, notes, setting_lines
+from meshfit.report.tables.layout import Block, Label, TextCell, blocks
+from meshfit.report.tables.notes import best_note, cell_line, metric_line, not_significant_note, notes, setting_lines
 from meshfit.report.tables.numbers import MINUS
 from meshfit.report.tables.sheet import Sheet
 
@@ -88,7 +88,7 @@ _BETWEEN = r"\par\medskip"
 
 def _said(sheet: Sheet, number: int) -> tuple[str, str]:
     """The caption, and what stands below: in full at the first of several tables."""
-    marks = [("Bold", best_note(sheet)), (_ALIKE, alike_note(sheet))]
+    marks = [("Bold", best_note(sheet)), (_ALIKE, not_significant_note(sheet))]
     legend = [f"{mark}: {note}" for mark, note in marks if note]
     caption = [sheet.title, metric_line(sheet), cell_line(sheet)] if number == 1 else [f"{sheet.title} (continued)"]
     below = [*setting_lines(sheet), *legend, *notes(sheet)] if number == 1 else legend
@@ -168,7 +168,7 @@ def _row(block: Block, label: Label) -> list[str]:
     return [_joined(line) for line in zip(*([*cell, *[""] * (height - len(cell))] for cell in cells), strict=True)]
 
 
-def _cell(entry: Entry) -> list[str]:
+def _cell(entry: TextCell) -> list[str]:
     lines = [escape(text) for text in (entry.text, entry.interval) if text]
     if entry.best:
         return [rf"\textbf{{{line}}}" for line in lines]

@@ -4,8 +4,8 @@ import re
 from collections.abc import Sequence
 
 from meshfit.report.tables.differences import difference_lines
-from meshfit.report.tables.layout import Entry, columns, entries, row_labels, row_names
-from meshfit.report.tables.notes import alike_note, best_note, cell_line, metric_line, notes, setting_lines
+from meshfit.report.tables.layout import TextCell, columns, entries, row_labels, row_names
+from meshfit.report.tables.notes import best_note, cell_line, metric_line, not_significant_note, notes, setting_lines
 from meshfit.report.tables.sheet import Sheet
 
 _ALIKE = "≈"
@@ -24,7 +24,7 @@ def _section(sheet: Sheet) -> str:
     rows = [
         [*map(escape, row_labels(sheet, row)), *map(_cell, found)] for row, found in zip(sheet.rows, body, strict=True)
     ]
-    marks = [("Bold", best_note(sheet)), (_ALIKE, alike_note(sheet))]
+    marks = [("Bold", best_note(sheet)), (_ALIKE, not_significant_note(sheet))]
     parts = [
         f"### {escape(sheet.title)}",
         escape(". ".join([metric_line(sheet), cell_line(sheet), *setting_lines(sheet)]) + "."),
@@ -37,7 +37,7 @@ def _section(sheet: Sheet) -> str:
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def _cell(entry: Entry) -> str:
+def _cell(entry: TextCell) -> str:
     text = escape(" ".join(filter(None, (entry.text, entry.interval))))
     return f"**{text}**" if entry.best else f"{text} {_ALIKE}" if entry.alike else text
 

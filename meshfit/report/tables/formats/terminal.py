@@ -8,19 +8,26 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from meshfit.report.tables.comparisons import Contrast
+from meshfit.report.tables.comparisons import Comparison
 from meshfit.report.tables.differences import (
     Section,
-    chance,
     difference_lines,
+    improvement_text,
     sections,
     seeds_text,
     verdict,
     without_intervals,
 )
-from meshfit.report.tables.layout import GAP, Block, Entry, Figures, blocks
-from meshfit.report.tables.notes import alike_note, best_note, brief_notes, cell_line, metric_line, setting_lines
-from meshfit.report.tables.numbers import difference_and_interval
+from meshfit.report.tables.layout import GAP, Block, Figures, TextCell, blocks
+from meshfit.report.tables.notes import (
+    best_note,
+    brief_notes,
+    cell_line,
+    metric_line,
+    not_significant_note,
+    setting_lines,
+)
+from meshfit.report.tables.numbers import format_difference
 from meshfit.report.tables.sheet import Sheet
 
 _GAP = "  "
@@ -83,9 +90,9 @@ def _section(sheet: Sheet, section: Section, width: int) -> Iterator[Text]:
             yield from _printed(line, layout)
 
 
-def _line(sheet: Sheet, label: str, contrast: Contrast) -> _Line:
+def _line(sheet: Sheet, label: str, contrast: Comparison) -> _Line:
     paired = contrast.paired
-    figures = difference_and_interval(paired), verdict(sheet, paired), chance(paired), seeds_text(paired)
+    figures = format_difference(paired), verdict(sheet, paired), improvement_text(paired), seeds_text(paired)
     return _Line(_GAP + label, figures, doubtful=paired.significant is False)
 
 
@@ -163,7 +170,7 @@ def _cell(figures: Figures, place: int) -> list[Styled]:
     return [first, (entry.interval.rjust(room), other)] if entry.interval else [first]
 
 
-def _mark(entry: Entry) -> str:
+def _mark(entry: TextCell) -> str:
     return f" {BEST}" if entry.best else f" {ALIKE}" if entry.alike else ""
 
 
@@ -200,7 +207,7 @@ def to_text(sheets: Sequence[Sheet], width: int = 80) -> str:
 
 def _notes(sheet: Sheet) -> Table:
     grid = Table.grid(padding=(0, 1, 0, 0))
-    for mark, note in ((BEST, best_note(sheet)), (ALIKE, alike_note(sheet))):
+    for mark, note in ((BEST, best_note(sheet)), (ALIKE, not_significant_note(sheet))):
         if note:
             grid.add_row(Text(mark), Text(note))
     for note in brief_notes(sheet):

@@ -1,0 +1,32 @@
+"""Counts, durations and file sizes in words."""
+
+_SECONDS = 90
+_MINUTES = 90 * 60
+_HOURS = 48 * 3600
+_SIZES = ("B", "kB", "MB", "GB", "TB")
+
+
+def count_text(number: int, noun: str) -> str:
+    """Return `1 trial`, `2 trials` or `1,200 trials`."""
+    return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}s"
+
+
+def duration_text(seconds: float) -> str:
+    """Return `45 s`, `12 min`, `3 h 20 min` or `4 days`."""
+    if seconds < _SECONDS:
+        return f"{seconds:.0f} s"
+    if seconds < _MINUTES:
+        return f"{seconds / 60:.0f} min"
+    if seconds < _HOURS:
+        hours, minutes = divmod(round(seconds / 60), 60)
+        return f"{hours} h {minutes} min" if minutes else f"{hours} h"
+    return f"{seconds / 86400:.0f} days"
+
+
+def size_text(count: float) -> str:
+    """Return `649 B`, `3.2 kB`, `128 kB` or `1.2 MB`; a kB is 1,000 bytes."""
+    power = 0
+    while count >= 999.5 and power < len(_SIZES) - 1:
+        count, power = count / 1000, power + 1
+    decimals = 1 if power and count < 9.95 else 0
+    return f"{count:.{decimals}f} {_SIZES[power]}"
