@@ -11,8 +11,8 @@ from rich.table import Column
 
 from meshfit.cli.console import err
 from meshfit.experiment.trial_status import Outcome, Phase
+from meshfit.fitting.callbacks import Step
 from meshfit.fitting.gauss_newton.schedule import stage_at
-from meshfit.fitting.progress import Step
 from meshfit.fitting.settings import GaussNewtonSettings
 from meshfit.units import duration_text
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from enum import Enum
 
-from meshfit.fitting.progress import Step
+from meshfit.fitting.callbacks import Step
 
 
 class Phase(Enum):

@@ -50,7 +50,7 @@ _Result = TypeVar("_Result")
 _WARM_UP = 3
 
 
-def captured(
+def as_cuda_graph(
     function: Callable[[], _Result], generators: Sequence[torch.Generator], device: torch.device
 ) -> Callable[[], _Result]:
     """On a CUDA device, what captures a function after a few calls and replays it from then on; else the function.

@@ -9,14 +9,14 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from meshfit.fitting.device import captured
-from meshfit.fitting.nearest_neighbours import match
+from meshfit.fitting.device import as_cuda_graph
+from meshfit.fitting.nearest_neighbours import match_nearest
 from meshfit.fitting.optimizer import OPTIMIZERS, learning_rate
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem, Trace
 from meshfit.fitting.sampling import AreaTable, sample
 from meshfit.fitting.settings import FirstOrderSettings
-from meshfit.loss.surface import FaceGeometry, Faces, Surface
-from meshfit.loss.terms import LAPLACIANS, TERMS, State, Term
+from meshfit.loss.operators import FaceGeometry, Faces, MeshOperators
+from meshfit.loss.terms import LAPLACIANS, TERMS, LossInputs, Term
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.nearest import in_spatial_order, renumbered_by_faces
 from meshfit.mesh.polygons import PolygonMesh
@@ -33,7 +33,7 @@ class Evaluation:
         gradient: (V, 3) of their weighted sum.
     """
 
-    state: State
+    state: LossInputs
     terms: dict[str, Tensor]
     values: Tensor
     gradient: Tensor
@@ -68,7 +68,7 @@ class FirstOrder:
         self.traces, self.failed = [Trace() for _ in problems], dict[int, Diverged]()
         sources = _each_once(in_spatial_order, [problem.source for problem in problems])
         targets = _each_once(_in_order_throughout, [problem.target for problem in problems])
-        self._surface = Surface.of(sources, **place)
+        self._surface = MeshOperators.of(sources, **place)
         self._start = torch.cat([torch.tensor(mesh.verts, **place) for mesh in sources])
         target_verts = torch.cat([torch.tensor(mesh.verts, **place) for mesh in targets])
         self._target = FaceGeometry.of(Faces.of(targets, **place), target_verts)
@@ -83,7 +83,7 @@ class FirstOrder:
         self._weights = {name: float(torch.tensor(weights[name], dtype=dtype)) for name in acting}
         each = torch.ones(len(problems), **place)
         self._output_gradients = {name: weight * each for name, weight in self._weights.items()}
-        self._evaluate = captured(self._evaluate_eagerly, self._generators, device)
+        self._evaluate = as_cuda_graph(self._evaluate_eagerly, self._generators, device)
         self._find_lost_positions()
 
     @property
@@ -163,8 +163,8 @@ class FirstOrder:
         geometry = FaceGeometry.of(self._surface.faces, verts)
         source = sample(geometry, count, self._generators)
         target = sample(self._target, count, self._generators, self._target_table)
-        matches = match(source.points, target.points, len(self.problems), self._pool)
-        state = State(verts, self._surface, geometry, source, target, matches)
+        matches = match_nearest(source.points, target.points, len(self.problems), self._pool)
+        state = LossInputs(verts, self._surface, geometry, source, target, matches)
         terms = {name: self._terms[name](state) for name in self._weights}
         values = torch.stack([value.detach() for value in terms.values()]) if terms else verts.new_empty(0, 0)
         return Evaluation(state, terms, values, self._gradient(verts, terms))
@@ -180,7 +180,7 @@ class FirstOrder:
     def _weighted(self, values: Mapping[str, list[float]], member: int) -> dict[str, float]:
         return {name: self._weights[name] * value[member] for name, value in values.items()}
 
-    def _record(self, state: State, values: dict[str, list[float]], losses: list[float], lr: float) -> None:
+    def _record(self, state: LossInputs, values: dict[str, list[float]], losses: list[float], lr: float) -> None:
         with torch.no_grad():
             # Without what they have worked out before: a captured step does not renew that.
             fresh = replace(state, source=replace(state.source), target=replace(state.target))

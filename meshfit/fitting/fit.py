@@ -7,13 +7,13 @@ import numpy as np
 import torch
 
 from meshfit.errors import ConfigError, DeviceError, MeshError
+from meshfit.fitting.callbacks import Step
 from meshfit.fitting.device import resolve_device, single_thread
 from meshfit.fitting.first_order import FirstOrder
 from meshfit.fitting.gauss_newton.engine import GaussNewton
 from meshfit.fitting.loop import Engine, FitResult, run
-from meshfit.fitting.nearest_neighbours import searching_with
+from meshfit.fitting.nearest_neighbours import search_threads
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem
-from meshfit.fitting.progress import Step
 from meshfit.fitting.settings import METHODS, Dtype, FirstOrderSettings, GaussNewtonSettings
 from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.mesh import Mesh
@@ -30,7 +30,7 @@ _MPS_BYTES = 2e9
 _SHARE_OF_DEVICE = 0.5
 
 
-def packs(
+def batches(
     problems: Sequence[Problem], settings: FirstOrderSettings | GaussNewtonSettings, device: torch.device
 ) -> list[list[int]]:
     """Split problems into groups that are stepped together, of as many as the device has room for.
@@ -44,8 +44,8 @@ def packs(
         return [[place] for place in range(len(problems))]
     room, groups = _room(device), list[list[int]]()
     filled, last = room, -1
-    for place in sorted(range(len(problems)), key=lambda i: done_before(problems[i])):
-        size, done = _size(problems[place], settings), done_before(problems[place])
+    for place in sorted(range(len(problems)), key=lambda i: steps_done(problems[i])):
+        size, done = _size(problems[place], settings), steps_done(problems[place])
         if filled + size > room or done != last:
             groups.append([])
             filled, last = 0, done
@@ -54,7 +54,7 @@ def packs(
     return groups
 
 
-def done_before(problem: Problem) -> int:
+def steps_done(problem: Problem) -> int:
     """The steps that were made of a problem before."""
     return 0 if problem.resume is None else int(problem.resume["done"])
 
@@ -176,12 +176,12 @@ def fit_batch(
         raise DeviceError("device: 'mps' has no float64, which method: gauss-newton needs; use device: cpu")
     outcomes: dict[Problem, FitResult | Diverged] = {}
     # Gradients are needed here, whatever mode the caller is in.
-    with single_thread(), torch.inference_mode(mode=False), searching_with(threads) as pool:
-        groups = packs(problems, settings, place)
+    with single_thread(), torch.inference_mode(mode=False), search_threads(threads) as pool:
+        groups = batches(problems, settings, place)
         for group in groups:
             together = [problems[i] for i in group]
             engine = ENGINES[settings.method](together, settings, place, getattr(torch, dtype), pool)
-            if done_before(together[0]):
+            if steps_done(together[0]):
                 engine.restore([problem.resume for problem in together if problem.resume is not None])
             outcomes |= run(engine, save_end=group is not groups[-1], snapshots=settings.snapshots)
     return [outcomes[problem] for problem in problems]

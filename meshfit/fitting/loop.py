@@ -7,8 +7,8 @@ from typing import Protocol, runtime_checkable
 
 import torch
 
+from meshfit.fitting.callbacks import Interrupted, Step
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem, Trace
-from meshfit.fitting.progress import Interrupted, Step
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh
 

@@ -15,7 +15,7 @@ _BLOCK = 1 << 26
 
 
 @contextmanager
-def searching_with(threads: int) -> Iterator[Executor | None]:
+def search_threads(threads: int) -> Iterator[Executor | None]:
     """Threads for `match`, if more than one is wanted; a problem keeps two of them busy."""
     if threads == 1:
         yield None
@@ -26,25 +26,25 @@ def searching_with(threads: int) -> Iterator[Executor | None]:
 
 
 @torch.no_grad()
-def match(p: Tensor, q: Tensor, members: int = 1, pool: Executor | None = None) -> Matches:
+def match_nearest(p: Tensor, q: Tensor, batch_size: int = 1, pool: Executor | None = None) -> Matches:
     """Match each point of a member with the nearest of the same member's others, and the other way round.
 
     Args:
-        p: (K P, 3), P points of each of K members.
+        p: (K P, 3), P points of each of K batch_size.
         q: (K Q, 3), Q of each.
-        members: K.
+        batch_size: K.
         pool: threads to search with, on the CPU; what is found does not depend on it.
     """
-    ps, qs = p.detach().view(members, -1, 3), q.detach().view(members, -1, 3)
+    ps, qs = p.detach().view(batch_size, -1, 3), q.detach().view(batch_size, -1, 3)
     if p.device.type == "cpu":
-        found = list((pool.map if pool else map)(_by_tree, [*ps, *qs], [*qs, *ps], [*range(members)] * 2))
-        return Matches(torch.cat(found[:members]), torch.cat(found[members:]), members)
-    forward, backward = by_blocks(ps, qs)
-    first = torch.arange(members, device=p.device)[:, None]
-    return Matches((forward + first * qs.shape[1]).view(-1), (backward + first * ps.shape[1]).view(-1), members)
+        found = list((pool.map if pool else map)(_kd_tree, [*ps, *qs], [*qs, *ps], [*range(batch_size)] * 2))
+        return Matches(torch.cat(found[:batch_size]), torch.cat(found[batch_size:]), batch_size)
+    forward, backward = brute_force(ps, qs)
+    first = torch.arange(batch_size, device=p.device)[:, None]
+    return Matches((forward + first * qs.shape[1]).view(-1), (backward + first * ps.shape[1]).view(-1), batch_size)
 
 
-def nearest_to(points: Tensor) -> Callable[[Tensor], Tensor]:
+def nearest_neighbour_search(points: Tensor) -> Callable[[Tensor], Tensor]:
     """Prepare for many queries: the function returned maps (M, 3) points to the (M,) indices of the nearest of (N, 3).
 
     Args:
@@ -55,13 +55,13 @@ def nearest_to(points: Tensor) -> Callable[[Tensor], Tensor]:
     return lambda queries: torch.from_numpy(np.minimum(query(queries.cpu().numpy()), last)).to(queries.device)
 
 
-def _by_tree(queries: Tensor, points: Tensor, member: int) -> Tensor:
+def _kd_tree(queries: Tensor, points: Tensor, member: int) -> Tensor:
     found = nearest_in(points.numpy())(queries.numpy())
     # Where squared distances overflow, the tree finds nothing and says so by an index that is out of range.
     return torch.from_numpy(np.minimum(found, len(points) - 1) + member * len(points))
 
 
-def by_blocks(p: Tensor, q: Tensor) -> tuple[Tensor, Tensor]:
+def brute_force(p: Tensor, q: Tensor) -> tuple[Tensor, Tensor]:
     """Nearest by comparing all pairs, both ways at once, a block of p at a time so that memory stays bounded.
 
     Distances come from differences, not from inner products, whose cancellation picks wrong neighbours in float32.

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from meshfit.errors import TrialError
-from meshfit.fitting.progress import Step
+from meshfit.fitting.callbacks import Step
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.subdivision.scheme import Scheme

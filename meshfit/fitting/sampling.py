@@ -12,8 +12,8 @@ from torch.autograd.function import Function, once_differentiable
 from torch.nn.functional import embedding_bag
 
 from meshfit.loss.autograd import apply
-from meshfit.loss.batch_segments import Members
-from meshfit.loss.surface import FaceGeometry
+from meshfit.loss.batch_segments import BatchSegments
+from meshfit.loss.operators import FaceGeometry
 from meshfit.loss.terms import Samples
 
 
@@ -22,21 +22,21 @@ class AreaTable:
     """Running sums of the areas of each member's faces, by which faces are picked in proportion to their area."""
 
     sums: tuple[np.ndarray, ...] | Tensor
-    members: Members
+    segments: BatchSegments
 
     @classmethod
     def of(cls, geometry: FaceGeometry) -> "AreaTable":
         """The table of faces where they are now."""
-        area, members = geometry.double_area, geometry.faces.members
+        area, segments = geometry.double_area, geometry.faces.segments
         if area.device.type == "cpu":
-            return cls(tuple(part.cumsum(0).numpy() for part in members.parts(area)), members)
-        return cls(members.padded(area).cumsum(1), members)
+            return cls(tuple(part.cumsum(0).numpy() for part in segments.parts(area)), segments)
+        return cls(segments.padded(area).cumsum(1), segments)
 
     def pick(self, uniform: Float[Tensor, "K N"]) -> Int64[Tensor, " KN"]:
         """The face that each number from 0 to 1 falls on, N of each member."""
         if isinstance(self.sums, Tensor):
             found = torch.searchsorted(self.sums, uniform * self.sums[:, -1:], right=True)
-            return (found.minimum(self.members.counts[:, None] - 1) + self.members.first[:, None]).view(-1)
+            return (found.minimum(self.segments.counts[:, None] - 1) + self.segments.first[:, None]).view(-1)
         # numpy's search goes on from the last place found: with sorted numbers it takes half the time of torch's.
         picked, first = [], 0
         for sums, numbers in zip(self.sums, uniform.numpy(), strict=True):

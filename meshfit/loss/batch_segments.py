@@ -10,11 +10,11 @@ from torch import Tensor
 
 
 @dataclass(frozen=True, eq=False)
-class Members:
-    """The rows of the members of a batch, one member after the other.
+class BatchSegments:
+    """The rows of the segments of a batch, one member after the other.
 
     Attributes:
-        sizes: the number of rows of each of the K members.
+        sizes: the number of rows of each of the K segments.
         counts: (K,) the same as a tensor, at least 1.
         first: (K,) the row that each begins at.
         index: (N,) the member of each row.
@@ -26,7 +26,7 @@ class Members:
     index: Int64[Tensor, " N"]
 
     @classmethod
-    def of(cls, sizes: Sequence[int], device: torch.device) -> "Members":
+    def of(cls, sizes: Sequence[int], device: torch.device) -> "BatchSegments":
         """Members of so many rows each."""
         counts = torch.tensor(sizes)
         first, index = counts.cumsum(0) - counts, torch.repeat_interleave(counts)

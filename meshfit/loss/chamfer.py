@@ -14,26 +14,26 @@ from meshfit.loss.autograd import apply
 class Matches:
     """Nearest neighbours, constant in the backward pass.
 
-    Points of K members lie one member after the other, P of each on one side and Q of each on the other.
+    Points of K batch_size lie one member after the other, P of each on one side and Q of each on the other.
 
     Attributes:
         forward: (K P,) for each p, the row of the nearest q of the same member.
         backward: (K Q,) for each q, the row of the nearest p of the same member.
-        members: K.
+        batch_size: K.
     """
 
     forward: Int64[Tensor, " KP"]
     backward: Int64[Tensor, " KQ"]
-    members: int = 1
+    batch_size: int = 1
 
     def means(self, values: Float[Tensor, "N *C"]) -> Float[Tensor, " K"]:
         """The mean over the points of each member; columns, where there are some, are added up."""
-        return values.reshape(self.members, -1).sum(1) / (len(values) // self.members)
+        return values.reshape(self.batch_size, -1).sum(1) / (len(values) // self.batch_size)
 
     def spread(self, values: Float[Tensor, "N 3"], factors: Float[Tensor, " K"]) -> Float[Tensor, "N 3"]:
         """Values times the factor of their member over the number of its points, as the gradient of `means` is."""
-        scale = (factors / (len(values) // self.members))[:, None, None]
-        return (values.view(self.members, -1, 3) * scale).view(-1, 3)
+        scale = (factors / (len(values) // self.batch_size))[:, None, None]
+        return (values.view(self.batch_size, -1, 3) * scale).view(-1, 3)
 
 
 def chamfer(p: Float[Tensor, "KP 3"], q: Float[Tensor, "KQ 3"], matches: Matches) -> Float[Tensor, " K"]:

@@ -7,10 +7,10 @@ from torch import Tensor
 from torch.autograd.function import Function, once_differentiable
 
 from meshfit.loss.autograd import apply
-from meshfit.loss.surface import FaceGeometry, Surface
+from meshfit.loss.operators import FaceGeometry, MeshOperators
 
 
-def consistency(faces: FaceGeometry, surface: Surface) -> Float[Tensor, " K"]:
+def consistency(faces: FaceGeometry, surface: MeshOperators) -> Float[Tensor, " K"]:
     """Mean over pairs of faces with a common edge of 1 - cos of the angle between their normals; 0 on a plane.
 
     It is 0, too, where no two faces have a common edge.
@@ -26,15 +26,15 @@ class _Bend(Function):
     """
 
     @staticmethod
-    def forward(ctx: Any, normals: Tensor, surface: Surface) -> Tensor:  # noqa: ANN401  torch's context
+    def forward(ctx: Any, normals: Tensor, surface: MeshOperators) -> Tensor:  # noqa: ANN401  torch's context
         across = surface.neighbours @ normals
         ctx.save_for_backward(across)
         ctx.surface = surface
         cosines = (normals * across).sum(1)
-        return surface.faces.members.sums(surface.valence_of_face - cosines) / (2 * surface.face_pairs)
+        return surface.faces.segments.sums(surface.valence_of_face - cosines) / (2 * surface.face_pairs)
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:  # noqa: ANN401  likewise
-        (across,), members = ctx.saved_tensors, ctx.surface.faces.members
-        return across * members.spread(-gradient / ctx.surface.face_pairs * members.counts), None
+        (across,), segments = ctx.saved_tensors, ctx.surface.faces.segments
+        return across * segments.spread(-gradient / ctx.surface.face_pairs * segments.counts), None

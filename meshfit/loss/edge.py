@@ -7,11 +7,11 @@ from torch import Tensor
 from torch.autograd.function import Function, once_differentiable
 
 from meshfit.loss.autograd import apply
-from meshfit.loss.batch_segments import Members
-from meshfit.loss.surface import Surface
+from meshfit.loss.batch_segments import BatchSegments
+from meshfit.loss.operators import MeshOperators
 
 
-def edge(edges: Float[Tensor, "E 3"], surface: Surface) -> Float[Tensor, " K"]:
+def edge(edges: Float[Tensor, "E 3"], surface: MeshOperators) -> Float[Tensor, " K"]:
     """Mean over edges of the squared length, in squared units of length (Gkioxari, Malik and Johnson 2019).
 
     Args:
@@ -24,13 +24,13 @@ def edge(edges: Float[Tensor, "E 3"], surface: Surface) -> Float[Tensor, " K"]:
 
 class _MeanSquare(Function):
     @staticmethod
-    def forward(ctx: Any, vectors: Tensor, members: Members) -> Tensor:  # noqa: ANN401  torch's context
+    def forward(ctx: Any, vectors: Tensor, segments: BatchSegments) -> Tensor:  # noqa: ANN401  torch's context
         ctx.save_for_backward(vectors)
-        ctx.members = members
-        return members.means(vectors.square().sum(1))
+        ctx.segments = segments
+        return segments.means(vectors.square().sum(1))
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:  # noqa: ANN401  likewise
         (vectors,) = ctx.saved_tensors
-        return vectors * ctx.members.spread(2 * gradient), None
+        return vectors * ctx.segments.spread(2 * gradient), None

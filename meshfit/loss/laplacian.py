@@ -8,11 +8,11 @@ from torch import Tensor
 from torch.autograd.function import Function, once_differentiable
 
 from meshfit.loss.autograd import apply
-from meshfit.loss.batch_segments import Members
-from meshfit.loss.surface import LEAST_DOUBLE_AREA, FaceGeometry, Surface
+from meshfit.loss.batch_segments import BatchSegments
+from meshfit.loss.operators import LEAST_DOUBLE_AREA, FaceGeometry, MeshOperators
 
 
-def laplacian_uniform(edges: Float[Tensor, "E 3"], surface: Surface) -> Float[Tensor, " K"]:
+def laplacian_uniform(edges: Float[Tensor, "E 3"], surface: MeshOperators) -> Float[Tensor, " K"]:
     """Mean over verts of the distance from the mean of the neighbours (Desbrun et al. 1999, umbrella operator).
 
     A vertex without neighbours counts as 0. Differences are summed, not positions, which would lose digits.
@@ -25,7 +25,7 @@ def laplacian_uniform(edges: Float[Tensor, "E 3"], surface: Surface) -> Float[Te
     return value
 
 
-def laplacian_cotangent(verts: Float[Tensor, "V 3"], surface: Surface) -> Float[Tensor, " K"]:
+def laplacian_cotangent(verts: Float[Tensor, "V 3"], surface: MeshOperators) -> Float[Tensor, " K"]:
     """Mean over verts of the distance from the cotangent-weighted mean of the neighbours (Desbrun et al. 1999).
 
     The weights are constants in the backward pass. Where they sum to nothing positive, they are not normalised, as in
@@ -44,7 +44,7 @@ def laplacian_cotangent(verts: Float[Tensor, "V 3"], surface: Surface) -> Float[
     return value
 
 
-def corner_cotangents(verts: Float[Tensor, "V 3"], surface: Surface) -> Float[Tensor, "F 3"]:
+def corner_cotangents(verts: Float[Tensor, "V 3"], surface: MeshOperators) -> Float[Tensor, "F 3"]:
     """Cotangent of the angle at each corner of each face."""
     corners = verts.index_select(0, surface.faces.verts.reshape(-1)).reshape(-1, 3, 3)
     ahead, behind = corners.roll(-1, 1) - corners, corners.roll(1, 1) - corners
@@ -57,15 +57,15 @@ class _MeanLength(Function):
     """The gradient of a length is the unit vector, and 0 where the length is."""
 
     @staticmethod
-    def forward(ctx: Any, vectors: Tensor, members: Members) -> Tensor:  # noqa: ANN401  torch's context
+    def forward(ctx: Any, vectors: Tensor, segments: BatchSegments) -> Tensor:  # noqa: ANN401  torch's context
         lengths = vectors.square().sum(1).sqrt()
         ctx.save_for_backward(vectors, lengths)
-        ctx.members = members
-        return members.means(lengths)
+        ctx.segments = segments
+        return segments.means(lengths)
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:  # noqa: ANN401  likewise
         vectors, lengths = ctx.saved_tensors
         units = vectors / lengths.clamp_min(torch.finfo(lengths.dtype).tiny)[:, None]
-        return units * ctx.members.spread(gradient), None
+        return units * ctx.segments.spread(gradient), None

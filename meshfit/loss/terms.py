@@ -12,7 +12,7 @@ from meshfit.loss.consistency import consistency
 from meshfit.loss.edge import edge
 from meshfit.loss.laplacian import laplacian_cotangent, laplacian_uniform
 from meshfit.loss.normal import normal
-from meshfit.loss.surface import FaceGeometry, Surface
+from meshfit.loss.operators import FaceGeometry, MeshOperators
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class Samples:
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class LossInputs:
     """All that a term may look at in one step, of K meshes at once.
 
     Attributes:
@@ -49,7 +49,7 @@ class State:
     """
 
     verts: Float[Tensor, "V 3"]
-    surface: Surface
+    surface: MeshOperators
     faces: FaceGeometry
     source: Samples
     target: Samples
@@ -61,7 +61,7 @@ class State:
         return self.surface.edges @ self.verts
 
 
-Term = Callable[[State], Float[Tensor, " K"]]
+Term = Callable[[LossInputs], Float[Tensor, " K"]]
 
 LAPLACIANS: dict[str, Term] = {
     "uniform": lambda state: laplacian_uniform(state.edges, state.surface),

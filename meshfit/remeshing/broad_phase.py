@@ -10,7 +10,7 @@ from torch import Tensor
 _CELLS = 32
 
 
-def near_some(
+def boxes_near(
     low: Float64[Tensor, "N 3"], high: Float64[Tensor, "N 3"], some: Bool[Tensor, " N"]
 ) -> Bool[Tensor, " N"]:
     """Which boxes have a cell, of a grid over all of them, in common with one of `some`: at least those that meet one.

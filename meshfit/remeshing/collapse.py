@@ -8,8 +8,8 @@ from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from meshfit.remeshing.connectivity import Edges, contained
-from meshfit.remeshing.shapes import corners_of, dot, length_of, normal_and_sine, turned_over, unit
-from meshfit.remeshing.state import NEEDLE, Moving
+from meshfit.remeshing.state import NEEDLE, RemeshState
+from meshfit.remeshing.triangle_geometry import corners_of, dot, length_of, normal_and_sine, turned_over, unit
 
 _LAYERS = 3
 _LARGEST_VALENCE = 9
@@ -64,7 +64,7 @@ class Collapses:
         return torch.maximum(torch.maximum(a, b), c), (a >= 0).long() + (b >= 0) + (c >= 0)
 
 
-def choose(surface: Moving, refused: Int64[Tensor, " R"], short: float) -> Collapses:
+def choose(surface: RemeshState, refused: Int64[Tensor, " R"], short: float) -> Collapses:
     """Short edges that may be drawn together as far as valence and boundary go, with no others near.
 
     Args:
@@ -86,7 +86,7 @@ def choose(surface: Moving, refused: Int64[Tensor, " R"], short: float) -> Colla
     return Collapses(edge, kept, gone, place, surface.wanted.index_select(0, edge))
 
 
-def _firmness(surface: Moving) -> Tensor:
+def _firmness(surface: RemeshState) -> Tensor:
     """0 for inner verts, 1 on the boundary, 2 where it bends."""
     edges, verts = surface.edges, surface.verts
     tail, head = edges.tail.index_select(0, edges.outer), edges.head.index_select(0, edges.outer)
@@ -145,7 +145,7 @@ _SINE = math.sin(math.radians(15))
 _VERY_SHORT = 0.5
 
 
-def linked(surface: Moving, chosen: Collapses) -> Bool[Tensor, " C"]:
+def linked(surface: RemeshState, chosen: Collapses) -> Bool[Tensor, " C"]:
     """Which edges have ends without common neighbours but those across from the edge.
 
     With the valences asked for, this is the link condition (Dey, Edelsbrunner, Guha and Nekhayev, Topology preserving
@@ -164,7 +164,7 @@ def linked(surface: Moving, chosen: Collapses) -> Bool[Tensor, " C"]:
     return common == 1 + edges.inner.index_select(0, chosen.edge).long()
 
 
-def shapely(surface: Moving, chosen: Collapses, moved: Tensor, long: float) -> Bool[Tensor, " C"]:
+def shapely(surface: RemeshState, chosen: Collapses, moved: Tensor, long: float) -> Bool[Tensor, " C"]:
     """Which collapses leave faces that neither turn nor become slivers, and edges that are not too long.
 
     Args:
@@ -190,7 +190,7 @@ def shapely(surface: Moving, chosen: Collapses, moved: Tensor, long: float) -> B
     return fine
 
 
-def _too_long(surface: Moving, chosen: Collapses, moved: Tensor, rows: Tensor, long: float) -> Tensor:
+def _too_long(surface: RemeshState, chosen: Collapses, moved: Tensor, rows: Tensor, long: float) -> Tensor:
     """Which of some faces get an edge that is too long."""
     wanted = surface.lengths.clone()
     wanted[chosen.kept], wanted[chosen.gone] = chosen.length, chosen.length
@@ -207,7 +207,7 @@ def _too_long(surface: Moving, chosen: Collapses, moved: Tensor, rows: Tensor, l
     return bad
 
 
-def _normals_beyond(surface: Moving, chosen: Collapses, which: Tensor) -> Tensor:
+def _normals_beyond(surface: RemeshState, chosen: Collapses, which: Tensor) -> Tensor:
     """The normals of the neighbours across from the one corner of faces that moves; 0 on the boundary."""
     edges = surface.edges
     moves = torch.zeros(edges.num_verts, dtype=torch.int32, device=which.device)
@@ -239,7 +239,7 @@ _WORTHWHILE = 0.003
 _LIFT = 0.25
 
 
-def collapse(surface: Moving, short: float, long: float, most: int | None = None) -> Moving:
+def collapse(surface: RemeshState, short: float, long: float, most: int | None = None) -> RemeshState:
     """Draw together the edges that are shorter than `short` times the length wanted.
 
     An edge becomes its midpoint, lifted so that the volume below the faces stays. An edge between the inside and the
@@ -275,7 +275,7 @@ def collapse(surface: Moving, short: float, long: float, most: int | None = None
     return surface.compact()
 
 
-def _without_flips(surface: Moving, chosen: Collapses) -> tuple[Moving, Collapses]:
+def _without_flips(surface: RemeshState, chosen: Collapses) -> tuple[RemeshState, Collapses]:
     """The surface after some collapses, less those near faces that would flip by them, and the ones that are left."""
     while True:
         after, stays = _applied(surface, chosen)
@@ -286,7 +286,7 @@ def _without_flips(surface: Moving, chosen: Collapses) -> tuple[Moving, Collapse
         chosen = chosen.only(fine)
 
 
-def _applied(surface: Moving, chosen: Collapses) -> tuple[Moving, Tensor]:
+def _applied(surface: RemeshState, chosen: Collapses) -> tuple[RemeshState, Tensor]:
     """The surface after some collapses, and which faces are left. The verts that are gone keep their numbers."""
     verts, faces, lengths = surface.verts.clone(), surface.faces, surface.lengths.clone()
     into = torch.arange(len(verts), device=faces.device)
@@ -296,7 +296,7 @@ def _applied(surface: Moving, chosen: Collapses) -> tuple[Moving, Tensor]:
     stays = (a != b) & (b != c) & (c != a)
     faces = torch.stack([a, b, c], 1)[stays]
     on_sphere = None if surface.on_sphere is None else _drawn_together(surface.on_sphere, faces, chosen)
-    return Moving(verts, faces, lengths, on_sphere=on_sphere), stays
+    return RemeshState(verts, faces, lengths, on_sphere=on_sphere), stays
 
 
 def _drawn_together(on_sphere: Tensor, faces: Tensor, chosen: Collapses) -> Tensor:
@@ -314,7 +314,7 @@ def _drawn_together(on_sphere: Tensor, faces: Tensor, chosen: Collapses) -> Tens
     return best
 
 
-def _lifted(surface: Moving, chosen: Collapses) -> tuple[Collapses, Tensor]:
+def _lifted(surface: RemeshState, chosen: Collapses) -> tuple[Collapses, Tensor]:
     """The collapses with places that keep the volume, and the verts, both ends of each edge moved there.
 
     Moving a vertex changes the volume by its height over the sum of the area vectors around it (compare Lindstrom and

@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
-from meshfit.remeshing.shapes import dot
+from meshfit.remeshing.triangle_geometry import dot
 
 NONE = -1
 

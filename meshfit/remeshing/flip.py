@@ -6,8 +6,8 @@ import torch
 from torch import Tensor
 
 from meshfit.remeshing.connectivity import Edges, contained
-from meshfit.remeshing.shapes import dot, normal_and_sine
-from meshfit.remeshing.state import Moving
+from meshfit.remeshing.state import RemeshState
+from meshfit.remeshing.triangle_geometry import dot, normal_and_sine
 
 _PASSES = 8
 _LAYERS = 3
@@ -18,7 +18,7 @@ _SINE = math.sin(math.radians(25))
 _GAIN = math.sin(math.radians(2))
 
 
-def flip(surface: Moving) -> Moving:
+def flip(surface: RemeshState) -> RemeshState:
     """Turn edges so that valences come near 6, 4 on the boundary, or, where they stay as good, smallest angles grow.
 
     An edge is left alone where its faces are not nearly in one plane, where a new face would lean by more than 30
@@ -40,14 +40,14 @@ def flip(surface: Moving) -> Moving:
     return surface
 
 
-def _without_flips(surface: Moving, edge: Tensor) -> tuple[Moving, Tensor]:
+def _without_flips(surface: RemeshState, edge: Tensor) -> tuple[RemeshState, Tensor]:
     """The surface with some edges turned, less those near faces that would flip by it, and the ones that are left."""
     while True:
         a, b, c, d = _quad(surface.edges, edge)
         faces = surface.faces.clone()
         faces[surface.edges.left.index_select(0, edge) // 3] = torch.stack([a, d, c], 1)
         faces[surface.edges.right.index_select(0, edge) // 3] = torch.stack([d, b, c], 1)
-        after = Moving(surface.verts, faces, surface.lengths, on_sphere=surface.on_sphere)
+        after = RemeshState(surface.verts, faces, surface.lengths, on_sphere=surface.on_sphere)
         near = after.around_flipped(~surface.flipped)
         touched = [near.index_select(0, vert) for vert in (a, b, c, d)]
         fine = ~(touched[0] | touched[1] | touched[2] | touched[3])
@@ -72,7 +72,7 @@ def _gain_in_valence(edges: Edges) -> Tensor:
     return gain.masked_fill(~(spare.index_select(0, edges.tail) & spare.index_select(0, edges.head) & edges.inner), -99)
 
 
-def _candidates(surface: Moving) -> tuple[Tensor, Tensor]:
+def _candidates(surface: RemeshState) -> tuple[Tensor, Tensor]:
     """Edges worth turning, and a rank of each, lower for a larger gain."""
     edges, gain = surface.edges, _gain_in_valence(surface.edges)
     edge = (gain >= 0).nonzero()[:, 0]

@@ -5,8 +5,8 @@ import math
 import torch
 from torch import Tensor
 
-from meshfit.remeshing.shapes import corners_of, dot, length_of, normal_and_sine, unit
-from meshfit.remeshing.state import Moving, around
+from meshfit.remeshing.state import RemeshState, around
+from meshfit.remeshing.triangle_geometry import corners_of, dot, length_of, normal_and_sine, unit
 
 _TURN = math.cos(math.radians(20))
 _SINE = math.sin(math.radians(30))
@@ -17,7 +17,7 @@ _POWER = 3
 _HALVINGS = 3
 
 
-def relax(surface: Moving) -> Moving:
+def relax(surface: RemeshState) -> RemeshState:
     """Move inner verts within their tangent planes towards the weighted centroid of their faces.
 
     Faces weigh as their area over the cube of the length wanted, under which a mesh that is graded as wanted stays.
@@ -44,10 +44,12 @@ def relax(surface: Moving) -> Moving:
         tries += 1
         scale = torch.where(stop, scale / 2 if tries <= _HALVINGS else 0, scale)
     low, high = surface.lengths.aminmax()
-    return Moving(moved, faces, (surface.lengths + dot(slope, step) * scale).clamp(low, high), edges, surface.on_sphere)
+    return RemeshState(
+        moved, faces, (surface.lengths + dot(slope, step) * scale).clamp(low, high), edges, surface.on_sphere
+    )
 
 
-def _step(surface: Moving) -> tuple[Tensor, Tensor]:
+def _step(surface: RemeshState) -> tuple[Tensor, Tensor]:
     """The move of each vertex, 0 on the boundary, and the slope of the lengths there."""
     verts, faces, lengths = surface.verts, surface.faces, surface.lengths
     tiny = torch.finfo(verts.dtype).tiny

@@ -10,7 +10,7 @@ from meshfit.remeshing.flip import flip
 from meshfit.remeshing.relax import relax
 from meshfit.remeshing.sizing import num_verts_for
 from meshfit.remeshing.split import split
-from meshfit.remeshing.state import Moving
+from meshfit.remeshing.state import RemeshState
 
 _LONG, _SHORT = 4 / 3, 4 / 5
 # Beyond this share of the number of verts expected, further edges are split or collapsed to make up for it.
@@ -50,11 +50,11 @@ def remesh(
     Raises:
         MeshError: no faces, an edge with more than two, or a length or position that is no sound number.
     """
-    surface = remeshed(Moving(verts, faces, lengths), rounds)
+    surface = remeshed(RemeshState(verts, faces, lengths), rounds)
     return surface.verts, surface.faces, surface.lengths
 
 
-def remeshed(surface: Moving, rounds: int) -> Moving:
+def remeshed(surface: RemeshState, rounds: int) -> RemeshState:
     """What `remesh` does, to a surface that may have a map to the sphere; that stays one to one.
 
     Raises:
@@ -74,7 +74,7 @@ def remeshed(surface: Moving, rounds: int) -> Moving:
     return surface
 
 
-def _checked(surface: Moving) -> Moving:
+def _checked(surface: RemeshState) -> RemeshState:
     if not len(surface.faces):
         raise MeshError("remeshing needs faces, and there are none")
     for values, least, what in ((surface.verts, -torch.inf, "positions"), (surface.lengths, 0, "positive lengths")):

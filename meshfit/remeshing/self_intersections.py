@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Bool, Float, Float64, Int64
 from torch import Tensor
 
-from meshfit.remeshing.broad_phase import near_some, overlapping_boxes
+from meshfit.remeshing.broad_phase import boxes_near, overlapping_boxes
 
 # The least cosine between the normals of a fan and their mean.
 _UPRIGHT = 0.1
@@ -83,7 +83,7 @@ _LARGEST = 1e50
 
 
 @torch.no_grad()
-def crossing_pairs(
+def intersecting_pairs(
     verts: Float[Tensor, "V 3"],
     faces: Int64[Tensor, "F 3"],
     members: Int64[Tensor, " F"] | None = None,
@@ -115,7 +115,7 @@ def crossing_pairs(
     company = torch.zeros_like(rows) if members is None else members.index_select(0, rows)
     rough = ~simple_fans(shapes.verts, shapes.corners, shapes.normals, len(verts))[shapes.verts].all(1)
     if among is not None:
-        near = near_some(*shapes.boxes(), among.index_select(0, rows)).nonzero()[:, 0]
+        near = boxes_near(*shapes.boxes(), among.index_select(0, rows)).nonzero()[:, 0]
         rows, rough, company, shapes = *_at(near, rows, rough, company), shapes.only(near)
     count, found = max(1, len(faces)), [rows.new_empty(0)]
     for pairs in overlapping_boxes(*shapes.boxes(), company):
@@ -128,7 +128,7 @@ def crossing_pairs(
     return crossing if among is None else crossing[among[crossing].any(1)]
 
 
-def crossing_faces(
+def intersecting_faces(
     verts: Float[Tensor, "V 3"],
     faces: Int64[Tensor, "F 3"],
     members: Int64[Tensor, " F"] | None = None,
@@ -136,7 +136,7 @@ def crossing_faces(
 ) -> Bool[Tensor, " F"]:
     """Which faces run through another or are run through, as `crossing_pairs` has it; the arguments are the same."""
     crossing = torch.zeros(len(faces), dtype=torch.bool, device=faces.device)
-    crossing[crossing_pairs(verts, faces, members, among).view(-1)] = True
+    crossing[intersecting_pairs(verts, faces, members, among).view(-1)] = True
     return crossing
 
 

@@ -7,7 +7,7 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from meshfit.remeshing.connectivity import Edges
-from meshfit.remeshing.shapes import area_vectors, length_of
+from meshfit.remeshing.triangle_geometry import area_vectors, length_of
 
 # Faces that `remesh` leaves, over those that equilateral ones of the lengths wanted would be; see `num_verts_for`.
 _SHARE = 0.98

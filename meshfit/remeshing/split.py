@@ -4,11 +4,11 @@ import torch
 from jaxtyping import Bool
 from torch import Tensor
 
-from meshfit.remeshing.shapes import length_of, unit
-from meshfit.remeshing.state import Moving
+from meshfit.remeshing.state import RemeshState
+from meshfit.remeshing.triangle_geometry import length_of, unit
 
 
-def split(surface: Moving, long: float, most: int | None = None) -> Moving:
+def split(surface: RemeshState, long: float, most: int | None = None) -> RemeshState:
     """Halve the edges that are longer than `long` times the length wanted; the surface stays where it is.
 
     Faces with one, two or three such edges become two, three or four. Of the two ways to cut in three, the one with
@@ -37,7 +37,7 @@ def split(surface: Moving, long: float, most: int | None = None) -> Moving:
     on_sphere = surface.on_sphere
     if on_sphere is not None:
         on_sphere = torch.cat([on_sphere, unit(on_sphere.index_select(0, tail) + on_sphere.index_select(0, head))])
-    return Moving(verts, _cut(verts, surface.faces, middles), lengths, on_sphere=on_sphere)
+    return RemeshState(verts, _cut(verts, surface.faces, middles), lengths, on_sphere=on_sphere)
 
 
 def _cut(verts: Tensor, faces: Tensor, middles: Tensor) -> Tensor:

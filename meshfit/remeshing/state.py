@@ -8,14 +8,14 @@ from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from meshfit.remeshing.connectivity import Edges
-from meshfit.remeshing.shapes import area_vectors, length_of, turned_over, unit
+from meshfit.remeshing.triangle_geometry import area_vectors, length_of, turned_over, unit
 
 # What a face on the sphere has to exceed, as `turned_over` has it; from a needle, there is no way to a better map.
 NEEDLE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Moving:
+class RemeshState:
     """An oriented manifold, with or without boundary, and the edge lengths wanted of it.
 
     Attributes:
@@ -61,13 +61,13 @@ class Moving:
         edges = self.edges
         return length_of(self.verts.index_select(0, edges.head) - self.verts.index_select(0, edges.tail)) / self.wanted
 
-    def compact(self) -> "Moving":
+    def compact(self) -> "RemeshState":
         """The same without the verts that no face uses; the others stay in their order."""
         used = self.edges.valence > 0
         if bool(used.all()):
             return self
         number, which = used.cumsum(0) - 1, used.nonzero()[:, 0]
-        return Moving(
+        return RemeshState(
             self.verts.index_select(0, which),
             number.index_select(0, self.faces.reshape(-1)).view(-1, 3),
             self.lengths.index_select(0, which),

@@ -16,7 +16,7 @@ from meshfit.experiment.running.scheduler import run_trials
 from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.fitting.first_order import FirstOrder
 from meshfit.fitting.fit import fit, fit_batch
-from meshfit.fitting.nearest_neighbours import match
+from meshfit.fitting.nearest_neighbours import match_nearest
 from meshfit.fitting.problem import Problem
 from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.measuring.measure import measure
@@ -71,7 +71,7 @@ def _floor() -> Benchmark:
 
     def nearest() -> None:
         state = next(states)
-        match(state.source.points, state.target.points)
+        match_nearest(state.source.points, state.target.points)
 
     return Benchmark(nearest, 80)
 

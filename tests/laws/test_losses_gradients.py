@@ -5,14 +5,14 @@ import pytest
 import torch
 from torch.autograd import gradcheck
 
-from meshfit.fitting.nearest_neighbours import match
+from meshfit.fitting.nearest_neighbours import match_nearest
 from meshfit.fitting.sampling import sample
 from meshfit.loss.chamfer import chamfer
 from meshfit.loss.consistency import consistency
 from meshfit.loss.edge import edge
 from meshfit.loss.laplacian import laplacian_cotangent, laplacian_uniform
 from meshfit.loss.normal import normal
-from meshfit.loss.surface import FaceGeometry, Surface
+from meshfit.loss.operators import FaceGeometry, MeshOperators
 from meshfit.mesh.mesh import Mesh
 from tests.shapes import mixed_closed, mixed_open
 
@@ -25,7 +25,7 @@ MEMBERS = pytest.mark.parametrize("members", [1, 3])
 
 
 def surface_of(*meshes):
-    return Surface.of(meshes, torch.float64, torch.device("cpu"))
+    return MeshOperators.of(meshes, torch.float64, torch.device("cpu"))
 
 
 def verts_of(*meshes):
@@ -40,14 +40,14 @@ def clouds():
 @MEMBERS
 def test_chamfer_with_respect_to_both_sets(members):
     p, q, *_ = clouds()
-    matches = match(p, q, members)
+    matches = match_nearest(p, q, members)
     assert gradcheck(lambda p, q: chamfer(p, q, matches), (p.requires_grad_(), q.requires_grad_()))
 
 
 @MEMBERS
 def test_normal_with_respect_to_both_normals(members):
     p, q, p_normals, q_normals = clouds()
-    matches = match(p, q, members)
+    matches = match_nearest(p, q, members)
     assert gradcheck(lambda a, b: normal(a, b, matches), (p_normals.requires_grad_(), q_normals.requires_grad_()))
 
 

@@ -5,10 +5,10 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from meshfit.fitting.nearest_neighbours import match
+from meshfit.fitting.nearest_neighbours import match_nearest
 from meshfit.fitting.sampling import sample
-from meshfit.loss.surface import FaceGeometry, Surface
-from meshfit.loss.terms import LAPLACIANS, TERMS, State
+from meshfit.loss.operators import FaceGeometry, MeshOperators
+from meshfit.loss.terms import LAPLACIANS, TERMS, LossInputs
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube
 from tests.shapes import mixed_closed, mixed_open, permuted
@@ -23,11 +23,11 @@ SOURCES = pytest.mark.parametrize(
 
 def values(source, target):
     place = {"dtype": torch.float64, "device": torch.device("cpu")}
-    surfaces = [Surface.of([mesh], **place) for mesh in (source, target)]
+    surfaces = [MeshOperators.of([mesh], **place) for mesh in (source, target)]
     faces = [FaceGeometry.of(s.faces, torch.tensor(m.verts)) for s, m in zip(surfaces, (source, target), strict=True)]
     generator = torch.Generator().manual_seed(1)
     p, q = (sample(part, 200, [generator]) for part in faces)
-    state = State(torch.tensor(source.verts), surfaces[0], faces[0], p, q, match(p.points, q.points))
+    state = LossInputs(torch.tensor(source.verts), surfaces[0], faces[0], p, q, match_nearest(p.points, q.points))
     return {name: float(term(state)) for name, term in ALL_TERMS.items()}
 
 

@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 import torch
 
-from meshfit.fitting.nearest_neighbours import by_blocks, match
+from meshfit.fitting.nearest_neighbours import brute_force, match_nearest
 from meshfit.loss.chamfer import Matches, chamfer
 from meshfit.loss.consistency import consistency
 from meshfit.loss.edge import edge
 from meshfit.loss.laplacian import laplacian_cotangent, laplacian_uniform
 from meshfit.loss.normal import normal
-from meshfit.loss.surface import FaceGeometry, Surface
+from meshfit.loss.operators import FaceGeometry, MeshOperators
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import SOLIDS, cube, octahedron
 from tests.shapes import patch, wheel
 
 
 def prepared(mesh):
-    return torch.tensor(mesh.verts), Surface.of([mesh], torch.float64, torch.device("cpu"))
+    return torch.tensor(mesh.verts), MeshOperators.of([mesh], torch.float64, torch.device("cpu"))
 
 
 def of_edges(term, mesh):
@@ -100,17 +100,17 @@ def cloud(seed, count=50):
 def test_chamfer_of_a_set_and_itself_in_another_order_is_0():
     p = cloud(0)
     q = p[torch.randperm(len(p), generator=torch.Generator().manual_seed(0))]
-    assert float(chamfer(p, q, match(p, q))) == 0
+    assert float(chamfer(p, q, match_nearest(p, q))) == 0
 
 
 def test_chamfer_adds_both_directions_each_a_mean_of_its_own():
     p, q = torch.tensor([[0.0, 0, 0]]), torch.tensor([[1.0, 0, 0], [3.0, 0, 0]])
-    assert float(chamfer(p, q, match(p, q))) == pytest.approx(1 + (1 + 9) / 2)
+    assert float(chamfer(p, q, match_nearest(p, q))) == pytest.approx(1 + (1 + 9) / 2)
 
 
 def test_normal_is_0_for_flipped_normals_and_2_for_perpendicular_ones():
     p, normals = cloud(0), torch.nn.functional.normalize(cloud(1), dim=1)
-    matches = match(p, p)
+    matches = match_nearest(p, p)
     assert float(normal(normals, normals, matches)) == pytest.approx(0, abs=1e-12)
     assert float(normal(normals, -normals, matches)) == pytest.approx(0, abs=1e-12)
     across = torch.linalg.cross(normals, torch.nn.functional.normalize(cloud(2), dim=1))
@@ -143,7 +143,7 @@ def test_chamfer_keeps_its_digits_in_float32_far_from_the_origin():
 
 @pytest.mark.parametrize(
     "nearest",
-    [lambda p, q: match(p, q).forward, lambda p, q: by_blocks(p[None], q[None])[0][0]],
+    [lambda p, q: match_nearest(p, q).forward, lambda p, q: brute_force(p[None], q[None])[0][0]],
     ids=["tree", "blocks"],
 )
 def test_matches_are_right_in_float32_far_from_the_origin(nearest):

@@ -11,7 +11,7 @@ from meshfit.loss.consistency import consistency
 from meshfit.loss.edge import edge
 from meshfit.loss.laplacian import laplacian_cotangent, laplacian_uniform
 from meshfit.loss.normal import normal
-from meshfit.loss.surface import FaceGeometry, Surface
+from meshfit.loss.operators import FaceGeometry, MeshOperators
 from meshfit.mesh.mesh import Mesh
 from tests.shapes import mixed_closed, mixed_open, patch, wheel
 
@@ -129,7 +129,7 @@ TERMS = {
 
 def values(term, meshes):
     verts = torch.tensor(np.concatenate([mesh.verts for mesh in meshes]))
-    return term(verts, Surface.of(meshes, torch.float64, torch.device("cpu"))).tolist()
+    return term(verts, MeshOperators.of(meshes, torch.float64, torch.device("cpu"))).tolist()
 
 
 @pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES)
@@ -178,7 +178,7 @@ def test_terms_of_points_side_by_side_equal_their_definitions_for_each():
     p, q, p_normals, q_normals = (generator.normal(size=(3, n, 3)) for n in (20, 30) * 2)
     there = [[30 * k + j for j in nearest(p[k].tolist(), q[k].tolist())] for k in range(3)]
     back = [[20 * k + i for i in nearest(q[k].tolist(), p[k].tolist())] for k in range(3)]
-    matches = Matches(torch.tensor(there).view(-1), torch.tensor(back).view(-1), members=3)
+    matches = Matches(torch.tensor(there).view(-1), torch.tensor(back).view(-1), batch_size=3)
     rows = [torch.tensor(part).view(-1, 3) for part in (p, q, p_normals, q_normals)]
     members = [[part[k].tolist() for part in (p, q, p_normals, q_normals)] for k in range(3)]
     found = chamfer(rows[0], rows[1], matches)

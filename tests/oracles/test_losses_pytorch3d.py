@@ -15,7 +15,7 @@ from meshfit.loss.consistency import consistency
 from meshfit.loss.edge import edge
 from meshfit.loss.laplacian import laplacian_cotangent, laplacian_uniform
 from meshfit.loss.normal import normal
-from meshfit.loss.surface import FaceGeometry, Surface
+from meshfit.loss.operators import FaceGeometry, MeshOperators
 from meshfit.mesh.mesh import Mesh
 
 GOLDEN = np.load(Path(__file__).with_name("pytorch3d_losses.npz"))
@@ -38,7 +38,7 @@ def assert_same(ours: Tensor, theirs: Tensor) -> None:
 @pytest.mark.parametrize("mesh", ["ico2", "cow500"])
 @pytest.mark.parametrize("term", MESH_TERMS)
 def test_a_mesh_term_has_the_value_and_gradient_of_pytorch3d(mesh: str, term: str) -> None:
-    surface = Surface.of(
+    surface = MeshOperators.of(
         [Mesh(GOLDEN[f"{mesh}.verts"], GOLDEN[f"{mesh}.faces"])], dtype=torch.float64, device=torch.device("cpu")
     )
     verts = golden(f"{mesh}.verts").requires_grad_()

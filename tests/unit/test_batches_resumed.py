@@ -6,9 +6,9 @@ import pytest
 
 from meshfit.fitting import fit as packs
 from meshfit.fitting import loop as running
+from meshfit.fitting.callbacks import Interrupted
 from meshfit.fitting.fit import fit_batch
 from meshfit.fitting.problem import Problem
-from meshfit.fitting.progress import Interrupted
 from tests.checkpoints import through_a_file
 from tests.ragged import LATE, PROBLEMS, SHAKY, alone, bytes_of
 

@@ -7,7 +7,7 @@ import torch
 
 from meshfit.errors import MeshfitWarning
 from meshfit.fitting import first_order
-from meshfit.fitting.device import captured
+from meshfit.fitting.device import as_cuda_graph
 from meshfit.fitting.first_order import FirstOrder
 from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.settings import build
@@ -61,12 +61,12 @@ class Function:
 @pytest.mark.parametrize("device", ["cpu", "mps"])
 def test_a_function_is_left_as_it_is_on_other_devices(device):
     function = Function()
-    assert captured(function, GENERATORS, torch.device(device)) is function
+    assert as_cuda_graph(function, GENERATORS, torch.device(device)) is function
 
 
 def test_a_function_is_called_a_few_times_then_captured_once_and_replayed_from_then_on(graphs):
     function = Function()
-    step = captured(function, GENERATORS, CUDA)
+    step = as_cuda_graph(function, GENERATORS, CUDA)
     results = [step() for _ in range(8)]
     assert results == [[1], [2], [3], [4], [4], [4], [4], [4]]
     assert all(result is results[3] for result in results[3:])
@@ -78,7 +78,7 @@ def test_a_function_is_called_a_few_times_then_captured_once_and_replayed_from_t
 
 def test_a_function_that_cannot_be_captured_is_warned_of_once_and_called_from_then_on(graphs):
     function = Function(4)
-    step = captured(function, GENERATORS, CUDA)
+    step = as_cuda_graph(function, GENERATORS, CUDA)
     for _ in range(3):
         step()
     with pytest.warns(MeshfitWarning) as caught:
@@ -91,7 +91,7 @@ def test_a_function_that_cannot_be_captured_is_warned_of_once_and_called_from_th
 
 
 def test_an_error_outside_of_the_capture_is_let_through(graphs):
-    step = captured(Function(3), GENERATORS, CUDA)
+    step = as_cuda_graph(Function(3), GENERATORS, CUDA)
     step()
     step()
     with pytest.raises(RuntimeError):

@@ -12,8 +12,8 @@ from meshfit.mesh.meshlab import self_intersecting_faces
 from meshfit.mesh.solids import cube, icosahedron, octahedron, tetrahedron
 from meshfit.mesh.targets import load_target
 from meshfit.remeshing import broad_phase as overlaps
-from meshfit.remeshing.broad_phase import near_some, overlapping_boxes
-from meshfit.remeshing.self_intersections import crossing_faces, crossing_pairs
+from meshfit.remeshing.broad_phase import boxes_near, overlapping_boxes
+from meshfit.remeshing.self_intersections import intersecting_faces, intersecting_pairs
 from meshfit.subdivision.refine import subdivide
 from tests.shapes import torus
 
@@ -27,7 +27,7 @@ def tensors(mesh, dtype=torch.float64):
 def pairs(verts, faces, members=None):
     members = None if members is None else torch.tensor(members)
     verts, faces = torch.tensor(np.array(verts), dtype=torch.float64), torch.tensor(np.array(faces))
-    return crossing_pairs(verts, faces, members).tolist()
+    return intersecting_pairs(verts, faces, members).tolist()
 
 
 def with_floor(*points, faces=((3, 4, 5),)):
@@ -168,7 +168,7 @@ def test_linked_tetrahedra_cross_and_distant_ones_do_not():
 def test_nothing_crosses_where_there_is_nothing():
     assert pairs(np.empty((0, 3)), np.empty((0, 3), dtype=int)) == []
     assert pairs(FLOOR, np.empty((0, 3), dtype=int)) == []
-    assert crossing_faces(torch.zeros(3, 3), torch.zeros(0, 3, dtype=torch.int64)).shape == (0,)
+    assert intersecting_faces(torch.zeros(3, 3), torch.zeros(0, 3, dtype=torch.int64)).shape == (0,)
     assert pairs(FLOOR, [[0, 1, 2]]) == []
 
 
@@ -182,11 +182,11 @@ def test_a_vertex_far_away_is_survived():
     verts, faces = tensors(sphere(3))
     for far in (1e3, 1e9, 1e40):
         verts[0] = far
-        crossing_pairs(verts, faces)
-    assert crossing_pairs(verts * 0, faces).tolist() == []
+        intersecting_pairs(verts, faces)
+    assert intersecting_pairs(verts * 0, faces).tolist() == []
     flat = verts.clone()
     flat[:, 2] = 0
-    crossing_pairs(flat, faces)
+    intersecting_pairs(flat, faces)
 
 
 SAFE = {"icosahedron": icosahedron, "octahedron": octahedron, "cube": cube, "bumpy": bumpy, "sphere": lambda: sphere(1)}
@@ -199,17 +199,17 @@ def test_children_in_the_planes_of_their_parents_do_not_cross(shape, dtype):
         verts, faces = tensors(subdivide(SAFE[shape](), "midpoint", levels), torch.float64)
         turn = torch.linalg.qr(torch.randn(3, 3, generator=torch.Generator().manual_seed(levels)).double())[0]
         for moved in (verts, verts @ turn, verts @ turn * 1e-3, verts @ turn + 5):
-            assert crossing_pairs(moved.to(dtype), faces).tolist() == []
+            assert intersecting_pairs(moved.to(dtype), faces).tolist() == []
 
 
 def test_targets_without_crossings_have_children_without():
     for mesh in (load_target("mousehead"), load_target("bone")):
-        assert not crossing_faces(*tensors(mesh)).any()
-    assert not crossing_faces(*tensors(subdivide(load_target("bone"), "midpoint", 1), torch.float32)).any()
+        assert not intersecting_faces(*tensors(mesh)).any()
+    assert not intersecting_faces(*tensors(subdivide(load_target("bone"), "midpoint", 1), torch.float32)).any()
 
 
 def reported(mesh):
-    return torch.tensor(self_intersecting_faces(mesh)), crossing_faces(*tensors(mesh))
+    return torch.tensor(self_intersecting_faces(mesh)), intersecting_faces(*tensors(mesh))
 
 
 def test_the_cow_is_as_meshlab_has_it():
@@ -273,17 +273,17 @@ def test_fans_that_meet_at_a_vertex_only_are_tested_with_each_other():
 
 def test_order_of_faces_verts_and_corners_do_not_matter():
     verts, faces = tensors(shaken(3, 0.4))
-    expected = crossing_faces(verts, faces)
+    expected = intersecting_faces(verts, faces)
     assert 50 < int(expected.sum()) < 500
     generator = torch.Generator().manual_seed(1)
     order = torch.randperm(len(faces), generator=generator)
-    assert torch.equal(crossing_faces(verts, faces[order]), expected[order])
+    assert torch.equal(intersecting_faces(verts, faces[order]), expected[order])
     labels = torch.randperm(len(verts), generator=generator)
-    assert torch.equal(crossing_faces(verts[labels.argsort()], labels[faces]), expected)
-    assert torch.equal(crossing_faces(verts, faces.roll(1, 1)), expected)
-    assert torch.equal(crossing_faces(verts, faces.flip(1)), expected)
+    assert torch.equal(intersecting_faces(verts[labels.argsort()], labels[faces]), expected)
+    assert torch.equal(intersecting_faces(verts, faces.roll(1, 1)), expected)
+    assert torch.equal(intersecting_faces(verts, faces.flip(1)), expected)
     turned = torch.where((torch.arange(len(faces)) % 3 == 0)[:, None], faces.flip(1), faces)
-    assert torch.equal(crossing_faces(verts, turned), expected)
+    assert torch.equal(intersecting_faces(verts, turned), expected)
 
 
 @pytest.mark.parametrize(
@@ -303,31 +303,31 @@ def test_order_of_faces_verts_and_corners_do_not_matter():
 )
 def test_place_scale_axes_and_precision_do_not_matter(move):
     verts, faces = tensors(shaken(3, 0.4))
-    assert torch.equal(crossing_faces(move(verts), faces), crossing_faces(verts, faces))
+    assert torch.equal(intersecting_faces(move(verts), faces), intersecting_faces(verts, faces))
 
 
 def test_members_are_each_as_alone_wherever_they_are():
     meshes = [load_target("cow"), shaken(3, 0.4), sphere(2), shaken(2, 0.5)]
-    alone = [crossing_faces(*tensors(mesh)) for mesh in meshes]
+    alone = [intersecting_faces(*tensors(mesh)) for mesh in meshes]
     sizes = torch.tensor([mesh.num_faces for mesh in meshes])
     shifts = np.cumsum([0] + [mesh.num_verts for mesh in meshes])
     verts = torch.tensor(np.concatenate([mesh.verts for mesh in meshes]))
     faces = torch.tensor(np.concatenate([mesh.faces + shift for mesh, shift in zip(meshes, shifts, strict=False)]))
     members = torch.repeat_interleave(sizes)
-    assert torch.equal(crossing_faces(verts, faces, members), torch.cat(alone))
-    assert torch.equal(crossing_faces(verts, faces, 512 * members), torch.cat(alone))
+    assert torch.equal(intersecting_faces(verts, faces, members), torch.cat(alone))
+    assert torch.equal(intersecting_faces(verts, faces, 512 * members), torch.cat(alone))
     order = torch.randperm(len(faces), generator=torch.Generator().manual_seed(0))
-    assert torch.equal(crossing_faces(verts, faces[order], members[order]), torch.cat(alone)[order])
-    assert int(crossing_faces(verts, faces).sum()) > int(torch.cat(alone).sum())
+    assert torch.equal(intersecting_faces(verts, faces[order], members[order]), torch.cat(alone)[order])
+    assert int(intersecting_faces(verts, faces).sum()) > int(torch.cat(alone).sum())
 
 
 def test_pairs_are_sorted_and_each_is_there_once():
     verts, faces = tensors(shaken(3, 1.0))
-    found = crossing_pairs(verts, faces)
+    found = intersecting_pairs(verts, faces)
     assert found.dtype == torch.int64
     assert (found[:, 0] < found[:, 1]).all()
     assert found.tolist() == sorted([i, j] for i, j in {tuple(pair) for pair in found.tolist()})
-    assert torch.equal(found, crossing_pairs(verts.requires_grad_(), faces))
+    assert torch.equal(found, intersecting_pairs(verts.requires_grad_(), faces))
 
 
 @pytest.mark.parametrize("block", [1, 500, 1 << 20])
@@ -358,10 +358,10 @@ def test_looking_only_among_some_faces_finds_all_pairs_with_one_of_them(share, s
     verts = verts + 0.1 * verts.std() * torch.randn(verts.shape, generator=generator, dtype=verts.dtype)
     members = (torch.arange(len(faces)) % 2) * (seed > 0)
     among = torch.rand(len(faces), generator=generator) < share
-    everywhere = crossing_pairs(verts, faces, members)
+    everywhere = intersecting_pairs(verts, faces, members)
     assert len(everywhere) > 100
     expected = everywhere[among[everywhere].any(1)]
-    assert torch.equal(crossing_pairs(verts, faces, members, among), expected)
+    assert torch.equal(intersecting_pairs(verts, faces, members, among), expected)
 
 
 @pytest.mark.parametrize("size", [0.0, 0.03, 0.4])
@@ -371,7 +371,7 @@ def test_boxes_near_some_are_all_that_meet_them_and_few_that_are_far(size):
     high = low + size * torch.rand(800, 3, generator=generator, dtype=torch.float64)
     some = torch.rand(800, generator=generator) < 0.02
     apart = torch.maximum(low[:, None] - high[some], low[some] - high[:, None]).amax(2)
-    found = near_some(low, high, some)
+    found = boxes_near(low, high, some)
     assert bool(found[(apart <= 0).any(1)].all())
     assert not bool(found[(apart > (1 + size) * 1.01 / 32).all(1)].any())
-    assert not bool(near_some(low, high, torch.zeros_like(some)).any())
+    assert not bool(boxes_near(low, high, torch.zeros_like(some)).any())

@@ -19,7 +19,7 @@ from meshfit.experiment.running.worker import Errand, Job, work
 from meshfit.experiment.storage.failure import kind_of
 from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.experiment.trial_status import Phase, Progress
-from meshfit.fitting.progress import Step
+from meshfit.fitting.callbacks import Step
 from tests.inline import Inline
 from tests.small import experiment
 

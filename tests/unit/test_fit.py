@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from meshfit.fitting.callbacks import Step
 from meshfit.fitting.fit import fit
-from meshfit.fitting.progress import Step
 from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, icosahedron, octahedron

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
+from meshfit.fitting.callbacks import Interrupted
 from meshfit.fitting.fit import fit
-from meshfit.fitting.progress import Interrupted
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, icosahedron
 from meshfit.subdivision.refine import subdivide

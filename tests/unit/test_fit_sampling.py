@@ -6,7 +6,7 @@ import torch
 from scipy.stats import chi2
 
 from meshfit.fitting.sampling import AreaTable, sample
-from meshfit.loss.surface import FaceGeometry, Faces
+from meshfit.loss.operators import FaceGeometry, Faces
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import SOLIDS
 from tests.shapes import mixed_closed, mixed_open, patch
@@ -149,8 +149,8 @@ def test_the_table_for_other_devices_picks_the_faces_that_the_one_for_the_cpu_pi
     geometry = FaceGeometry.of(
         Faces.of(meshes, torch.float64, torch.device("cpu")), torch.cat([torch.tensor(mesh.verts) for mesh in meshes])
     )
-    table, members = AreaTable.of(geometry), geometry.faces.members
-    padded = AreaTable(members.padded(geometry.double_area).cumsum(1), members)
+    table, segments = AreaTable.of(geometry), geometry.faces.segments
+    padded = AreaTable(segments.padded(geometry.double_area).cumsum(1), segments)
     uniform = torch.rand(4, 400, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     assert torch.equal(padded.pick(uniform), table.pick(uniform))
     ends = torch.tensor([0.0, 1.0], dtype=torch.float64).repeat(4, 1)

@@ -8,7 +8,7 @@ from torch.nn.functional import normalize
 from meshfit.fitting.fit import fit
 from meshfit.fitting.sampling import sample
 from meshfit.fitting.settings import FirstOrderSettings
-from meshfit.loss.surface import FaceGeometry, Faces
+from meshfit.loss.operators import FaceGeometry, Faces
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.nearest import in_spatial_order
 from meshfit.mesh.solids import cube

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import torch
 
+from meshfit.fitting.callbacks import Interrupted
 from meshfit.fitting.fit import fit, fit_batch
 from meshfit.fitting.gauss_newton import engine as rough_shape
 from meshfit.fitting.gauss_newton import target
 from meshfit.fitting.gauss_newton.engine import GaussNewton
 from meshfit.fitting.loop import run
 from meshfit.fitting.problem import Diverged, Problem
-from meshfit.fitting.progress import Interrupted
 from meshfit.fitting.settings import GaussNewtonSettings
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, icosahedron

@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from meshfit.fitting.gauss_newton import equations
-from meshfit.fitting.gauss_newton.correspondences import Pairs
-from meshfit.fitting.gauss_newton.equations import Control, Pattern, conjugate_gradients, solve_step
+from meshfit.fitting.gauss_newton.correspondences import Correspondences
+from meshfit.fitting.gauss_newton.equations import Control, SparsityPattern, conjugate_gradients, solve_step
 from meshfit.fitting.gauss_newton.fairness import Fairness, Tension
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.loss.sparse import Sparse
@@ -34,14 +34,14 @@ def shape(mesh):
 def some_pairs(mesh, seed=0, count=400):
     generator = np.random.default_rng(seed)
     normals = generator.normal(size=(count, 3))
-    return Pairs(
+    return Correspondences(
         face=torch.tensor(generator.integers(mesh.num_faces, size=count)),
         corners=torch.tensor(generator.dirichlet([1.0] * 3, count)),
         normals=torch.tensor(normals / np.linalg.norm(normals, axis=1, keepdims=True)),
         residuals=torch.tensor(generator.normal(size=(count, 3))),
         weights=torch.tensor(generator.uniform(0, 2 / max(count, 1), count)),
         matched=1.0,
-        webs=torch.zeros(mesh.num_verts, dtype=torch.float64),
+        membranes=torch.zeros(mesh.num_verts, dtype=torch.float64),
     )
 
 
@@ -82,7 +82,7 @@ def system(mesh, pairs, fairness, point_weight, fine=None, operator=None):
 
 
 def solved(mesh, pairs, fairness, point_weight):
-    step, _ = solve_step(shape(mesh), Pattern(connectivity(mesh)), pairs, fairness, point_weight)
+    step, _ = solve_step(shape(mesh), SparsityPattern(connectivity(mesh)), pairs, fairness, point_weight)
     return step.numpy()
 
 
@@ -111,7 +111,7 @@ def test_the_step_of_a_control_mesh_is_the_least_squares_solution_of_its_own_ver
     operators = (Sparse.of(entries, torch.float64, torch.device("cpu")) for entries in (matrix, matrix.power(2)))
     control = Control(torch.tensor(mesh.verts), *operators)
     pairs, fairness = some_pairs(fine), some_fairness(mesh)
-    step, _ = solve_step(shape(fine), Pattern(connectivity(fine)), pairs, fairness, 0.3, control)
+    step, _ = solve_step(shape(fine), SparsityPattern(connectivity(fine)), pairs, fairness, 0.3, control)
     expected = np.linalg.lstsq(*system(mesh, pairs, fairness, 0.3, fine, matrix.toarray()))[0].reshape(-1, 3)
     np.testing.assert_allclose(step.numpy(), expected, atol=1e-9 * np.abs(expected).max())
 
@@ -144,7 +144,7 @@ def test_blocks_and_their_products_are_those_of_the_dense_matrix(mesh):
                 block[p, q] = block[q, p] = value
             for a, b in {(face[i], face[j]), (face[j], face[i])}:
                 dense[a, :, b, :] += block
-    pattern = Pattern(connectivity(mesh))
+    pattern = SparsityPattern(connectivity(mesh))
     blocks = pattern.blocks(torch.tensor(per_face))
     rows, columns = pattern.rows.numpy(), pattern.columns.numpy()
     np.testing.assert_allclose(blocks.numpy(), dense[rows, :, columns, :], atol=1e-12)
@@ -187,7 +187,7 @@ def test_of_nothing_the_solution_is_nothing():
 def test_a_translated_copy_moves_back_in_one_step(mesh):
     away = np.array([0.3, -0.2, 0.5])
     pairs, moved = some_pairs(mesh), Mesh(mesh.verts + away, mesh.faces)
-    pairs = Pairs(**vars(pairs) | {"residuals": torch.tensor(-away).expand(len(pairs.face), 3)})
+    pairs = Correspondences(**vars(pairs) | {"residuals": torch.tensor(-away).expand(len(pairs.face), 3)})
     step = solved(moved, pairs, some_fairness(mesh, 1e-9), 1.0)
     np.testing.assert_allclose(moved.verts + step, mesh.verts, atol=1e-5)
 

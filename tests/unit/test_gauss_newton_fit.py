@@ -11,7 +11,7 @@ from meshfit.errors import ConfigError, MeshError
 from meshfit.fitting.gauss_newton import fit_state as moving_surface
 from meshfit.fitting.gauss_newton import target
 from meshfit.fitting.gauss_newton.engine import COLUMNS
-from meshfit.fitting.gauss_newton.fit_state import MovingSurface
+from meshfit.fitting.gauss_newton.fit_state import FitState
 from meshfit.fitting.gauss_newton.refinement import refined
 from meshfit.fitting.gauss_newton.schedule import stage_at
 from meshfit.fitting.problem import Diverged
@@ -111,7 +111,7 @@ def test_a_source_of_another_genus_keeps_its_own_connectivity():
 @pytest.mark.parametrize("scheme", ["interp-loop", "modified-butterfly", "midpoint"])
 def test_interpolatory_schemes_leave_the_coarse_verts_where_they_are(scheme, dtype):
     mesh = Mesh(ball(2).verts * [1.0, 0.8, 0.6], ball(2).faces)
-    surface = MovingSurface.of(torch.tensor(mesh.verts, dtype=dtype), torch.tensor(mesh.faces))
+    surface = FitState.of(torch.tensor(mesh.verts, dtype=dtype), torch.tensor(mesh.faces))
     fine = refined(surface, scheme)
     close = {
         "rtol": 0,

@@ -7,7 +7,7 @@ import pytest
 from meshfit.config.loading import load_experiment
 from meshfit.errors import ConfigError
 from meshfit.fitting.fit import fit
-from meshfit.fitting.gauss_newton.schedule import stage_at, stages
+from meshfit.fitting.gauss_newton.schedule import schedule, stage_at
 from meshfit.fitting.settings import FirstOrderSettings, GaussNewtonSettings
 from meshfit.mesh.solids import cube, icosahedron
 from meshfit.settings import build
@@ -31,14 +31,14 @@ FAIRNESS = [(0.1, 0.02), (0.1, 0.09), (20.0, 5.0), (1e-6, 1e-9)]
 
 def test_stages_have_as_many_steps_as_settings_say():
     for settings in PLANS:
-        assert sum(len(stage.weights) for stage in stages(settings)) == settings.steps, settings
+        assert sum(len(stage.weights) for stage in schedule(settings)) == settings.steps, settings
 
 
 @pytest.mark.parametrize(("fairness", "last"), FAIRNESS)
 def test_within_a_stage_nothing_gets_stiffer_nor_softer_than_it_may(fairness, last):
     for settings in PLANS:
         changed = settings.model_copy(update={"fairness": fairness, "last_fairness": last})
-        for stage in stages(changed):
+        for stage in schedule(changed):
             soft, near = zip(*stage.weights, strict=True) if stage.weights else ((), ())
             least = last if stage.name in {"last", "control mesh"} else fairness
             assert all(value >= least for value in soft)
@@ -53,28 +53,28 @@ def test_within_a_stage_nothing_gets_stiffer_nor_softer_than_it_may(fairness, la
 def test_the_rough_shape_gets_softer_from_part_to_part():
     for settings in PLANS:
         for attempt in range(settings.tries):
-            coarse = [w for stage in stages(settings) if stage.attempt == attempt for w in stage.weights]
+            coarse = [w for stage in schedule(settings) if stage.attempt == attempt for w in stage.weights]
             assert len(coarse) == settings.coarse_steps
             assert all(a[0] >= b[0] and a[1] >= b[1] for a, b in pairwise(coarse))
 
 
 def test_every_try_at_the_rough_shape_starts_from_the_source():
     for settings in PLANS:
-        tries = [stage for stage in stages(settings) if stage.name == "rough shape"]
+        tries = [stage for stage in schedule(settings) if stage.name == "rough shape"]
         starts = [stage.attempt for stage in tries if stage.change == "start"]
         assert starts == (list(range(settings.tries)) if settings.coarse_steps else [])
-        assert all(stage.attempt is None for stage in stages(settings) if stage.name != "rough shape")
+        assert all(stage.attempt is None for stage in schedule(settings) if stage.name != "rough shape")
 
 
 def test_long_stages_end_at_the_fairness_that_is_set():
     settings = GaussNewtonSettings(coarse_steps=40, level_steps=20, last_steps=20, levels=2)
-    for stage in stages(settings)[-4:]:
+    for stage in schedule(settings)[-4:]:
         assert stage.weights[-1][0] == (settings.last_fairness if stage.name == "last" else settings.fairness)
 
 
 def test_levels_come_in_order_and_refine_as_often_as_is_asked_for():
     for settings in PLANS:
-        plan = stages(settings)
+        plan = schedule(settings)
         names = [stage.name for stage in plan if stage.name.startswith("level")]
         refined = 0 if settings.variables == "control" else settings.levels
         assert names == [f"level {k}" for k in range(refined + 1)]
@@ -84,7 +84,7 @@ def test_levels_come_in_order_and_refine_as_often_as_is_asked_for():
 
 def test_the_connectivity_of_a_fixed_fit_is_remeshed_only_before_the_source_is_placed():
     for settings in PLANS:
-        changes = [stage.change for stage in stages(settings)]
+        changes = [stage.change for stage in schedule(settings)]
         if settings.connectivity == "fixed":
             assert changes.count("place") == 1
             assert "remesh" not in changes[changes.index("place") :]
@@ -94,7 +94,7 @@ def test_the_connectivity_of_a_fixed_fit_is_remeshed_only_before_the_source_is_p
 
 def test_the_stage_is_known_at_every_step_and_at_both_ends():
     for settings in PLANS[::7]:
-        named = [stage.name for stage in stages(settings) for _ in stage.weights]
+        named = [stage.name for stage in schedule(settings) for _ in stage.weights]
         assert [stage_at(settings, done).name for done in range(settings.steps)] == named
         assert stage_at(settings, settings.steps).name == named[-1]
     settings = GaussNewtonSettings()

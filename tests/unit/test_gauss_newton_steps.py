@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from meshfit.fitting.gauss_newton import target
-from meshfit.fitting.gauss_newton.fit_state import MovingSurface
+from meshfit.fitting.gauss_newton.fit_state import FitState
 from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, icosahedron
@@ -19,7 +19,7 @@ def fewer_points(monkeypatch):
 
 
 def stepped(source, goal, *, dtype=torch.float64, fairness=0.1, point_weight=0.3):
-    surface = MovingSurface.of(torch.tensor(source.verts, dtype=dtype), torch.tensor(source.faces))
+    surface = FitState.of(torch.tensor(source.verts, dtype=dtype), torch.tensor(source.faces))
     cloud = TargetCloud.of(goal, dtype, torch.device("cpu"))
     return surface.step(cloud, fairness, point_weight, torch.Generator().manual_seed(1))
 

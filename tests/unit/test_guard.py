@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from meshfit.fitting.gauss_newton.step_limiting import guarded, unsound_faces, untangled
+from meshfit.fitting.gauss_newton.step_limiting import limited_step, unsound_faces, untangled
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.measuring.quality import degenerate_faces, flipped_faces
 from meshfit.mesh.mesh import Mesh
@@ -47,7 +47,7 @@ def connectivity(mesh, dtype=torch.float64):
 def moved(mesh, step, dtype=torch.float64):
     """The surface after a guarded step, and which verts were held back."""
     start = torch.tensor(mesh.verts, dtype=dtype)
-    verts, held = guarded(connectivity(mesh, dtype), start, start + torch.tensor(step, dtype=dtype))
+    verts, held = limited_step(connectivity(mesh, dtype), start, start + torch.tensor(step, dtype=dtype))
     return Mesh(verts.double().numpy(), mesh.faces), held.numpy()
 
 
@@ -99,7 +99,7 @@ def test_what_moves_as_a_whole_moves_all_the_way(mesh):
 def test_a_step_to_a_sound_place_is_taken_to_the_bit(mesh):
     start = torch.tensor(mesh.verts)
     end = start * torch.tensor([1.0, 1.25, 0.5])
-    verts, held = guarded(connectivity(mesh), start, end)
+    verts, held = limited_step(connectivity(mesh), start, end)
     torch.testing.assert_close(verts, start + (end - start), rtol=0, atol=0)
     assert not held.any()
 

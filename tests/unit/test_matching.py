@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from meshfit.fitting import nearest_neighbours as matching
-from meshfit.fitting.nearest_neighbours import by_blocks, match, searching_with
+from meshfit.fitting.nearest_neighbours import brute_force, match_nearest, search_threads
 from meshfit.loss.chamfer import Matches
 
 GENERATOR = np.random.default_rng(0)
@@ -43,7 +43,7 @@ def assert_nearest(queries, points, found):
 @DTYPES
 def test_the_tree_finds_the_nearest_in_both_directions(cloud, dtype):
     p, q = tensors(cloud, dtype)
-    found = match(p, q)
+    found = match_nearest(p, q)
     assert_nearest(p, q, found.forward)
     assert_nearest(q, p, found.backward)
 
@@ -55,7 +55,7 @@ def test_blocks_of_any_size_find_the_nearest_in_both_directions(cloud, dtype, bl
     monkeypatch.setattr(matching, "_BLOCK", block)
     p, q = tensors(cloud, dtype)
     for a, b in ((p, q), (q, p)):
-        forward, backward = by_blocks(a[None], b[None])
+        forward, backward = brute_force(a[None], b[None])
         assert_nearest(a, b, forward[0])
         assert_nearest(b, a, backward[0])
 
@@ -73,7 +73,7 @@ def test_blocks_take_the_first_of_equally_near_points_of_each_member(block, monk
     monkeypatch.setattr(matching, "_BLOCK", block)
     generator = np.random.default_rng(1)
     p, q = (generator.integers(3, size=(3, count, 3)) for count in (41, 10))
-    forward, backward = by_blocks(torch.tensor(p, dtype=torch.float32), torch.tensor(q, dtype=torch.float32))
+    forward, backward = brute_force(torch.tensor(p, dtype=torch.float32), torch.tensor(q, dtype=torch.float32))
     for k in range(3):
         assert forward[k].tolist() == nearest_by_loops(p[k].tolist(), q[k].tolist())
         assert backward[k].tolist() == nearest_by_loops(q[k].tolist(), p[k].tolist())
@@ -84,10 +84,10 @@ def test_blocks_take_the_first_of_equally_near_points_of_each_member(block, monk
 def test_points_are_matched_with_those_of_the_same_member(dtype, threads):
     generator = torch.Generator().manual_seed(0)
     p, q = (torch.randn(4, count, 3, generator=generator, dtype=dtype) for count in (50, 70))
-    with searching_with(threads) as pool:
-        found = match(p.view(-1, 3), q.view(-1, 3), 4, pool)
-    assert found.members == 4
-    alone = [match(ours, theirs) for ours, theirs in zip(p, q, strict=True)]
+    with search_threads(threads) as pool:
+        found = match_nearest(p.view(-1, 3), q.view(-1, 3), 4, pool)
+    assert found.batch_size == 4
+    alone = [match_nearest(ours, theirs) for ours, theirs in zip(p, q, strict=True)]
     assert found.forward.tolist() == [70 * k + j for k, part in enumerate(alone) for j in part.forward.tolist()]
     assert found.backward.tolist() == [50 * k + i for k, part in enumerate(alone) for i in part.backward.tolist()]
 
@@ -103,16 +103,16 @@ def test_blocks_bound_the_pairs_that_are_compared_at_once(monkeypatch):
     monkeypatch.setattr(matching, "_BLOCK", 1000)
     monkeypatch.setattr(matching, "_squared_distances", spy)
     p, q = tensors(CLOUDS["random"], torch.float32)
-    by_blocks(p[None], q[None])
+    brute_force(p[None], q[None])
     assert len(seen) == 60
-    by_blocks(p.view(2, 150, 3), q.view(2, 100, 3))
+    brute_force(p.view(2, 150, 3), q.view(2, 100, 3))
     assert len(seen) == 60 + 30
     assert max(seen) <= 1000
 
 
 def test_matching_leaves_no_graph_behind():
     p, q = (points.requires_grad_() for points in tensors(CLOUDS["random"], torch.float64))
-    found = match(p, q)
+    found = match_nearest(p, q)
     assert isinstance(found, Matches)
     assert not found.forward.requires_grad
     assert not found.backward.requires_grad
@@ -122,12 +122,12 @@ def test_points_that_are_not_contiguous_are_matched_alike():
     p, q = tensors(CLOUDS["random"], torch.float64)
     transposed = p.T.contiguous().T
     assert not transposed.is_contiguous()
-    assert torch.equal(match(transposed, q).forward, match(p, q).forward)
+    assert torch.equal(match_nearest(transposed, q).forward, match_nearest(p, q).forward)
 
 
 @DTYPES
 def test_indices_stay_in_range_where_squared_distances_overflow(dtype):
     p, q = tensors(CLOUDS["random"], dtype)
-    found = match(p * torch.finfo(dtype).max / 100, q)
+    found = match_nearest(p * torch.finfo(dtype).max / 100, q)
     assert 0 <= int(found.forward.min()) <= int(found.forward.max()) < len(q)
     assert 0 <= int(found.backward.min()) <= int(found.backward.max()) < len(p)

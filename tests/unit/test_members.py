@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch.autograd import gradcheck
 
-from meshfit.loss.batch_segments import Members
+from meshfit.loss.batch_segments import BatchSegments
 from tests.elsewhere import pretend_elsewhere
 
 SIZES = pytest.mark.parametrize("sizes", [[5], [3, 1, 4], [0, 3], [3, 0], [2, 0, 0, 1], [1, 1, 1]], ids=str)
@@ -12,7 +12,7 @@ CPU = torch.device("cpu")
 
 
 def made(sizes):
-    members = Members.of(sizes, CPU)
+    members = BatchSegments.of(sizes, CPU)
     values = torch.randn(sum(sizes), generator=torch.Generator().manual_seed(len(sizes)), dtype=torch.float64)
     return members, values, [values[sum(sizes[:k]) :][:size].tolist() for k, size in enumerate(sizes)]
 
@@ -65,5 +65,5 @@ def test_padded_rows_end_in_zeros(sizes):
 
 def test_a_members_sum_has_the_same_bytes_in_any_company():
     parts = [torch.randn(n, generator=torch.Generator().manual_seed(n)) for n in (1, 7, 1000, 33, 4097)]
-    sums = Members.of([len(part) for part in parts], CPU).sums(torch.cat(parts))
-    assert sums.tolist() == [float(Members.of([len(part)], CPU).sums(part)) for part in parts]
+    sums = BatchSegments.of([len(part) for part in parts], CPU).sums(torch.cat(parts))
+    assert sums.tolist() == [float(BatchSegments.of([len(part)], CPU).sums(part)) for part in parts]

@@ -10,7 +10,7 @@ import torch
 import meshfit
 from meshfit.fitting import first_order, sampling
 from meshfit.fitting.first_order import FirstOrder
-from meshfit.fitting.nearest_neighbours import match, nearest_to
+from meshfit.fitting.nearest_neighbours import match_nearest, nearest_neighbour_search
 from meshfit.fitting.problem import Problem
 from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.mesh.mesh import Mesh
@@ -38,10 +38,10 @@ def engine(members, device="cuda", dtype=torch.float32, **changes):
 def test_pairs_are_those_of_the_cpu(dtype):
     generator = torch.Generator().manual_seed(0)
     p, q = (torch.randn(3 * 500, 3, generator=generator, dtype=dtype) for _ in range(2))
-    here, there = match(p, q, 3), match(p.cuda(), q.cuda(), 3)
+    here, there = match_nearest(p, q, 3), match_nearest(p.cuda(), q.cuda(), 3)
     assert torch.equal(here.forward, there.forward.cpu())
     assert torch.equal(here.backward, there.backward.cpu())
-    assert torch.equal(nearest_to(p)(q), nearest_to(p.cuda())(q.cuda()).cpu())
+    assert torch.equal(nearest_neighbour_search(p)(q), nearest_neighbour_search(p.cuda())(q.cuda()).cpu())
 
 
 class Seeding:
@@ -114,6 +114,6 @@ def test_gauss_newton_reaches_what_it_reaches_on_the_cpu(connectivity):
     for device in ("cpu", "cuda"):
         result = meshfit.fit(start, goal, device=device, **options)
         cloud = torch.tensor(goal.verts)
-        near = nearest_to(torch.tensor(result.mesh.verts))(cloud)
+        near = nearest_neighbour_search(torch.tensor(result.mesh.verts))(cloud)
         rms.append(float((torch.tensor(result.mesh.verts)[near] - cloud).norm(dim=1).square().mean().sqrt()))
     assert rms[1] < 1.2 * rms[0]

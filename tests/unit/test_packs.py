@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from meshfit.fitting import fit as packing
-from meshfit.fitting.fit import done_before, packs
+from meshfit.fitting.fit import batches, steps_done
 from meshfit.fitting.problem import Problem
 from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.mesh.mesh import Mesh
@@ -38,11 +38,11 @@ PROBLEMS = st.lists(st.builds(problem, st.integers(1, 3000), st.none() | st.inte
 def test_every_problem_has_one_place_and_no_pack_is_too_large_or_mixed(problems, room):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(packing, "_CPU_BYTES", room)
-        found = packs(problems, SETTINGS, CPU)
+        found = batches(problems, SETTINGS, CPU)
     assert sorted(place for pack in found for place in pack) == list(range(len(problems)))
     for pack in found:
         assert pack == sorted(pack)
-        assert len({done_before(problems[place]) for place in pack}) == 1
+        assert len({steps_done(problems[place]) for place in pack}) == 1
         assert len(pack) == 1 or sum(bytes_needed(problems[place]) for place in pack) <= room
 
 
@@ -50,26 +50,26 @@ def test_every_problem_has_one_place_and_no_pack_is_too_large_or_mixed(problems,
 def test_no_pack_ends_while_the_next_problem_would_fit_in(problems, room):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(packing, "_CPU_BYTES", room)
-        found = packs(problems, SETTINGS, CPU)
+        found = batches(problems, SETTINGS, CPU)
     for pack, following in pairwise(found):
-        alike = done_before(problems[pack[0]]) == done_before(problems[following[0]])
+        alike = steps_done(problems[pack[0]]) == steps_done(problems[following[0]])
         filled = sum(bytes_needed(problems[place]) for place in (*pack, following[0]))
         assert not alike or filled > room
 
 
 def test_a_problem_that_is_larger_than_the_room_has_a_pack_of_its_own(monkeypatch):
     monkeypatch.setattr(packing, "_CPU_BYTES", 1e6)
-    assert packs([problem(n) for n in (10, 10, 3000, 10, 10)], SETTINGS, CPU) == [[0, 1], [2], [3, 4]]
-    assert packs([problem(3000)] * 3, SETTINGS, CPU) == [[0], [1], [2]]
+    assert batches([problem(n) for n in (10, 10, 3000, 10, 10)], SETTINGS, CPU) == [[0, 1], [2], [3, 4]]
+    assert batches([problem(3000)] * 3, SETTINGS, CPU) == [[0], [1], [2]]
 
 
 def test_problems_that_go_on_are_together_with_those_as_far_as_they():
     problems = [problem(10, done) for done in (5, None, 3, 5, 0, 3)]
-    assert packs(problems, SETTINGS, CPU) == [[1, 4], [2, 5], [0, 3]]
+    assert batches(problems, SETTINGS, CPU) == [[1, 4], [2, 5], [0, 3]]
 
 
 def test_no_problems_make_no_packs():
-    assert packs([], SETTINGS, CPU) == []
+    assert batches([], SETTINGS, CPU) == []
 
 
 @pytest.mark.parametrize(
@@ -80,4 +80,4 @@ def test_the_room_is_half_the_memory_of_the_device(device, places, monkeypatch):
     monkeypatch.setattr(packing, "_CPU_BYTES", 1.0 * size)
     monkeypatch.setattr(torch.cuda, "mem_get_info", lambda _: (4 * size, 99 * size))
     monkeypatch.setattr(torch.mps, "recommended_max_memory", lambda: 6 * size)
-    assert packs([problem(100)] * 3, SETTINGS, torch.device(device)) == places
+    assert batches([problem(100)] * 3, SETTINGS, torch.device(device)) == places

@@ -14,11 +14,11 @@ from meshfit.experiment.running.batch_runner import run_together
 from meshfit.experiment.source import build_source
 from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.experiment.trial_status import Phase
+from meshfit.fitting.callbacks import Interrupted
 from meshfit.fitting.gauss_newton import target as cloud
-from meshfit.fitting.gauss_newton.fit_state import MovingSurface
+from meshfit.fitting.gauss_newton.fit_state import FitState
 from meshfit.fitting.gauss_newton.refinement import refined
-from meshfit.fitting.gauss_newton.schedule import stages
-from meshfit.fitting.progress import Interrupted
+from meshfit.fitting.gauss_newton.schedule import schedule
 from meshfit.fitting.settings import GaussNewtonSettings
 from meshfit.mesh.io.files import load_mesh, load_polygons, save_mesh
 from meshfit.mesh.mesh import Mesh
@@ -181,9 +181,7 @@ def test_a_fit_goes_on_from_a_checkpoint_to_the_same_bytes(changes, stop):
 def test_refined_surfaces_keep_old_verts_and_are_sound(scheme):
     mesh = sphere(2)
     triangles = mesh.triangulated()
-    surface = MovingSurface.of(
-        torch.tensor(mesh.verts), torch.tensor(triangles.faces), polygons=PolygonTopology.of(mesh)
-    )
+    surface = FitState.of(torch.tensor(mesh.verts), torch.tensor(triangles.faces), polygons=PolygonTopology.of(mesh))
     fine = refined(surface, scheme)
     expected = subdivide(mesh, scheme)
     np.testing.assert_allclose(fine.verts.numpy(), expected.verts, rtol=0, atol=1e-12)
@@ -205,7 +203,7 @@ def test_growth_is_that_of_large_closed_surfaces_of_triangles(scheme):
 
 def test_the_last_remesh_is_to_as_many_verts_as_levels_have_made():
     for levels in (0, 1, 3):
-        last = stages(GaussNewtonSettings(levels=levels))[-1]
+        last = schedule(GaussNewtonSettings(levels=levels))[-1]
         assert (last.change, last.share, last.refined) == ("remesh", 1.0, levels)
 
 

@@ -8,7 +8,7 @@ from meshfit.cli.progress import PlainProgress
 from meshfit.experiment.plan import plan
 from meshfit.experiment.running.progress import Board
 from meshfit.experiment.trial_status import Outcome, Phase, Progress
-from meshfit.fitting.progress import Step
+from meshfit.fitting.callbacks import Step
 from tests.small import experiment
 
 

@@ -25,7 +25,7 @@ from meshfit.remeshing.relax import relax
 from meshfit.remeshing.remesh import remesh
 from meshfit.remeshing.sizing import limited, num_verts_for
 from meshfit.remeshing.split import split
-from meshfit.remeshing.state import Moving
+from meshfit.remeshing.state import RemeshState
 from meshfit.subdivision.refine import subdivide
 from tests.shapes import patch, torus
 
@@ -265,7 +265,7 @@ def test_refusals(verts, faces, length, fault):
 
 def moving(mesh, length=1.0):
     verts, faces = tensors(mesh)
-    return Moving(verts, faces, torch.full((len(verts),), length, dtype=torch.float64))
+    return RemeshState(verts, faces, torch.full((len(verts),), length, dtype=torch.float64))
 
 
 def test_edges_agree_with_the_topology():
@@ -345,7 +345,7 @@ def test_relaxing_carries_a_linear_field():
     mesh = patch(8, 8)
     verts, faces = tensors(mesh)
     verts[:, :2] += 0.2 * torch.sin(3 * verts[:, [1, 0]])
-    after = relax(Moving(verts, faces, 1 + 0.1 * verts[:, 0] + 0.05 * verts[:, 1]))
+    after = relax(RemeshState(verts, faces, 1 + 0.1 * verts[:, 0] + 0.05 * verts[:, 1]))
     wanted = 1 + 0.1 * after.verts[:, 0] + 0.05 * after.verts[:, 1]
     torch.testing.assert_close(after.lengths, wanted.clamp(after.lengths.min(), after.lengths.max()))
 

@@ -6,8 +6,8 @@ import torch
 
 from meshfit.fitting.gauss_newton import engine as rough_shape
 from meshfit.fitting.gauss_newton import target
-from meshfit.fitting.gauss_newton.engine import GaussNewton, RoughShape
-from meshfit.fitting.gauss_newton.fit_state import MovingSurface
+from meshfit.fitting.gauss_newton.engine import GaussNewton, Restarts
+from meshfit.fitting.gauss_newton.fit_state import FitState
 from meshfit.fitting.problem import Problem
 from meshfit.fitting.settings import GaussNewtonSettings
 from meshfit.mesh.mesh import Mesh
@@ -21,7 +21,7 @@ def fewer_points(monkeypatch):
 
 
 def surface(mesh):
-    return MovingSurface.of(torch.tensor(mesh.verts), torch.tensor(mesh.faces))
+    return FitState.of(torch.tensor(mesh.verts), torch.tensor(mesh.faces))
 
 
 FIRST, SECOND, THIRD = (surface(make()) for make in (icosahedron, octahedron, lambda: subdivide(icosahedron(), "loop")))
@@ -32,7 +32,7 @@ FIRST, SECOND, THIRD = (surface(make()) for make in (icosahedron, octahedron, la
     [((0.9, 0.8, 0.95), 2, False), ((0.9, 0.97, 0.95), 1, False), ((0.999, 0.8, 1.0), 0, True)],
 )
 def test_the_try_with_most_points_matched_is_kept_and_a_good_one_is_enough(shares, best, settled):
-    rough = RoughShape()
+    rough = Restarts()
     assert not rough.settled
     for share, found in zip(shares, (FIRST, SECOND, THIRD), strict=True):
         rough.matched = share
@@ -43,8 +43,8 @@ def test_the_try_with_most_points_matched_is_kept_and_a_good_one_is_enough(share
 
 @pytest.mark.parametrize("best", [None, FIRST])
 def test_it_is_restored_to_the_byte(best):
-    rough = RoughShape(best, 0.5, 0.25, 0.125)
-    again = RoughShape.restored(rough.state(), torch.float64, torch.device("cpu"))
+    rough = Restarts(best, 0.5, 0.25, 0.125)
+    again = Restarts.restored(rough.state(), torch.float64, torch.device("cpu"))
     assert (again.share, again.matched, again.distance) == (0.5, 0.25, 0.125)
     assert (again.best is None) == (best is None)
     if again.best is not None:

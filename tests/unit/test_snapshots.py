@@ -9,8 +9,8 @@ from meshfit.experiment.running.worker import open_parcel, parcel_for, parcel_of
 from meshfit.experiment.storage.checkpoint import SNAPSHOTS, snapshots_in
 from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.experiment.trial_status import Phase
+from meshfit.fitting.callbacks import Interrupted
 from meshfit.fitting.fit import fit
-from meshfit.fitting.progress import Interrupted
 from meshfit.mesh.io.files import load_mesh
 from meshfit.mesh.solids import octahedron
 from tests.small import experiment

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 import torch
 
-from meshfit.fitting.gauss_newton.equations import Pattern
-from meshfit.fitting.gauss_newton.fit_state import MovingSurface
-from meshfit.fitting.gauss_newton.sphere_map import SphereMap, on_sphere
+from meshfit.fitting.gauss_newton.equations import SparsityPattern
+from meshfit.fitting.gauss_newton.fit_state import FitState
+from meshfit.fitting.gauss_newton.sphere_map import SphereMap, initial_sphere_map
 from meshfit.fitting.gauss_newton.surface import Connectivity
 from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron, octahedron
 from meshfit.remeshing.remesh import remeshed
-from meshfit.remeshing.shapes import turned_over, unit
-from meshfit.remeshing.state import Moving
+from meshfit.remeshing.state import RemeshState
+from meshfit.remeshing.triangle_geometry import turned_over, unit
 from meshfit.subdivision.refine import subdivide
 from tests.shapes import opened, table, torus
 
@@ -41,7 +41,9 @@ def pulled(places):
 
 
 def sphere_map(mesh):
-    return SphereMap(Pattern(Connectivity(torch.tensor(mesh.faces), mesh.num_verts, torch.float64)), tensor(mesh))
+    return SphereMap(
+        SparsityPattern(Connectivity(torch.tensor(mesh.faces), mesh.num_verts, torch.float64)), tensor(mesh)
+    )
 
 
 def tensor(mesh):
@@ -182,11 +184,11 @@ def test_points_are_found_with_their_face_and_their_weights_there(mesh, places):
 def test_remeshing_keeps_the_map_one_to_one_and_each_vertex_near_its_place():
     """Where a vertex is on the sphere, there the surface was at first is no farther off than an edge of each remesh."""
     mesh, moved = bumpy(3), 0.0
-    surface = Moving(tensor(mesh), torch.tensor(mesh.faces), torch.ones(642).double())
+    surface = RemeshState(tensor(mesh), torch.tensor(mesh.faces), torch.ones(642).double())
     surface = replace(surface, on_sphere=torch.tensor(ball(3).verts))
     for wanted in (0.15, 0.25, 0.1, 0.3):
         lengths, moved = torch.full_like(surface.lengths, wanted), moved + wanted
-        surface = remeshed(Moving(surface.verts, surface.faces, lengths, on_sphere=surface.on_sphere), 3)
+        surface = remeshed(RemeshState(surface.verts, surface.faces, lengths, on_sphere=surface.on_sphere), 3)
         assert len(surface.on_sphere) == len(surface.verts)
         assert not bool(turned_over(surface.on_sphere, surface.faces).any())
         np.testing.assert_allclose(surface.on_sphere.norm(dim=1), 1, atol=1e-12)
@@ -197,7 +199,7 @@ def test_remeshing_keeps_the_map_one_to_one_and_each_vertex_near_its_place():
 
 def test_a_connectivity_put_on_its_own_surface_by_its_own_map_lies_where_it_was():
     mesh = bumpy()
-    surface = MovingSurface.of(tensor(mesh), torch.tensor(mesh.faces), torch.tensor(ball().verts))
+    surface = FitState.of(tensor(mesh), torch.tensor(mesh.faces), torch.tensor(ball().verts))
     cloud = TargetCloud.of(mesh, torch.float64, torch.device("cpu"))
     better = surface.with_better_map(40, cloud)
     carried = surface.carrying(torch.tensor(mesh.faces), better.on_sphere, cloud)
@@ -216,7 +218,7 @@ def test_more_of_the_sphere_goes_to_where_lengths_are_short():
 
 def test_a_sphere_has_a_map_by_its_rays():
     mesh = Mesh(3 * ball().verts + [5.0, 6.0, 7.0], ball().faces)
-    np.testing.assert_allclose(on_sphere(mesh), ball().verts, atol=1e-12)
+    np.testing.assert_allclose(initial_sphere_map(mesh), ball().verts, atol=1e-12)
 
 
 def two_pieces():
@@ -240,7 +242,7 @@ def test_what_rays_do_not_map_one_to_one_is_mapped_by_way_of_the_plane(make):
     mesh = make()
     rays = unit(tensor(mesh) - tensor(mesh).mean(0))
     assert bool(turned_over(rays, torch.tensor(mesh.faces)).any())
-    places = on_sphere(mesh)
+    places = initial_sphere_map(mesh)
     assert least_sine(places, torch.tensor(mesh.faces)) > 0
     np.testing.assert_allclose(places.norm(dim=1), 1, atol=1e-12)
     assert mean_energy(mesh, places) < 30
@@ -248,4 +250,4 @@ def test_what_rays_do_not_map_one_to_one_is_mapped_by_way_of_the_plane(make):
 
 @pytest.mark.parametrize("make", [torus, lambda: opened(ball(), 0), two_pieces])
 def test_what_is_no_sphere_has_no_map(make):
-    assert on_sphere(make()) is None
+    assert initial_sphere_map(make()) is None

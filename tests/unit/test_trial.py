@@ -11,7 +11,7 @@ from meshfit.experiment.running.batch_runner import run_together
 from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.experiment.trial_status import Phase
 from meshfit.fitting import loop as run
-from meshfit.fitting.progress import Interrupted
+from meshfit.fitting.callbacks import Interrupted
 from meshfit.measuring.measure import measure
 from meshfit.mesh.io.files import load_mesh
 from tests.small import experiment

@@ -8,7 +8,7 @@ from meshfit.experiment.running import trial_runner as attempt
 from meshfit.experiment.running.batch_runner import run_together
 from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.experiment.trial_status import Phase
-from meshfit.fitting.progress import Interrupted
+from meshfit.fitting.callbacks import Interrupted
 from meshfit.mesh.io.files import save_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube

@@ -5,10 +5,9 @@ import pytest
 import torch
 
 import meshfit
-from meshfit.fitting.gauss_newton import fairness as webs
-from meshfit.fitting.gauss_newton import target
-from meshfit.fitting.gauss_newton.correspondences import find_pairs
-from meshfit.fitting.gauss_newton.fairness import in_webs, share_at_verts, tension
+from meshfit.fitting.gauss_newton import fairness, target
+from meshfit.fitting.gauss_newton.correspondences import find_correspondences
+from meshfit.fitting.gauss_newton.fairness import in_membranes, membrane_share, membrane_tension
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.mesh.mesh import Mesh
@@ -48,7 +47,7 @@ def shape(mesh):
 
 def test_what_is_between_two_legs_is_a_web_and_what_is_in_them_is_not():
     surface, cloud = shape(film()), TargetCloud.of(legs(), torch.float64, torch.device("cpu"))
-    found = find_pairs(surface, cloud, torch.Generator().manual_seed(0)).webs
+    found = find_correspondences(surface, cloud, torch.Generator().manual_seed(0)).membranes
     x = surface.verts[:, 0].abs()
     assert float(found[x < 0.3].min()) == 1
     assert float(found[x > 0.55].max()) == 0
@@ -59,7 +58,7 @@ def test_what_faces_as_the_target_does_is_no_web_inside_it_or_out(scale):
     goal = subdivide(icosahedron(), "loop", 3)
     surface = shape(Mesh(scale * goal.verts, goal.faces))
     cloud = TargetCloud.of(goal, torch.float64, torch.device("cpu"))
-    assert float(find_pairs(surface, cloud, torch.Generator().manual_seed(0)).webs.max()) == 0
+    assert float(find_correspondences(surface, cloud, torch.Generator().manual_seed(0)).membranes.max()) == 0
 
 
 def test_a_point_is_in_a_web_if_it_is_outside_far_and_turned_aside():
@@ -69,7 +68,7 @@ def test_a_point_is_in_a_web_if_it_is_outside_far_and_turned_aside():
     face = torch.zeros(1, dtype=torch.int64)
 
     def found(away, normal):
-        return bool(in_webs(surface, face, away, normal, up))
+        return bool(in_membranes(surface, face, away, normal, up))
 
     assert found(side * up, aside)
     assert not found(-side * up, aside)
@@ -80,7 +79,7 @@ def test_a_point_is_in_a_web_if_it_is_outside_far_and_turned_aside():
 def test_the_share_at_verts_is_a_mean_over_area():
     surface = shape(film())
     per_face = torch.rand(len(surface.corners), generator=torch.Generator().manual_seed(1)).double()
-    found, faces = share_at_verts(surface, per_face).numpy(), surface.connectivity.faces.numpy()
+    found, faces = membrane_share(surface, per_face).numpy(), surface.connectivity.faces.numpy()
     area = surface.double_area.numpy()
     for vert in (0, 7, 100):
         at = (faces == vert).any(1)
@@ -90,12 +89,12 @@ def test_the_share_at_verts_is_a_mean_over_area():
 def test_only_edges_of_webs_that_are_not_short_already_are_drawn_together():
     surface = shape(film())
     (tail, head), share = surface.connectivity.ends, (surface.verts[:, 0] > 0).double()
-    found = tension(surface, share, fairness=1.0)
+    found = membrane_tension(surface, share, fairness=1.0)
     assert bool(((found.weights[:, 0] > 0) == (share[tail] + share[head] > 0)).all())
     after = found.rest[:, 0] * surface.edge_lengths
-    least = webs._REST * surface.edge_lengths.median()
+    least = fairness._REST * surface.edge_lengths.median()
     torch.testing.assert_close(after, torch.minimum(surface.edge_lengths, least.expand_as(after)))
-    softer = tension(surface, share, fairness=webs._FULL_FAIRNESS / 4)
+    softer = membrane_tension(surface, share, fairness=fairness._FULL_FAIRNESS / 4)
     torch.testing.assert_close(softer.weights, found.weights / 4)
 
 
@@ -111,5 +110,5 @@ def fitted_from_a_ball():
 @pytest.mark.slow
 def test_webs_between_legs_go_with_tension_and_stay_without(monkeypatch):
     assert fitted_from_a_ball().hausdorff.symmetric < 0.08
-    monkeypatch.setattr(webs, "_TENSION", 0.0)
+    monkeypatch.setattr(fairness, "_TENSION", 0.0)
     assert fitted_from_a_ball().hausdorff.forward > 0.2

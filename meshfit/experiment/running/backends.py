@@ -17,7 +17,7 @@ from meshfit.experiment.running.progress import Board, FileBoard
 from meshfit.experiment.running.worker import Done, Errand, Job, parcel_for, work
 from meshfit.experiment.storage.run_directory import RunDirectory, make_folder, write_atomically
 from meshfit.experiment.trial_status import Phase
-from meshfit.fitting.progress import Step
+from meshfit.fitting.callbacks import Step
 
 Transfer = Literal["auto", "shared", "returned"]
 """How files travel: workers write to a `shared` directory, or they are `returned` to the one who sent the trial."""

@@ -13,9 +13,9 @@ from meshfit.experiment.plan import Trial
 from meshfit.experiment.running.trial_runner import Attempt
 from meshfit.experiment.storage.run_directory import CHECKPOINT, RESULT, RunDirectory
 from meshfit.experiment.trial_status import Outcome, Phase, Progress
+from meshfit.fitting.callbacks import Interrupted
 from meshfit.fitting.fit import fit_batch
 from meshfit.fitting.problem import Diverged, Problem
-from meshfit.fitting.progress import Interrupted
 
 _LOCK_SECONDS = 0.5
 

@@ -11,7 +11,7 @@ from meshfit.experiment.plan import Trial
 from meshfit.experiment.storage.run_directory import PROGRESS, RunDirectory
 from meshfit.experiment.storage.trial_log import read_progress
 from meshfit.experiment.trial_status import Outcome, Phase, Progress
-from meshfit.fitting.progress import Step
+from meshfit.fitting.callbacks import Step
 
 _FIELDS = 4
 

@@ -24,7 +24,7 @@ from meshfit.experiment.storage.run_directory import (
     make_folder,
 )
 from meshfit.experiment.trial_status import Outcome, Phase, Progress
-from meshfit.fitting.progress import Interrupted
+from meshfit.fitting.callbacks import Interrupted
 
 if TYPE_CHECKING:
     from meshfit.experiment.running.backends import StopSign

@@ -22,7 +22,7 @@ from meshfit.experiment.status.scan import ExperimentOverview, Standing, State
 from meshfit.experiment.storage.run_directory import RESULT, Result, RunDirectory, read_json
 from meshfit.experiment.storage.trial_log import LastProgress, read_progress
 from meshfit.experiment.trial_status import Phase, Progress
-from meshfit.fitting.progress import Interrupted
+from meshfit.fitting.callbacks import Interrupted
 from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.subdivision.refine import growth
 from meshfit.subdivision.registry import NamedScheme

@@ -13,7 +13,7 @@ from meshfit.errors import StoreError
 from meshfit.experiment.plan import Trial
 from meshfit.experiment.storage.run_directory import LOG, PROGRESS, RunDirectory, now, read_json, write_json
 from meshfit.experiment.trial_status import Phase, Progress
-from meshfit.fitting.progress import Step
+from meshfit.fitting.callbacks import Step
 
 FRESH_SECONDS = 60.0
 """Progress is written about once a second: after so long without, something is wrong."""

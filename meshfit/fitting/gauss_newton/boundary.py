@@ -8,10 +8,10 @@ from jaxtyping import Float
 from torch import Generator, Tensor
 
 from meshfit.fitting.gauss_newton.surface import Shape
-from meshfit.fitting.nearest_neighbours import nearest_to
+from meshfit.fitting.nearest_neighbours import nearest_neighbour_search
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
-from meshfit.remeshing.shapes import unit
+from meshfit.remeshing.triangle_geometry import unit
 
 _POINTS = 5000
 # How much the boundary weighs: as a strip of the surface that is so many edges wide.
@@ -19,7 +19,7 @@ _STRIP = 4.0
 
 
 @dataclass(frozen=True, eq=False)
-class Rim:
+class TargetBoundary:
     """The boundary of a target.
 
     Attributes:
@@ -31,7 +31,7 @@ class Rim:
     tangents: Float[Tensor, "N 3"]
 
     @classmethod
-    def of(cls, mesh: Mesh, dtype: torch.dtype, device: torch.device) -> "Rim | None":
+    def of(cls, mesh: Mesh, dtype: torch.dtype, device: torch.device) -> "TargetBoundary | None":
         """The boundary of a mesh; None if it has none."""
         topology = Topology.of(mesh)
         edges = topology.edges[topology.faces_per_edge == 1]
@@ -48,8 +48,8 @@ class Rim:
 
 
 @dataclass(frozen=True, eq=False)
-class RimPairs:
-    """Points on the boundary of the surface and where they are to go, in the terms of `Pairs`.
+class BoundaryPairs:
+    """Points on the boundary of the surface and where they are to go, as in `Correspondences`.
 
     Each is there twice, once for each of two directions across the target's boundary.
     """
@@ -61,26 +61,28 @@ class RimPairs:
     weights: Tensor
 
 
-def find_rim_pairs(shape: Shape, rim: Rim, generator: Generator) -> RimPairs:
+def boundary_correspondences(shape: Shape, boundary: TargetBoundary, generator: Generator) -> BoundaryPairs:
     """Pair verts and middles of boundary edges with the nearest of the rim, and points of the rim with these.
 
     Args:
         shape: a surface with boundary.
-        rim: the target's.
-        generator: of the points of the rim, on the CPU.
+        boundary: of the target.
+        generator: of the target points, on the CPU.
     """
     face, corners = _places(shape)
     points = (corners[:, :, None] * shape.corners[face]).sum(1)
-    drawn = torch.randint(len(rim.points), (len(points),), generator=generator).to(points.device)
-    there = torch.cat([nearest_to(rim.points)(points), drawn])
-    here = torch.cat([torch.arange(len(points), device=points.device), nearest_to(points)(rim.points[drawn])])
+    drawn = torch.randint(len(boundary.points), (len(points),), generator=generator).to(points.device)
+    there = torch.cat([nearest_neighbour_search(boundary.points)(points), drawn])
+    here = torch.cat(
+        [torch.arange(len(points), device=points.device), nearest_neighbour_search(points)(boundary.points[drawn])]
+    )
     outer = shape.edge_lengths[shape.connectivity.edges.outer]
     weight = _STRIP * float(outer.sum() * outer.mean() / (shape.double_area.sum() / 2)) / len(points)
-    return RimPairs(
+    return BoundaryPairs(
         face=face[here].repeat(2),
         corners=corners[here].repeat(2, 1),
-        normals=torch.cat(_across(rim.tangents[there])),
-        residuals=(rim.points[there] - points[here]).repeat(2, 1),
+        normals=torch.cat(_across(boundary.tangents[there])),
+        residuals=(boundary.points[there] - points[here]).repeat(2, 1),
         weights=points.new_full((2 * len(here),), weight),
     )
 

@@ -7,12 +7,12 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Generator, Tensor
 
-from meshfit.fitting.gauss_newton.boundary import RimPairs, find_rim_pairs
-from meshfit.fitting.gauss_newton.fairness import in_webs, share_at_verts
+from meshfit.fitting.gauss_newton.boundary import BoundaryPairs, boundary_correspondences
+from meshfit.fitting.gauss_newton.fairness import in_membranes, membrane_share
 from meshfit.fitting.gauss_newton.surface import Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
-from meshfit.fitting.nearest_neighbours import nearest_to
-from meshfit.remeshing.shapes import dot
+from meshfit.fitting.nearest_neighbours import nearest_neighbour_search
+from meshfit.remeshing.triangle_geometry import dot
 
 # Places within a face, as weights of its corners: the middle, and three towards the corners.
 _PLACES = ((1 / 3, 1 / 3, 1 / 3), (0.7, 0.15, 0.15), (0.15, 0.7, 0.15), (0.15, 0.15, 0.7))
@@ -24,7 +24,7 @@ _FACING, _FACING_BACK = 0.0, -0.3
 
 
 @dataclass(frozen=True, eq=False)
-class Pairs:
+class Correspondences:
     """Points of the surface and where they are to go.
 
     Attributes:
@@ -34,7 +34,7 @@ class Pairs:
         residuals: (M, 3) from the point of the surface to the other one.
         weights: (M,) that add up to about 2, 1 for each direction.
         matched: the share of points, in both directions, that found one facing alike.
-        webs: (V,) the share of the area at each vertex that spans a gap of the target.
+        membranes: (V,) the share of the area at each vertex that spans a gap of the target.
     """
 
     face: Int64[Tensor, " M"]
@@ -43,7 +43,7 @@ class Pairs:
     residuals: Float[Tensor, "M 3"]
     weights: Float[Tensor, " M"]
     matched: float
-    webs: Float[Tensor, " V"]
+    membranes: Float[Tensor, " V"]
 
     @property
     def distance(self) -> float:
@@ -51,20 +51,20 @@ class Pairs:
         total = (self.weights * self.residuals.square().sum(1)).sum()
         return math.sqrt(float(total / self.weights.sum().clamp_min(1e-30)))
 
-    def with_those_of(self, rim: RimPairs) -> "Pairs":
+    def with_boundary(self, boundary: BoundaryPairs) -> "Correspondences":
         """These and those of boundaries."""
-        return Pairs(
-            torch.cat([self.face, rim.face]),
-            torch.cat([self.corners, rim.corners]),
-            torch.cat([self.normals, rim.normals]),
-            torch.cat([self.residuals, rim.residuals]),
-            torch.cat([self.weights, rim.weights]),
+        return Correspondences(
+            torch.cat([self.face, boundary.face]),
+            torch.cat([self.corners, boundary.corners]),
+            torch.cat([self.normals, boundary.normals]),
+            torch.cat([self.residuals, boundary.residuals]),
+            torch.cat([self.weights, boundary.weights]),
             self.matched,
-            self.webs,
+            self.membranes,
         )
 
 
-def find_pairs(shape: Shape, target: TargetCloud, generator: Generator) -> Pairs:
+def find_correspondences(shape: Shape, target: TargetCloud, generator: Generator) -> Correspondences:
     """Pair points of the surface with the nearest of the target, and the other way round; those that face alike.
 
     Points of webs are paired with none.
@@ -82,11 +82,11 @@ def find_pairs(shape: Shape, target: TargetCloud, generator: Generator) -> Pairs
     points = (corners[:, :, None] * shape.corners[face]).sum(1)
     normals = torch.cat([shape.normals.repeat_interleave(len(_PLACES), 0), shape.vert_normals])
     there = target.nearest(points)
-    spanning = in_webs(shape, face, points - target.points[there], normals, target.normals[there])
+    spanning = in_membranes(shape, face, points - target.points[there], normals, target.normals[there])
     in_faces = spanning[: len(_PLACES) * len(shape.corners)].view(-1, len(_PLACES))
     ahead = (dot(normals, target.normals[there]) > _FACING) & ~spanning
     drawn = target.draw(max(_LEAST_DRAWN, _DRAWN_PER_VERT * len(shape.verts)), generator)
-    here = nearest_to(points)(target.points[drawn])
+    here = nearest_neighbour_search(points)(target.points[drawn])
     back = dot(normals[here], target.normals[drawn]) > _FACING_BACK
     here, drawn = here[back], drawn[back]
     found = torch.cat([there[ahead], drawn])
@@ -94,18 +94,18 @@ def find_pairs(shape: Shape, target: TargetCloud, generator: Generator) -> Pairs
     exact = nearest_in_triangles(target.points[drawn], shape.corners[face[here]])
     at = torch.cat([corners[ahead], exact])
     start = (at[:, :, None] * shape.corners[of_face]).sum(1)
-    pairs = Pairs(
+    pairs = Correspondences(
         face=of_face,
         corners=at,
         normals=target.normals[found],
         residuals=target.points[found] - start,
         weights=torch.cat([weights[ahead], weights.new_full((len(drawn),), 1 / len(back))]),
         matched=float(ahead.sum() + back.sum()) / (len(ahead) + len(back)),
-        webs=share_at_verts(shape, in_faces.to(points).mean(1)),
+        membranes=membrane_share(shape, in_faces.to(points).mean(1)),
     )
-    if target.rim is None or not len(shape.connectivity.edges.outer):
+    if target.boundary is None or not len(shape.connectivity.edges.outer):
         return pairs
-    return pairs.with_those_of(find_rim_pairs(shape, target.rim, generator))
+    return pairs.with_boundary(boundary_correspondences(shape, target.boundary, generator))
 
 
 def _places(shape: Shape) -> tuple[Tensor, Tensor, Tensor]:

@@ -9,10 +9,10 @@ import torch
 from torch import Generator, Tensor
 
 from meshfit.errors import ConfigError
-from meshfit.fitting.gauss_newton.fit_state import MovingSurface, Taken
-from meshfit.fitting.gauss_newton.refinement import controlling, refined
-from meshfit.fitting.gauss_newton.schedule import Stage, stages
-from meshfit.fitting.gauss_newton.sphere_map import on_sphere
+from meshfit.fitting.gauss_newton.fit_state import FitState, StepReport
+from meshfit.fitting.gauss_newton.refinement import refined, with_control_mesh
+from meshfit.fitting.gauss_newton.schedule import Stage, schedule
+from meshfit.fitting.gauss_newton.sphere_map import initial_sphere_map
 from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem, Trace
 from meshfit.fitting.settings import GaussNewtonSettings
@@ -30,7 +30,7 @@ _ENOUGH = 0.992
 
 
 @dataclass
-class RoughShape:
+class Restarts:
     """What is known of the tries that have been made.
 
     Attributes:
@@ -40,7 +40,7 @@ class RoughShape:
         distance: that the last step began with.
     """
 
-    best: MovingSurface | None = None
+    best: FitState | None = None
     share: float = -1.0
     matched: float = 0.0
     distance: float = 0.0
@@ -50,7 +50,7 @@ class RoughShape:
         """Whether no further try is needed."""
         return self.share >= _ENOUGH
 
-    def best_of(self, surface: MovingSurface) -> MovingSurface:
+    def best_of(self, surface: FitState) -> FitState:
         """The best surface so far, this one included, with which a try ends."""
         if self.best is None or (not self.settled and self.matched > self.share):
             self.best, self.share = surface, self.matched
@@ -62,9 +62,9 @@ class RoughShape:
         return {"best": best, "share": self.share, "matched": self.matched, "distance": self.distance}
 
     @classmethod
-    def restored(cls, state: dict[str, Any], dtype: torch.dtype, device: torch.device) -> "RoughShape":
+    def restored(cls, state: dict[str, Any], dtype: torch.dtype, device: torch.device) -> "Restarts":
         """What `state` was taken of."""
-        best = None if state["best"] is None else MovingSurface.restored(state["best"], dtype, device)
+        best = None if state["best"] is None else FitState.restored(state["best"], dtype, device)
         return cls(best, state["share"], state["matched"], state["distance"])
 
 
@@ -100,10 +100,10 @@ class GaussNewton:
         clouds = {target: TargetCloud.of(target, **place) for target in dict.fromkeys(p.target for p in problems)}
         self._targets = [clouds[problem.target] for problem in problems]
         self._generators = [Generator().manual_seed(problem.seed) for problem in problems]
-        self._plan = [(stage, k) for stage in stages(settings) for k in range(len(stage.weights))]
+        self._plan = [(stage, k) for stage in schedule(settings) for k in range(len(stage.weights))]
         self._mapped = dict[Mesh, Tensor | None]()
         self._surfaces = [self._start(problem) for problem in problems]
-        self._rough = [RoughShape() for _ in problems]
+        self._rough = [Restarts() for _ in problems]
 
     @property
     def stage(self) -> str:
@@ -118,7 +118,7 @@ class GaussNewton:
     def polygons(self, member: int) -> PolygonMesh | None:
         """The polygons whose fans the faces of a surface are, if no remesh came after them."""
         surface = self._surfaces[member]
-        polygons = surface.polygons if surface.followers is None else surface.followers.polygons
+        polygons = surface.polygons if surface.controlled is None else surface.controlled.polygons
         if polygons is None:
             return None
         return PolygonMesh(self.mesh(member).verts, polygons.corners, polygons.sizes)
@@ -126,7 +126,7 @@ class GaussNewton:
     def control(self, member: int) -> Mesh | None:
         """The control mesh that a surface follows, if it follows one."""
         surface = self._surfaces[member]
-        return None if surface.followers is None else surface.pattern.connectivity.mesh(surface.verts)
+        return None if surface.controlled is None else surface.pattern.connectivity.mesh(surface.verts)
 
     @torch.no_grad()
     def step(self) -> list[float]:
@@ -155,7 +155,7 @@ class GaussNewton:
         """Go back, or on, to where checkpoints of the same problems were taken, all after as many steps."""
         self._surfaces = [self._restored(*each) for each in zip(checkpoints, self.problems, strict=True)]
         place: Mapping[str, Any] = {"dtype": self._dtype, "device": self.device}
-        self._rough = [RoughShape.restored(checkpoint["rough"], **place) for checkpoint in checkpoints]
+        self._rough = [Restarts.restored(checkpoint["rough"], **place) for checkpoint in checkpoints]
         for generator, checkpoint in zip(self._generators, checkpoints, strict=True):
             generator.set_state(checkpoint["generator"].cpu())
         self.traces = [Trace(COLUMNS, [tuple(row) for row in checkpoint["trace"]]) for checkpoint in checkpoints]
@@ -168,18 +168,18 @@ class GaussNewton:
         others.restore([self.checkpoint(member) for member in left])
         return others
 
-    def _start(self, problem: Problem) -> MovingSurface:
+    def _start(self, problem: Problem) -> FitState:
         verts, faces = self._source(problem)
         has_limit = has_loop_limit(declared(problem.scheme))
         if self.settings.limit and (self.settings.variables != "control" or not has_limit):
             raise ConfigError("limit: limit surfaces are fitted with variables: control and the scheme loop")
         on_sphere = self._on_sphere(problem) if self.settings.connectivity == "fixed" else None
-        return MovingSurface.of(verts, faces, on_sphere, _polygons_of(problem))
+        return FitState.of(verts, faces, on_sphere, _polygons_of(problem))
 
     def _on_sphere(self, problem: Problem) -> Tensor | None:
         """Where the verts of a source are on the sphere; looked for once, since that may take seconds."""
         if problem.source not in self._mapped:
-            self._mapped[problem.source] = on_sphere(problem.source)
+            self._mapped[problem.source] = initial_sphere_map(problem.source)
         found = self._mapped[problem.source]
         return None if found is None else found.to(self.device)
 
@@ -189,15 +189,17 @@ class GaussNewton:
         verts = torch.tensor(problem.source.verts, dtype=self._dtype, **place)
         return verts, torch.tensor(problem.source.faces, **place)
 
-    def _restored(self, checkpoint: Checkpoint, problem: Problem) -> MovingSurface:
-        surface = MovingSurface.restored(checkpoint["surface"], self._dtype, self.device)
+    def _restored(self, checkpoint: Checkpoint, problem: Problem) -> FitState:
+        surface = FitState.restored(checkpoint["surface"], self._dtype, self.device)
         before = self._plan[checkpoint["done"] - 1][0] if checkpoint["done"] else None
         if before is None or before.change != "control":
             return surface
         return self._controlling(surface, problem, checkpoint["surface"].get("followed"))
 
-    def _controlling(self, surface: MovingSurface, problem: Problem, corners: Tensor | None = None) -> MovingSurface:
-        return controlling(surface, problem.scheme, self.settings.levels, limit=self.settings.limit, corners=corners)
+    def _controlling(self, surface: FitState, problem: Problem, corners: Tensor | None = None) -> FitState:
+        return with_control_mesh(
+            surface, problem.scheme, self.settings.levels, limit=self.settings.limit, corners=corners
+        )
 
     def _step(self, member: int, stage: Stage, number: int) -> float:
         problem, target, rough = self.problems[member], self._targets[member], self._rough[member]
@@ -219,12 +221,12 @@ class GaussNewton:
             self._record(member, taken, fairness, point_weight)
         return distance
 
-    def _record(self, member: int, taken: Taken, fairness: float, point_weight: float) -> None:
+    def _record(self, member: int, taken: StepReport, fairness: float, point_weight: float) -> None:
         pairs, verts = taken.pairs, len(taken.surface.shape.verts)
         row = (self.done, pairs.distance, verts, pairs.matched, fairness, point_weight, taken.held)
         self.traces[member].rows.append(row)
 
-    def _changed(self, surface: MovingSurface, problem: Problem, stage: Stage, target: TargetCloud) -> MovingSurface:
+    def _changed(self, surface: FitState, problem: Problem, stage: Stage, target: TargetCloud) -> FitState:
         """The surface after what a stage begins with."""
         if stage.change == "start" and stage.attempt:
             surface = self._start(problem)

@@ -9,11 +9,11 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from meshfit.fitting.gauss_newton.correspondences import Pairs
+from meshfit.fitting.gauss_newton.correspondences import Correspondences
 from meshfit.fitting.gauss_newton.fairness import Fairness
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.loss.sparse import Sparse, compressed_rows
-from meshfit.remeshing.shapes import dot
+from meshfit.remeshing.triangle_geometry import dot
 
 _UPPER = tuple(combinations_with_replacement(range(3), 2))
 # Where each entry of a symmetric 3 × 3 matrix is in its upper half.
@@ -24,7 +24,7 @@ _TOLERANCE, _MOST_ITERATIONS = 1e-3, 60
 
 
 @dataclass(frozen=True, eq=False)
-class Pattern:
+class SparsityPattern:
     """Where the matrix of a connectivity has entries: 3 × 3 blocks for each vertex and for each edge, both ways.
 
     Attributes:
@@ -117,8 +117,8 @@ class Control:
 
 def solve_step(
     shape: Shape,
-    pattern: Pattern,
-    pairs: Pairs,
+    pattern: SparsityPattern,
+    pairs: Correspondences,
     fairness: Fairness,
     point_weight: float,
     control: Control | None = None,
@@ -158,7 +158,7 @@ def solve_step(
     )
 
 
-def _table(num_faces: int, pairs: Pairs, point_weight: float) -> Tensor:
+def _table(num_faces: int, pairs: Correspondences, point_weight: float) -> Tensor:
     """Per face, Σ w (b bᵀ) ⊗ (n nᵀ + μ I) in upper halves, and Σ w b ⊗ (n (n · r) + μ r)."""
     n, r, b = pairs.normals, pairs.residuals, pairs.corners
     metric = torch.stack([n[:, i] * n[:, j] + point_weight * (i == j) for i, j in _UPPER], 1)

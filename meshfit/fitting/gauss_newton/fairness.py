@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
-from meshfit.remeshing.shapes import dot, length_of
+from meshfit.remeshing.triangle_geometry import dot, length_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,7 @@ _TENSION, _FULL_FAIRNESS = 1.0, 0.1
 _REST = 0.3
 
 
-def in_webs(
+def in_membranes(
     shape: Shape,
     face: Int64[Tensor, " M"],
     away: Float[Tensor, "M 3"],
@@ -96,14 +96,14 @@ def in_webs(
     return far & (dot(away, nearest) > 0) & (dot(normals, nearest) < _ASIDE)
 
 
-def share_at_verts(shape: Shape, per_face: Float[Tensor, " F"]) -> Float[Tensor, " V"]:
+def membrane_share(shape: Shape, per_face: Float[Tensor, " F"]) -> Float[Tensor, " V"]:
     """The share of the area at each vertex that belongs to webs, from that of each face."""
     area = shape.double_area[:, None]
     whole = shape.connectivity.at_verts(area).clamp_min(torch.finfo(area.dtype).tiny)
     return (shape.connectivity.at_verts(area * per_face[:, None]) / whole)[:, 0]
 
 
-def tension(shape: Shape, share: Float[Tensor, " V"], fairness: float) -> Tension:
+def membrane_tension(shape: Shape, share: Float[Tensor, " V"], fairness: float) -> Tension:
     """How strongly each edge draws its ends together, and how near.
 
     Edges that are short already are not drawn, so that no part is strangled: they are for remeshing to take away.

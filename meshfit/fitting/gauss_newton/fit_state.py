@@ -6,18 +6,18 @@ import torch
 from jaxtyping import Float, Float64
 from torch import Generator, Tensor
 
-from meshfit.fitting.gauss_newton.correspondences import Pairs, find_pairs
-from meshfit.fitting.gauss_newton.equations import Control, Pattern, solve_step
-from meshfit.fitting.gauss_newton.fairness import Fairness, tension
+from meshfit.fitting.gauss_newton.correspondences import Correspondences, find_correspondences
+from meshfit.fitting.gauss_newton.equations import Control, SparsityPattern, solve_step
+from meshfit.fitting.gauss_newton.fairness import Fairness, membrane_tension
 from meshfit.fitting.gauss_newton.sizing import lengths_for
 from meshfit.fitting.gauss_newton.sphere_map import SphereMap
-from meshfit.fitting.gauss_newton.step_limiting import guarded, unsound_faces, untangled
+from meshfit.fitting.gauss_newton.step_limiting import limited_step, unsound_faces, untangled
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.loss.sparse import Sparse
 from meshfit.mesh.topology import PolygonTopology
 from meshfit.remeshing.remesh import remeshed
-from meshfit.remeshing.state import Moving
+from meshfit.remeshing.state import RemeshState
 
 _REMESH_ROUNDS = 3
 # Lengths go down with curvature to this power where a connectivity is placed: the map gives way to part of it only.
@@ -30,7 +30,7 @@ _STIFFER, _STIFFEST, _WEARING = 4.0, 64.0, 0.8
 
 
 @dataclass(frozen=True, eq=False)
-class Taken:
+class StepReport:
     """A step that was made.
 
     Attributes:
@@ -39,13 +39,13 @@ class Taken:
         held: how many verts were held back.
     """
 
-    surface: "MovingSurface"
-    pairs: Pairs
+    surface: "FitState"
+    pairs: Correspondences
     held: int
 
 
 @dataclass(frozen=True, eq=False)
-class Followers:
+class ControlledSurface:
     """A surface that follows a control mesh.
 
     Attributes:
@@ -55,14 +55,14 @@ class Followers:
         polygons: whose fans its faces are, if they are any.
     """
 
-    pattern: Pattern
+    pattern: SparsityPattern
     operator: Sparse
     squares: Sparse
     polygons: PolygonTopology | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class MovingSurface:
+class FitState:
     """A surface between two steps.
 
     Attributes:
@@ -70,15 +70,15 @@ class MovingSurface:
         verts: (V, 3) positions.
         stiffness: (V, 1) at least 1, factors of fairness.
         on_sphere: (V, 3) where its verts are on the sphere, if it has a map to it.
-        followers: if these are the verts of a control mesh, the surface that follows them.
+        controlled: if these are the verts of a control mesh, the surface that follows them.
         polygons: whose fans its faces are, if they are any.
     """
 
-    pattern: Pattern
+    pattern: SparsityPattern
     verts: Float[Tensor, "V 3"]
     stiffness: Float[Tensor, "V 1"]
     on_sphere: Float64[Tensor, "V 3"] | None = None
-    followers: Followers | None = None
+    controlled: ControlledSurface | None = None
     polygons: PolygonTopology | None = None
 
     @classmethod
@@ -88,14 +88,14 @@ class MovingSurface:
         faces: Tensor,
         on_sphere: Tensor | None = None,
         polygons: PolygonTopology | None = None,
-    ) -> "MovingSurface":
+    ) -> "FitState":
         """A surface that nothing has held back."""
-        pattern = Pattern(Connectivity(faces, len(verts), verts.dtype))
+        pattern = SparsityPattern(Connectivity(faces, len(verts), verts.dtype))
         return cls(pattern, verts, torch.ones_like(verts[:, :1]), on_sphere, polygons=polygons)
 
     @classmethod
-    def restored(cls, state: dict[str, Tensor | None], dtype: torch.dtype, device: torch.device) -> "MovingSurface":
-        """What `state` was taken of, less its followers."""
+    def restored(cls, state: dict[str, Tensor | None], dtype: torch.dtype, device: torch.device) -> "FitState":
+        """What `state` was taken of, without the controlled surface."""
         verts, faces, stiffness, on_sphere = (state[key] for key in ("verts", "faces", "stiffness", "on_sphere"))
         assert verts is not None and faces is not None and stiffness is not None  # noqa: S101, PT018  always there
         corners, sizes = state.get("corners"), state.get("sizes")
@@ -117,7 +117,7 @@ class MovingSurface:
 
     def _state_of_polygons(self) -> dict[str, Tensor | None]:
         own = self.polygons
-        followed = None if self.followers is None else self.followers.polygons
+        followed = None if self.controlled is None else self.controlled.polygons
         return {
             "corners": None if own is None else torch.tensor(own.corners),
             "sizes": None if own is None else torch.tensor(own.sizes),
@@ -127,37 +127,37 @@ class MovingSurface:
     @property
     def shape(self) -> Shape:
         """Where its faces are, or those that follow them."""
-        if self.followers is not None:
-            return Shape(self.followers.pattern.connectivity, self.followers.operator @ self.verts)
+        if self.controlled is not None:
+            return Shape(self.controlled.pattern.connectivity, self.controlled.operator @ self.verts)
         return Shape(self.pattern.connectivity, self.verts)
 
-    def step(self, target: TargetCloud, fairness: float, point_weight: float, generator: Generator) -> Taken:
+    def step(self, target: TargetCloud, fairness: float, point_weight: float, generator: Generator) -> StepReport:
         """Take a Gauss–Newton step towards the target, as far as the surface stays sound."""
-        shape, own, other = self.shape, self.pattern.connectivity, self.followers
-        pairs = find_pairs(shape, target, generator)
-        pull = tension(shape, pairs.webs, fairness) if other is None else None
+        shape, own, other = self.shape, self.pattern.connectivity, self.controlled
+        pairs = find_correspondences(shape, target, generator)
+        pull = membrane_tension(shape, pairs.membranes, fairness) if other is None else None
         smooth = Fairness(own, self.stiffness * (fairness / len(self.verts)), pull)
         pattern = self.pattern if other is None else other.pattern
         control = None if other is None else Control(self.verts, other.operator, other.squares)
         step, _ = solve_step(shape, pattern, pairs, smooth, point_weight, control)
         end = self.verts + step
         if not bool(end.isfinite().all()):
-            return Taken(replace(self, verts=end), pairs, 0)
+            return StepReport(replace(self, verts=end), pairs, 0)
         if other is None:
-            verts, held = guarded(own, self.verts, end)
+            verts, held = limited_step(own, self.verts, end)
         else:
-            verts, held = guarded(other.pattern.connectivity, self.verts, end, (own, other.operator))
+            verts, held = limited_step(other.pattern.connectivity, self.verts, end, (own, other.operator))
         relaxed = (self.stiffness * _WEARING).clamp_min(1)
         stiffness = torch.where(held[:, None], (relaxed * _STIFFER).clamp_max(_STIFFEST), relaxed)
-        return Taken(replace(self, verts=verts, stiffness=stiffness), pairs, int(held.sum()))
+        return StepReport(replace(self, verts=verts, stiffness=stiffness), pairs, int(held.sum()))
 
-    def untangled(self) -> "MovingSurface":
+    def untangled(self) -> "FitState":
         """The surface with unsound faces smoothed away, as far as that goes; as it is if it follows a control mesh."""
-        if self.followers is not None:
+        if self.controlled is not None:
             return self
         return replace(self, verts=untangled(self.pattern.connectivity, self.verts)[0])
 
-    def remeshed(self, num_verts: float, target: TargetCloud | None) -> "MovingSurface":
+    def remeshed(self, num_verts: float, target: TargetCloud | None) -> "FitState":
         """The surface with at most so many verts, if not many fewer; as it is where that cannot be had soundly.
 
         Args:
@@ -173,14 +173,16 @@ class MovingSurface:
             return self
         return other.with_better_map(_MAP_STEPS)
 
-    def _remeshed_once(self, num_verts: float, target: TargetCloud | None) -> "MovingSurface":
+    def _remeshed_once(self, num_verts: float, target: TargetCloud | None) -> "FitState":
         connectivity = self.pattern.connectivity
         lengths = lengths_for(self.shape, num_verts, target)
-        moving = remeshed(Moving(self.verts, connectivity.faces, lengths, on_sphere=self.on_sphere), _REMESH_ROUNDS)
-        other = MovingSurface.of(moving.verts, moving.faces, moving.on_sphere)
+        moving = remeshed(
+            RemeshState(self.verts, connectivity.faces, lengths, on_sphere=self.on_sphere), _REMESH_ROUNDS
+        )
+        other = FitState.of(moving.verts, moving.faces, moving.on_sphere)
         return other.untangled()
 
-    def with_better_map(self, steps: int, target: TargetCloud | None = None) -> "MovingSurface":
+    def with_better_map(self, steps: int, target: TargetCloud | None = None) -> "FitState":
         """The surface with less distortion in its map to the sphere, if it has one.
 
         Args:
@@ -197,7 +199,7 @@ class MovingSurface:
         on_sphere: Float64[Tensor, "N 3"],
         target: TargetCloud,
         polygons: PolygonTopology | None = None,
-    ) -> "MovingSurface":
+    ) -> "FitState":
         """Another connectivity put on the surface, by where its verts are on the sphere, densely where it is curved.
 
         Args:
@@ -211,7 +213,7 @@ class MovingSurface:
         here, weights = self._sphere(None).located(surface.on_sphere, on_sphere)
         corners = self.verts[self.pattern.connectivity.faces[here]]
         verts = (weights.to(corners)[:, :, None] * corners).sum(1)
-        return MovingSurface.of(verts, faces, polygons=polygons).untangled()
+        return FitState.of(verts, faces, polygons=polygons).untangled()
 
     def _sphere(self, target: TargetCloud | None) -> SphereMap:
         if target is None:

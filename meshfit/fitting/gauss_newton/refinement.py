@@ -7,9 +7,9 @@ import torch
 from jaxtyping import Int64
 from torch import Tensor
 
-from meshfit.fitting.gauss_newton.equations import Pattern
-from meshfit.fitting.gauss_newton.fit_state import Followers, MovingSurface
-from meshfit.fitting.gauss_newton.step_limiting import guarded
+from meshfit.fitting.gauss_newton.equations import SparsityPattern
+from meshfit.fitting.gauss_newton.fit_state import ControlledSurface, FitState
+from meshfit.fitting.gauss_newton.step_limiting import limited_step
 from meshfit.fitting.gauss_newton.surface import Connectivity
 from meshfit.loss.sparse import Sparse
 from meshfit.mesh.mesh import Verts
@@ -24,14 +24,14 @@ from meshfit.subdivision.scheme import Scheme
 from meshfit.subdivision.triangles.scheme import TriangleScheme
 
 
-def controlling(
-    surface: MovingSurface,
+def with_control_mesh(
+    surface: FitState,
     scheme: str | Scheme,
     levels: int,
     *,
     limit: bool,
     corners: Int64[Tensor, " C"] | None = None,
-) -> MovingSurface:
+) -> FitState:
     """A surface as a control mesh, followed by some levels of a scheme.
 
     Args:
@@ -52,16 +52,16 @@ def controlling(
         assert isinstance(masks, TriangleScheme)  # noqa: S101  only Loop's have a limit that is known
         matrix = loop_limit(Topology(matrix.shape[0], faces), masks) @ matrix
     dtype, device = surface.verts.dtype, surface.verts.device
-    followers = Followers(
-        Pattern(Connectivity(torch.tensor(faces, device=device), matrix.shape[0], dtype)),
+    controlled = ControlledSurface(
+        SparsityPattern(Connectivity(torch.tensor(faces, device=device), matrix.shape[0], dtype)),
         Sparse.of(matrix, dtype, device),
         Sparse.of(matrix.power(2), dtype, device),
         polygons,
     )
-    return replace(surface, on_sphere=None, followers=followers)
+    return replace(surface, on_sphere=None, controlled=controlled)
 
 
-def refined(surface: MovingSurface, scheme: str | Scheme) -> MovingSurface:
+def refined(surface: FitState, scheme: str | Scheme) -> FitState:
     """One level of a scheme, as far as it leaves the surface sound: elsewhere verts stay nearer to its faces.
 
     Where triangles are cut in four, there is always such a place, since the surface itself is one; where the scheme
@@ -73,22 +73,22 @@ def refined(surface: MovingSurface, scheme: str | Scheme) -> MovingSurface:
     fine = refinement(verts)
     faces, polygons = cut(refinement, fine)
     place = torch.as_tensor(fine).to(surface.verts)
-    finer = MovingSurface.of(place, torch.tensor(faces, device=device), polygons=polygons)
+    finer = FitState.of(place, torch.tensor(faces, device=device), polygons=polygons)
     linear = flat(masks)
     if linear is None:
         return finer.untangled()
     between = refine(topology, linear)
     start = torch.as_tensor(between(verts)).to(surface.verts)
     stiffness = torch.as_tensor(between(surface.stiffness.cpu().double().numpy())).to(surface.verts)
-    held, _ = guarded(finer.pattern.connectivity, start, finer.verts)
+    held, _ = limited_step(finer.pattern.connectivity, start, finer.verts)
     return replace(finer, verts=held, stiffness=stiffness).untangled()
 
 
-def _places(surface: MovingSurface) -> Verts:
+def _places(surface: FitState) -> Verts:
     return np.asarray(surface.verts.cpu().double().numpy())
 
 
-def _topology_for(surface: MovingSurface, scheme: Scheme) -> Topology | PolygonTopology:
+def _topology_for(surface: FitState, scheme: Scheme) -> Topology | PolygonTopology:
     if surface.polygons is not None and isinstance(scheme, PolygonScheme):
         return surface.polygons
     return Topology(len(surface.verts), surface.pattern.connectivity.faces.cpu().numpy())

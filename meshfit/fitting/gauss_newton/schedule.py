@@ -43,7 +43,7 @@ class Stage:
     refined: int = 0
 
 
-def stages(settings: GaussNewtonSettings) -> list[Stage]:
+def schedule(settings: GaussNewtonSettings) -> list[Stage]:
     """All stages of a fit, coarsest first."""
     found = [stage for attempt in range(settings.tries) for stage in _coarse(settings, attempt)]
     remeshed = settings.connectivity == "remeshed"
@@ -69,7 +69,7 @@ def _last(settings: GaussNewtonSettings) -> tuple[tuple[float, float], ...]:
 
 def stage_at(settings: GaussNewtonSettings, done: int) -> Stage:
     """The stage of the step that follows so many."""
-    plan = [stage for stage in stages(settings) for _ in stage.weights]
+    plan = [stage for stage in schedule(settings) for _ in stage.weights]
     return plan[min(done, len(plan) - 1)]
 
 

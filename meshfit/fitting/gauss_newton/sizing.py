@@ -8,8 +8,8 @@ from torch import Tensor
 
 from meshfit.fitting.gauss_newton.surface import Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
-from meshfit.remeshing.shapes import dot
 from meshfit.remeshing.sizing import limited, num_verts_for
+from meshfit.remeshing.triangle_geometry import dot
 
 # Lengths go with curvature to this power: -1/4 is best for the mean distance of a mesh of given size, -1/3 for the root
 # mean square, -1/2 for the largest, as distances go with curvature times squared length.

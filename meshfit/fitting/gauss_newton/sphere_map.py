@@ -15,13 +15,13 @@ from scipy.sparse import coo_array, diags_array
 from scipy.sparse.linalg import spsolve
 from torch import Tensor
 
-from meshfit.fitting.gauss_newton.equations import Pattern, conjugate_gradients
+from meshfit.fitting.gauss_newton.equations import SparsityPattern, conjugate_gradients
 from meshfit.fitting.gauss_newton.surface import Connectivity
 from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.manifold import euler_number, is_watertight, num_components
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
-from meshfit.remeshing.shapes import dot, turned_over, unit
+from meshfit.remeshing.triangle_geometry import dot, turned_over, unit
 
 _TOLERANCE, _MOST_ITERATIONS, _HALVINGS = 1e-3, 400, 24
 _GAIN, _PATIENCE = 1e-3, 3
@@ -45,7 +45,7 @@ class SphereMap:
         power: of the energy density in the sum that is lowered: above 1, faces far worse than others count for more.
     """
 
-    pattern: Pattern
+    pattern: SparsityPattern
     verts: Float64[Tensor, "V 3"]
     lengths: Float64[Tensor, " V"] | None = None
     power: float = 2.0
@@ -200,7 +200,7 @@ _STEPS = 40
 _USEFUL = 100.0
 
 
-def on_sphere(mesh: Mesh) -> Float64[Tensor, "V 3"] | None:
+def initial_sphere_map(mesh: Mesh) -> Float64[Tensor, "V 3"] | None:
     """Where the verts of a mesh are on the unit sphere, such that no face is turned over.
 
     They are where rays from their mean meet it, if that is one to one. Else the mesh, less a face near its middle, is
@@ -224,7 +224,7 @@ def on_sphere(mesh: Mesh) -> Float64[Tensor, "V 3"] | None:
     found = _from_plane(torch.tensor(_laid_out(mesh, topology)))
     if bool(turned_over(found, faces).any()):
         return None
-    pattern = Pattern(Connectivity(faces, len(verts), verts.dtype))
+    pattern = SparsityPattern(Connectivity(faces, len(verts), verts.dtype))
     for power in (1.0, 2.0):
         sphere = SphereMap(pattern, verts, power=power)
         found = sphere.improved(found, _STEPS)

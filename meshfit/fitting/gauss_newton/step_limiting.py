@@ -6,7 +6,7 @@ from torch import Tensor
 
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.loss.sparse import Sparse
-from meshfit.remeshing.self_intersections import crossing_faces
+from meshfit.remeshing.self_intersections import intersecting_faces
 
 # The least double area of a face, in squares of its longest edge.
 _NEEDLE = 0.02
@@ -28,10 +28,10 @@ def unsound_faces(shape: Shape, among: Bool[Tensor, " F"] | None = None) -> Bool
     connectivity = shape.connectivity
     longest = shape.edge_lengths[connectivity.edges.of_side].amax(1)
     bad = connectivity.edges.flipped(shape.normals) | ~(shape.double_area >= _NEEDLE * longest.square())
-    return bad | crossing_faces(shape.verts, connectivity.faces, among=among)
+    return bad | intersecting_faces(shape.verts, connectivity.faces, among=among)
 
 
-def guarded(
+def limited_step(
     connectivity: Connectivity,
     start: Float[Tensor, "C 3"],
     end: Float[Tensor, "C 3"],

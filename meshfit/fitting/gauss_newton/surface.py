@@ -12,7 +12,7 @@ from torch import Tensor
 from meshfit.loss.sparse import Sparse
 from meshfit.mesh.mesh import Mesh
 from meshfit.remeshing.connectivity import Edges
-from meshfit.remeshing.shapes import area_vectors, length_of, unit
+from meshfit.remeshing.triangle_geometry import area_vectors, length_of, unit
 
 
 @dataclass(frozen=True, eq=False)

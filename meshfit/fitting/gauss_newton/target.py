@@ -8,8 +8,8 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Generator, Tensor
 
-from meshfit.fitting.gauss_newton.boundary import Rim
-from meshfit.fitting.nearest_neighbours import nearest_to
+from meshfit.fitting.gauss_newton.boundary import TargetBoundary
+from meshfit.fitting.nearest_neighbours import nearest_neighbour_search
 from meshfit.mesh.geometry import area_vectors, face_normals, normalised
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.sampling import sample_surface
@@ -25,14 +25,14 @@ class TargetCloud:
         points: (N, 3).
         normals: (N, 3) unit normals, at verts those of their faces weighted by area.
         num_even: how many of them, the first ones, are spread evenly.
-        rim: its boundary, if it has one.
+        boundary: its boundary, if it has one.
         nearest: (M, 3) points to the (M,) indices of the nearest of the cloud.
     """
 
     points: Float[Tensor, "N 3"]
     normals: Float[Tensor, "N 3"]
     num_even: int
-    rim: Rim | None
+    boundary: TargetBoundary | None
     nearest: Callable[[Tensor], Tensor]
 
     @classmethod
@@ -50,8 +50,8 @@ class TargetCloud:
             cloud,
             torch.tensor(normals, dtype=dtype, device=device),
             _POINTS,
-            Rim.of(mesh, dtype, device),
-            nearest_to(cloud),
+            TargetBoundary.of(mesh, dtype, device),
+            nearest_neighbour_search(cloud),
         )
 
     def draw(self, count: int, generator: Generator) -> Int64[Tensor, " C"]:

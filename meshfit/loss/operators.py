@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.autograd.function import Function, once_differentiable
 
 from meshfit.loss.autograd import apply
-from meshfit.loss.batch_segments import Members
+from meshfit.loss.batch_segments import BatchSegments
 from meshfit.loss.sparse import Sparse
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
@@ -26,12 +26,12 @@ class Faces:
 
     Attributes:
         verts: (F, 3) the verts at the corners of each face.
-        members: which of the meshes each face belongs to.
+        segments: which of the meshes each face belongs to.
         sides: (2 F, V) takes positions to the sides of faces from their first corner, all first ones before all second.
     """
 
     verts: Int64[Tensor, "F 3"]
-    members: Members
+    segments: BatchSegments
     sides: Sparse
 
     @classmethod
@@ -41,13 +41,13 @@ class Faces:
         sides = np.concatenate([faces[:, [0, 1]], faces[:, [0, 2]]])
         return cls(
             verts=torch.tensor(faces, device=device),
-            members=Members.of([mesh.num_faces for mesh in meshes], device),
+            segments=BatchSegments.of([mesh.num_faces for mesh in meshes], device),
             sides=Sparse.of(_differences(sides, sum(mesh.num_verts for mesh in meshes)), dtype, device),
         )
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class MeshOperators:
     """The constant part of K moving meshes, on one device.
 
     Attributes:
@@ -62,8 +62,8 @@ class Surface:
     """
 
     faces: Faces
-    of_vert: Members
-    of_edge: Members
+    of_vert: BatchSegments
+    of_edge: BatchSegments
     edges: Sparse
     umbrella: Sparse
     joined: Float[Tensor, "V 1"]
@@ -72,26 +72,26 @@ class Surface:
     face_pairs: Float[Tensor, " K"]
 
     @classmethod
-    def of(cls, meshes: Sequence[Mesh], dtype: torch.dtype, device: torch.device) -> "Surface":
+    def of(cls, meshes: Sequence[Mesh], dtype: torch.dtype, device: torch.device) -> "MeshOperators":
         """The surface of some meshes; edges with three faces or more count every pair of them."""
         place: dict[str, Any] = {"dtype": dtype, "device": device}
         of_mesh = {mesh: Topology.of(mesh) for mesh in dict.fromkeys(meshes)}
         topologies, faces = [of_mesh[mesh] for mesh in meshes], Faces.of(meshes, **place)
-        of_vert = Members.of([mesh.num_verts for mesh in meshes], device)
+        of_vert = BatchSegments.of([mesh.num_verts for mesh in meshes], device)
         edges = _shifted([topology.edges for topology in topologies], of_vert.sizes)
-        pairs = _shifted([topology.face_pairs // 3 for topology in topologies], faces.members.sizes)
+        pairs = _shifted([topology.face_pairs // 3 for topology in topologies], faces.segments.sizes)
         alike = np.concatenate([_alike(topology) for topology in topologies])
         valence = np.bincount(edges.reshape(-1), minlength=len(of_vert.index))
         differences = _differences(edges, len(valence))
         return cls(
             faces=faces,
             of_vert=of_vert,
-            of_edge=Members.of([len(topology.edges) for topology in topologies], device),
+            of_edge=BatchSegments.of([len(topology.edges) for topology in topologies], device),
             edges=Sparse.of(differences, **place),
             umbrella=Sparse.of(diags_array(1 / valence.clip(min=1)) @ differences.T, **place),
             joined=torch.tensor(valence.clip(max=1)[:, None], **place),
-            neighbours=Sparse.of(_across(pairs, alike, len(faces.members.index)), **place),
-            valence_of_face=torch.tensor(np.bincount(pairs.reshape(-1), minlength=len(faces.members.index)), **place),
+            neighbours=Sparse.of(_across(pairs, alike, len(faces.segments.index)), **place),
+            valence_of_face=torch.tensor(np.bincount(pairs.reshape(-1), minlength=len(faces.segments.index)), **place),
             face_pairs=torch.tensor([max(len(topology.face_pairs), 1) for topology in topologies], **place),
         )
 
