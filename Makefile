@@ -5,6 +5,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 RUN    := $(VENV)/.run-installed
 DEV    := $(VENV)/.dev-installed
+DOCS   := $(VENV)/.docs-installed
 RUNS   ?= runs
 BENCH  ?= bench.json
 OLD    ?= bench.json
@@ -13,7 +14,7 @@ NEW    ?= bench.json
 ALL_TARGETS := --set 'targets=[bunny, cow, bone, airplane, mousehead]' --set 'seeds=[0, 1, 2, 3, 4]'
 
 .DEFAULT_GOAL := help
-.PHONY: help setup quickstart test check lint types layers table1 reproduce bench bench-compare ablation accuracy figures zoo mousehead wheel clean
+.PHONY: help setup quickstart test check lint types layers docs table1 reproduce bench bench-compare ablation accuracy figures zoo mousehead wheel clean
 
 help:  ## List the targets
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -30,7 +31,12 @@ $(RUN): pyproject.toml constraints.txt
 	@touch $@
 
 $(DEV): $(RUN)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt pip  # with --group, which older ones lack
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[report,dask,parquet]' --group dev
+	@touch $@
+
+$(DOCS): $(RUN)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[docs]'
 	@touch $@
 
 quickstart: $(RUN)  ## Run the paper's comparison, short, and print its table (under 2 minutes)
@@ -64,14 +70,17 @@ reproduce: $(DEV)  ## The short reproduction that CI runs, checked against its e
 bench: $(DEV)  ## Measure speed and memory, against plain twins in the same run; writes $(BENCH) (8 minutes)
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks --json $(BENCH)
 
-accuracy: $(RUN)  ## The second engine on all five targets, five seeds, both bundled configs (15 minutes)
+accuracy: $(RUN)  ## The Gauss–Newton engine on all five targets, five seeds, both bundled configs (15 minutes)
 	$(BIN)/meshfit run accurate --runs $(RUNS) $(ALL_TARGETS)
 	$(BIN)/meshfit run accurate-fixed --runs $(RUNS) $(ALL_TARGETS)
 
-ablation: $(DEV)  ## Leave out the second engine's ingredients one by one; writes docs/ablation.md (15 minutes)
-	$(BIN)/python -m tests.benchmarks.ablation > docs/ablation.md
+docs: $(DOCS)  ## Build the documentation into site/, strictly
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
-bench-compare: $(DEV)  ## Set two such files side by side: make bench-compare OLD=a.json NEW=b.json
+ablation: $(DEV)  ## Leave out the Gauss–Newton engine's ingredients one by one; writes docs/background/ablation.md (15 minutes)
+	$(BIN)/python -m tests.benchmarks.ablation > docs/background/ablation.md
+
+bench-compare: $(DEV)  ## Compare two such files: make bench-compare OLD=a.json NEW=b.json
 	$(BIN)/python -m tests.benchmarks.compare $(OLD) $(NEW)
 
 figures: $(DEV)  ## Draw the README's pictures from real runs (under 10 minutes)
@@ -87,11 +96,11 @@ zoo: $(DEV)  ## Every scheme on every target with both engines, and the chart in
 	$(BIN)/meshfit run zoo --runs $(RUNS)
 	$(BIN)/meshfit chart $(RUNS)/zoo -o data/pictures/zoo.png
 
-mousehead: $(RUN)  ## Make the mousehead target anew
+mousehead: $(RUN)  ## Remake the mousehead target
 	$(BIN)/python data/mousehead.py
 
 wheel: $(RUN)  ## Build the wheel
 	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
 
 clean:  ## Remove .venv, caches and builds; runs stay
-	rm -rf $(VENV) dist build .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) dist build site .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

@@ -1,6 +1,6 @@
 """What each ingredient of the Gauss–Newton engine brings: fits with one of them left out, as a Markdown table.
 
-python -m tests.benchmarks.ablation > docs/ablation.md
+python -m tests.benchmarks.ablation > docs/background/ablation.md
 """
 
 import sys
