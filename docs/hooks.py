@@ -61,15 +61,16 @@ def config_reference() -> str:
     parts = []
     while sections:
         prefix, title, settings = sections.pop(0)
-        rows = []
+        rows, nested = [], []
         for key, default, description, example in _keys(settings):
             dotted = f"{prefix}{key}"
             if dotted == "fit":
-                sections += [("fit.", f"Fit: {name}", model()) for name, model in METHODS.items()]
+                nested += [("fit.", f"`fit`, method `{name}`", model()) for name, model in METHODS.items()]
             elif isinstance(default, Settings):
-                sections.append((f"{dotted}.", dotted.capitalize(), default))
+                nested.append((f"{dotted}.", f"`{dotted}`", default))
             shown = "" if isinstance(default, Settings) else f"`{_as_yaml(default)}`"
-            rows.append(f"| `{dotted}` | {shown} | {_cell(description)}{_cell(example)} |")
+            rows.append(f"| `{dotted}` | {shown} | {_cell(f'{description} {example}')} |")
+        sections = nested + sections
         head = f"## {title}\n\n{_cell((type(settings).__doc__ or '').strip())}\n"
         parts.append("\n".join([head, "| key | default | meaning |", "| --- | --- | --- |", *rows, ""]))
     return "\n".join(parts)
@@ -79,7 +80,7 @@ def _keys(settings: Settings) -> Iterator[tuple[str, Any, str, str]]:
     """Yield key, default, description and example of each setting, also of models that are null by default."""
     for name, field in type(settings).model_fields.items():
         description = field.description or ""
-        examples = "".join(f" Example: `{_as_yaml(example)}`" for example in field.examples or ())
+        examples = "".join(f"Example: `{_as_yaml(example)}`" for example in field.examples or ())
         yield name, getattr(settings, name), description, examples
         for option in get_args(field.annotation):
             if isinstance(option, type) and issubclass(option, Settings) and getattr(settings, name) is None:
