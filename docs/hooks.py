@@ -50,8 +50,9 @@ def command_reference() -> str:
 
 
 def _with_code_blocks(text: str) -> str:
-    """Set the examples of a help text as code: each stands on an indented line of its own."""
+    """Set the examples of a help text as one block of code, and its title as a heading below the page's."""
     text = re.sub(r"^(Examples?:) *\n(?=    )", r"\1\n\n", text, flags=re.MULTILINE)
+    text = re.sub(r"^# ", "## ", text, flags=re.MULTILINE)
     return re.sub(r"^(    meshfit .*)\n\n(?=    meshfit )", r"\1\n", text, flags=re.MULTILINE)
 
 
