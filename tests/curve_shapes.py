@@ -6,7 +6,7 @@ from meshfit.mesh.curves import Chains, Curves
 from meshfit.subdivision.curves.table import CURVE_SCHEMES
 from meshfit.subdivision.refine import refine
 from meshfit.subdivision.refinement import CurveRefinement
-from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.registry import resolve
 
 VARIANTS = (
     *CURVE_SCHEMES,
@@ -54,7 +54,7 @@ SHAPES = {
 
 def refined(curves: Curves, spec: str, levels: int = 1) -> CurveRefinement:
     """The refinement of the chains of curves."""
-    return refine(Chains.of(curves), scheme_of(spec), levels)
+    return refine(Chains.of(curves), resolve(spec), levels)
 
 
 def dense(curves: Curves, spec: str, levels: int = 1) -> np.ndarray:

@@ -7,13 +7,13 @@ from math import ceil
 
 import numpy as np
 
-from meshfit.analysis.curve_meshes import bench_of
+from meshfit.analysis.curve_meshes import stencil_meshes
 from meshfit.analysis.extraordinary_vertex import (
-    BoundaryPlace,
-    OddPlace,
+    BoundaryVertex,
+    ExtraordinaryVertex,
+    analyse_boundary,
+    analyse_valence,
     largest_alpha,
-    study_boundary,
-    study_valence,
     wheels,
 )
 from meshfit.analysis.regular_lattice import (
@@ -25,7 +25,7 @@ from meshfit.analysis.regular_lattice import (
     support_of,
 )
 from meshfit.analysis.regularity import continuity, holder_bound, regularity_of
-from meshfit.analysis.stencil_meshes import Bench
+from meshfit.analysis.stencil_meshes import StencilMeshes
 from meshfit.errors import MeshError, SchemeError
 from meshfit.subdivision.scheme import Scheme
 
@@ -72,9 +72,9 @@ class Analysis:
     holder_bound: float | None
     continuity: int
     support: Support
-    places: tuple[OddPlace, ...]
+    places: tuple[ExtraordinaryVertex, ...]
     unruled: tuple[int, ...]
-    boundary: tuple[BoundaryPlace, ...]
+    boundary: tuple[BoundaryVertex, ...]
     alphas: dict[int, float]
 
     @property
@@ -95,24 +95,24 @@ def analyse(scheme: Scheme, valences: Sequence[int] = VALENCES) -> Analysis:
     """
     if np.ndim(getattr(getattr(scheme, "push_back", None), "alpha", 0.0)):
         raise SchemeError("a scheme is analysed for one alpha, not for one at each vertex")
-    bench = bench_of(scheme)
-    mask = regular_mask(bench)
+    meshes = stencil_meshes(scheme)
+    mask = regular_mask(meshes)
     order = sum_rule_order(mask)
-    support = support_of(bench, mask)
+    support = support_of(meshes, mask)
     regular = regularity_of(mask)
     bound = holder_bound(mask, order)
-    odd = valences if bench.wheel is not None else ()
-    places = _places(bench, mask, support.radius, odd)
+    odd = valences if meshes.wheel is not None else ()
+    places = _places(meshes, mask, support.radius, odd)
     alphas = {each.valence: largest_alpha(scheme, mask.steps, each) for each in places if each.fault}
-    neighbours = NEIGHBOURS if odd and bench.fan is not None else ()
+    neighbours = NEIGHBOURS if odd and meshes.fan is not None else ()
     return Analysis(
-        domain=bench.name,
-        odd=bench.odd,
-        regular=bench.regular,
+        domain=meshes.name,
+        odd=meshes.odd,
+        regular=meshes.regular,
         dilation=mask.dilation,
         steps=mask.steps,
-        row_sums=_row_sums(bench, mask.steps, [place.valence for place in places]),
-        reproduced=reproduced_degree(bench),
+        row_sums=_row_sums(meshes, mask.steps, [place.valence for place in places]),
+        reproduced=reproduced_degree(meshes),
         generated=regular.accuracy - 1,
         s2=regular.s2,
         stable=regular.stable,
@@ -121,32 +121,36 @@ def analyse(scheme: Scheme, valences: Sequence[int] = VALENCES) -> Analysis:
         support=support,
         places=places,
         unruled=tuple(valence for valence in odd if valence not in {place.valence for place in places}),
-        boundary=_boundary(bench, mask, ceil(support.radius - _ROUNDING), neighbours),
+        boundary=_boundary(meshes, mask, ceil(support.radius - _ROUNDING), neighbours),
         alphas={valence: alpha for valence, alpha in alphas.items() if alpha is not None},
     )
 
 
-def _places(bench: Bench, mask: RegularMask, radius: float, valences: Sequence[int]) -> tuple[OddPlace, ...]:
+def _places(
+    meshes: StencilMeshes, mask: RegularMask, radius: float, valences: Sequence[int]
+) -> tuple[ExtraordinaryVertex, ...]:
     """One for each valence, but for those at which the scheme cannot refine."""
     found = []
     for valence in valences:
         with suppress(MeshError):
-            found.append(study_valence(bench, mask, radius, valence))
+            found.append(analyse_valence(meshes, mask, radius, valence))
     return tuple(found)
 
 
-def _boundary(bench: Bench, mask: RegularMask, rings: int, neighbours: Sequence[int]) -> tuple[BoundaryPlace, ...]:
+def _boundary(
+    meshes: StencilMeshes, mask: RegularMask, rings: int, neighbours: Sequence[int]
+) -> tuple[BoundaryVertex, ...]:
     """The same along the boundary."""
     found = []
     for count in neighbours:
         with suppress(MeshError):
-            found.append(study_boundary(bench, mask.steps, mask.dilation, rings, count))
+            found.append(analyse_boundary(meshes, mask.steps, mask.dilation, rings, count))
     return tuple(found)
 
 
-def _row_sums(bench: Bench, steps: int, valences: Sequence[int]) -> tuple[float, float]:
+def _row_sums(meshes: StencilMeshes, steps: int, valences: Sequence[int]) -> tuple[float, float]:
     """Of every vertex on a patch and on wheels, near borders too."""
-    refines = [bench.patch(_REACH).refine, *(wheels(bench, valence)(_REACH).refine for valence in valences)]
+    refines = [meshes.patch(_REACH).refine, *(wheels(meshes, valence)(_REACH).refine for valence in valences)]
     operators = [operator for refine in refines for operator in refine(steps).operators]
     sums = np.concatenate([operator.sum(axis=1) for operator in operators])
     return float(sums.min()), float(sums.max())

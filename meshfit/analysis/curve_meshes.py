@@ -1,10 +1,10 @@
-"""The bench of schemes on curves: a line, on which nothing is extraordinary."""
+"""The meshes of schemes on curves: a line, on which nothing is extraordinary."""
 
 import numpy as np
 
-from meshfit.analysis.polygon_meshes import polygon_bench
-from meshfit.analysis.stencil_meshes import Bench, Finer, Patch
-from meshfit.analysis.triangle_meshes import triangle_bench
+from meshfit.analysis.polygon_meshes import polygon_meshes
+from meshfit.analysis.stencil_meshes import FinerMesh, Patch, StencilMeshes
+from meshfit.analysis.triangle_meshes import triangle_meshes
 from meshfit.mesh.curves import Chains
 from meshfit.mesh.topology import PolygonTopology
 from meshfit.subdivision.curves.scheme import CurveScheme
@@ -15,9 +15,9 @@ from meshfit.subdivision.scheme import Scheme
 _BORDER = 2
 
 
-def curve_bench(scheme: CurveScheme) -> Bench:
+def curve_meshes(scheme: CurveScheme) -> StencilMeshes:
     """A line of verts, each with two neighbours."""
-    return Bench("curves", 1, "", 2, lambda reach: _patch(scheme, reach), None, None, _distance, ((1.0,),))
+    return StencilMeshes("curves", 1, "", 2, lambda reach: _patch(scheme, reach), None, None, _distance, ((1.0,),))
 
 
 def _distance(places: np.ndarray) -> np.ndarray:
@@ -29,9 +29,9 @@ def _patch(scheme: CurveScheme, reach: int) -> Patch:
     chains = Chains(count, np.arange(count), np.array([count]), np.array([False]))
     places = np.arange(count)[:, None] - float(reach)
 
-    def refined(steps: int) -> Finer:
+    def refined(steps: int) -> FinerMesh:
         found = refine(chains, scheme, steps)
-        return Finer(found.operators, _segments(found.chains))
+        return FinerMesh(found.operators, _segments(found.chains))
 
     return Patch(places, _segments(chains), np.abs(places[:, 0]) <= reach - _BORDER, refined)
 
@@ -42,8 +42,8 @@ def _segments(chains: Chains) -> PolygonTopology:
     return PolygonTopology(chains.num_verts, ends.reshape(-1), np.full(len(ends), 2))
 
 
-def bench_of(scheme: Scheme) -> Bench:
-    """The bench of a scheme's domain, laid down by that scheme."""
+def stencil_meshes(scheme: Scheme) -> StencilMeshes:
+    """The meshes of a scheme's domain, laid down by that scheme."""
     if isinstance(scheme, CurveScheme):
-        return curve_bench(scheme)
-    return polygon_bench(scheme) if isinstance(scheme, PolygonScheme) else triangle_bench(scheme)
+        return curve_meshes(scheme)
+    return polygon_meshes(scheme) if isinstance(scheme, PolygonScheme) else triangle_meshes(scheme)

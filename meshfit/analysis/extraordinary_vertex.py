@@ -11,11 +11,11 @@ import numpy as np
 from jaxtyping import Complex128
 from scipy.optimize import brentq
 
-from meshfit.analysis.curve_meshes import bench_of
-from meshfit.analysis.local_matrix import MOST_RINGS, PAD, LocalMatrix, invariant_matrix, match_fan
+from meshfit.analysis.curve_meshes import stencil_meshes
+from meshfit.analysis.local_matrix import MOST_RINGS, PAD, LocalMatrix, invariant_matrix, map_fan
 from meshfit.analysis.regular_lattice import RegularMask
 from meshfit.analysis.spectrum import TIE, Spectrum, eigenvalues, spectrum_of
-from meshfit.analysis.stencil_meshes import Bench, Wheel
+from meshfit.analysis.stencil_meshes import StencilMeshes, Wheel
 from meshfit.errors import SchemeError
 from meshfit.mesh.topology import PolygonTopology
 from meshfit.subdivision.scheme import Scheme
@@ -66,7 +66,7 @@ _LEAST = 3
 
 
 @dataclass(frozen=True)
-class OddPlace:
+class ExtraordinaryVertex:
     """What a scheme does at a vertex, or for dual schemes a face, of one valence amid regular ones.
 
     Attributes:
@@ -90,11 +90,11 @@ class OddPlace:
         return self.spectrum.fault or ("" if self.regular_map else "the characteristic map folds")
 
 
-def study_valence(bench: Bench, mask: RegularMask, radius: float, valence: int) -> OddPlace:
+def analyse_valence(meshes: StencilMeshes, mask: RegularMask, radius: float, valence: int) -> ExtraordinaryVertex:
     """Look at one valence.
 
     Args:
-        bench: with wheels.
+        meshes: with wheels.
         mask: on its regular lattice.
         radius: of the basis function, in rings: so many rings decide on the surface around the centre.
         valence: number of spokes, 3 or more.
@@ -102,29 +102,29 @@ def study_valence(bench: Bench, mask: RegularMask, radius: float, valence: int) 
     Raises:
         SchemeError: no number of rings follows from itself.
     """
-    wheel_of = wheels(bench, valence)
+    wheel_of = wheels(meshes, valence)
     matrix = invariant_matrix(wheel_of, mask.steps, ceil(radius - _ROUNDING))
     wider = invariant_matrix(wheel_of, mask.steps, matrix.rings + 1)
     regular = is_regular(wheel_of, wider, mask.steps, mask.dilation)
-    return OddPlace(spectrum_of(matrix), matrix.rings, regular)
+    return ExtraordinaryVertex(spectrum_of(matrix), matrix.rings, regular)
 
 
-def wheels(bench: Bench, valence: int) -> Callable[[int], Wheel]:
+def wheels(meshes: StencilMeshes, valence: int) -> Callable[[int], Wheel]:
     """Number of rings → the wheel of that valence.
 
     Raises:
-        SchemeError: nothing is extraordinary in this bench, or a wheel has fewer than 3 spokes.
+        SchemeError: nothing is extraordinary in this meshes, or a wheel has fewer than 3 spokes.
     """
-    make = bench.wheel
+    make = meshes.wheel
     if make is None or valence < _LEAST:
-        raise SchemeError(f"{bench.name} have nothing of valence {valence} to analyse: 3 or more is, off curves")
+        raise SchemeError(f"{meshes.name} have nothing of valence {valence} to analyse: 3 or more is, off curves")
     return lambda rings: make(valence, rings)
 
 
 _EXACT = 1e-9
 
 
-def largest_alpha(scheme: Scheme, steps: int, place: OddPlace) -> float | None:
+def largest_alpha(scheme: Scheme, steps: int, place: ExtraordinaryVertex) -> float | None:
     """The α at which another eigenvalue overtakes λ1 at a valence; None where it does not on the way from α = 0.
 
     Args:
@@ -138,7 +138,7 @@ def largest_alpha(scheme: Scheme, steps: int, place: OddPlace) -> float | None:
 
     def gap(alpha: float) -> float:
         blend = scheme.with_alpha(alpha)
-        matrix = invariant_matrix(wheels(bench_of(blend), place.valence), steps, place.rings)
+        matrix = invariant_matrix(wheels(stencil_meshes(blend), place.valence), steps, place.rings)
         return spectrum_of(matrix).gap
 
     given = float(push_back.alpha)
@@ -148,7 +148,7 @@ def largest_alpha(scheme: Scheme, steps: int, place: OddPlace) -> float | None:
 
 
 @dataclass(frozen=True)
-class BoundaryPlace:
+class BoundaryVertex:
     """What a scheme does at a boundary vertex amid regular ones.
 
     Attributes:
@@ -169,11 +169,11 @@ class BoundaryPlace:
         return leads and first < 1 - TIE and second - third > TIE * second
 
 
-def study_boundary(bench: Bench, steps: int, dilation: int, rings: int, neighbours: int) -> BoundaryPlace:
+def analyse_boundary(meshes: StencilMeshes, steps: int, dilation: int, rings: int, neighbours: int) -> BoundaryVertex:
     """Look at boundary verts of so many neighbours.
 
     Args:
-        bench: with fans.
+        meshes: with fans.
         steps: of the scheme, that make one scalar dilation.
         dilation: fine edges along a coarse one after so many steps.
         rings: how many decide on the surface around the vertex.
@@ -182,16 +182,16 @@ def study_boundary(bench: Bench, steps: int, dilation: int, rings: int, neighbou
     Raises:
         SchemeError: no number of rings follows from itself, or there are no such verts.
     """
-    if bench.fan is None or neighbours < 2:
-        raise SchemeError(f"{bench.name} have no boundary verts of {neighbours} neighbours to analyse: 2 or more is")
+    if meshes.fan is None or neighbours < 2:
+        raise SchemeError(f"{meshes.name} have no boundary verts of {neighbours} neighbours to analyse: 2 or more is")
     for number in range(rings, MOST_RINGS + 1):
-        fan = bench.fan(neighbours, number + PAD)
+        fan = meshes.fan(neighbours, number + PAD)
         finer = fan.refine(steps)
         inside = fan.ring <= number
-        rows = finer.rows(match_fan(fan, finer.topology, fan.locate(steps), number)[inside])
+        rows = finer.rows(map_fan(fan, finer.topology, fan.locate(steps), number)[inside])
         if not rows[:, ~inside].any():
             found = eigenvalues(rows[:, inside].astype(np.complex128))
             others = np.delete(found, int(np.argmin(np.abs(found - 1))))
             first, second, third, *_ = np.append(np.abs(others), np.zeros(3)).tolist()
-            return BoundaryPlace(neighbours, (first, second, third), 1 / dilation)
+            return BoundaryVertex(neighbours, (first, second, third), 1 / dilation)
     raise SchemeError(f"this scheme cannot be analysed: {MOST_RINGS} rings at a boundary do not follow from them")

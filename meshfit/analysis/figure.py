@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from meshfit.analysis.analyse import Analysis, verdict
-from meshfit.analysis.curve_meshes import bench_of
+from meshfit.analysis.curve_meshes import stencil_meshes
 from meshfit.analysis.panels import (
     Basis,
     basis_of,
@@ -82,7 +82,7 @@ def write_analysis(scheme: Scheme, analysis: Analysis, title: str, path: Path) -
     """
     matplotlib, figures = needed("matplotlib"), needed("matplotlib.figure")
     dpi = DPI[path.suffix.lower()]
-    basis = basis_of(bench_of(scheme), analysis.steps, analysis.dilation, analysis.support.radius)
+    basis = basis_of(stencil_meshes(scheme), analysis.steps, analysis.dilation, analysis.support.radius)
     rows = 1 if isinstance(scheme, CurveScheme) else 2
     with matplotlib.rc_context(STYLE), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a letter that no font has is drawn as a box

@@ -14,7 +14,7 @@ from meshfit.mesh.topology import PolygonTopology
 Places = Complex128[np.ndarray, " V"]
 
 
-def match_wheel(wheel: Wheel, fine: PolygonTopology, places: Places, rings: int) -> Indices:
+def map_wheel(wheel: Wheel, fine: PolygonTopology, places: Places, rings: int) -> Indices:
     """(V,) the fine vertex in the place of each coarse one of the first rings; `NONE` for the others.
 
     Args:
@@ -32,7 +32,7 @@ def match_wheel(wheel: Wheel, fine: PolygonTopology, places: Places, rings: int)
     return _walk(wheel.topology, fine, inside, (int(mine[0]), int(theirs[np.argmin(turned)])))
 
 
-def match_fan(fan: Fan, fine: PolygonTopology, places: Places, rings: int) -> Indices:
+def map_fan(fan: Fan, fine: PolygonTopology, places: Places, rings: int) -> Indices:
     """The same around a vertex on the boundary, from the half-edge out of it that lies there."""
     starts = []
     for topology, hub in ((fan.topology, 0), (fine, int(np.argmin(np.abs(places))))):
@@ -113,7 +113,7 @@ def local_matrix(wheel: Wheel, steps: int, rings: int) -> LocalMatrix | None:
     """The matrix of so many rings of a wheel that has `PAD` more; None where these rings need more than themselves."""
     finer = wheel.refine(steps)
     kept = wheel.within(rings)
-    matched = match_wheel(wheel, finer.topology, wheel.locate(steps), rings)
+    matched = map_wheel(wheel, finer.topology, wheel.locate(steps), rings)
     dense = finer.rows(matched[kept])
     outside = np.ones(dense.shape[1], dtype=bool)
     outside[kept] = False

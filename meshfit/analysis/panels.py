@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from meshfit.analysis.stencil_meshes import Bench, Patch
+from meshfit.analysis.stencil_meshes import Patch, StencilMeshes
 from meshfit.mesh.curves import Curves
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh, fan_triangles
@@ -42,22 +42,22 @@ class Basis:
     lattice: Float64[np.ndarray, "L 2 D"]
 
 
-def basis_of(bench: Bench, steps: int, dilation: int, radius: float) -> Basis:
+def basis_of(meshes: StencilMeshes, steps: int, dilation: int, radius: float) -> Basis:
     """Sample it by refining, until about 24 samples lie along an edge.
 
     Args:
-        bench: laid down by the scheme.
+        meshes: laid down by the scheme.
         steps: of the scheme, that make one scalar dilation.
         dilation: fine edges along a coarse one after so many steps.
         radius: of the support, in rings.
     """
     reach = ceil(radius) + 4
-    patch = bench.patch(reach)
+    patch = meshes.patch(reach)
     origin = (patch.places == 0).all(axis=1) * 1.0
     finer = patch.refine(steps * ceil(log(_FINENESS) / log(dilation)))
     places, values = finer.carry(patch.places), finer.carry(origin)
-    near = bench.distance(places) <= radius + _MARGIN
-    if bench.dimension == 1:
+    near = meshes.distance(places) <= radius + _MARGIN
+    if meshes.dimension == 1:
         order = np.argsort(places[:, 0])
         chosen, triangles = order[near[order]], np.empty((0, 3), dtype=np.int64)
     else:
@@ -67,14 +67,14 @@ def basis_of(bench: Bench, steps: int, dilation: int, radius: float) -> Basis:
         place[chosen] = np.arange(len(chosen))
         triangles = place[every]
         triangles = triangles[(triangles >= 0).all(axis=1)]
-    axes = np.array(bench.axes)
-    return Basis(places[chosen] @ axes, values[chosen], triangles, _edges_within(bench, patch, radius) @ axes)
+    axes = np.array(meshes.axes)
+    return Basis(places[chosen] @ axes, values[chosen], triangles, _edges_within(meshes, patch, radius) @ axes)
 
 
-def _edges_within(bench: Bench, patch: Patch, radius: float) -> Float64[np.ndarray, "L 2 D"]:
+def _edges_within(meshes: StencilMeshes, patch: Patch, radius: float) -> Float64[np.ndarray, "L 2 D"]:
     """The control edges whose ends are no farther than the support."""
     ends = patch.topology.edges
-    inside = bench.distance(patch.places) <= max(1.0, radius) + _MARGIN
+    inside = meshes.distance(patch.places) <= max(1.0, radius) + _MARGIN
     return np.asarray(patch.places[ends[inside[ends].all(axis=1)]])
 
 

@@ -1,4 +1,4 @@
-"""The bench of schemes on polygons: quads, and wheels about a vertex of any valence, or about a face of any size."""
+"""The meshes of schemes on polygons: quads, and wheels about a vertex of any valence, or about a face of any size."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Complex128, Int64
 
-from meshfit.analysis.stencil_meshes import Bench, Fan, Finer, Patch, Refine, Wheel
+from meshfit.analysis.stencil_meshes import Fan, FinerMesh, Patch, Refine, StencilMeshes, Wheel
 from meshfit.mesh.topology import PolygonTopology
 from meshfit.subdivision.polygons.scheme import LINEAR, CornerMask, PolygonScheme
 from meshfit.subdivision.refine import refine
@@ -18,11 +18,11 @@ Cells = dict[tuple[int, int], Int64[np.ndarray, " n"]]
 """Verts by their two coordinates between one spoke and the next, one for each spoke."""
 
 
-def polygon_bench(scheme: PolygonScheme) -> Bench:
+def polygon_meshes(scheme: PolygonScheme) -> StencilMeshes:
     """Quads, of which four meet at a vertex; with dual schemes it is faces that may be extraordinary."""
     dual = isinstance(scheme.inserted, CornerMask)
     wheel = _dual_wheel if dual else _wheel
-    return Bench(
+    return StencilMeshes(
         "polygons",
         2,
         "face" if dual else "vertex",
@@ -36,9 +36,9 @@ def polygon_bench(scheme: PolygonScheme) -> Bench:
 
 
 def _refine(scheme: PolygonScheme, topology: PolygonTopology) -> Refine:
-    def refined(steps: int) -> Finer:
+    def refined(steps: int) -> FinerMesh:
         found = refine(topology, scheme, steps)
-        return Finer(found.operators, found.finest)
+        return FinerMesh(found.operators, found.finest)
 
     return refined
 

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from meshfit.analysis.stencil_meshes import Bench, Patch
+from meshfit.analysis.stencil_meshes import Patch, StencilMeshes
 from meshfit.errors import SchemeError
 
 _REACH = 9
@@ -44,7 +44,7 @@ class RegularMask:
         return np.asarray(np.rint(self.offsets - _part(self.offsets)), dtype=np.int64)
 
 
-def regular_mask(bench: Bench) -> RegularMask:
+def regular_mask(meshes: StencilMeshes) -> RegularMask:
     """Read the mask off a patch.
 
     New verts are located by refining the lattice's coordinates, which every scheme of symmetric masks reproduces.
@@ -52,7 +52,7 @@ def regular_mask(bench: Bench) -> RegularMask:
     Raises:
         SchemeError: the fine lattice never lies as the coarse one does.
     """
-    patch = bench.patch(_REACH)
+    patch = meshes.patch(_REACH)
     for steps in range(1, _MOST_STEPS + 1):
         found = _mask_after(patch, steps)
         if found is not None:
@@ -101,15 +101,15 @@ class Support:
     mask: int
 
 
-def support_of(bench: Bench, mask: RegularMask) -> Support:
+def support_of(meshes: StencilMeshes, mask: RegularMask) -> Support:
     """The support: a mask on the points Ω gives a limit on Ω / m + Ω / m² + …, whose hull is that of Ω / (m - 1)."""
-    radius = float(bench.distance(mask.offsets).max()) / (mask.dilation - 1)
-    sizes = _stencil_sizes(bench)
+    radius = float(meshes.distance(mask.offsets).max()) / (mask.dilation - 1)
+    sizes = _stencil_sizes(meshes)
     return Support(radius, (int(sizes.min()), int(sizes.max())), len(mask.weights))
 
 
-def _stencil_sizes(bench: Bench) -> Float64[np.ndarray, " N"]:
-    patch = bench.patch(_REACH)
+def _stencil_sizes(meshes: StencilMeshes) -> Float64[np.ndarray, " N"]:
+    patch = meshes.patch(_REACH)
     finer = patch.refine(1)
     inner = patch.regular(finer)
     used = abs(finer.operators[0]) > _ZERO
@@ -121,9 +121,9 @@ _HIGHEST = 11
 _TOLERANCE = 1e-9
 
 
-def reproduced_degree(bench: Bench) -> int:
+def reproduced_degree(meshes: StencilMeshes) -> int:
     """The highest degree up to which values of every polynomial at old verts become its values at new ones, or -1."""
-    patch = bench.patch(_REACH_POLYNOMIALS)
+    patch = meshes.patch(_REACH_POLYNOMIALS)
     finer = patch.refine(1)
     inner = patch.regular(finer)
     coarse, fine = patch.places / _REACH_POLYNOMIALS, finer.carry(patch.places)[inner] / _REACH_POLYNOMIALS

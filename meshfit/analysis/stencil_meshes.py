@@ -17,7 +17,7 @@ _ZERO = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
-class Finer:
+class FinerMesh:
     """What some steps make of a connectivity: an operator for each, coarsest first, and the finest connectivity."""
 
     operators: tuple[csr_array, ...]
@@ -38,7 +38,7 @@ class Finer:
         return np.where(np.abs(dense) > _ZERO, dense, 0.0)
 
 
-Refine = Callable[[int], Finer]
+Refine = Callable[[int], FinerMesh]
 """Number of steps → what they make of one connectivity."""
 
 
@@ -59,7 +59,7 @@ class Patch:
     inner: Mask
     refine: Refine
 
-    def regular(self, finer: Finer) -> Mask:
+    def regular(self, finer: FinerMesh) -> Mask:
         """(V',) which fine verts follow from inner ones alone."""
         return np.asarray(np.isfinite(finer.carry(np.where(self.inner, 0.0, np.nan))))
 
@@ -111,7 +111,7 @@ class Fan:
 
 
 @dataclass(frozen=True)
-class Bench:
+class StencilMeshes:
     """What a scheme of one domain is studied on, laid down by that scheme.
 
     Attributes:

@@ -1,4 +1,4 @@
-"""The bench of schemes on triangles: lattice and wheels."""
+"""The meshes of schemes on triangles: lattice and wheels."""
 
 from collections.abc import Callable
 from fractions import Fraction
@@ -7,7 +7,7 @@ from math import sqrt
 import numpy as np
 from jaxtyping import Complex128, Int64
 
-from meshfit.analysis.stencil_meshes import Bench, Fan, Finer, Patch, Refine, Wheel
+from meshfit.analysis.stencil_meshes import Fan, FinerMesh, Patch, Refine, StencilMeshes, Wheel
 from meshfit.mesh.topology import PolygonTopology, Topology
 from meshfit.subdivision.masks import CurveMask, EdgeMask, FaceMask
 from meshfit.subdivision.refine import refine
@@ -16,9 +16,9 @@ from meshfit.subdivision.triangles.scheme import Split, TriangleScheme
 _BORDER = 2
 
 
-def triangle_bench(scheme: TriangleScheme) -> Bench:
+def triangle_meshes(scheme: TriangleScheme) -> StencilMeshes:
     """Triangles, of which six meet at a regular vertex."""
-    return Bench(
+    return StencilMeshes(
         "triangles",
         2,
         "vertex",
@@ -37,9 +37,9 @@ def _distance(places: np.ndarray) -> np.ndarray:
 
 
 def _refine(scheme: TriangleScheme, topology: Topology) -> Refine:
-    def refined(steps: int) -> Finer:
+    def refined(steps: int) -> FinerMesh:
         found = refine(topology, scheme, steps)
-        return Finer(found.operators, PolygonTopology.of(Topology(found.operators[-1].shape[0], found.faces)))
+        return FinerMesh(found.operators, PolygonTopology.of(Topology(found.operators[-1].shape[0], found.faces)))
 
     return refined
 

@@ -129,14 +129,14 @@ def compare(
     """
     from meshfit.cli.experiments import Display, Workers, run_and_report
     from meshfit.config.loading import Experiment, load_experiment
-    from meshfit.config.scheme_files import adopted
+    from meshfit.config.scheme_files import resolve_specs
     from meshfit.experiment.plan import plan
     from meshfit.settings import override
 
     if len(schemes) < 2:
         raise ConfigError(f"found one scheme, {schemes[0]}; two or more are needed to compare")
     experiment = load_experiment(config, overrides or ())
-    specs, own = adopted(schemes, experiment.settings.define)
+    specs, own = resolve_specs(schemes, experiment.settings.define)
     define = {name: definition.model_dump(mode="json") for name, definition in own.items()}
     changes: dict[str, object] = {"schemes": specs, "define": define}
     if targets is not None:

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from meshfit.analysis.analyse import Analysis
     from meshfit.analysis.spectrum import Eigenvalue
     from meshfit.subdivision.describe import MaskRow
-    from meshfit.subdivision.registry import Catalogue
     from meshfit.subdivision.scheme import Scheme
 
 
@@ -198,26 +197,26 @@ def schemes(
     if analysed or plot is not None:
         _stay_on_one_thread()
     from meshfit.config.loading import defined_in
-    from meshfit.config.scheme_files import adopted
+    from meshfit.config.scheme_files import resolve_specs
     from meshfit.errors import ConfigError
-    from meshfit.subdivision.registry import catalogue_of
+    from meshfit.subdivision.registry import registry_with
 
-    specs, own = adopted([] if name is None else [name], defined_in(config))
-    catalogue = catalogue_of(own)
+    specs, own = resolve_specs([] if name is None else [name], defined_in(config))
+    registry = registry_with(own)
     if specs:
-        return _one(specs[0], catalogue, plot, analysed=analysed, as_json=as_json)
+        return _one(specs[0], registry, plot, analysed=analysed, as_json=as_json)
     if analysed or plot is not None:
         option = "--analyse" if analysed else "--plot"
         raise ConfigError(f"{option} is for one scheme: name it, as in `meshfit schemes loop {option}`")
     if as_json:
-        typer.echo(json.dumps([_plain(key, entry) for key, entry in catalogue.items()], indent=2))
+        typer.echo(json.dumps([_plain(key, entry) for key, entry in registry.items()], indent=2))
         return 0
     table = Table(box=None, pad_edge=False)
-    table.add_column("scheme", style="bold", overflow="fold", min_width=min(_WIDEST, max(map(len, catalogue))))
+    table.add_column("scheme", style="bold", overflow="fold", min_width=min(_WIDEST, max(map(len, registry))))
     for column in ("kind", "continuity", "source"):
         table.add_column(column, overflow="fold")
     domain = None
-    for key, entry in catalogue.items():
+    for key, entry in registry.items():
         if entry.domain != domain:
             domain = entry.domain
             table.add_row(f"[not bold]on {domain}[/]")
@@ -227,13 +226,13 @@ def schemes(
     return 0
 
 
-def _one(text: str, catalogue: "Catalogue", plot: Path | None, *, analysed: bool, as_json: bool) -> int:
+def _one(text: str, registry: "Registry", plot: Path | None, *, analysed: bool, as_json: bool) -> int:
     from meshfit.subdivision.describe import describe
-    from meshfit.subdivision.registry import canonical, entry_of, scheme_of, spec_of
+    from meshfit.subdivision.registry import canonical, entry_of, resolve, spec_of
 
-    scheme = scheme_of(text, catalogue)
-    name, title = spec_of(text).name, canonical(text, catalogue)
-    entry = entry_of(name, catalogue)
+    scheme = resolve(text, registry)
+    name, title = spec_of(text).name, canonical(text, registry)
+    entry = entry_of(name, registry)
     analysis = _analysis(scheme, title, plot) if analysed or plot is not None else None
     rows = list(describe(scheme))
     if as_json:

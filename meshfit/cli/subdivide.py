@@ -274,14 +274,14 @@ def subdivide(
         meshfit subdivide head.obj fine.obj -s my-scheme.yaml
     """
     from meshfit.config.loading import defined_in
-    from meshfit.config.scheme_files import adopted
-    from meshfit.subdivision.registry import SURFACES, catalogue_of, domain_of, scheme_of, schemes_on
+    from meshfit.config.scheme_files import resolve_specs
+    from meshfit.subdivision.registry import SURFACES, domain_of, registry_with, resolve, schemes_on
 
     number = number_in(alpha)
     each = alpha if number is None else None
     shared = {"alpha": number if each is None else 1.0, "weights": weights, "tension": tension, "valence3": valence3}
-    (spec,), own = adopted([scheme], defined_in(config))
-    declared = scheme_of(spec, catalogue_of(own), **shared)
+    (spec,), own = resolve_specs([scheme], defined_in(config))
+    declared = resolve(spec, registry_with(own), **shared)
     wishes = Wishes(each, creases, sharpness, limit=limit, normals=normals)
     check(spec, declared, wishes)
     on_curves = domain_of(declared) == "curves"

@@ -18,7 +18,7 @@ from meshfit.errors import SchemeError
 from meshfit.fitting.settings import METHODS, Dtype, FirstOrderSettings, FitSettings
 from meshfit.measuring.settings import MeasureSettings
 from meshfit.settings import TAG, Settings
-from meshfit.subdivision.registry import SURFACES, Definitions, canonical, catalogue_of, entry_of, schemes_on, spec_of
+from meshfit.subdivision.registry import SURFACES, Definitions, canonical, entry_of, registry_with, schemes_on, spec_of
 
 
 def _unique(values: tuple[object, ...]) -> tuple[object, ...]:
@@ -40,12 +40,12 @@ def _canonical_scheme(text: str, info: ValidationInfo) -> str:
     """Checked after `define`, which stands before `schemes` for that reason; where it is at fault, that is told."""
     if "define" not in info.data:
         return text
-    catalogue = catalogue_of(info.data["define"])
+    registry = registry_with(info.data["define"])
     try:
-        spec = canonical(text, catalogue)
+        spec = canonical(text, registry)
     except SchemeError as error:
         raise ValueError(str(error)) from None
-    if entry_of(spec_of(spec).name, catalogue).domain == "curves":
+    if entry_of(spec_of(spec).name, registry).domain == "curves":
         raise ValueError(f"{spec} refines curves, and experiments fit surfaces: allowed: {schemes_on(*SURFACES)}")
     return spec
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from meshfit.config.experiment import PATHS, ExperimentSettings
-from meshfit.config.scheme_files import adopt_files, in_folder
+from meshfit.config.scheme_files import read_scheme_files, relative_to_folder
 from meshfit.config.strict_yaml import Document, parse_value, read_document
 from meshfit.config.sweeps import variants_of
 from meshfit.errors import ConfigError
@@ -49,7 +49,7 @@ def load_experiment(name_or_path: str, overrides: Sequence[str] = ()) -> Experim
         return _where(key, document, path, changes)
 
     data = changed(_with_absolute_paths(document.data, path.parent), changes)
-    found = adopt_files(data, where)
+    found = read_scheme_files(data, where)
     settings = build(ExperimentSettings, found.data, lambda key: found.where(key) or where(key))
     variants_of(settings, lambda: where(("sweep",)))
     return Experiment(path.stem, settings)
@@ -91,7 +91,7 @@ def _with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
             return {name: absolute(inner, (*key, *str(name).split("."))) for name, inner in value.items()}
         if key == ("schemes",) or (key[:1] == ("define",) and key[2:] == ("base",)):
             specs = value if isinstance(value, list) else [value]
-            placed = [in_folder(spec, folder) if isinstance(spec, str) else spec for spec in specs]
+            placed = [relative_to_folder(spec, folder) if isinstance(spec, str) else spec for spec in specs]
             return placed if isinstance(value, list) else placed[0]
         if key != ("targets",) and not any(tuple(key[-len(path) :]) == path for path in PATHS):
             return value

@@ -11,18 +11,18 @@ from meshfit.errors import ConfigError
 from meshfit.paths import CONFIG_SUFFIXES, missing
 from meshfit.settings import Key, Settings, build, dotted
 from meshfit.subdivision.custom.definitions import Definition
-from meshfit.subdivision.registry import OwnSchemes
+from meshfit.subdivision.registry import UserSchemes
 
 _SPEC = re.compile(r"(?P<path>.*\.ya?ml)(?P<parameters>:.*)?", re.DOTALL)
 
 
-def without_path(text: str) -> str:
+def scheme_name_for(text: str) -> str:
     """A spec with the name that a file's scheme has, in place of the file's path."""
     found = _SPEC.fullmatch(text.strip())
     return text if found is None else Path(found["path"]).stem + (found["parameters"] or "")
 
 
-def in_folder(text: str, folder: Path) -> str:
+def relative_to_folder(text: str, folder: Path) -> str:
     """A spec whose file, if it names one by its path, is looked for in a folder."""
     found = _SPEC.fullmatch(text.strip())
     return text if found is None else str(folder / found["path"]) + (found["parameters"] or "")
@@ -37,7 +37,7 @@ class SchemeFile:
 
 
 @dataclass(frozen=True)
-class Adopted:
+class SettingsWithFiles:
     """Settings with the definitions of the files that they name.
 
     Attributes:
@@ -57,7 +57,7 @@ class Adopted:
         return f"{file.path}: " if line is None else f"{file.path}, line {line}: "
 
 
-def adopt_files(data: Mapping[str, Any], where: Callable[[Key], str] = lambda _: "") -> Adopted:
+def read_scheme_files(data: Mapping[str, Any], where: Callable[[Key], str] = lambda _: "") -> SettingsWithFiles:
     """Read the files of schemes that some settings name, and those that are their bases.
 
     Args:
@@ -69,17 +69,19 @@ def adopt_files(data: Mapping[str, Any], where: Callable[[Key], str] = lambda _:
     """
     define = data.get("define", {})
     if not isinstance(define, Mapping):
-        return Adopted(dict(data), {})
+        return SettingsWithFiles(dict(data), {})
     reader = _Reader(dict(define), where)
     for name, definition in define.items():
         reader.define[name] = reader.with_base(definition, ("define", str(name), "base"))
     found = dict(data)
     if isinstance(schemes := data.get("schemes"), list | tuple):
         found["schemes"] = [reader.named(spec, ("schemes", place)) for place, spec in enumerate(schemes)]
-    return Adopted(found | ({"define": reader.define} if reader.define else {}), reader.files)
+    return SettingsWithFiles(found | ({"define": reader.define} if reader.define else {}), reader.files)
 
 
-def adopted(specs: Sequence[str], definitions: Mapping[str, Definition]) -> tuple[list[str], dict[str, Definition]]:
+def resolve_specs(
+    specs: Sequence[str], definitions: Mapping[str, Definition]
+) -> tuple[list[str], dict[str, Definition]]:
     """Specs that a person typed, with names in place of paths, and the definitions that they may name.
 
     Args:
@@ -90,8 +92,8 @@ def adopted(specs: Sequence[str], definitions: Mapping[str, Definition]) -> tupl
         ConfigError: as `adopt_files`, or a definition that is not allowed; with file and line.
     """
     define = {name: definition.model_dump(mode="json") for name, definition in definitions.items()}
-    found = adopt_files({"schemes": list(specs), "define": define})
-    own = build(OwnSchemes, {"define": found.data.get("define", {})}, found.where)
+    found = read_scheme_files({"schemes": list(specs), "define": define})
+    own = build(UserSchemes, {"define": found.data.get("define", {})}, found.where)
     return found.data["schemes"], own.define
 
 
@@ -106,7 +108,7 @@ class _Reader:
         if found is None:
             return spec
         self._read(Path(found["path"]), key)
-        return without_path(spec)
+        return scheme_name_for(spec)
 
     def with_base(self, definition: Any, key: Key) -> Any:  # noqa: ANN401  any YAML value
         """A definition with a name in place of the path of its base."""
@@ -127,7 +129,7 @@ class _Reader:
         document = read_document(path)
         self.files[name] = SchemeFile(path, document)
         base = document.data.get("base")
-        inner = in_folder(base, path.parent) if isinstance(base, str) else base
+        inner = relative_to_folder(base, path.parent) if isinstance(base, str) else base
         definition = self.with_base(document.data | ({"base": inner} if "base" in document.data else {}), key)
         if name in self.define and not _are_same(self.define[name], definition):
             raise ConfigError(f"{place}{path}: there is another '{name}', under 'define'; rename one")

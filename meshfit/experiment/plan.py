@@ -156,7 +156,7 @@ def _check_source(settings: SourceSettings, schemes: tuple[NamedScheme, ...]) ->
     files = source_files(settings)
     for scheme in schemes:
         short = settings.model_copy(update={"levels": min(settings.levels, 1), "wanted_verts": None})
-        build_source(short, scheme.declared(), scheme.spec)
+        build_source(short, scheme.resolve(), scheme.spec)
     return tuple((role, file_sha256(target_path(name))) for role, name in files.items())
 
 

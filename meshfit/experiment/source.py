@@ -24,7 +24,7 @@ from meshfit.subdivision.creases import Creases, creases_by_angle
 from meshfit.subdivision.polygons.scheme import PolygonScheme
 from meshfit.subdivision.refine import refine, require_takes_creases
 from meshfit.subdivision.refinement import PolygonRefinement, Refinement
-from meshfit.subdivision.registry import declared
+from meshfit.subdivision.registry import resolve
 from meshfit.subdivision.scheme import Scheme
 from meshfit.subdivision.triangles.table import MIDPOINT
 
@@ -185,7 +185,7 @@ def build_source(settings: SourceSettings, scheme: str | Scheme, name: str = "th
         MeshError: it, or a file that goes with it, cannot be used.
         SchemeError: no such scheme, or one that takes no creases or has no alpha.
     """
-    masks, name = declared(scheme), scheme if isinstance(scheme, str) else name
+    masks, name = resolve(scheme), scheme if isinstance(scheme, str) else name
     on_polygons = isinstance(masks, PolygonScheme)
     mesh, numbering = control_polygons(settings) if on_polygons else control_mesh(settings)
     creases = _creases(settings, masks, name, mesh, numbering)

@@ -156,7 +156,7 @@ def _neighbours(verts: Mask, edges: Int64[np.ndarray, "K 2"]) -> Int64[np.ndarra
     return np.asarray(there[chosen][order]).reshape(-1, 2)
 
 
-def require_creases(creases: Creases, topology: Topology) -> None:
+def require_matching_creases(creases: Creases, topology: Topology) -> None:
     """Refuse the creases of another mesh.
 
     Raises:
@@ -213,7 +213,7 @@ def creases_by_angle(mesh: Mesh, degrees: int | float, sharpness: int | float = 
 
 
 @dataclass(frozen=True, eq=False)
-class Sheets:
+class Sectors:
     """Sheets about as many verts, alike in size and kind.
 
     Attributes:
@@ -230,7 +230,7 @@ class Sheets:
     is_dart: bool
 
 
-def sheets_of(topology: Topology, sharp: Mask) -> Iterator[Sheets]:
+def sectors_of(topology: Topology, sharp: Mask) -> Iterator[Sectors]:
     """All sheets, in groups that are alike.
 
     Args:
@@ -244,7 +244,7 @@ def sheets_of(topology: Topology, sharp: Mask) -> Iterator[Sheets]:
     length = size - back
     for closed, of_dart, k in sorted(set(zip(back.tolist(), dart.tolist(), length.tolist(), strict=True))):
         chosen = (back == closed) & (dart == of_dart) & (length == k)
-        yield Sheets(topology.tail[starts[chosen]], rings[chosen, :k], is_open=not closed, is_dart=of_dart)
+        yield Sectors(topology.tail[starts[chosen]], rings[chosen, :k], is_open=not closed, is_dart=of_dart)
 
 
 def _starts(topology: Topology, sharp: Mask) -> Indices:

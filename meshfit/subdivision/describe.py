@@ -11,7 +11,7 @@ from meshfit.mesh.curves import Chains
 from meshfit.mesh.topology import PolygonTopology, Topology
 from meshfit.subdivision.curves.assemble import assemble_curves
 from meshfit.subdivision.curves.scheme import CurveScheme
-from meshfit.subdivision.polygons.scheme import CornerMask, NetMask, PolygonScheme, PolygonSplit
+from meshfit.subdivision.polygons.scheme import CornerMask, PolygonScheme, PolygonSplit, TensorProductMask
 from meshfit.subdivision.refine import refine
 from meshfit.subdivision.scheme import Scheme
 from meshfit.subdivision.triangles.assemble import assemble
@@ -157,7 +157,7 @@ def _extraordinary(scheme: PolygonScheme) -> Iterator[MaskRow]:
         for n in _VALENCES[:3]:
             weights = ", ".join(number(float(weight)) for weight in mask.weights(n))
             yield MaskRow(f"new vertex in a face of {n}", f"{weights} around it, from its own corner on")
-    if isinstance(mask, NetMask) and mask.diagonal is not None:
+    if isinstance(mask, TensorProductMask) and mask.diagonal is not None:
         ring, far = "4/n Σl - (l_i-1 + l_i + l_i+1)", "(h_i-2 + h_i-1 + h_i + h_i+1 - 4/n Σh)"
         yield MaskRow(
             "beyond valence n, from neighbour l_i", f"{ring} + {mask.diagonal} {far}, h_i between l_i and l_i+1"

@@ -17,7 +17,7 @@ from meshfit.mesh.geometry import corner_angles, face_normals, normalised
 from meshfit.mesh.manifold import require_manifold
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Indices, Mask, Topology
-from meshfit.subdivision.creases import Creases, Sheets, require_creases, sheets_of
+from meshfit.subdivision.creases import Creases, Sectors, require_matching_creases, sectors_of
 from meshfit.subdivision.scheme import Scheme
 from meshfit.subdivision.triangles.scheme import TriangleScheme
 from meshfit.subdivision.triangles.table import LOOP
@@ -110,7 +110,7 @@ def loop_limit(topology: Topology, scheme: Scheme = LOOP, creases: Creases | Non
         MeshError: the mesh is not an oriented manifold.
         SchemeError: the scheme has another limit, or a crease is still to wear off.
     """
-    ring, sharp = ring_of_limit(scheme), sharp_for_ever(topology, creases)
+    ring, sharp = ring_of_limit(scheme), permanently_sharp(topology, creases)
     rules = (Creases.of(topology) if creases is None else creases).rules(topology)
     n, valence = topology.num_verts, topology.valence.clip(min=1)
     ring_of = np.array([1.0, *(ring(k) for k in range(1, int(valence.max(initial=0)) + 1))])
@@ -122,7 +122,7 @@ def loop_limit(topology: Topology, scheme: Scheme = LOOP, creases: Creases | Non
     counts = ~stays[rows] & (~on_curve[rows] | np.tile(sharp, 2))
     neighbours = coo_array((share[rows[counts]], (rows[counts], columns[counts])), shape=(n, n))
     limit = csr_array(diags_array(kept) + neighbours)
-    darts = [sheets for sheets in sheets_of(topology, sharp) if sheets.is_dart]
+    darts = [sheets for sheets in sectors_of(topology, sharp) if sheets.is_dart]
     return _with_darts(limit, darts, ring, stays) if darts else limit
 
 
@@ -137,7 +137,7 @@ def ring_of_limit(scheme: Scheme) -> Callable[[int], float]:
     return scheme.vert.ring
 
 
-def sharp_for_ever(topology: Topology, creases: Creases | None) -> Mask:
+def permanently_sharp(topology: Topology, creases: Creases | None) -> Mask:
     """(E,) which edges stay sharp, those of the boundary among them.
 
     Raises:
@@ -147,7 +147,7 @@ def sharp_for_ever(topology: Topology, creases: Creases | None) -> Mask:
     require_manifold(topology, "the limit surface")
     if creases is None:
         return topology.boundary_edges
-    require_creases(creases, topology)
+    require_matching_creases(creases, topology)
     sharpness = creases.sharpness_on(topology)
     left = sharpness[(sharpness > 0) & ~np.isinf(sharpness)]
     if len(left):
@@ -159,7 +159,7 @@ def sharp_for_ever(topology: Topology, creases: Creases | None) -> Mask:
     return np.asarray(np.isinf(sharpness))
 
 
-def _with_darts(limit: csr_array, darts: list[Sheets], ring: Callable[[int], float], stays: Mask) -> csr_array:
+def _with_darts(limit: csr_array, darts: list[Sectors], ring: Callable[[int], float], stays: Mask) -> csr_array:
     """The limit positions with those rows replaced at which a crease ends."""
     rows, columns, weights = [], [], []
     for sheets in darts:
@@ -208,11 +208,11 @@ def loop_limit_tangents(topology: Topology, scheme: Scheme = LOOP, creases: Crea
     Raises:
         MeshError, SchemeError: as `loop_limit`.
     """
-    ring_weight, sharp = ring_of_limit(scheme), sharp_for_ever(topology, creases)
+    ring_weight, sharp = ring_of_limit(scheme), permanently_sharp(topology, creases)
     stays = (Creases.of(topology) if creases is None else creases).rules(topology).corner == 1
     nothing = np.empty(0, dtype=np.int64)
     verts, entries, count = [nothing], [[nothing] * 4], 0
-    for sheets in sheets_of(topology, sharp):
+    for sheets in sectors_of(topology, sharp):
         ring, vert = sheets.ring[~stays[sheets.vert]], sheets.vert[~stays[sheets.vert]]
         if not len(vert):
             continue
@@ -263,7 +263,7 @@ def loop_limit_normals(mesh: Mesh, scheme: Scheme = LOOP, creases: Creases | Non
     return normalised(total)
 
 
-def _tangent_masks(sheets: Sheets, ring: Callable[[int], float]) -> Tangents:
+def _tangent_masks(sheets: Sectors, ring: Callable[[int], float]) -> Tangents:
     size = sheets.ring.shape[1]
     if sheets.is_open:
         return open_tangents(size)

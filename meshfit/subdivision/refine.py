@@ -15,7 +15,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.topology import PolygonTopology, Topology
 from meshfit.specs import Value
-from meshfit.subdivision.creases import Creases, require_creases
+from meshfit.subdivision.creases import Creases, require_matching_creases
 from meshfit.subdivision.curves.assemble import refine_chains
 from meshfit.subdivision.curves.scheme import CurveScheme
 from meshfit.subdivision.polygons.assemble import assemble_polygons
@@ -23,7 +23,7 @@ from meshfit.subdivision.polygons.scheme import LINEAR, PolygonScheme, PolygonSp
 from meshfit.subdivision.polygons.splits import PolygonDivision, divide_polygons
 from meshfit.subdivision.push_back import with_carried_alpha
 from meshfit.subdivision.refinement import CurveRefinement, PolygonRefinement, Refinement
-from meshfit.subdivision.registry import scheme_of, unfit
+from meshfit.subdivision.registry import resolve, wrong_domain
 from meshfit.subdivision.scheme import Scheme
 from meshfit.subdivision.triangles.assemble import assemble, vertex_attribute_carry
 from meshfit.subdivision.triangles.scheme import Split, TriangleScheme
@@ -69,10 +69,10 @@ def refine(
         _require_alphas(scheme, topology.num_verts)
     if isinstance(topology, Chains):
         if not isinstance(scheme, CurveScheme):
-            raise unfit(scheme, "curves")
+            raise wrong_domain(scheme, "curves")
         return refine_chains(topology, scheme, levels)
     if isinstance(scheme, CurveScheme):
-        raise unfit(scheme, "triangles" if isinstance(topology, Topology) else "polygons")
+        raise wrong_domain(scheme, "triangles" if isinstance(topology, Topology) else "polygons")
     return _refine_surface(topology, scheme, levels, creases)
 
 
@@ -90,7 +90,7 @@ def _refine_surface(
             "polygons, such as catmull-clark"
         )
     if creases is not None:
-        require_creases(creases, topology)
+        require_matching_creases(creases, topology)
     return _refine_triangles(topology, scheme, levels, creases)
 
 
@@ -198,12 +198,7 @@ def subdivide(
 def _declared(scheme: str | Scheme, parameters: Mapping[str, ParameterValue]) -> Scheme:
     lists = {key: value for key, value in parameters.items() if np.ndim(value)}
     plain = {key: _plain(value) for key, value in parameters.items() if key not in lists}
-    if isinstance(scheme, str):
-        declared = scheme_of(scheme, **plain)
-    elif plain:
-        raise SchemeError(f"parameter '{next(iter(plain))}' goes with a scheme's name, not with a declared scheme")
-    else:
-        declared = scheme
+    declared = resolve(scheme, **plain)
     for key, value in lists.items():
         if key != "alpha":
             raise SchemeError(f"parameter '{key}' takes one value, not an array")
@@ -235,7 +230,7 @@ def _require_alphas(scheme: Scheme, num_verts: int) -> None:
         raise MeshError(f"alpha has shape {np.shape(alpha)}; one value for each of {num_verts} verts is needed")
 
 
-def flat(scheme: Scheme) -> Scheme | None:
+def linear_scheme(scheme: Scheme) -> Scheme | None:
     """The scheme that keeps old verts and puts those of the same split between them; None where old edges are lost."""
     if isinstance(scheme, PolygonScheme):
         return LINEAR.get(scheme.split)

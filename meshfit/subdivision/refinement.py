@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import torch
 
 
-def as_tensor(operator: csr_array, dtype: torch.dtype, device: torch.device | str) -> Tensor:
+def sparse_tensor(operator: csr_array, dtype: torch.dtype, device: torch.device | str) -> Tensor:
     """A sparse COO tensor of the operator, which products differentiate through on every device that has them."""
     entries = coo_array(operator)
     indices = torch.stack([torch.as_tensor(entries.row.astype("int64")), torch.as_tensor(entries.col.astype("int64"))])
@@ -38,7 +38,7 @@ def apply_to_tensor(operators: Iterable[csr_array], values: Tensor) -> Tensor:
     values = values if values.is_floating_point() else values.double()
     flat = values.reshape(len(values), prod(values.shape[1:]))
     for operator in operators:
-        flat = torch.sparse.mm(as_tensor(operator, values.dtype, values.device), flat)
+        flat = torch.sparse.mm(sparse_tensor(operator, values.dtype, values.device), flat)
     return flat.reshape(-1, *values.shape[1:])
 
 
@@ -133,7 +133,7 @@ class PolygonRefinement(Operators):
         return PolygonMesh(verts, self.finest.corners, self.finest.sizes)
 
 
-def cut(
+def finest_triangles(
     refinement: Refinement | PolygonRefinement, verts: Verts
 ) -> tuple[Int64[np.ndarray, "G 3"], PolygonTopology | None]:
     """The finest faces as triangles, and the polygons whose fans they are, if they are any.

@@ -13,7 +13,7 @@ from meshfit.mesh.topology import Topology
 from meshfit.subdivision.creases import Creases, creases_by_angle
 from meshfit.subdivision.limit import loop_limit, loop_limit_normals
 from meshfit.subdivision.refine import subdivide
-from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.registry import resolve
 from tests.cli import invoke, refused
 
 ALPHAS = [0.0, 1.0, 0.25, 0.5, 0.125, 1.0]
@@ -64,7 +64,7 @@ def test_verts_at_their_limits_with_normals(folder):
 def test_the_limit_of_a_mesh_that_is_not_refined(folder):
     told("solid.obj", "out.obj", "-n", 0, "--limit", "--normals", "--weights", "warren")
     solid = octahedron()
-    limit = loop_limit(Topology.of(solid), scheme_of("loop:weights=warren")) @ solid.verts
+    limit = loop_limit(Topology.of(solid), resolve("loop:weights=warren")) @ solid.verts
     assert np.array_equal(load_mesh("out.obj").verts, limit)
     lines = (folder / "out.obj").read_text().splitlines()
     normals = np.array([line.split()[1:] for line in lines if line.startswith("vn ")], dtype=float)

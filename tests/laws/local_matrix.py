@@ -8,7 +8,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import NONE, Topology, next_in_face
 from meshfit.subdivision.masks import CurveMask, FaceMask
 from meshfit.subdivision.refine import refine
-from meshfit.subdivision.registry import SCHEMES, scheme_of
+from meshfit.subdivision.registry import SCHEMES, resolve
 from meshfit.subdivision.triangles.scheme import Split, TriangleScheme
 from tests.shapes import fan, wheel
 
@@ -24,7 +24,7 @@ def boundary_matrix(neighbours: int, scheme: str, rings: int = 2) -> np.ndarray:
 
 
 def _local_matrix(mesh: Mesh, scheme: str | TriangleScheme, rings: int) -> np.ndarray:
-    scheme = scheme_of(scheme) if isinstance(scheme, str) else scheme
+    scheme = resolve(scheme) if isinstance(scheme, str) else scheme
     levels = 1 if scheme.split is Split.QUADRISECT else 2
     topology = Topology.of(mesh)
     refinement = refine(topology, scheme, levels)

@@ -5,7 +5,7 @@ import numpy as np
 from meshfit.mesh.topology import PolygonTopology
 from meshfit.subdivision.polygons.scheme import LINEAR, PolygonSplit
 from meshfit.subdivision.refine import refine
-from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.registry import resolve
 from tests.quads import quad_wheel
 
 STEPS = {PolygonSplit.QUADS: 1, PolygonSplit.SQRT2: 2, PolygonSplit.TERNARY: 1}
@@ -13,7 +13,7 @@ STEPS = {PolygonSplit.QUADS: 1, PolygonSplit.SQRT2: 2, PolygonSplit.TERNARY: 1}
 
 def quad_matrix(valence: int, spec: str, rings: int = 1) -> np.ndarray:
     """1 + n r (r + 1) square: vertex 0, then the verts (i, j) of each sector, 1 ≤ i ≤ r, 0 ≤ j ≤ r."""
-    scheme = scheme_of(spec)
+    scheme = resolve(spec)
     mesh, levels = quad_wheel(valence, rings + 3), STEPS[scheme.split]
     topology = PolygonTopology.of(mesh)
     refinement = refine(topology, scheme, levels)

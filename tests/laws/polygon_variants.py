@@ -7,7 +7,7 @@ from meshfit.mesh.topology import PolygonTopology
 from meshfit.subdivision.polygons.table import POLYGON_SCHEMES
 from meshfit.subdivision.refine import refine
 from meshfit.subdivision.refinement import PolygonRefinement
-from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.registry import resolve
 from tests.quads import EVERY, quad_patch, quad_torus
 
 VARIANTS = (
@@ -32,7 +32,7 @@ def shape_of(name: str) -> PolygonMesh:
 
 def refined(mesh: PolygonMesh, spec: str, levels: int = 1) -> PolygonRefinement:
     """The refinement of a mesh's connectivity."""
-    return refine(PolygonTopology.of(mesh), scheme_of(spec), levels)
+    return refine(PolygonTopology.of(mesh), resolve(spec), levels)
 
 
 def dense(mesh: PolygonMesh, spec: str, levels: int = 1) -> np.ndarray:

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from meshfit.analysis.analyse import analyse, verdict, warnings_of
-from meshfit.analysis.curve_meshes import bench_of
+from meshfit.analysis.curve_meshes import stencil_meshes
 from meshfit.analysis.extraordinary_vertex import characteristic_net, corner_turns, wheels
 from meshfit.analysis.local_matrix import PAD, invariant_matrix
 from meshfit.errors import SchemeError
 from meshfit.subdivision.masks import CurveMask, EdgeMask, SpokeMask, VertMask
-from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.registry import resolve
 from meshfit.subdivision.triangles.scheme import Split, TriangleScheme
 
-BUTTERFLY = scheme_of("butterfly")
+BUTTERFLY = resolve("butterfly")
 HALF = Fraction(1, 2)
 LINEAR = CurveMask({0: Fraction(1)}, ({0: HALF, 1: HALF},))
 
@@ -91,10 +91,10 @@ def test_characteristic_map_that_folds(valence, folds):
 @pytest.mark.parametrize("n", [4, 7])
 def test_all_of_the_map_around_the_centre_is_looked_at(spec, n):
     """Every corner of a refined face in the first ring is finite; the net is an eigenvector, which turns once."""
-    scheme = scheme_of(spec)
+    scheme = resolve(spec)
     steps, dilation = (2, 3) if "sqrt3" in spec else (1, 2)
     found = analyse(scheme, (n,))
-    wheel_of = wheels(bench_of(scheme), n)
+    wheel_of = wheels(stencil_meshes(scheme), n)
     matrix = invariant_matrix(wheel_of, steps, found.places[0].rings + 1)
     wheel = wheel_of(matrix.rings + PAD)
     net = characteristic_net(matrix, wheel)
@@ -122,7 +122,7 @@ def test_a_scheme_that_does_not_converge():
 
 
 def test_linear_interpolation_is_c0_and_not_c1():
-    found = analyse(scheme_of("midpoint"))
+    found = analyse(resolve("midpoint"))
     assert verdict(found) == "C0 on regular meshes (s2 = 1.500), not C1"
     assert list(warnings_of(found)) == []
 
@@ -130,7 +130,7 @@ def test_linear_interpolation_is_c0_and_not_c1():
 def test_eigenvalues_that_decide_need_not_be_near_one():
     """What a vertex mask takes from the ring moves an eigenvalue of mode 0, below 0 too, and none of mode 1."""
     for ring in (0.01, 0.3, 0.99):
-        loop = scheme_of("loop")
+        loop = resolve("loop")
         scheme = TriangleScheme(loop.split, loop.inserted, loop.boundary, vert=VertMask(lambda n, ring=ring: ring))
         (place,) = analyse(scheme, (5,)).places
         radial = max(abs(5 / 8 - ring), 0)

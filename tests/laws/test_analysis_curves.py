@@ -3,9 +3,9 @@
 import pytest
 
 from meshfit.analysis.analyse import analyse, verdict
-from meshfit.analysis.curve_meshes import bench_of
+from meshfit.analysis.curve_meshes import stencil_meshes
 from meshfit.analysis.regular_lattice import regular_mask
-from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.registry import resolve
 
 # Exponent in L2, degrees reproduced and generated, and continuity. Of four points with another tension than 1/16 only
 # linear functions are left, whose sum rules are of order 2 (Dyn, Gregory and Levin 1987).
@@ -21,7 +21,7 @@ SCHEMES = {
 
 @pytest.mark.parametrize("spec", SCHEMES)
 def test_what_is_known_of_curves(spec):
-    found = analyse(scheme_of(spec))
+    found = analyse(resolve(spec))
     s2, reproduced, generated, continuity = SCHEMES[spec]
     assert found.s2 == pytest.approx(s2, abs=1e-4)
     assert (found.reproduced, found.generated, found.continuity) == (reproduced, generated, continuity)
@@ -33,7 +33,7 @@ def test_what_is_known_of_curves(spec):
 def test_blends_are_as_smooth_as_those_on_surfaces(alpha):
     """Along a line of the lattice interp-loop is this scheme; both are C2 below alpha = 1."""
     curve, surface = (
-        analyse(scheme_of(f"{name}:alpha={alpha}"), valences=()) for name in ("interp-bspline", "interp-loop")
+        analyse(resolve(f"{name}:alpha={alpha}"), valences=()) for name in ("interp-bspline", "interp-loop")
     )
     assert curve.s2 == pytest.approx(surface.s2, abs=1e-6)
     assert curve.continuity == surface.continuity == 2
@@ -42,20 +42,20 @@ def test_blends_are_as_smooth_as_those_on_surfaces(alpha):
 @pytest.mark.parametrize("tension", [0.01, 0.05, 0.1, 0.15])
 def test_four_points_are_c1_for_tensions_below_0_1545(tension):
     """Dyn, Gregory and Levin 1987; the Sobolev exponent alone does not show it near the end."""
-    found = analyse(scheme_of(f"four-point:tension={tension}"))
+    found = analyse(resolve(f"four-point:tension={tension}"))
     assert found.continuity == 1
     assert verdict(found) == f"C1 (s2 = {found.s2:.3f})"
 
 
 def test_masks_of_lines():
-    mask = regular_mask(bench_of(scheme_of("cubic-bspline")))
+    mask = regular_mask(stencil_meshes(resolve("cubic-bspline")))
     assert (mask.dilation, mask.steps) == (2, 1)
     by_offset = dict(zip(mask.whole_offsets[:, 0].tolist(), mask.weights.tolist(), strict=True))
     assert by_offset == {-2: 1 / 8, -1: 1 / 2, 0: 3 / 4, 1: 1 / 2, 2: 1 / 8}
-    ternary = regular_mask(bench_of(scheme_of("ternary-four-point")))
+    ternary = regular_mask(stencil_meshes(resolve("ternary-four-point")))
     assert (ternary.dilation, ternary.steps, len(ternary.weights)) == (3, 1, 9)
 
 
 @pytest.mark.parametrize(("spec", "radius"), [("cubic-bspline", 2), ("four-point", 3), ("ternary-four-point", 2.5)])
 def test_support(spec, radius):
-    assert analyse(scheme_of(spec)).support.radius == radius
+    assert analyse(resolve(spec)).support.radius == radius

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from meshfit.analysis.analyse import VALENCES, analyse, verdict
-from meshfit.analysis.curve_meshes import bench_of
-from meshfit.analysis.local_matrix import match_wheel
+from meshfit.analysis.curve_meshes import stencil_meshes
+from meshfit.analysis.local_matrix import map_wheel
 from meshfit.analysis.regular_lattice import regular_mask
-from meshfit.subdivision.registry import SCHEMES, scheme_of
+from meshfit.subdivision.registry import SCHEMES, resolve
 
 NAMES = [name for name, entry in SCHEMES.items() if entry.domain == "polygons"]
 # Exponent, degrees reproduced and generated, and continuity: of tensor products of splines and of the four-point
@@ -33,7 +33,7 @@ LEADING = {
 
 @pytest.mark.parametrize("spec", REGULAR)
 def test_regular_meshes(spec):
-    found = analyse(scheme_of(spec), ())
+    found = analyse(resolve(spec), ())
     s2, reproduced, generated, continuity = REGULAR[spec]
     assert found.s2 == pytest.approx(s2, abs=6e-4)
     assert (found.reproduced, found.generated, found.continuity) == (reproduced, generated, continuity)
@@ -43,7 +43,7 @@ def test_regular_meshes(spec):
 
 @pytest.mark.parametrize("n", VALENCES)
 def test_catmull_clark_in_closed_form(n):
-    (place,) = analyse(scheme_of("catmull-clark"), (n,)).places
+    (place,) = analyse(resolve("catmull-clark"), (n,)).places
     c = cos(2 * pi / n)
     assert place.spectrum.leading.value == pytest.approx((5 + c + cos(pi / n) * sqrt(2 * (9 + c))) / 16, abs=1e-12)
     assert (place.fault, place.regular_map, place.spectrum.multiplicity) == ("", True, 2)
@@ -51,7 +51,7 @@ def test_catmull_clark_in_closed_form(n):
 
 def test_doo_sabin_in_closed_form():
     """Made for the eigenvalues 1, 1/2, 1/2, 1/4 at faces of any number of corners."""
-    found = analyse(scheme_of("doo-sabin"))
+    found = analyse(resolve("doo-sabin"))
     assert (found.odd, found.support.radius, found.support.stencils) == ("face", 1.5, (4, 4))
     for place in found.places:
         assert place.spectrum.leading.value == pytest.approx(1 / 2, abs=1e-9)
@@ -62,7 +62,7 @@ def test_doo_sabin_in_closed_form():
 
 @pytest.mark.parametrize("spec", LEADING)
 def test_leading_eigenvalues_are_those_of_the_tables(spec):
-    for place in analyse(scheme_of(spec), tuple(LEADING[spec])).places:
+    for place in analyse(resolve(spec), tuple(LEADING[spec])).places:
         found = place.spectrum.leading.modulus, place.spectrum.rest.modulus
         np.testing.assert_allclose(found, LEADING[spec][place.valence], rtol=0, atol=6e-4)
         assert (place.fault, place.regular_map) == ("", True)
@@ -70,7 +70,7 @@ def test_leading_eigenvalues_are_those_of_the_tables(spec):
 
 def test_masks_are_tensor_products():
     for spec, line in (("catmull-clark", [1, 4, 6, 4, 1]), ("doo-sabin", [1, 3, 3, 1])):
-        mask = regular_mask(bench_of(scheme_of(spec)))
+        mask = regular_mask(stencil_meshes(resolve(spec)))
         middle = (len(line) - 1) / 2
         found = {tuple(offset): weight for offset, weight in zip(mask.offsets, mask.weights, strict=True)}
         scale = sum(line) / 2
@@ -81,7 +81,7 @@ def test_masks_are_tensor_products():
 
 @pytest.mark.parametrize("name", NAMES)
 def test_dilations(name):
-    mask = regular_mask(bench_of(scheme_of(name)))
+    mask = regular_mask(stencil_meshes(resolve(name)))
     expected = {"sqrt2": (2, 2), "interp-sqrt2": (2, 2), "ternary": (3, 1), "interp-ternary": (3, 1)}
     assert (mask.dilation, mask.steps) == expected.get(name, (2, 1))
     assert mask.weights.sum() == pytest.approx(mask.dilation**2, abs=1e-12)
@@ -89,7 +89,7 @@ def test_dilations(name):
 
 @pytest.mark.parametrize("name", ["ternary", "interp-ternary"])
 def test_valences_without_a_rule_are_told(name):
-    found = analyse(scheme_of(name))
+    found = analyse(resolve(name))
     assert [place.valence for place in found.places] == [4]
     assert found.unruled == (3, *range(5, 13))
     assert verdict(found).endswith("); no rule at valences 3 and 5 to 12")
@@ -99,9 +99,9 @@ def test_valences_without_a_rule_are_told(name):
 @pytest.mark.parametrize("n", [3, 4, 7])
 def test_rings_are_matched_where_they_lie(spec, steps, n):
     """Linear interpolation shrinks a wheel towards its centre, so that the directions of the first row stay."""
-    wheel = bench_of(scheme_of(spec)).wheel(n, 6)
+    wheel = stencil_meshes(resolve(spec)).wheel(n, 6)
     fine = wheel.refine(steps).topology
-    matched = match_wheel(wheel, fine, wheel.locate(steps), 2)[wheel.within(2)]
+    matched = map_wheel(wheel, fine, wheel.locate(steps), 2)[wheel.within(2)]
     assert len(set(matched.tolist())) == len(matched)
     there, here = wheel.locate(steps)[matched], wheel.places[wheel.within(2)]
     first = np.isin(wheel.within(2), wheel.turns[0])
@@ -110,7 +110,7 @@ def test_rings_are_matched_where_they_lie(spec, steps, n):
 
 def test_every_valence_of_a_wheel_is_what_it_says():
     for spec, hub in (("catmull-clark", True), ("doo-sabin", False)):
-        wheel = bench_of(scheme_of(spec)).wheel(5, 3)
+        wheel = stencil_meshes(resolve(spec)).wheel(5, 3)
         topology = wheel.topology
         inner = ~topology.boundary_verts
         assert wheel.hub == hub
@@ -128,6 +128,6 @@ def test_every_valence_of_a_wheel_is_what_it_says():
 @pytest.mark.parametrize("alpha", [0.25, 0.5, 1.0])
 def test_blends_are_smooth_at_all_valences(alpha):
     for name in ("interp-catmull-clark", "interp-sqrt2"):
-        found = analyse(scheme_of(f"{name}:alpha={alpha}"), (3, 5, 8))
+        found = analyse(resolve(f"{name}:alpha={alpha}"), (3, 5, 8))
         assert (found.failing, found.alphas) == ((), {})
         assert found.continuity >= 1

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from meshfit.analysis.analyse import analyse
-from meshfit.analysis.curve_meshes import bench_of
+from meshfit.analysis.curve_meshes import stencil_meshes
 from meshfit.analysis.regular_lattice import RegularMask, regular_mask, sum_rule_order
 from meshfit.analysis.regularity import continuity, holder_bound, regularity_of
-from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.registry import resolve
 from tests.laws.test_subdivision_polynomials import DEGREE
 from tests.laws.variants import VARIANTS
 
@@ -145,28 +145,28 @@ def test_daubechies_functions_whose_hoelder_exponents_are_known():
 
 @pytest.mark.parametrize("spec", EXPONENTS)
 def test_exponents_of_the_schemes(spec):
-    found = analyse(scheme_of(spec), valences=())
+    found = analyse(resolve(spec), valences=())
     exponent, order = EXPONENTS[spec]
     assert found.s2 == pytest.approx(exponent, abs=6e-4)
     assert found.generated == order - 1
 
 
 def test_butterfly_and_its_interpolatory_rival_have_the_four_point_schemes_exponent():
-    found = [analyse(scheme_of(spec), valences=()).s2 for spec in ("butterfly", "interp-loop")]
+    found = [analyse(resolve(spec), valences=()).s2 for spec in ("butterfly", "interp-loop")]
     four = line(np.array([-1, 0, 9, 16, 9, 0, -1]) / 16)
     np.testing.assert_allclose(found, regularity_of(four).s2, rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize("spec", CONTINUITY)
 def test_continuity_on_regular_meshes(spec):
-    found = analyse(scheme_of(spec), valences=())
+    found = analyse(resolve(spec), valences=())
     assert found.continuity == CONTINUITY[spec]
     assert found.continuity < found.holder_bound + 1e-6
 
 
 @pytest.mark.parametrize("spec", DEGREE)
 def test_polynomials_reproduced(spec):
-    found = analyse(scheme_of(spec), valences=())
+    found = analyse(resolve(spec), valences=())
     assert found.reproduced == DEGREE[spec]
     assert found.generated >= found.reproduced
 
@@ -174,7 +174,7 @@ def test_polynomials_reproduced(spec):
 @pytest.mark.parametrize("spec", VARIANTS)
 def test_masks_of_the_lattice(spec):
     """All weights sum to the number of fine verts to a coarse one, and so do those of each of them to one."""
-    mask = regular_mask(bench_of(scheme_of(spec)))
+    mask = regular_mask(stencil_meshes(resolve(spec)))
     assert (mask.dilation, mask.steps) == ((3, 2) if "sqrt3" in spec else (2, 1))
     assert mask.weights.sum() == pytest.approx(mask.dilation**2, abs=1e-12)
     assert np.array_equal(mask.offsets, mask.whole_offsets)
@@ -188,7 +188,7 @@ def test_masks_of_the_lattice(spec):
 
 def test_loops_mask_is_that_of_its_box_spline():
     """(1 + x)²(1 + y)²(1 + x/y)² / 16, written out."""
-    mask = regular_mask(bench_of(scheme_of("loop")))
+    mask = regular_mask(stencil_meshes(resolve("loop")))
     wanted = {}
     for i, j, k in product(range(3), repeat=3):
         place = (i + k - 2, j - k)
@@ -198,14 +198,14 @@ def test_loops_mask_is_that_of_its_box_spline():
 
 @pytest.mark.parametrize("spec", STENCILS)
 def test_stencils(spec):
-    assert analyse(scheme_of(spec), valences=()).support.stencils == STENCILS[spec]
+    assert analyse(resolve(spec), valences=()).support.stencils == STENCILS[spec]
 
 
 @pytest.mark.parametrize("spec", RADII)
 def test_support_is_where_the_basis_function_is_not_zero(spec):
     """Its hull, by refining one vertex's data four times: no farther than the radius, and nearly that far."""
-    bench = bench_of(scheme_of(spec))
-    radius = analyse(scheme_of(spec), valences=()).support.radius
+    bench = stencil_meshes(resolve(spec))
+    radius = analyse(resolve(spec), valences=()).support.radius
     assert radius == RADII[spec]
     patch = bench.patch(7)
     finer = patch.refine(4)

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 from meshfit.analysis.analyse import analyse
-from meshfit.analysis.curve_meshes import bench_of
+from meshfit.analysis.curve_meshes import stencil_meshes
 from meshfit.analysis.extraordinary_vertex import wheels
 from meshfit.analysis.local_matrix import PAD, invariant_matrix, local_matrix
 from meshfit.analysis.spectrum import spectrum_of
 from meshfit.errors import SchemeError
-from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.registry import resolve
 from meshfit.subdivision.triangles.scheme import PushBack, TriangleScheme
 from tests.laws import local_matrix as own
 from tests.laws.test_subdivision_spectra import CASES, TABLES, VALENCES, mode_block, moduli
 from tests.laws.variants import VARIANTS
 
-SQRT3 = scheme_of("sqrt3")
+SQRT3 = resolve("sqrt3")
 
 
 def unified_sqrt3(alpha: float) -> TriangleScheme:
@@ -26,7 +26,7 @@ def unified_sqrt3(alpha: float) -> TriangleScheme:
 
 
 def places_of(scheme, valences):
-    scheme = scheme_of(scheme) if isinstance(scheme, str) else scheme
+    scheme = resolve(scheme) if isinstance(scheme, str) else scheme
     return {place.valence: place for place in analyse(scheme, valences).places}
 
 
@@ -65,7 +65,7 @@ def test_every_row_of_the_tables_is_looked_at():
     ],
 )
 def test_valences_at_which_c1_fails(spec, failing):
-    assert analyse(scheme_of(spec)).failing == failing
+    assert analyse(resolve(spec)).failing == failing
 
 
 FAILING = {
@@ -109,13 +109,13 @@ def test_unified_sqrt3():
 
 def test_alpha_up_to_which_valence_3_is_smooth():
     """At it the complex pair of mode 0 is as large as 1/4; just below it all is well, and just above it is not."""
-    found = analyse(scheme_of("interp-loop"), (3, 4))
+    found = analyse(resolve("interp-loop"), (3, 4))
     assert set(found.alphas) == {3}
     assert found.alphas[3] == pytest.approx(0.86364, abs=1e-5)
     for beside, smooth in ((-1e-3, True), (1e-3, False)):
         alpha = found.alphas[3] + beside
         assert (places_of(f"interp-loop:alpha={alpha}", (3,))[3].fault == "") == smooth
-    assert analyse(scheme_of("butterfly"), (3,)).alphas == {}
+    assert analyse(resolve("butterfly"), (3,)).alphas == {}
 
 
 @pytest.mark.parametrize("n", VALENCES)
@@ -124,7 +124,7 @@ def test_closed_forms(n):
     for spec in ("sqrt3", "interp-sqrt3"):
         leading = places_of(spec, (n,))[n].spectrum.leading.value
         assert leading == pytest.approx((2 + 2 * cos(2 * pi / n)) / 9, abs=1e-10)
-    matrix = invariant_matrix(wheels(bench_of(scheme_of("interp-loop")), n), 1, 2)
+    matrix = invariant_matrix(wheels(stencil_meshes(resolve("interp-loop")), n), 1, 2)
     g = 5 / 8 - (3 / 8 + cos(2 * pi / n) / 4) ** 2
     radial = np.polymul([1, -1], np.array([256, 128 * g - 192, 24, -1]) / 256)
     np.testing.assert_allclose(np.poly(matrix.block(0)), radial, rtol=0, atol=1e-12)
@@ -135,9 +135,9 @@ def test_closed_forms(n):
 def test_blocks_are_those_of_the_tests_own_local_matrix(spec, n):
     """Their rings are found by walking straight and turning, these by walking both meshes side by side."""
     rings = 2 if "sqrt3" not in spec or spec == "sqrt3" else 3
-    scheme = scheme_of(spec)
+    scheme = resolve(spec)
     steps = 2 if "sqrt3" in spec else 1
-    matrix = local_matrix(bench_of(scheme).wheel(n, rings + PAD), steps, rings)
+    matrix = local_matrix(stencil_meshes(scheme).wheel(n, rings + PAD), steps, rings)
     theirs = own.local_matrix(n, scheme, rings)
     for mode in range(n):
         block = mode_block(theirs, n, mode, rings)
@@ -145,14 +145,14 @@ def test_blocks_are_those_of_the_tests_own_local_matrix(spec, n):
 
 
 def test_too_few_rings_are_told_from_enough():
-    wheel_of = wheels(bench_of(scheme_of("butterfly")), 5)
+    wheel_of = wheels(stencil_meshes(resolve("butterfly")), 5)
     assert local_matrix(wheel_of(1 + PAD), 1, 1) is None
     assert invariant_matrix(wheel_of, 1, 1).rings == 2
 
 
 @pytest.mark.parametrize("spec", ["interp-loop", "butterfly", "interp-sqrt3"])
 def test_more_rings_add_no_larger_eigenvalue(spec):
-    bench, steps = bench_of(scheme_of(spec)), 2 if "sqrt3" in spec else 1
+    bench, steps = stencil_meshes(resolve(spec)), 2 if "sqrt3" in spec else 1
     for n in (3, 5, 9):
         few = spectrum_of(invariant_matrix(wheels(bench, n), steps, 3))
         many = spectrum_of(invariant_matrix(wheels(bench, n), steps, 5))
@@ -163,7 +163,7 @@ def test_more_rings_add_no_larger_eigenvalue(spec):
 def test_all_eigenvalues_are_those_of_the_whole_matrix():
     for n in (3, 4, 7):
         whole = own.local_matrix(n, "loop", 3)
-        matrix = local_matrix(bench_of(scheme_of("loop")).wheel(n, 3 + PAD), 1, 3)
+        matrix = local_matrix(stencil_meshes(resolve("loop")).wheel(n, 3 + PAD), 1, 3)
         found = np.concatenate([np.linalg.eigvals(matrix.block(mode)) for mode in range(n)])
         np.testing.assert_allclose(np.sort(np.abs(found))[::-1], moduli(whole), rtol=0, atol=1e-7)
 
@@ -179,7 +179,7 @@ def test_curvature():
 
 @pytest.mark.parametrize("alpha", ["1e-300", "1e-200", "1e-9"])
 def test_weights_that_are_next_to_nothing_change_nothing(alpha):
-    found, loop = analyse(scheme_of(f"interp-loop:alpha={alpha}")), analyse(scheme_of("loop"))
+    found, loop = analyse(resolve(f"interp-loop:alpha={alpha}")), analyse(resolve("loop"))
     assert (found.failing, found.continuity) == ((), 2)
     for place, other in zip(found.places, loop.places, strict=True):
         assert place.spectrum.leading.value == pytest.approx(other.spectrum.leading.value, abs=1e-8)
@@ -188,6 +188,6 @@ def test_weights_that_are_next_to_nothing_change_nothing(alpha):
 def test_refusals():
     for valence in (-1, 0, 1, 2):
         with pytest.raises(SchemeError, match="3 or more"):
-            analyse(scheme_of("loop"), (valence,))
+            analyse(resolve("loop"), (valence,))
     with pytest.raises(SchemeError, match="one alpha"):
-        analyse(scheme_of("interp-loop").with_alpha(np.linspace(0, 1, 9)))
+        analyse(resolve("interp-loop").with_alpha(np.linspace(0, 1, 9)))

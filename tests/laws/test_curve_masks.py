@@ -10,7 +10,7 @@ from meshfit.mesh.curves import Chains, Curves, join_segments
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.curves.scheme import CUBIC_BSPLINE, TERNARY_BSPLINE, CurveScheme, four_point
 from meshfit.subdivision.refine import refine, subdivide
-from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.registry import resolve
 from meshfit.subdivision.triangles.scheme import PushBack
 from meshfit.subdivision.triangles.table import TRIANGLE_SCHEMES
 from tests.curve_shapes import SHAPES, arity, dense, rows_along
@@ -136,10 +136,10 @@ def test_an_alpha_for_each_vertex():
 def test_boundary_rules_are_declared_as_those_of_curves():
     """One declaration each: the very same objects, not equal ones."""
     for surface, curve in (("loop", "cubic-bspline"), ("sqrt3", "ternary-bspline")):
-        assert scheme_of(surface).boundary is scheme_of(curve).mask
-    assert scheme_of("interp-sqrt3").boundary is scheme_of("ternary-four-point").mask
-    assert scheme_of("interp-loop").boundary is scheme_of("interp-bspline").mask is CUBIC_BSPLINE
-    assert scheme_of("butterfly").boundary == scheme_of("four-point").mask == four_point(Fraction(1, 16))
+        assert resolve(surface).boundary is resolve(curve).mask
+    assert resolve("interp-sqrt3").boundary is resolve("ternary-four-point").mask
+    assert resolve("interp-loop").boundary is resolve("interp-bspline").mask is CUBIC_BSPLINE
+    assert resolve("butterfly").boundary == resolve("four-point").mask == four_point(Fraction(1, 16))
 
 
 BOUNDARIES = {
@@ -175,7 +175,7 @@ def test_the_boundary_of_a_surface_is_refined_as_the_curve_that_it_is(surface, s
     """Its verts and segments alike, at two levels of the curve; √3 schemes refine it at every second step."""
     mesh = OPEN[shape]()
     topology = Topology.of(mesh)
-    refinement = refine(topology, scheme_of(surface), 4 if "sqrt3" in surface else 2)
+    refinement = refine(topology, resolve(surface), 4 if "sqrt3" in surface else 2)
     fine = Topology(refinement.matrix.shape[0], refinement.faces)
     chains = join_segments(mesh.num_verts, rim(topology), "rim")
     assert chains.closed.all()

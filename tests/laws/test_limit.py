@@ -7,14 +7,14 @@ from meshfit.errors import SchemeError
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.limit import has_loop_limit, loop_limit
 from meshfit.subdivision.refine import refine
-from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.registry import resolve
 from tests.shapes import mixed_closed, mixed_open, patch
 
 
 @pytest.mark.parametrize("spec", ["loop", "loop:weights=warren"])
 @pytest.mark.parametrize("mesh", [mixed_closed(), mixed_open()], ids=["closed", "open"])
 def test_the_limit_of_a_refined_mesh_is_that_of_the_mesh(mesh, spec):
-    topology, scheme = Topology.of(mesh), scheme_of(spec)
+    topology, scheme = Topology.of(mesh), resolve(spec)
     refinement = refine(topology, scheme, 2)
     fine = loop_limit(Topology(refinement.matrix.shape[0], refinement.faces), scheme) @ refinement.matrix
     np.testing.assert_allclose(fine.toarray()[: mesh.num_verts], loop_limit(topology, scheme).toarray(), atol=1e-12)
@@ -22,9 +22,9 @@ def test_the_limit_of_a_refined_mesh_is_that_of_the_mesh(mesh, spec):
 
 @pytest.mark.parametrize("spec", ["interp-loop", "midpoint", "modified-butterfly", "sqrt3"])
 def test_no_limit_is_claimed_for_other_schemes(spec):
-    assert not has_loop_limit(scheme_of(spec))
+    assert not has_loop_limit(resolve(spec))
     with pytest.raises(SchemeError, match="loop only"):
-        loop_limit(Topology.of(mixed_closed()), scheme_of(spec))
+        loop_limit(Topology.of(mixed_closed()), resolve(spec))
 
 
 @pytest.mark.parametrize("mesh", [mixed_closed(), mixed_open()], ids=["closed", "open"])
@@ -32,7 +32,7 @@ def test_refinement_comes_ever_nearer_to_the_limit(mesh):
     topology = Topology.of(mesh)
     goal = loop_limit(topology) @ mesh.verts
     errors = [
-        np.abs(refine(topology, scheme_of("loop"), levels)(mesh.verts)[: mesh.num_verts] - goal).max()
+        np.abs(refine(topology, resolve("loop"), levels)(mesh.verts)[: mesh.num_verts] - goal).max()
         for levels in (1, 3, 5)
     ]
     assert errors[2] < errors[1] / 3 < errors[0] / 9

@@ -20,7 +20,7 @@ from meshfit.subdivision.limit import (
     smooth_tangents,
 )
 from meshfit.subdivision.refine import refine, subdivide
-from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.registry import resolve
 from tests.laws.local_matrix import boundary_matrix, local_matrix
 from tests.laws.test_subdivision_spectra import loop_ring, warren_ring
 from tests.shapes import fan, mixed_closed, mixed_open, opened, patch, wheel
@@ -44,7 +44,7 @@ def dart_matrix(n: int, weights: str = "loop") -> np.ndarray:
     mesh = wheel(n, 3)
     topology = Topology.of(mesh)
     creases = Creases.of(topology, [(0, 1)])
-    rows = refine(topology, scheme_of(f"loop:weights={weights}"), 1, creases).matrix.toarray()
+    rows = refine(topology, resolve(f"loop:weights={weights}"), 1, creases).matrix.toarray()
     spokes = np.flatnonzero((topology.edges == 0).any(axis=1))
     assert np.array_equal(topology.edges[spokes, 1], np.arange(1, n + 1))
     return rows[np.concatenate([[0], mesh.num_verts + spokes])][:, : n + 1]
@@ -89,7 +89,7 @@ def test_dart_masks_are_the_leading_left_eigenvectors(n, weights, ring):
 @pytest.mark.parametrize("make", [mixed_closed, mixed_open], ids=["closed", "open"])
 @pytest.mark.parametrize("spec", ["loop", "loop:weights=warren"])
 def test_limit_positions_stay_when_a_mesh_with_creases_is_refined(make, spec, seed):
-    mesh, generator, scheme = make(), np.random.default_rng(seed), scheme_of(spec)
+    mesh, generator, scheme = make(), np.random.default_rng(seed), resolve(spec)
     topology = Topology.of(mesh)
     edges = topology.edges[generator.random(topology.num_edges) < 0.25]
     creases = Creases.of(topology, edges, corners=[int(generator.integers(mesh.num_verts))])
@@ -115,7 +115,7 @@ def test_refinement_tends_to_the_normals(make, weights):
     mesh, spec = make(), f"loop:weights={weights}"
     topology = Topology.of(mesh)
     smooth = ~topology.boundary_verts | (topology.valence < 6)
-    normals = loop_limit_normals(mesh, scheme_of(spec))
+    normals = loop_limit_normals(mesh, resolve(spec))
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, rtol=0, atol=1e-14)
     angles = [
         degrees_between(area_normals(subdivide(mesh, spec, levels))[: mesh.num_verts], normals) for levels in (3, 6)
@@ -133,7 +133,7 @@ def test_refinement_tends_to_the_normals_at_darts():
     normals = loop_limit_normals(mesh, creases=creases)[ends]
     angles = []
     for levels in (3, 6):
-        fine = refine(topology, scheme_of("loop"), levels, creases)
+        fine = refine(topology, resolve("loop"), levels, creases)
         angles.append(degrees_between(area_normals(Mesh(fine(mesh.verts), fine.faces))[ends], normals))
     assert angles[1].max() < 3
     assert (angles[1] < 0.8 * angles[0]).all()
@@ -146,7 +146,7 @@ def test_normals_are_those_of_the_refined_mesh_with_its_creases(make):
     topology = Topology.of(mesh)
     creases = Creases.of(topology, topology.edges[::3])
     corner = creases.rules(topology).corner == 1
-    refinement = refine(topology, scheme_of("loop"), 2, creases)
+    refinement = refine(topology, resolve("loop"), 2, creases)
     fine = Mesh(refinement(mesh.verts), refinement.faces)
     found = loop_limit_normals(fine, creases=refinement.creases)[: mesh.num_verts]
     assert 3 < corner.sum() < mesh.num_verts - 3
@@ -194,7 +194,7 @@ def test_they_point_outwards_and_turn_with_the_faces_and_the_mesh(solid):
 def test_a_cube_with_sharp_edges_has_the_normals_of_a_cube():
     solid = cube()
     creases = creases_by_angle(solid, 45)
-    refinement = refine(Topology.of(solid), scheme_of("loop"), 2, creases)
+    refinement = refine(Topology.of(solid), resolve("loop"), 2, creases)
     fine = Mesh(refinement(solid.verts), refinement.faces)
     outer = np.abs(fine.verts) > solid.verts.max() - 1e-9
     expected = normalised(np.where(outer, np.sign(fine.verts), 0.0))
@@ -218,6 +218,6 @@ def test_limits_are_refused_where_they_are_not_known():
     topology = Topology.of(mesh)
     for compute in (lambda **given: loop_limit(topology, **given), lambda **given: loop_limit_normals(mesh, **given)):
         with pytest.raises(SchemeError, match="known for loop only"):
-            compute(scheme=scheme_of("interp-loop"))
+            compute(scheme=resolve("interp-loop"))
         with pytest.raises(SchemeError, match=r"a sharpness of 1\.5 is left; refine 2 levels more"):
             compute(creases=Creases.of(topology, topology.edges[:3], [1, 1.5, inf]))

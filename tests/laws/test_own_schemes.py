@@ -11,7 +11,7 @@ from meshfit.mesh.topology import Topology
 from meshfit.settings import build
 from meshfit.subdivision.limit import has_loop_limit
 from meshfit.subdivision.refine import refine
-from meshfit.subdivision.registry import NamedScheme, OwnSchemes, canonical, catalogue_of, scheme_of
+from meshfit.subdivision.registry import NamedScheme, UserSchemes, canonical, registry_with, resolve
 from tests.shapes import fan, mixed_closed, mixed_open, patch, wheel
 
 LOOP_RING = "5/8 - (3/8 + cos(2*pi/n)/4)^2"
@@ -63,20 +63,20 @@ EQUAL = {
 }
 # Sums of cosines are rounded differently where the centre is what is left to one.
 ROUNDED = {"my-modified-butterfly", "my-interp-sqrt3"}
-DEFINED = build(OwnSchemes, {"define": OWN}).define
-CATALOGUE = catalogue_of(DEFINED)
+DEFINED = build(UserSchemes, {"define": OWN}).define
+CATALOGUE = registry_with(DEFINED)
 MESHES = {"closed": mixed_closed, "open": mixed_open, "patch": lambda: patch(5, 4), "fan": lambda: fan(5)}
 
 
 def matrix(spec, mesh, levels=2):
-    return refine(Topology.of(mesh), scheme_of(spec, CATALOGUE), levels).matrix.toarray()
+    return refine(Topology.of(mesh), resolve(spec, CATALOGUE), levels).matrix.toarray()
 
 
 @pytest.mark.parametrize("spec", EQUAL)
 @pytest.mark.parametrize("shape", MESHES)
 def test_the_operators_are_those_of_the_built_in_schemes(spec, shape):
     mesh = MESHES[shape]()
-    ours, theirs = matrix(spec, mesh), refine(Topology.of(mesh), scheme_of(EQUAL[spec]), 2).matrix.toarray()
+    ours, theirs = matrix(spec, mesh), refine(Topology.of(mesh), resolve(EQUAL[spec]), 2).matrix.toarray()
     if spec in ROUNDED:
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-15)
     else:
@@ -87,7 +87,7 @@ def test_the_operators_are_those_of_the_built_in_schemes(spec, shape):
 @pytest.mark.parametrize("spec", EQUAL)
 def test_so_they_are_at_extraordinary_verts(spec, valence):
     mesh = wheel(valence, 3)
-    ours, theirs = matrix(spec, mesh, 1), refine(Topology.of(mesh), scheme_of(EQUAL[spec]), 1).matrix.toarray()
+    ours, theirs = matrix(spec, mesh, 1), refine(Topology.of(mesh), resolve(EQUAL[spec]), 1).matrix.toarray()
     np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-15)
 
 
@@ -98,10 +98,10 @@ def test_the_kind_is_that_of_the_masks(name):
 
 
 def test_masks_are_exact_fractions():
-    scheme = scheme_of("my-butterfly", CATALOGUE)
+    scheme = resolve("my-butterfly", CATALOGUE)
     assert (scheme.inserted.end, scheme.inserted.wing) == (Fraction(1, 2), Fraction(-1, 16))
-    decimal = build(OwnSchemes, {"define": {"mine": {"edge": {"end": 0.3, "wing": 0.1}, "boundary": "linear"}}}).define
-    assert scheme_of("mine", catalogue_of(decimal)).inserted.wing == Fraction(1, 10)
+    decimal = build(UserSchemes, {"define": {"mine": {"edge": {"end": 0.3, "wing": 0.1}, "boundary": "linear"}}}).define
+    assert resolve("mine", registry_with(decimal)).inserted.wing == Fraction(1, 10)
 
 
 ODD = {
@@ -118,14 +118,14 @@ ODD_SQRT3 = {
     "boundary": "ternary-four-point",
 }
 ANY = build(
-    OwnSchemes, {"define": {"odd": ODD, "odd-sqrt3": ODD_SQRT3, "pushed": {"base": "odd", "alpha": 0.7}}}
+    UserSchemes, {"define": {"odd": ODD, "odd-sqrt3": ODD_SQRT3, "pushed": {"base": "odd", "alpha": 0.7}}}
 ).define
 
 
 @pytest.mark.parametrize("shape", MESHES)
 @pytest.mark.parametrize("spec", ["odd", "odd-sqrt3", "pushed", "pushed:alpha=0.1"])
 def test_whatever_is_declared_is_affinely_invariant(spec, shape):
-    mesh, scheme = MESHES[shape](), scheme_of(spec, catalogue_of(ANY))
+    mesh, scheme = MESHES[shape](), resolve(spec, registry_with(ANY))
     refinement = refine(Topology.of(mesh), scheme, 2)
     np.testing.assert_allclose(refinement.matrix.sum(axis=1), 1, atol=1e-12)
     turned = np.random.default_rng(3).normal(size=(3, 3))
@@ -135,7 +135,7 @@ def test_whatever_is_declared_is_affinely_invariant(spec, shape):
 
 @pytest.mark.parametrize("spec", ["odd", "odd-sqrt3", "pushed"])
 def test_numbers_of_verts_do_not_matter(spec):
-    mesh, scheme = mixed_closed(), scheme_of(spec, catalogue_of(ANY))
+    mesh, scheme = mixed_closed(), resolve(spec, registry_with(ANY))
     order = np.random.default_rng(0).permutation(mesh.num_verts)
     place = np.argsort(order)
     moved = Mesh(mesh.verts[order], place[mesh.faces])
@@ -146,16 +146,16 @@ def test_numbers_of_verts_do_not_matter(spec):
 
 
 def test_weights_are_asked_for_at_valences_that_occur():
-    define = build(OwnSchemes, {"define": {"mine": LOOP | {"vertex": "1/(n-2) + 1/(n-20) - 1/(n-1)"}}}).define
-    scheme = scheme_of("mine", catalogue_of(define))
+    define = build(UserSchemes, {"define": {"mine": LOOP | {"vertex": "1/(n-2) + 1/(n-20) - 1/(n-1)"}}}).define
+    scheme = resolve("mine", registry_with(define))
     assert refine(Topology.of(wheel(12, 2)), scheme, 1).matrix.shape[0] > 0
     with pytest.raises(SchemeError, match=r"^mine: vertex: '1/\(n-2\).*' divides by zero at n = 20$"):
         refine(Topology.of(wheel(20, 2)), scheme, 1)
 
 
 def test_own_loop_has_loops_limit():
-    assert has_loop_limit(scheme_of("my-loop", CATALOGUE))
-    assert not has_loop_limit(scheme_of("my-interp-my-loop", CATALOGUE))
+    assert has_loop_limit(resolve("my-loop", CATALOGUE))
+    assert not has_loop_limit(resolve("my-interp-my-loop", CATALOGUE))
 
 
 def test_specs_have_one_form_and_own_names_are_suggested():
@@ -168,7 +168,7 @@ def test_specs_have_one_form_and_own_names_are_suggested():
         "my-interp-loop:alpha=2": "alpha=2 is not allowed: a number from 0 to 1 is",
     }.items():
         with pytest.raises(SchemeError) as caught:
-            scheme_of(spec, CATALOGUE)
+            resolve(spec, CATALOGUE)
         assert said in str(caught.value)
 
 

@@ -7,7 +7,7 @@ from meshfit.mesh.manifold import euler_number, is_watertight, num_components, r
 from meshfit.mesh.polygons import PolygonMesh, face_rows
 from meshfit.mesh.topology import PolygonTopology, Topology
 from meshfit.subdivision.refine import refine, subdivide
-from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.registry import resolve
 from tests.laws.polygon_variants import ANYWHERE, CASES, INTERPOLATORY, KEEPING, REGULAR, dense, refined, shape_of
 from tests.quads import mixed, quad_cube, quad_patch, renumbered
 from tests.shapes import mixed_closed, mixed_open
@@ -118,9 +118,9 @@ def test_boundaries_are_those_of_loop_or_its_interpolatory_form(spec, curve):
         return
     mesh = mixed_open()
     border = Topology.of(mesh).boundary_verts
-    twice = refine(PolygonTopology.of(Topology.of(mesh)), scheme_of(spec), 2 if "sqrt2" in spec else 1)
+    twice = refine(PolygonTopology.of(Topology.of(mesh)), resolve(spec), 2 if "sqrt2" in spec else 1)
     ours = twice.matrix.toarray()[twice.finest.boundary_verts][:, border]
-    loop = refine(Topology.of(mesh), scheme_of(curve), 1)
+    loop = refine(Topology.of(mesh), resolve(curve), 1)
     theirs = loop.matrix.toarray()[Topology(loop.matrix.shape[0], loop.faces).boundary_verts][:, border]
     np.testing.assert_allclose(sorted_rows(ours), sorted_rows(theirs), rtol=0, atol=1e-15)
 

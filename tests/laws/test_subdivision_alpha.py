@@ -8,7 +8,7 @@ import pytest
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.refine import refine, subdivide
-from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.registry import resolve
 from tests.laws.variants import dense
 from tests.shapes import mixed_closed, mixed_open
 
@@ -18,7 +18,7 @@ OPTIONS = ("weights=loop", "weights=warren", "valence3=zorin", "weights=warren,v
 
 
 def with_alphas(mesh: Mesh, alphas, options: str = "weights=loop", levels: int = 1) -> np.ndarray:
-    scheme = scheme_of(f"interp-loop:{options}").with_alpha(np.asarray(alphas, dtype=np.float64))
+    scheme = resolve(f"interp-loop:{options}").with_alpha(np.asarray(alphas, dtype=np.float64))
     return refine(Topology.of(mesh), scheme, levels).matrix.toarray()
 
 
@@ -101,7 +101,7 @@ def test_alpha_of_a_vertex_in_a_face_is_the_mean_of_its_corners(make):
     once = subdivide(mesh, "lin-luo-sqrt3", 1, alpha=alphas)
     twice = subdivide(mesh, "lin-luo-sqrt3", 2, alpha=alphas)
     finer = np.concatenate([alphas, alphas[mesh.faces].mean(axis=1)])
-    second = refine(Topology.of(once), scheme_of("lin-luo-sqrt3").with_alpha(finer), 2).operators[0] @ once.verts
+    second = refine(Topology.of(once), resolve("lin-luo-sqrt3").with_alpha(finer), 2).operators[0] @ once.verts
     inner = ~Topology.of(once).boundary_verts
     # On its own the second step leaves the boundary alone, so only verts off it are compared.
     np.testing.assert_allclose(twice.verts[: once.num_verts][inner], second[: once.num_verts][inner], atol=1e-14)

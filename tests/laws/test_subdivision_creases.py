@@ -11,7 +11,7 @@ from meshfit.mesh.solids import SOLIDS, cube
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.creases import Creases, creases_by_angle
 from meshfit.subdivision.refine import refine, subdivide
-from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.registry import resolve
 from tests.laws.test_subdivision_masks import fractions_of
 from tests.shapes import ALL, mixed_closed, mixed_open, permuted, torus, wheel
 
@@ -32,7 +32,7 @@ anywhere = pytest.mark.parametrize("make", [mixed_closed, mixed_open], ids=["clo
 
 
 def operator_of(mesh: Mesh, spec: str, creases: Creases | None, levels: int = 1) -> np.ndarray:
-    return refine(Topology.of(mesh), scheme_of(spec), levels, creases).matrix.toarray()
+    return refine(Topology.of(mesh), resolve(spec), levels, creases).matrix.toarray()
 
 
 def on_torus(spec: str, sharpness=inf, edges=ROW, corners=()) -> tuple[np.ndarray, Topology]:
@@ -122,14 +122,14 @@ def test_sharpness_goes_down_by_one_with_each_level_and_stays_with_the_halves():
     given = {0: 2.5, 3: 0.5, 7: inf, 11: 1.0}
     creases = Creases.of(topology, topology.edges[list(given)], list(given.values()), corners=[4])
     for level in (1, 2, 3):
-        refinement = refine(topology, scheme_of("loop"), level, creases)
+        refinement = refine(topology, resolve("loop"), level, creases)
         left = refinement.creases.sharpness
         expected = sorted(s - level for s in given.values() if s > level for _ in range(2**level))
         assert sorted(left[left > 0]) == expected
         assert np.flatnonzero(refinement.creases.corners).tolist() == [4]
         fine = Topology(refinement.matrix.shape[0], refinement.faces)
         # The halves of an edge lie on the polyline that it is to linear interpolation.
-        places = refine(topology, scheme_of("midpoint"), level)(mesh.verts)
+        places = refine(topology, resolve("midpoint"), level)(mesh.verts)
         a, b = mesh.verts[topology.edges[7]]
         middle = places[fine.edges[np.isinf(left)]].mean(axis=1)
         along = (middle - a) @ (b - a) / ((b - a) @ (b - a))
@@ -145,7 +145,7 @@ def test_sharpness_k_is_k_sharp_levels_and_smooth_ones_after(spec, make, k):
     topology = Topology.of(mesh)
     edges = topology.edges[::4]
     at_once = subdivide(mesh, spec, 3, creases=Creases.of(topology, edges, k))
-    sharp = refine(topology, scheme_of(spec), k, Creases.of(topology, edges))
+    sharp = refine(topology, resolve(spec), k, Creases.of(topology, edges))
     in_turn = subdivide(Mesh(sharp(mesh.verts), sharp.faces), spec, 3 - k)
     assert np.array_equal(at_once.faces, in_turn.faces)
     np.testing.assert_allclose(at_once.verts, in_turn.verts, rtol=0, atol=1e-13)
@@ -158,7 +158,7 @@ def test_levels_at_once_are_levels_one_by_one_with_what_is_left_of_the_creases(s
     creases = some_creases(mesh)
     at_once = subdivide(mesh, spec, 3, creases=creases)
     for _ in range(3):
-        refinement = refine(Topology.of(mesh), scheme_of(spec), 1, creases)
+        refinement = refine(Topology.of(mesh), resolve(spec), 1, creases)
         mesh, creases = Mesh(refinement(mesh.verts), refinement.faces), refinement.creases
     np.testing.assert_allclose(at_once.verts, mesh.verts, rtol=0, atol=1e-13)
 

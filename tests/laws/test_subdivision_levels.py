@@ -7,7 +7,7 @@ import torch
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.refine import refine, subdivide
-from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.registry import resolve
 from meshfit.subdivision.triangles.assemble import assemble
 from meshfit.subdivision.triangles.splits import divide
 from tests.laws.variants import QUADRISECTING, SQRT3, VARIANTS, refined
@@ -41,7 +41,7 @@ def test_sqrt3_on_an_open_mesh_composes_in_pairs(spec):
 
 @pytest.mark.parametrize("spec", SQRT3)
 def test_sqrt3_levels_follow_the_parity_of_the_step(spec):
-    mesh, scheme = mixed_open(), scheme_of(spec)
+    mesh, scheme = mixed_open(), resolve(spec)
     topology = Topology.of(mesh)
     for step, operator in enumerate(refined(mesh, spec, 3).operators):
         division = divide(topology, scheme.split, step)
@@ -131,7 +131,7 @@ def test_refinement_sees_connectivity_only():
 def test_per_vertex_alpha_reaches_every_level():
     mesh = mixed_closed()
     alphas = np.random.default_rng(3).random(mesh.num_verts)
-    refinement = refine(Topology.of(mesh), scheme_of("interp-loop").with_alpha(alphas), 2)
+    refinement = refine(Topology.of(mesh), resolve("interp-loop").with_alpha(alphas), 2)
     fine_alphas = refined(mesh, "midpoint", 1)(alphas)
-    second = refine(Topology.of(subdivide(mesh, "midpoint", 1)), scheme_of("interp-loop").with_alpha(fine_alphas), 1)
+    second = refine(Topology.of(subdivide(mesh, "midpoint", 1)), resolve("interp-loop").with_alpha(fine_alphas), 1)
     np.testing.assert_allclose(refinement.operators[1].toarray(), second.matrix.toarray(), rtol=0, atol=1e-15)

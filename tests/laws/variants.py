@@ -5,7 +5,7 @@ import numpy as np
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.refine import Refinement, refine
-from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.registry import resolve
 from meshfit.subdivision.triangles.scheme import Split
 from meshfit.subdivision.triangles.table import TRIANGLE_SCHEMES
 
@@ -23,7 +23,7 @@ VARIANTS = (
     "butterfly:tension=0.125",
     "lin-luo-sqrt3:alpha=0.5",
 )
-QUADRISECTING = tuple(spec for spec in VARIANTS if scheme_of(spec).split is Split.QUADRISECT)
+QUADRISECTING = tuple(spec for spec in VARIANTS if resolve(spec).split is Split.QUADRISECT)
 SQRT3 = tuple(spec for spec in VARIANTS if spec not in QUADRISECTING)
 INTERPOLATORY = (
     "midpoint",
@@ -42,7 +42,7 @@ INTERPOLATORY = (
 
 def refined(mesh: Mesh, spec: str, levels: int = 1) -> Refinement:
     """The refinement of a mesh's connectivity."""
-    return refine(Topology.of(mesh), scheme_of(spec), levels)
+    return refine(Topology.of(mesh), resolve(spec), levels)
 
 
 def dense(mesh: Mesh, spec: str, levels: int = 1) -> np.ndarray:

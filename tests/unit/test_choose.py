@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from meshfit.errors import SchemeError
 from meshfit.subdivision.refine import subdivide
-from meshfit.subdivision.registry import SCHEMES, canonical, entry_of, scheme_of
+from meshfit.subdivision.registry import SCHEMES, canonical, entry_of, resolve
 from tests.shapes import mixed_open
 
 CANONICAL = {
@@ -69,18 +69,18 @@ def test_canonical_form_is_read_back_to_the_same_parameters(spec):
 @pytest.mark.parametrize("name", SCHEMES)
 def test_every_scheme_can_be_asked_for_by_its_name(name):
     assert entry_of(name) is SCHEMES[name]
-    scheme = scheme_of(name)
+    scheme = resolve(name)
     defaults = {key: parameter.default for key, parameter in SCHEMES[name].parameters.items()}
     assert scheme.split is SCHEMES[name].declare(**defaults).split
     assert canonical(name) == name
 
 
 def test_parameters_given_apart_take_precedence_and_none_stands_for_not_given():
-    assert scheme_of("interp-loop:alpha=0.5", alpha=0.25).push_back.alpha == 0.25
-    assert scheme_of("interp-loop:alpha=0.5", alpha=None).push_back.alpha == 0.5
-    assert scheme_of("interp-loop", alpha=0.5, valence3="zorin").push_back.at_valence3 is not None
-    assert scheme_of("interp-loop").push_back.at_valence3 is None
-    assert scheme_of("interp-loop").push_back.alpha == 1
+    assert resolve("interp-loop:alpha=0.5", alpha=0.25).push_back.alpha == 0.25
+    assert resolve("interp-loop:alpha=0.5", alpha=None).push_back.alpha == 0.5
+    assert resolve("interp-loop", alpha=0.5, valence3="zorin").push_back.at_valence3 is not None
+    assert resolve("interp-loop").push_back.at_valence3 is None
+    assert resolve("interp-loop").push_back.alpha == 1
 
 
 REFUSED = {
@@ -110,7 +110,7 @@ REFUSED = {
 
 @pytest.mark.parametrize(("text", "message"), REFUSED.items())
 def test_what_is_not_allowed_is_refused_with_what_is(text, message):
-    for reader in (scheme_of, canonical):
+    for reader in (resolve, canonical):
         with pytest.raises(SchemeError, match=message):
             reader(text)
 
@@ -127,4 +127,4 @@ def test_what_is_not_allowed_is_refused_with_what_is(text, message):
 )
 def test_parameters_given_apart_are_checked_too(parameters, message):
     with pytest.raises(SchemeError, match=message):
-        scheme_of("interp-loop", **parameters)
+        resolve("interp-loop", **parameters)

@@ -14,7 +14,7 @@ from meshfit.subdivision.crease_files import read_creases
 from meshfit.subdivision.creases import Creases, creases_by_angle
 from meshfit.subdivision.limit import loop_limit, loop_limit_normals
 from meshfit.subdivision.refine import refine, subdivide
-from meshfit.subdivision.registry import SCHEMES, scheme_of
+from meshfit.subdivision.registry import SCHEMES, resolve
 from tests.shapes import mixed_closed, mixed_open
 
 SOLID = Topology.of(octahedron())
@@ -152,8 +152,8 @@ def test_boundary_edges_are_sharp_whatever_is_said_of_them(sharpness):
     mesh = mixed_open()
     topology = Topology.of(mesh)
     said = Creases(np.where(topology.boundary_edges, sharpness, 0.0), np.zeros(mesh.num_verts, dtype=bool))
-    expected = refine(topology, scheme_of("loop"), 2).matrix.toarray()
-    assert np.array_equal(refine(topology, scheme_of("loop"), 2, said).matrix.toarray(), expected)
+    expected = refine(topology, resolve("loop"), 2).matrix.toarray()
+    assert np.array_equal(refine(topology, resolve("loop"), 2, said).matrix.toarray(), expected)
     assert np.array_equal(loop_limit(topology, creases=said).toarray(), loop_limit(topology).toarray())
     assert np.array_equal(loop_limit_normals(mesh, creases=said), loop_limit_normals(mesh))
 
@@ -181,7 +181,7 @@ def test_edges_and_corners_that_are_not_there(edges, corners, message):
 
 def test_a_mesh_of_verts_alone_has_no_creases_to_lay_down():
     lonely = Topology(3, np.empty((0, 3), dtype=np.int64))
-    refinement = refine(lonely, scheme_of("interp-loop"), 2, Creases.of(lonely, corners=[1]))
+    refinement = refine(lonely, resolve("interp-loop"), 2, Creases.of(lonely, corners=[1]))
     assert np.array_equal(refinement.matrix.toarray(), np.eye(3))
     with pytest.raises(MeshError, match="no such edge"):
         Creases.of(lonely, [(0, 1)])

@@ -17,7 +17,7 @@ from meshfit.subdivision.curves.scheme import KEPT, LINEAR, CurveScheme, CurveSp
 from meshfit.subdivision.curves.table import CURVE_SCHEMES
 from meshfit.subdivision.masks import CurveMask
 from meshfit.subdivision.refine import refine, subdivide
-from meshfit.subdivision.registry import SCHEMES, domain_of, scheme_of
+from meshfit.subdivision.registry import SCHEMES, domain_of, resolve
 from meshfit.subdivision.triangles.table import TRIANGLE_SCHEMES
 from tests.curve_shapes import single
 
@@ -129,21 +129,21 @@ def test_experiments_refuse_schemes_on_curves():
 def test_the_table_lists_curves_last():
     assert list(SCHEMES)[-len(CURVE_SCHEMES) :] == list(CURVE_SCHEMES)
     for name in SCHEMES:
-        assert (SCHEMES[name].domain == "curves") == isinstance(scheme_of(name), CurveScheme)
-        assert domain_of(scheme_of(name)) == SCHEMES[name].domain
+        assert (SCHEMES[name].domain == "curves") == isinstance(resolve(name), CurveScheme)
+        assert domain_of(resolve(name)) == SCHEMES[name].domain
 
 
 @by_curve_scheme
 def test_kind_in_the_table_is_what_the_scheme_does(name):
     curves = single(5, closed=True)
-    kept = refine(Chains.of(curves), scheme_of(name), 2).matrix.toarray()[:5]
+    kept = refine(Chains.of(curves), resolve(name), 2).matrix.toarray()[:5]
     assert np.array_equal(kept, np.eye(5)) == (CURVE_SCHEMES[name].kind == "interpolatory")
 
 
 def test_refinement_carries_any_attribute_and_gradients():
     import torch
 
-    refinement = refine(Chains.of(single(5, closed=False)), scheme_of("four-point"), 2)
+    refinement = refine(Chains.of(single(5, closed=False)), resolve("four-point"), 2)
     values = torch.arange(5.0, dtype=torch.float64, requires_grad=True)
     fine = refinement(values)
     np.testing.assert_allclose(fine.detach().numpy(), refinement.matrix @ np.arange(5.0), rtol=0, atol=1e-14)
@@ -155,5 +155,5 @@ def test_refinement_carries_any_attribute_and_gradients():
 
 def test_public_names():
     assert meshfit.Curves is Curves
-    assert isinstance(refine(Topology.of(octahedron()), scheme_of("loop")), meshfit.Refinement)
-    assert isinstance(refine(Chains.of(single(3, closed=True)), scheme_of("four-point")), meshfit.CurveRefinement)
+    assert isinstance(refine(Topology.of(octahedron()), resolve("loop")), meshfit.Refinement)
+    assert isinstance(refine(Chains.of(single(3, closed=True)), resolve("four-point")), meshfit.CurveRefinement)

@@ -15,7 +15,7 @@ from meshfit.loss.sparse import Sparse
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.refine import refine
-from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.registry import resolve
 from tests.shapes import mixed_closed, mixed_open, torus
 
 MESHES = {"closed": mixed_closed, "open": mixed_open, "torus": lambda: torus(6, 5)}
@@ -106,7 +106,7 @@ def test_the_step_is_the_least_squares_solution(mesh, point_weight, tension):
 @EACH
 @pytest.mark.usefixtures("to_the_end")
 def test_the_step_of_a_control_mesh_is_the_least_squares_solution_of_its_own_verts(mesh):
-    refinement = refine(Topology.of(mesh), scheme_of("loop"))
+    refinement = refine(Topology.of(mesh), resolve("loop"))
     fine, matrix = Mesh(refinement(mesh.verts), refinement.faces), refinement.matrix
     operators = (Sparse.of(entries, torch.float64, torch.device("cpu")) for entries in (matrix, matrix.power(2)))
     control = Control(torch.tensor(mesh.verts), *operators)

@@ -27,7 +27,7 @@ from meshfit.mesh.solids import cube, icosahedron
 from meshfit.mesh.topology import PolygonTopology
 from meshfit.subdivision.polygons.table import POLYGON_SCHEMES
 from meshfit.subdivision.refine import growth, subdivide
-from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.registry import resolve
 from tests.checkpoints import through_a_file
 from tests.quads import quad_cube
 from tests.small import experiment
@@ -197,8 +197,8 @@ def test_growth_is_that_of_large_closed_surfaces_of_triangles(scheme):
     mesh = subdivide(icosahedron(), "midpoint", 3)
     for levels in (0, 1, 2):
         found = subdivide(mesh, scheme, levels).num_verts / mesh.num_verts
-        assert np.isclose(found, growth(scheme_of(scheme), levels), rtol=0.01)
-    assert growth(scheme_of("sqrt3"), 3) == 64
+        assert np.isclose(found, growth(resolve(scheme), levels), rtol=0.01)
+    assert growth(resolve("sqrt3"), 3) == 64
 
 
 def test_the_last_remesh_is_to_as_many_verts_as_levels_have_made():

@@ -10,7 +10,7 @@ from meshfit.mesh.polygons import PolygonMesh, face_rows
 from meshfit.mesh.solids import POLYGON_SOLIDS, SOLIDS, cube
 from meshfit.mesh.topology import PolygonTopology, Topology
 from meshfit.subdivision.refine import refine, subdivide
-from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.registry import resolve
 from tests.quads import EVERY, mixed, of_rows, prism, quad_cube, quad_patch, quad_wheel
 from tests.shapes import ALL
 
@@ -193,7 +193,7 @@ def test_alpha_of_each_vertex():
 
 def test_refinements_carry_anything_given_at_verts():
     mesh = mixed()
-    refinement = refine(PolygonTopology.of(mesh), scheme_of("kobbelt"), 2)
+    refinement = refine(PolygonTopology.of(mesh), resolve("kobbelt"), 2)
     values = np.random.default_rng(2).standard_normal((mesh.num_verts, 2, 2))
     expected = np.einsum("ij,jkl->ikl", refinement.matrix.toarray(), values)
     np.testing.assert_allclose(refinement(values), expected, rtol=0, atol=1e-13)

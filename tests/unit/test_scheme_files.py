@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from meshfit.config.loading import load_experiment
-from meshfit.config.scheme_files import adopted, without_path
+from meshfit.config.scheme_files import resolve_specs, scheme_name_for
 from meshfit.config.strict_yaml import dump
 from meshfit.errors import ConfigError
 
@@ -137,16 +137,16 @@ def test_what_is_no_list_of_specs_is_left_to_the_checks(project):
 def test_specs_from_a_command_line(project):
     own = load("schemes: [own/softer.yaml]\n").define
     for spec in ("softer:alpha=0.5", "project/own/softer.yaml:alpha=0.5"):
-        assert adopted([spec], own) == (["softer:alpha=0.5"], own)
-    specs, define = adopted(["softer:alpha=0.5", "project/own/my-loop.yaml"], own)
+        assert resolve_specs([spec], own) == (["softer:alpha=0.5"], own)
+    specs, define = resolve_specs(["softer:alpha=0.5", "project/own/my-loop.yaml"], own)
     assert specs == ["softer:alpha=0.5", "my-loop"]
     assert define == own
     write("softer.yaml", "base: sqrt3\n")
     with pytest.raises(ConfigError, match=r"^softer\.yaml: there is another 'softer', under 'define'; rename one$"):
-        adopted(["softer.yaml"], own)
+        resolve_specs(["softer.yaml"], own)
 
 
 def test_the_name_of_a_scheme_in_a_file():
-    assert without_path("a b/my-loop.yaml") == "my-loop"
-    assert without_path("a:b/softer.yml:alpha=0.5") == "softer:alpha=0.5"
-    assert without_path("interp-loop:alpha=0.5") == "interp-loop:alpha=0.5"
+    assert scheme_name_for("a b/my-loop.yaml") == "my-loop"
+    assert scheme_name_for("a:b/softer.yml:alpha=0.5") == "softer:alpha=0.5"
+    assert scheme_name_for("interp-loop:alpha=0.5") == "interp-loop:alpha=0.5"

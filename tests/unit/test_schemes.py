@@ -10,7 +10,7 @@ from meshfit.errors import SchemeError
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.masks import CurveMask, EdgeMask, FaceMask, SpokeMask, VertMask
 from meshfit.subdivision.refine import refine
-from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.registry import resolve
 from meshfit.subdivision.triangles.scheme import PushBack, Split, TriangleScheme
 from meshfit.subdivision.triangles.table import TRIANGLE_SCHEMES
 from tests.shapes import mixed_closed, mixed_open, patch, torus
@@ -49,7 +49,7 @@ def test_fractions_must_sum_exactly_and_floats_but_for_rounding():
 @pytest.mark.parametrize("name", TRIANGLE_SCHEMES)
 def test_kind_in_the_table_is_what_the_scheme_does(name):
     mesh = mixed_open()
-    kept = refine(Topology.of(mesh), scheme_of(name), 2).matrix.toarray()[: mesh.num_verts]
+    kept = refine(Topology.of(mesh), resolve(name), 2).matrix.toarray()[: mesh.num_verts]
     assert np.array_equal(kept, np.eye(mesh.num_verts)) == (TRIANGLE_SCHEMES[name].kind == "interpolatory")
 
 
@@ -59,9 +59,7 @@ def test_parameters_in_the_table_matter_and_their_defaults_are_allowed(name):
     entry, topology = TRIANGLE_SCHEMES[name], Topology.of(mesh)
     for key, parameter in entry.parameters.items():
         assert parameter.check(key, parameter.default) == parameter.default
-        matrices = [
-            refine(topology, scheme_of(name, **{key: value}), 1).matrix.toarray() for value in parameter.allowed
-        ]
+        matrices = [refine(topology, resolve(name, **{key: value}), 1).matrix.toarray() for value in parameter.allowed]
         assert np.abs(matrices[0] - matrices[1]).max() > 1e-3, f"{key} changes nothing"
 
 
@@ -76,7 +74,7 @@ def test_every_entry_tells_title_continuity_and_source(name):
 
 
 def test_declared_schemes_are_frozen():
-    scheme = scheme_of("loop")
+    scheme = resolve("loop")
     with pytest.raises(FrozenInstanceError):
         scheme.split = Split.SQRT3
     with pytest.raises(FrozenInstanceError):
@@ -84,12 +82,12 @@ def test_declared_schemes_are_frozen():
 
 
 def test_with_alpha_leaves_the_scheme_it_came_from():
-    scheme = scheme_of("interp-loop:alpha=0.5,valence3=zorin")
+    scheme = resolve("interp-loop:alpha=0.5,valence3=zorin")
     other = scheme.with_alpha(0.25)
     assert (scheme.push_back.alpha, other.push_back.alpha) == (0.5, 0.25)
     assert other.push_back.at_valence3 is scheme.push_back.at_valence3
     with pytest.raises(SchemeError, match="no parameter alpha; interp-loop and others have"):
-        scheme_of("loop").with_alpha(0.5)
+        resolve("loop").with_alpha(0.5)
 
 
 def test_a_scheme_of_ones_own_is_laid_down_by_its_masks():
@@ -109,7 +107,7 @@ def test_a_scheme_of_ones_own_is_laid_down_by_its_masks():
 def test_push_back_works_on_any_split():
     """Blending √3 towards interpolation: at 1 old verts stay, new ones get the mean displacement of their face."""
     mesh = mixed_closed()
-    base, topology = scheme_of("sqrt3"), Topology.of(mesh)
+    base, topology = resolve("sqrt3"), Topology.of(mesh)
     smooth = refine(topology, base, 1).matrix.toarray()
     for alpha in (0.0, 0.5, 1.0):
         blend = TriangleScheme(base.split, base.inserted, base.boundary, base.vert, push_back=PushBack(alpha))
@@ -122,7 +120,7 @@ def test_push_back_works_on_any_split():
 
 def test_unified_sqrt3_has_the_weights_derived_for_it():
     """Regular, α = 1: 11/27 at the corners, -1/27 across the edges, -1/54 at the six others."""
-    mesh, base = torus(9, 8), scheme_of("sqrt3")
+    mesh, base = torus(9, 8), resolve("sqrt3")
     blend = TriangleScheme(base.split, base.inserted, base.boundary, base.vert, push_back=PushBack(1.0))
     rows = refine(Topology.of(mesh), blend, 1).matrix.toarray()[mesh.num_verts :]
     expected = np.array([-1 / 27] * 3 + [-1 / 54] * 6 + [11 / 27] * 3)
@@ -132,7 +130,7 @@ def test_unified_sqrt3_has_the_weights_derived_for_it():
 
 def test_pushed_back_ternary_bspline_is_labsik_and_greiners_boundary_rule():
     """Two thirds and one third of the displacements turn (1, 16, 10) / 27 into (-5, 60, 30, -4) / 81."""
-    mesh, base = patch(9, 6), scheme_of("sqrt3")
+    mesh, base = patch(9, 6), resolve("sqrt3")
     blend = TriangleScheme(base.split, base.inserted, base.boundary, base.vert, push_back=PushBack(1.0))
     rows = refine(Topology.of(mesh), blend, 2).operators[1].toarray()
     for weights in ([-5, 60, 30, -4], [-4, 30, 60, -5]):

@@ -9,7 +9,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import octahedron, tetrahedron
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.refine import refine, subdivide
-from meshfit.subdivision.registry import scheme_of
+from meshfit.subdivision.registry import resolve
 from meshfit.subdivision.triangles.table import TRIANGLE_SCHEMES
 
 by_name = pytest.mark.parametrize("name", TRIANGLE_SCHEMES)
@@ -82,7 +82,7 @@ def test_one_alpha_from_numpy_is_as_good_as_a_number(value):
     assert not np.array_equal(found, subdivide(octahedron(), "interp-loop", 2).verts)
 
 
-@pytest.mark.parametrize("scheme", ["loop", "midpoint", "sqrt3", "butterfly", scheme_of("loop")])
+@pytest.mark.parametrize("scheme", ["loop", "midpoint", "sqrt3", "butterfly", resolve("loop")])
 def test_alphas_for_a_scheme_without(scheme):
     with pytest.raises(SchemeError, match="no parameter alpha"):
         subdivide(octahedron(), scheme, alpha=np.full(6, 0.5))
@@ -96,7 +96,7 @@ def test_arrays_for_parameters_that_take_one_value(name, key, value):
 
 def test_parameters_beside_a_declared_scheme():
     with pytest.raises(SchemeError, match="'weights' goes with a scheme's name"):
-        subdivide(octahedron(), scheme_of("loop"), weights="warren")
+        subdivide(octahedron(), resolve("loop"), weights="warren")
 
 
 def test_unknown_scheme_and_parameter():
@@ -110,12 +110,12 @@ def test_alphas_of_a_declared_scheme_are_checked_by_refine():
     topology = Topology.of(tetrahedron())
     for alphas in (np.full(5, 0.5), np.full(4, np.nan), np.full(4, 1.5), float("nan")):
         with pytest.raises((SchemeError, MeshError), match="alpha"):
-            refine(topology, scheme_of("interp-loop").with_alpha(alphas))
+            refine(topology, resolve("interp-loop").with_alpha(alphas))
 
 
 def test_integers_are_not_silently_refined_to_nothing():
     """Weights below 1 become 0 as integers: refine them as reals, or refuse them."""
-    refinement = refine(Topology.of(octahedron()), scheme_of("loop"), 1)
+    refinement = refine(Topology.of(octahedron()), resolve("loop"), 1)
     ones = torch.ones(6, dtype=torch.int64)
     try:
         found = refinement(ones)

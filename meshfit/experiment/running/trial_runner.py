@@ -76,7 +76,7 @@ class Attempt:
         Args:
             seconds: that the fit has taken since its start.
         """
-        settings, scheme = self.trial.settings, self.trial.named_scheme.declared()
+        settings, scheme = self.trial.settings, self.trial.named_scheme.resolve()
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", MeshfitWarning)
             inputs = dict(self.trial.inputs)

@@ -209,12 +209,12 @@ def _work(trial: Trial) -> float:
         return fit.steps * (fit.samples + verts / _VERTS_PER_SAMPLE)
     if fit.connectivity == "remeshed":
         return float(fit.steps * fit.verts)
-    return float(fit.steps * verts * growth(trial.named_scheme.declared(), fit.levels))
+    return float(fit.steps * verts * growth(trial.named_scheme.resolve(), fit.levels))
 
 
 @cache
 def _num_verts(source: SourceSettings, scheme: NamedScheme) -> int:
-    return build_source(source, scheme.declared()).num_verts
+    return build_source(source, scheme.resolve()).num_verts
 
 
 def _probed(trial: Trial, threads: int) -> _Pace | None:

@@ -22,7 +22,7 @@ from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.topology import PolygonTopology, Topology
 from meshfit.subdivision.limit import has_loop_limit
 from meshfit.subdivision.refine import growth
-from meshfit.subdivision.registry import declared
+from meshfit.subdivision.registry import resolve
 
 # From this share of points on that have found others facing alike, there is nothing to gain from another try: webs
 # and strangled parts are among those that find none.
@@ -170,7 +170,7 @@ class GaussNewton:
 
     def _start(self, problem: Problem) -> FitState:
         verts, faces = self._source(problem)
-        has_limit = has_loop_limit(declared(problem.scheme))
+        has_limit = has_loop_limit(resolve(problem.scheme))
         if self.settings.limit and (self.settings.variables != "control" or not has_limit):
             raise ConfigError("limit: limit surfaces are fitted with variables: control and the scheme loop")
         on_sphere = self._on_sphere(problem) if self.settings.connectivity == "fixed" else None
@@ -240,7 +240,7 @@ class GaussNewton:
             faces, places = self._source(problem)[1], self._on_sphere(problem)
             return surface if places is None else surface.carrying(faces, places, target, _polygons_of(problem))
         movable = self.settings.connectivity == "remeshed" or surface.on_sphere is not None
-        count = self._rough_verts(problem) * stage.share * growth(declared(problem.scheme), stage.refined)
+        count = self._rough_verts(problem) * stage.share * growth(resolve(problem.scheme), stage.refined)
         if movable and (stage.change == "remesh" or (stage.change == "start" and len(surface.verts) > count)):
             return surface.remeshed(count, target if stage.sized else None)
         return surface
@@ -252,7 +252,7 @@ class GaussNewton:
             return max(float(problem.source.num_verts), self.settings.verts / 4.0)
         if self.settings.variables == "control":
             return float(self.settings.verts)
-        return self.settings.verts / growth(declared(problem.scheme), self.settings.levels)
+        return self.settings.verts / growth(resolve(problem.scheme), self.settings.levels)
 
 
 def _polygons_of(problem: Problem) -> PolygonTopology | None:

@@ -17,9 +17,9 @@ from meshfit.mesh.polygons import fan_triangles
 from meshfit.mesh.topology import PolygonTopology, Topology
 from meshfit.subdivision.limit import loop_limit
 from meshfit.subdivision.polygons.scheme import PolygonScheme
-from meshfit.subdivision.refine import flat, refine
-from meshfit.subdivision.refinement import cut
-from meshfit.subdivision.registry import declared
+from meshfit.subdivision.refine import linear_scheme, refine
+from meshfit.subdivision.refinement import finest_triangles
+from meshfit.subdivision.registry import resolve
 from meshfit.subdivision.scheme import Scheme
 from meshfit.subdivision.triangles.scheme import TriangleScheme
 
@@ -41,10 +41,10 @@ def with_control_mesh(
         limit: put the verts of the last level where Loop subdivision would put them in the end.
         corners: (C,) of the polygons of the last level, if it is known already where each of them begins.
     """
-    masks = declared(scheme)
+    masks = resolve(scheme)
     refinement = refine(_topology_for(surface, masks), masks, levels)
     matrix = refinement.matrix
-    faces, polygons = cut(refinement, matrix @ _places(surface))
+    faces, polygons = finest_triangles(refinement, matrix @ _places(surface))
     if corners is not None and polygons is not None:
         polygons = replace(polygons, corners=corners.numpy())
         faces = fan_triangles(polygons.corners, polygons.sizes)
@@ -67,14 +67,14 @@ def refined(surface: FitState, scheme: str | Scheme) -> FitState:
     Where triangles are cut in four, there is always such a place, since the surface itself is one; where the scheme
     has other ways of keeping old verts, there nearly is one. A scheme on polygons goes on from those of the last.
     """
-    masks, device = declared(scheme), surface.verts.device
+    masks, device = resolve(scheme), surface.verts.device
     topology = _topology_for(surface, masks)
     refinement, verts = refine(topology, masks), _places(surface)
     fine = refinement(verts)
-    faces, polygons = cut(refinement, fine)
+    faces, polygons = finest_triangles(refinement, fine)
     place = torch.as_tensor(fine).to(surface.verts)
     finer = FitState.of(place, torch.tensor(faces, device=device), polygons=polygons)
-    linear = flat(masks)
+    linear = linear_scheme(masks)
     if linear is None:
         return finer.untangled()
     between = refine(topology, linear)

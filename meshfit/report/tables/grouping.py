@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from meshfit.config.experiment import PATHS
-from meshfit.config.scheme_files import without_path
+from meshfit.config.scheme_files import scheme_name_for
 from meshfit.errors import StoreError
 from meshfit.experiment.storage.run_directory import Result
 from meshfit.settings import build
-from meshfit.subdivision.registry import SCHEMES, OwnSchemes, canonical, catalogue_of, spec_of
+from meshfit.subdivision.registry import SCHEMES, UserSchemes, canonical, registry_with, spec_of
 
 Cell = tuple[str, str]
 """Target and scheme."""
@@ -212,13 +212,13 @@ def resolve_scheme(results: Sequence[Mapping[str, Any]], text: str) -> str:
         SchemeError: it is no scheme.
         ConfigError: it is one that a result defines in a way that is not understood.
     """
-    text = without_path(text)
+    text = scheme_name_for(text)
     if any(result["scheme"] == text for result in results):
         return text
     if spec_of(text).name in SCHEMES:
         return canonical(text)
     define = {name: one for result in results for name, one in _definitions(result).items()}
-    return canonical(text, catalogue_of(build(OwnSchemes, {"define": define}).define))
+    return canonical(text, registry_with(build(UserSchemes, {"define": define}).define))
 
 
 def describe_definitions(results: Sequence[Mapping[str, Any]]) -> dict[str, str]:

@@ -115,13 +115,13 @@ def read_spokes(written: object, where: str = "") -> Spokes:
     entries = _entries(written)
     given = {valence: _at(valence, _read_list, entries[str(valence)], valence) for valence in _valences(entries)}
     if _REGULAR in given:
-        raise fault((str(_REGULAR),), f"valence {_REGULAR} is regular, where the mask of other new verts is used")
+        raise error_at((str(_REGULAR),), f"valence {_REGULAR} is regular, where the mask of other new verts is used")
     spokes = Spokes(given, _at(OTHERS if given else None, read_formula, entries[OTHERS], "n", "j"), where)
     _check(spokes, given)
     return spokes
 
 
-def fault(key: tuple[str | int, ...], message: str) -> ValidationError:
+def error_at(key: tuple[str | int, ...], message: str) -> ValidationError:
     """An error in what stands at a key of the value that is being validated."""
     details = InitErrorDetails(type="value_error", loc=key, input=None, ctx={"error": ValueError(message)})
     return ValidationError.from_exception_data("weights", [details])
@@ -146,7 +146,7 @@ def _entries(written: object) -> Mapping[str, object]:
 def _valences(entries: Mapping[str, object]) -> list[int]:
     for key in entries:
         if key != OTHERS and not _VALENCE.fullmatch(key):
-            raise fault((key,), f"a valence from 3 to 99, or '{OTHERS}', is needed here")
+            raise error_at((key,), f"a valence from 3 to 99, or '{OTHERS}', is needed here")
     return [int(key) for key in entries if key != OTHERS]
 
 
@@ -165,7 +165,7 @@ def _at(key: str | int | None, read: Callable[..., _Rule], *arguments: object) -
     except SchemeError as error:
         if key is None:
             raise
-        raise fault((str(key),), str(error)) from None
+        raise error_at((str(key),), str(error)) from None
 
 
 def _check(rule: Callable[[int], object], given: Mapping[int, object]) -> None:

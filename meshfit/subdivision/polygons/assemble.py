@@ -5,10 +5,16 @@ from scipy.sparse import csr_array, vstack
 
 from meshfit.mesh.halfedges import NONE, Indices
 from meshfit.mesh.topology import PolygonTopology
-from meshfit.subdivision.polygons.scheme import LINEAR, CornerMask, MeanMask, NetMask, PolygonScheme
-from meshfit.subdivision.polygons.selection import face_means, on_boundary, pick, put, weighted
+from meshfit.subdivision.polygons.scheme import LINEAR, CornerMask, MeanMask, PolygonScheme, TensorProductMask
+from meshfit.subdivision.polygons.selection import (
+    boundary_rows,
+    face_means,
+    scatter,
+    select,
+    weighted_sum,
+)
 from meshfit.subdivision.polygons.splits import PolygonDivision
-from meshfit.subdivision.polygons.tensor_product import Net
+from meshfit.subdivision.polygons.tensor_product import TensorProduct
 from meshfit.subdivision.push_back import pushed_back
 
 
@@ -39,7 +45,7 @@ def assemble_polygons(topology: PolygonTopology, scheme: PolygonScheme, division
 def _old_verts(topology: PolygonTopology, scheme: PolygonScheme, division: PolygonDivision) -> csr_array:
     num_verts = topology.num_verts
     if scheme.vert is None or scheme.boundary is None:
-        return pick(division.kept, num_verts)
+        return select(division.kept, num_verts)
     on_border, valence = topology.boundary_verts, topology.valence
     weights = np.zeros((int(valence.max(initial=0)) + 1, 3))
     weights[0] = 1, 0, 0
@@ -48,14 +54,14 @@ def _old_verts(topology: PolygonTopology, scheme: PolygonScheme, division: Polyg
     own, ring, faces = weights[valence].T
     inner = np.flatnonzero(~on_border[topology.tail])
     tail = topology.tail[inner]
-    around = put(tail, pick(topology.head[inner], num_verts), num_verts, ring[tail] / valence[tail])
+    around = scatter(tail, select(topology.head[inner], num_verts), num_verts, ring[tail] / valence[tail])
     means = face_means(topology)[topology.face[inner]]
-    around = around + put(tail, means, num_verts, faces[tail] / valence[tail])
+    around = around + scatter(tail, means, num_verts, faces[tail] / valence[tail])
     still = np.flatnonzero(~on_border | (not division.moves_border))
-    kept = put(still, pick(still, num_verts), num_verts, np.where(on_border, 1.0, own)[still])
+    kept = scatter(still, select(still, num_verts), num_verts, np.where(on_border, 1.0, own)[still])
     border = np.flatnonzero((topology.twin == NONE) & division.moves_border)
-    curve = on_boundary(topology, border, scheme.boundary.vert)
-    return csr_array(kept + around + put(topology.tail[border], curve, num_verts))
+    curve = boundary_rows(topology, border, scheme.boundary.vert)
+    return csr_array(kept + around + scatter(topology.tail[border], curve, num_verts))
 
 
 def _new_verts(topology: PolygonTopology, scheme: PolygonScheme, division: PolygonDivision) -> csr_array:
@@ -63,12 +69,12 @@ def _new_verts(topology: PolygonTopology, scheme: PolygonScheme, division: Polyg
     if isinstance(mask, CornerMask):
         return _in_corners(topology, mask, division)
     assert boundary is not None  # noqa: S101  the scheme has seen to it
-    if isinstance(mask, NetMask):
-        rows = Net(topology, mask, boundary).rows(division)
+    if isinstance(mask, TensorProductMask):
+        rows = TensorProduct(topology, mask, boundary).rows(division)
     else:
         rows = _by_means(topology, mask, division)
     for place, weights in zip(division.border_place, boundary.inserted, strict=True):
-        rows = rows + put(place, on_boundary(topology, division.border, weights), division.num_new)
+        rows = rows + scatter(place, boundary_rows(topology, division.border, weights), division.num_new)
     return csr_array(rows)
 
 
@@ -76,12 +82,12 @@ def _by_means(topology: PolygonTopology, mask: MeanMask, division: PolygonDivisi
     means, num_verts, num_new = face_means(topology), topology.num_verts, division.num_new
     own = division.corner_place[topology.starts]
     faces = np.flatnonzero(own != NONE)
-    rows = put(own[faces], means[faces], num_new)
+    rows = scatter(own[faces], means[faces], num_new)
     inner, twin = division.inner, topology.twin[division.inner]
     for place in division.inner_place:
-        ends = pick(topology.tail[inner], num_verts) + pick(topology.head[inner], num_verts)
+        ends = select(topology.tail[inner], num_verts) + select(topology.head[inner], num_verts)
         beside = means[topology.face[inner]] + means[topology.face[twin]]
-        rows = rows + put(place, float(mask.end) * ends + float(mask.mean) * beside, num_new)
+        rows = rows + scatter(place, float(mask.end) * ends + float(mask.mean) * beside, num_new)
     return csr_array(rows)
 
 
@@ -92,21 +98,21 @@ def _in_corners(topology: PolygonTopology, mask: CornerMask, division: PolygonDi
     kept, inside = out & into, ~out & ~into
     # Whether the edge that goes on from the next corner, or that comes to the one before, is on the boundary.
     ahead, behind = inside & out[after], inside & into[before]
-    own = pick(topology.tail, topology.num_verts)
+    own = select(topology.tail, topology.num_verts)
     means = face_means(topology)[topology.face]
     rows = csr_array((len(corner), topology.num_verts))
     for chosen, other in ((out & ~into, after), (into & ~out, before)):
         for at, weights in ((chosen & ~kept[other], mask.on_edge), (chosen & kept[other], mask.beside_kept)):
             here = corner[at]
-            rows = rows + put(here, weighted({0: own[here], 1: own[other[here]]}, weights), len(corner))
+            rows = rows + scatter(here, weighted_sum({0: own[here], 1: own[other[here]]}, weights), len(corner))
     first, second, third = (float(weight) for weight in mask.beside)
     for chosen, other in ((ahead & ~behind, after), (behind & ~ahead, before)):
         here = corner[chosen]
-        rows = rows + put(here, first * own[here] + second * own[other[here]] + third * means[here], len(corner))
+        rows = rows + scatter(here, first * own[here] + second * own[other[here]] + third * means[here], len(corner))
     for at, block in ((kept, own), (ahead & behind, means)):
-        rows = rows + put(corner[at], block[corner[at]], len(corner))
+        rows = rows + scatter(corner[at], block[corner[at]], len(corner))
     rows = rows + _in_face(topology, mask, corner[inside & ~ahead & ~behind])
-    return put(division.corner_place, csr_array(rows), division.num_new)
+    return scatter(division.corner_place, csr_array(rows), division.num_new)
 
 
 def _in_face(topology: PolygonTopology, mask: CornerMask, corner: Indices) -> csr_array:
@@ -117,6 +123,6 @@ def _in_face(topology: PolygonTopology, mask: CornerMask, corner: Indices) -> cs
         here = other = corner[sizes == size]
         for weight in mask.weights(int(size)):
             share = np.full(len(here), float(weight))
-            rows = rows + put(here, pick(topology.tail[other], topology.num_verts), len(topology.corners), share)
+            rows = rows + scatter(here, select(topology.tail[other], topology.num_verts), len(topology.corners), share)
             other = topology.following(other)
     return csr_array(rows)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class RoundMask:
+class PolygonVertMask:
     """The new place of an interior vertex of valence n.
 
     Attributes:
@@ -47,7 +47,7 @@ class MeanMask:
 
 
 @dataclass(frozen=True)
-class NetMask:
+class TensorProductMask:
     """A rule for curves, carried along the lines of a net of quads, then across them.
 
     A vertex in an edge is on the curve through the verts in line with the edge; one in a face is on the curve through
@@ -85,12 +85,12 @@ class NetMask:
         """Whether old verts move, and new ones in edges with them."""
         return dict(self.curve.vert) != {0: Fraction(1)}
 
-    def round(self) -> RoundMask:
+    def vert_mask(self) -> PolygonVertMask:
         """The rule for old verts: the curve's, in one direction after the other."""
         own, side = self.curve.vert[0], self.curve.vert[1]
         # The mean of a quad is a quarter of each corner, so that verts diagonally across come with the others.
         weights = (own**2 - 4 * side**2, 4 * own * side - 8 * side**2, 16 * side**2)
-        return RoundMask(lambda _: weights)
+        return PolygonVertMask(lambda _: weights)
 
 
 @dataclass(frozen=True)
@@ -151,9 +151,9 @@ class PolygonScheme:
     """
 
     split: PolygonSplit
-    inserted: MeanMask | NetMask | CornerMask
+    inserted: MeanMask | TensorProductMask | CornerMask
     boundary: CurveMask | None = None
-    vert: RoundMask | None = None
+    vert: PolygonVertMask | None = None
     push_back: PushBack | None = None
 
     def __post_init__(self) -> None:
@@ -182,6 +182,6 @@ _HALVED, _TRISECTED = CurveMask(_KEPT, (_HALF,)), CurveMask(_KEPT, (_THIRD, mirr
 LINEAR: dict[PolygonSplit, PolygonScheme] = {
     PolygonSplit.QUADS: PolygonScheme(PolygonSplit.QUADS, MeanMask(), _HALVED),
     PolygonSplit.SQRT2: PolygonScheme(PolygonSplit.SQRT2, MeanMask(), _HALVED),
-    PolygonSplit.TERNARY: PolygonScheme(PolygonSplit.TERNARY, NetMask(_TRISECTED), _TRISECTED),
+    PolygonSplit.TERNARY: PolygonScheme(PolygonSplit.TERNARY, TensorProductMask(_TRISECTED), _TRISECTED),
 }
 """Linear interpolation on each split that keeps old verts: these stay, new ones are put between them."""

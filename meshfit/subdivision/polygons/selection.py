@@ -10,13 +10,13 @@ from meshfit.mesh.topology import PolygonTopology
 from meshfit.subdivision.masks import CurveWeights
 
 
-def pick(columns: Indices, num_columns: int) -> csr_array:
+def select(columns: Indices, num_columns: int) -> csr_array:
     """(N, num_columns) with a one in each row."""
     count = len(columns)
     return csr_array((np.ones(count), columns, np.arange(count + 1)), shape=(count, num_columns))
 
 
-def put(rows: Indices, operator: csr_array, num_rows: int, weights: "np.ndarray | None" = None) -> csr_array:
+def scatter(rows: Indices, operator: csr_array, num_rows: int, weights: "np.ndarray | None" = None) -> csr_array:
     """(num_rows, V) with each row of an operator, times its weight, in its place; those at the same place add up."""
     values = np.ones(len(rows)) if weights is None else weights
     placement = coo_array((values, (rows, np.arange(len(rows)))), shape=(num_rows, len(rows)))
@@ -30,15 +30,15 @@ def face_means(topology: PolygonTopology) -> csr_array:
     return csr_array((shares, topology.corners, pointers), shape=(topology.num_faces, topology.num_verts))
 
 
-def on_boundary(topology: PolygonTopology, halfedge: Indices, weights: CurveWeights) -> csr_array:
+def boundary_rows(topology: PolygonTopology, halfedge: Indices, weights: CurveWeights) -> csr_array:
     """(N, V) weights by offset along the boundary, from the tails of some half-edges on it."""
     tail, head = topology.tail[halfedge], topology.head[halfedge]
     neighbours = topology.boundary_neighbours
     along = {-1: neighbours[tail, 0], 0: tail, 1: head, 2: neighbours[head, 1]}
-    return weighted({offset: pick(verts, topology.num_verts) for offset, verts in along.items()}, weights)
+    return weighted_sum({offset: select(verts, topology.num_verts) for offset, verts in along.items()}, weights)
 
 
-def weighted(points: Mapping[int, csr_array], weights: CurveWeights) -> csr_array:
+def weighted_sum(points: Mapping[int, csr_array], weights: CurveWeights) -> csr_array:
     """The points at some offsets, each times its weight, added up."""
     total = csr_array(points[0].shape)
     for offset, weight in weights.items():

@@ -7,10 +7,10 @@ from meshfit.subdivision.masks import CurveMask, CurveWeights
 from meshfit.subdivision.polygons.scheme import (
     CornerMask,
     MeanMask,
-    NetMask,
     PolygonScheme,
     PolygonSplit,
-    RoundMask,
+    PolygonVertMask,
+    TensorProductMask,
     mirrored,
 )
 from meshfit.subdivision.scheme import Parameter, SchemeEntry
@@ -54,7 +54,7 @@ def _doo_sabin_corner(n: int) -> tuple[float, ...]:
 
 def _catmull_clark() -> PolygonScheme:
     mask = MeanMask(Fraction(1, 4), Fraction(1, 4))
-    return PolygonScheme(PolygonSplit.QUADS, mask, _CUBIC_BSPLINE, RoundMask(_catmull_clark_vert))
+    return PolygonScheme(PolygonSplit.QUADS, mask, _CUBIC_BSPLINE, PolygonVertMask(_catmull_clark_vert))
 
 
 def _interp_catmull_clark(alpha: float) -> PolygonScheme:
@@ -74,11 +74,11 @@ def _doo_sabin() -> PolygonScheme:
 
 
 def _kobbelt() -> PolygonScheme:
-    return PolygonScheme(PolygonSplit.QUADS, NetMask(_FOUR_POINT, diagonal=Fraction(1, 9)), _FOUR_POINT)
+    return PolygonScheme(PolygonSplit.QUADS, TensorProductMask(_FOUR_POINT, diagonal=Fraction(1, 9)), _FOUR_POINT)
 
 
 def _sqrt2() -> PolygonScheme:
-    return PolygonScheme(PolygonSplit.SQRT2, MeanMask(), _CUBIC_BSPLINE, RoundMask(_sqrt2_vert))
+    return PolygonScheme(PolygonSplit.SQRT2, MeanMask(), _CUBIC_BSPLINE, PolygonVertMask(_sqrt2_vert))
 
 
 def _interp_sqrt2(alpha: float) -> PolygonScheme:
@@ -87,12 +87,12 @@ def _interp_sqrt2(alpha: float) -> PolygonScheme:
 
 
 def _ternary() -> PolygonScheme:
-    net = NetMask(_TERNARY_BSPLINE)
-    return PolygonScheme(PolygonSplit.TERNARY, net, _TERNARY_BSPLINE, net.round())
+    net = TensorProductMask(_TERNARY_BSPLINE)
+    return PolygonScheme(PolygonSplit.TERNARY, net, _TERNARY_BSPLINE, net.vert_mask())
 
 
 def _interp_ternary() -> PolygonScheme:
-    return PolygonScheme(PolygonSplit.TERNARY, NetMask(_TERNARY_FOUR_POINT), _TERNARY_FOUR_POINT)
+    return PolygonScheme(PolygonSplit.TERNARY, TensorProductMask(_TERNARY_FOUR_POINT), _TERNARY_FOUR_POINT)
 
 
 POLYGON_SCHEMES: dict[str, SchemeEntry] = {

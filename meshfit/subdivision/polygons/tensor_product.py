@@ -13,13 +13,13 @@ from meshfit.errors import MeshError
 from meshfit.mesh.halfedges import NONE, Indices
 from meshfit.mesh.topology import PolygonTopology
 from meshfit.subdivision.masks import CurveMask
-from meshfit.subdivision.polygons.scheme import NetMask
-from meshfit.subdivision.polygons.selection import on_boundary, pick, put, weighted
+from meshfit.subdivision.polygons.scheme import TensorProductMask
+from meshfit.subdivision.polygons.selection import boundary_rows, scatter, select, weighted_sum
 from meshfit.subdivision.polygons.splits import PolygonDivision
 
 
 @dataclass(frozen=True, eq=False)
-class Net:
+class TensorProduct:
     """A mask laid on a connectivity.
 
     Attributes:
@@ -29,7 +29,7 @@ class Net:
     """
 
     topology: PolygonTopology
-    mask: NetMask
+    mask: TensorProductMask
     boundary: CurveMask
 
     def rows(self, division: PolygonDivision) -> csr_array:
@@ -44,18 +44,18 @@ class Net:
         if not self.topology.num_faces:
             return total
         for t, place in enumerate(division.inner_place):
-            total = total + put(place, self._in_edges(t, division.inner), division.num_new)
+            total = total + scatter(place, self._in_edges(t, division.inner), division.num_new)
         inside = np.flatnonzero(division.corner_place != NONE)
         place = division.corner_place[inside]
         share = 1 / np.bincount(place, minlength=division.num_new)[place]
-        return csr_array(total + put(place, self._in_corners[inside], division.num_new, share))
+        return csr_array(total + scatter(place, self._in_corners[inside], division.num_new, share))
 
     def _in_edges(self, t: int, halfedge: Indices) -> csr_array:
         if not self.mask.moves:
             return self._along[t][halfedge]
         points = {0: self._along[t][halfedge], 1: self._across[t][halfedge]}
         points[-1] = self._across[-1 - t][self.topology.twin[halfedge]]
-        return weighted(points, self.mask.curve.vert)
+        return weighted_sum(points, self.mask.curve.vert)
 
     @cached_property
     def _in_corners(self) -> csr_array:
@@ -68,7 +68,7 @@ class Net:
         weights, points = self.mask.curve.inserted[0], {0: self._along[t], 1: self._across[t]}
         if weights.keys() - points.keys():
             points |= {-1: self._beyond[t], 2: csr_array(self._facing @ self._beyond[-1 - t])}
-        return weighted(points, weights)
+        return weighted_sum(points, weights)
 
     @cached_property
     def _along(self) -> list[csr_array]:
@@ -77,26 +77,26 @@ class Net:
         halfedge, border = topology.edge_halfedge, topology.boundary_edges
         inner, outer = np.flatnonzero(~border), np.flatnonzero(border)
         own = [
-            put(inner, self._on_line(t, halfedge[inner]), topology.num_edges)
-            + put(outer, on_boundary(topology, halfedge[outer], self.boundary.inserted[t]), topology.num_edges)
+            scatter(inner, self._on_line(t, halfedge[inner]), topology.num_edges)
+            + scatter(outer, boundary_rows(topology, halfedge[outer], self.boundary.inserted[t]), topology.num_edges)
             for t in range(count)
         ]
         first = halfedge[topology.edge_of] == np.arange(len(topology.corners))
         there = np.flatnonzero(first), np.flatnonzero(~first)
         size = len(topology.corners)
         return [
-            put(there[0], csr_array(own[t])[topology.edge_of[there[0]]], size)
-            + put(there[1], csr_array(own[-1 - t])[topology.edge_of[there[1]]], size)
+            scatter(there[0], csr_array(own[t])[topology.edge_of[there[0]]], size)
+            + scatter(there[1], csr_array(own[-1 - t])[topology.edge_of[there[1]]], size)
             for t in range(count)
         ]
 
     def _on_line(self, t: int, halfedge: Indices) -> csr_array:
         topology, weights = self.topology, self.mask.curve.inserted[t]
-        points = {0: pick(topology.tail[halfedge], topology.num_verts)}
-        points[1] = pick(topology.head[halfedge], topology.num_verts)
+        points = {0: select(topology.tail[halfedge], topology.num_verts)}
+        points[1] = select(topology.head[halfedge], topology.num_verts)
         if weights.keys() - points.keys():
             points |= {-1: self._behind[halfedge], 2: self._behind[topology.twin[halfedge]]}
-        return weighted(points, weights)
+        return weighted_sum(points, weights)
 
     @cached_property
     def _facing(self) -> csr_array:
@@ -125,8 +125,8 @@ class Net:
         through[through] = topology.sizes[topology.face[topology.twin[through]]] > 3
         inner, outer = np.flatnonzero(through), np.flatnonzero(~through)
         return [
-            put(inner, self._across[-1 - t][topology.twin[inner]], size)
-            + put(outer, 2 * self._along[t][outer] - self._across[t][outer], size)
+            scatter(inner, self._across[-1 - t][topology.twin[inner]], size)
+            + scatter(outer, 2 * self._along[t][outer] - self._across[t][outer], size)
             for t in range(len(self._along))
         ]
 
@@ -137,17 +137,17 @@ class Net:
         size = len(topology.corners)
         on_border = topology.boundary_verts[topology.tail]
         outer, inner = np.flatnonzero(on_border), np.flatnonzero(~on_border)
-        mirrored = 2 * pick(topology.tail[outer], num_verts) - pick(topology.head[outer], num_verts)
-        heads, tail = pick(topology.head, num_verts), topology.tail[inner]
+        mirrored = 2 * select(topology.tail[outer], num_verts) - select(topology.head[outer], num_verts)
+        heads, tail = select(topology.head, num_verts), topology.tail[inner]
         around = topology.tail, 4 / np.maximum(topology.valence, 1)[topology.tail]
         after = topology.next_around_tail(inner)
         before = topology.following(topology.twin[inner])
-        line = put(around[0], heads, num_verts, around[1])[tail] - heads[inner] - heads[after] - heads[before]
+        line = scatter(around[0], heads, num_verts, around[1])[tail] - heads[inner] - heads[after] - heads[before]
         if self.mask.diagonal:
             far, twice = self._diagonal, topology.following(topology.twin[before])
             near = far[inner] + far[after] + far[before] + far[twice]
-            line = line + float(self.mask.diagonal) * (near - put(around[0], far, num_verts, around[1])[tail])
-        return csr_array(put(outer, mirrored, size) + put(inner, line, size))
+            line = line + float(self.mask.diagonal) * (near - scatter(around[0], far, num_verts, around[1])[tail])
+        return csr_array(scatter(outer, mirrored, size) + scatter(inner, line, size))
 
     @cached_property
     def _diagonal(self) -> csr_array:
@@ -163,7 +163,7 @@ class Net:
                 first = topology.starts[topology.face[chosen]]
                 vert = topology.corners[first + (chosen - first + step) % size]
                 share = np.full(len(chosen), float(weight))
-                total = total + put(chosen, pick(vert, num_verts), len(corner), share)
+                total = total + scatter(chosen, select(vert, num_verts), len(corner), share)
         return csr_array(total)
 
 
