@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from meshfit.analysis.analyse import Analysis
     from meshfit.analysis.spectrum import Eigenvalue
     from meshfit.subdivision.describe import MaskRow
+    from meshfit.subdivision.registry import Registry
     from meshfit.subdivision.scheme import Scheme
 
 

@@ -64,12 +64,12 @@ EQUAL = {
 # Sums of cosines are rounded differently where the centre is what is left to one.
 ROUNDED = {"my-modified-butterfly", "my-interp-sqrt3"}
 DEFINED = build(UserSchemes, {"define": OWN}).define
-CATALOGUE = registry_with(DEFINED)
+REGISTRY = registry_with(DEFINED)
 MESHES = {"closed": mixed_closed, "open": mixed_open, "patch": lambda: patch(5, 4), "fan": lambda: fan(5)}
 
 
 def matrix(spec, mesh, levels=2):
-    return refine(Topology.of(mesh), resolve(spec, CATALOGUE), levels).matrix.toarray()
+    return refine(Topology.of(mesh), resolve(spec, REGISTRY), levels).matrix.toarray()
 
 
 @pytest.mark.parametrize("spec", EQUAL)
@@ -94,11 +94,11 @@ def test_so_they_are_at_extraordinary_verts(spec, valence):
 @pytest.mark.parametrize("name", OWN)
 def test_the_kind_is_that_of_the_masks(name):
     kept = matrix(name, mixed_open())[: mixed_open().num_verts]
-    assert np.array_equal(kept, np.eye(len(kept))) == (CATALOGUE[name].kind == "interpolatory")
+    assert np.array_equal(kept, np.eye(len(kept))) == (REGISTRY[name].kind == "interpolatory")
 
 
 def test_masks_are_exact_fractions():
-    scheme = resolve("my-butterfly", CATALOGUE)
+    scheme = resolve("my-butterfly", REGISTRY)
     assert (scheme.inserted.end, scheme.inserted.wing) == (Fraction(1, 2), Fraction(-1, 16))
     decimal = build(UserSchemes, {"define": {"mine": {"edge": {"end": 0.3, "wing": 0.1}, "boundary": "linear"}}}).define
     assert resolve("mine", registry_with(decimal)).inserted.wing == Fraction(1, 10)
@@ -154,13 +154,13 @@ def test_weights_are_asked_for_at_valences_that_occur():
 
 
 def test_own_loop_has_loops_limit():
-    assert has_loop_limit(resolve("my-loop", CATALOGUE))
-    assert not has_loop_limit(resolve("my-interp-my-loop", CATALOGUE))
+    assert has_loop_limit(resolve("my-loop", REGISTRY))
+    assert not has_loop_limit(resolve("my-interp-my-loop", REGISTRY))
 
 
 def test_specs_have_one_form_and_own_names_are_suggested():
-    assert canonical("my-interp-warren:alpha=0.25", CATALOGUE) == "my-interp-warren"
-    assert canonical("my-interp-loop:alpha=1", CATALOGUE) == "my-interp-loop"
+    assert canonical("my-interp-warren:alpha=0.25", REGISTRY) == "my-interp-warren"
+    assert canonical("my-interp-loop:alpha=1", REGISTRY) == "my-interp-loop"
     for spec, said in {
         "my-lop": "did you mean 'my-loop'?",
         "my-loop:alpha=1": "scheme 'my-loop' has no parameter 'alpha': it takes none",
@@ -168,7 +168,7 @@ def test_specs_have_one_form_and_own_names_are_suggested():
         "my-interp-loop:alpha=2": "alpha=2 is not allowed: a number from 0 to 1 is",
     }.items():
         with pytest.raises(SchemeError) as caught:
-            resolve(spec, CATALOGUE)
+            resolve(spec, REGISTRY)
         assert said in str(caught.value)
 
 
