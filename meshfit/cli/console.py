@@ -1,4 +1,4 @@
-"""What every command shares: where it prints, and how it ends when something is wrong."""
+"""Consoles for stdout and stderr, one-line errors and warnings, and exit codes."""
 
 import warnings
 from collections.abc import Callable, Iterator
@@ -11,17 +11,21 @@ from rich.segment import Segment
 
 from meshfit.errors import MeshfitError, MeshfitWarning
 
+EXIT_FAILED = 1
+"""A trial failed, or a check fell short."""
+EXIT_USAGE = MeshfitError.exit_code
+"""Bad usage, configuration or input."""
 EXIT_INTERRUPTED = 130
 
 
 @dataclass(frozen=True)
 class _Trimmed:
-    """What is printed, without blanks at the ends of its lines."""
+    """Output without spaces at the ends of lines."""
 
-    printed: ConsoleRenderable
+    output: ConsoleRenderable
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Segment]:
-        for line in Segment.split_lines(console.render(self.printed, options)):
+        for line in Segment.split_lines(console.render(self.output, options)):
             while line and not line[-1].control and not line[-1].text.strip():
                 line.pop()
             if line:
@@ -32,30 +36,30 @@ class _Trimmed:
 
 class _Trimming(RenderHook):
     def process_renderables(self, renderables: list[ConsoleRenderable]) -> list[ConsoleRenderable]:
-        return [_Trimmed(one) for one in renderables]
+        return [_Trimmed(renderable) for renderable in renderables]
 
 
 out = Console(highlight=False)
 out.push_render_hook(_Trimming())
 err = Console(stderr=True, highlight=False)
 
-# Of the 16 colours, whose shades are the terminal's, red, green, magenta and cyan can be read on white and on black
-# alike; yellow and blue cannot, nor can dim text. What is told by colour is told by words too.
+# Of the terminal's 16 colours, red, green, magenta and cyan are readable on both white and black; yellow, blue and dim
+# text are not. Colour never carries meaning alone.
 
 
 def print_error(message: str) -> None:
-    """One line on stderr: what is wrong."""
+    """Print an error as one line on stderr."""
     err.print(f"[bold red]error:[/] {escape(' '.join(message.split()))}", soft_wrap=True)
 
 
 def print_warning(message: str) -> None:
-    """One line on stderr: what was mended, or is worth knowing."""
+    """Print a warning as one line on stderr."""
     err.print(f"[bold magenta]warning:[/] {escape(message)}", soft_wrap=True)
 
 
 @contextmanager
 def show_warnings() -> Iterator[None]:
-    """Show meshfit's own warnings as single lines, each once, and nobody else's."""
+    """Print meshfit's own warnings as single lines, each once, and ignore all others."""
     seen: set[str] = set()
 
     def show(message: Warning | str, *_: object, **__: object) -> None:
@@ -72,7 +76,7 @@ def show_warnings() -> Iterator[None]:
 
 
 def exit_code_of(command: Callable[[], int]) -> int:
-    """Run a command; foreseen errors, and those of the file system, become one line and an exit code."""
+    """Run a command, turning expected errors and those of the file system into one line and an exit code."""
     try:
         with show_warnings():
             return command()
@@ -80,10 +84,10 @@ def exit_code_of(command: Callable[[], int]) -> int:
         print_error(str(error))
         return error.exit_code
     except KeyboardInterrupt:
-        err.print("interrupted; the same command goes on from here", style="bold magenta")
+        err.print("interrupted; run the same command again to resume", style="bold magenta")
         return EXIT_INTERRUPTED
     except BrokenPipeError:
         return 0
     except OSError as error:
         print_error(f"{error.filename}: {error.strerror}" if error.filename else str(error))
-        return MeshfitError.exit_code
+        return EXIT_USAGE

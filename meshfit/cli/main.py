@@ -1,83 +1,126 @@
-"""The `meshfit` command. Heavy libraries are imported by the commands that need them, not here."""
+"""The `meshfit` command. A command's module is imported when the command is used, and heavy libraries later still."""
 
+import inspect
 import sys
-from typing import Annotated
+from collections.abc import Callable, Iterator, Mapping
+from importlib import import_module
+from typing import Annotated, Any
 
 import typer
+from rich.markup import escape
+from typer.core import TyperCommand, TyperGroup
 from typer.exceptions import TyperException
 
-from meshfit.cli import (
-    animate,
-    chart,
-    clean,
-    export,
-    figure,
-    measure,
-    render,
-    report,
-    run,
-    schemes,
-    show,
-    status,
-    subdivide,
-    table,
-    targets,
-)
-from meshfit.cli import config as init
-from meshfit.cli import config as schema
-from meshfit.cli import run as compare
-from meshfit.cli import table as expect
-from meshfit.cli.console import EXIT_INTERRUPTED, exit_code_of, out, print_error
-from meshfit.cli.help import Command, Group, print_examples
+from meshfit.cli.console import EXIT_INTERRUPTED, EXIT_USAGE, exit_code_of, out, print_error
 from meshfit.cli.options import DEFAULT_RUNS
 
-USAGE_ERROR = 2
+COMMANDS = {
+    "Experiments": {
+        "run": "run",
+        "compare": "compare",
+        "table": "table",
+        "figure": "figure",
+        "chart": "chart",
+        "report": "report",
+        "expect": "table",
+        "init": "config",
+    },
+    "Run management": {"status": "status", "show": "show", "animate": "animate", "export": "export", "clean": "clean"},
+    "Single meshes": {"subdivide": "subdivide", "measure": "measure", "render": "render"},
+    "Reference": {"schemes": "schemes", "targets": "targets", "schema": "config"},
+}
+"""For each panel of the help, its commands and the modules of this package that define functions of these names."""
+_PLACES = {name: (panel, module) for panel, modules in COMMANDS.items() for name, module in modules.items()}
 
-HELP = """Fit a source mesh, refined by a subdivision scheme, to target shapes; measure it; print the table.
+HELP = """Fit a subdivided source mesh to target shapes, measure it, print the table.
 
-A config is targets × schemes × seeds over one set of settings. What is complete is never run twice.
+A config is targets × schemes × seeds over one set of settings.
+Completed trials are never run twice.
 
 Examples:
-    meshfit run quickstart  # two targets, two schemes, in under 2 minutes
-
-    meshfit run my.yaml  # an experiment of your own; meshfit init writes one
-
+    meshfit run quickstart   # two targets, two schemes, in under 2 minutes
+    meshfit init my.yaml     # writes a config for an experiment of your own
     meshfit table runs/my --format latex
-
-    meshfit run --help  # the options of a command, with examples
+    meshfit run --help       # the options of a command, with examples
 """
 
-app = typer.Typer(
-    name="meshfit",
-    help=HELP,
-    cls=Group,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-EXPERIMENTS, RUNS, MESHES, LOOK_UP = "Experiments", "Looking after runs", "Single meshes", "Look up"
-for panel, name, command in (
-    (EXPERIMENTS, "run", run.run),
-    (EXPERIMENTS, "compare", compare.compare),
-    (EXPERIMENTS, "table", table.table),
-    (EXPERIMENTS, "figure", figure.figure),
-    (EXPERIMENTS, "chart", chart.chart),
-    (EXPERIMENTS, "report", report.report),
-    (EXPERIMENTS, "expect", expect.expect),
-    (EXPERIMENTS, "init", init.init),
-    (RUNS, "status", status.status),
-    (RUNS, "show", show.show),
-    (RUNS, "animate", animate.animate),
-    (RUNS, "export", export.export),
-    (RUNS, "clean", clean.clean),
-    (MESHES, "subdivide", subdivide.subdivide),
-    (MESHES, "measure", measure.measure),
-    (MESHES, "render", render.render),
-    (LOOK_UP, "schemes", schemes.schemes),
-    (LOOK_UP, "targets", targets.targets),
-    (LOOK_UP, "schema", schema.schema),
-):
-    app.command(name, cls=Command, rich_help_panel=panel)(command)
+WELCOME = """\
+[bold]meshfit[/] fits a source mesh, refined by a subdivision scheme of your choice, to
+target shapes, measures the result, and prints the table.
+
+[bold]Start here[/]
+  meshfit run quickstart  # two animals, two schemes, in under 2 minutes
+  meshfit compare loop interp-loop --config quickstart  # compares two schemes
+  meshfit init  # writes a config for an experiment of your own
+
+[bold]Then[/]
+  meshfit --help  # all commands
+  meshfit run --help  # one command, with examples
+  meshfit targets  # the named targets; any mesh file works too
+  meshfit --install-completion  # lets the Tab key complete all this"""
+
+
+def _use_readable_colors() -> None:
+    """Keep dim text and yellow out of Typer's help: neither can be read on every background."""
+    from typer import rich_utils
+
+    for name, style in vars(rich_utils).copy().items():
+        if name.startswith("STYLE_") and isinstance(style, str):
+            setattr(rich_utils, name, style.replace("dim", "").replace("yellow", "magenta").strip())
+    rich_utils.MAX_WIDTH = min(out.width, 110)
+    rich_utils.FORCE_TERMINAL = None  # as everywhere else: a terminal, or FORCE_COLOR
+
+
+class Command(TyperCommand):
+    """A command with readable help."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401  Typer's types are not public
+        """Print the help."""
+        _use_readable_colors()
+        super().format_help(ctx, formatter)
+
+
+class Group(TyperGroup):
+    """The group of all commands."""
+
+    def __init__(self, **attributes: Any) -> None:  # noqa: ANN401  likewise
+        super().__init__(**attributes | {"commands": Commands()})
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401  likewise
+        """Print the help."""
+        _use_readable_colors()
+        super().format_help(ctx, formatter)
+
+
+class Commands(Mapping[str, Any]):
+    """All commands by name, each imported when it is looked up."""
+
+    def __getitem__(self, name: str) -> Any:  # noqa: ANN401  likewise
+        panel, module = _PLACES[name]
+        function = getattr(import_module(f"meshfit.cli.{module}"), name)
+        alone = typer.Typer(**_SETTINGS, add_completion=False)
+        alone.command(name, cls=Command, help=help_text(function), rich_help_panel=panel)(function)
+        return typer.main.get_command(alone)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(_PLACES)
+
+    def __len__(self) -> int:
+        return len(_PLACES)
+
+
+def help_text(command: Callable[..., int]) -> str:
+    """Return a command's docstring as rich markup: paragraphs on one line each, examples as they are."""
+    paragraphs = escape(inspect.getdoc(command) or "").split("\n\n")
+    return "\n\n".join(text if text.startswith(("Example", " ")) else text.replace("\n", " ") for text in paragraphs)
+
+
+_SETTINGS: dict[str, Any] = {
+    "rich_markup_mode": "rich",
+    "pretty_exceptions_enable": False,
+    "context_settings": {"help_option_names": ["-h", "--help"]},
+}
+app = typer.Typer(name="meshfit", help=HELP, cls=Group, **_SETTINGS)
 
 
 def _print_version(wanted: bool) -> None:
@@ -96,19 +139,21 @@ def _options(
     ] = False,
 ) -> None:
     if context.invoked_subcommand is None:
-        print_welcome()
+        out.print(WELCOME)
+        if DEFAULT_RUNS.is_dir():
+            out.print(f"  meshfit status  # progress of the experiments in {DEFAULT_RUNS}/")
 
 
 def run_app() -> int:
-    """Run the command line; the exit code is returned."""
+    """Run the command line and return the exit code."""
     try:
         result = app(standalone_mode=False)
     except TyperException as error:
         context = getattr(error, "ctx", None)
         command = context.command_path if context is not None else "meshfit"
-        said = " ".join(error.format_message().replace("Value error, ", "").split())
-        print_error(f"{said}{'' if said.endswith(('.', '?')) else '.'} See '{command} --help'.")
-        return USAGE_ERROR
+        message = " ".join(error.format_message().replace("Value error, ", "").split())
+        print_error(f"{message}{'' if message.endswith(('.', '?')) else '.'} See '{command} --help'.")
+        return EXIT_USAGE
     except typer.Abort:
         return EXIT_INTERRUPTED
     if result == EXIT_INTERRUPTED:
@@ -117,22 +162,5 @@ def run_app() -> int:
 
 
 def main() -> None:
-    """The console script."""
+    """Run the console script."""
     sys.exit(exit_code_of(run_app))
-
-
-def print_welcome() -> None:
-    """A screen for someone who sees it for the first time."""
-    out.print("[bold]meshfit[/] fits a source mesh, refined by a subdivision scheme of your choice, to")
-    out.print("target shapes, measures how well that went, and prints the table.")
-    first = ["meshfit run quickstart  # two animals, two schemes, in under 2 minutes"]
-    first += ["meshfit compare loop interp-loop --config quickstart  # two schemes compared"]
-    first += ["meshfit init  # writes a config for an experiment of your own"]
-    print_examples(first, "Start here")
-    then = ["meshfit --help  # all commands"]
-    then += ["meshfit run --help  # one of them, with examples"]
-    then += ["meshfit targets  # what can be fitted to; any mesh file, too"]
-    then += ["meshfit --install-completion  # let the Tab key complete all this"]
-    if DEFAULT_RUNS.is_dir():
-        then.insert(0, f"meshfit status  # how the experiments in {DEFAULT_RUNS}/ stand")
-    print_examples(then, "Then")

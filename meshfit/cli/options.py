@@ -1,30 +1,35 @@
-"""Options that several commands have, declared once."""
+"""Options that several commands share."""
 
-from enum import StrEnum
+import functools
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 import typer
 
 from meshfit.cli import completions
 
 SELECTION, EXECUTION, OUTPUT = "Selection", "Execution", "Output"
+DEFAULT_RUNS = Path("runs")
+DEFAULT_METRIC = "hausdorff.symmetric"
 
 Runs = Annotated[
     Path,
     typer.Option(
-        "--runs", help="Run directory: one folder a trial.", metavar="DIR", autocompletion=completions.folders
+        "--runs", help="Run directory: one folder per trial.", metavar="DIR", autocompletion=completions.folders
     ),
 ]
 RunDirs = Annotated[
     list[Path],
-    typer.Argument(help="Run directories, or folders in them.", metavar="RUNS...", autocompletion=completions.folders),
+    typer.Argument(help="Run directories, or folders in them.", metavar="RUNS", autocompletion=completions.folders),
 ]
 OptionalRunDirs = Annotated[
     list[Path] | None,
     typer.Argument(
         help="Run directories, or folders in them.",
-        metavar="[RUNS...]",
+        metavar="RUNS",
         show_default="runs",
         autocompletion=completions.folders,
     ),
@@ -37,84 +42,22 @@ TrialName = Annotated[
         autocompletion=completions.trials,
     ),
 ]
-Overrides = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        help="Override a setting; the value is YAML. May be repeated.",
-        metavar="KEY=VALUE",
-        rich_help_panel=SELECTION,
-        autocompletion=completions.settings,
-    ),
-]
 SchemeConfig = Annotated[
     str | None,
     typer.Option(
         "--config",
-        help="Config under whose `define` the scheme may stand.",
+        help="Config whose `define` section may define the scheme.",
         metavar="CONFIG",
         autocompletion=completions.configs,
     ),
 ]
-Force = Annotated[
-    bool, typer.Option("--force", help="Run trials anew that are complete already.", rich_help_panel=SELECTION)
-]
-DryRun = Annotated[
-    bool,
-    typer.Option("--dry-run", help="Print the plan and what is complete; run nothing.", rich_help_panel=SELECTION),
-]
-Quiet = Annotated[
-    bool, typer.Option("--quiet", "-q", help="No progress; errors and the table only.", rich_help_panel=OUTPUT)
-]
-AsJson = Annotated[
-    bool, typer.Option("--json", help="Print JSON to stdout, and nothing else there.", rich_help_panel=OUTPUT)
-]
-Jobs = Annotated[
-    int | None,
-    typer.Option(
-        "--jobs",
-        "-j",
-        min=1,
-        help="Trials side by side on the CPU, in place of the config's `jobs`.",
-        metavar="N",
-        rich_help_panel=EXECUTION,
-    ),
-]
-Cluster = Annotated[
-    str | None,
-    typer.Option(
-        "--cluster",
-        help="Send trials to a Dask cluster: tcp://HOST:PORT, or the scheduler's file. Needs the extra `dask`.",
-        metavar="ADDRESS",
-        rich_help_panel=EXECUTION,
-    ),
-]
-
-
-class TransferChoice(StrEnum):
-    """What `meshfit.experiment.running.backends.Transfer` allows, as Typer wants it."""
-
-    AUTO = "auto"
-    SHARED = "shared"
-    RETURNED = "returned"
-
-
-Transfer = Annotated[
-    TransferChoice,
-    typer.Option(
-        "--transfer",
-        help="For --cluster: workers write to a `shared` directory, or files are `returned`; `auto` looks which.",
-        metavar="HOW",
-        rich_help_panel=EXECUTION,
-    ),
-]
-DEFAULT_RUNS = Path("runs")
-DEFAULT_METRIC = "hausdorff.symmetric"
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors and the table only.", rich_help_panel=OUTPUT)]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.", rich_help_panel=OUTPUT)]
 Metrics = Annotated[
     list[str] | None,
     typer.Option(
         "--metric",
-        help="What cells hold, such as distance.mean or quality.self_intersecting_faces. May be repeated.",
+        help="Metric in the cells, such as distance.mean or quality.self_intersecting_faces. Repeatable.",
         show_default=DEFAULT_METRIC,
         metavar="NAME",
         rich_help_panel=OUTPUT,
@@ -125,9 +68,81 @@ Baseline = Annotated[
     str | None,
     typer.Option(
         "--baseline",
-        help="Scheme to compare the others with; by default the first.",
+        help="Scheme to compare the others with.",
+        show_default="the first",
         metavar="SCHEME",
         rich_help_panel=OUTPUT,
         autocompletion=completions.fitted_schemes,
     ),
 ]
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """The options of commands that run trials, each declared as Typer reads it."""
+
+    runs: Runs = DEFAULT_RUNS
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            help="Override a setting; the value is YAML. Repeatable.",
+            metavar="KEY=VALUE",
+            rich_help_panel=SELECTION,
+            autocompletion=completions.settings,
+        ),
+    ] = None
+    force: Annotated[bool, typer.Option("--force", help="Rerun completed trials.", rich_help_panel=SELECTION)] = False
+    dry_run: Annotated[
+        bool,
+        typer.Option("--dry-run", help="Print the plan and what is complete; run nothing.", rich_help_panel=SELECTION),
+    ] = False
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            "--jobs",
+            "-j",
+            min=1,
+            help="Trials that run in parallel on the CPU; replaces the config's `jobs`.",
+            metavar="N",
+            rich_help_panel=EXECUTION,
+        ),
+    ] = None
+    cluster: Annotated[
+        str | None,
+        typer.Option(
+            "--cluster",
+            help="Send trials to a Dask cluster: tcp://HOST:PORT or the scheduler file. Requires the extra `dask`.",
+            metavar="ADDRESS",
+            rich_help_panel=EXECUTION,
+        ),
+    ] = None
+    transfer: Annotated[
+        Literal["auto", "shared", "returned"],
+        typer.Option(
+            "--transfer",
+            help="With --cluster: workers write to a `shared` directory, or files are `returned`; `auto` detects which.",
+            metavar="MODE",
+            rich_help_panel=EXECUTION,
+        ),
+    ] = "auto"
+    metrics: Metrics = None
+    baseline: Baseline = None
+    quiet: Quiet = False
+    as_json: AsJson = False
+
+
+def takes_run_options(command: Callable[..., int]) -> Callable[..., int]:
+    """Add the options of `RunOptions` to a command, which gets them as one parameter named `options`."""
+    shared = [*inspect.signature(RunOptions).parameters.values()]
+    own = [parameter for parameter in inspect.signature(command).parameters.values() if parameter.name != "options"]
+    signature = inspect.Signature([parameter.replace(kind=parameter.KEYWORD_ONLY) for parameter in (*own, *shared)])
+
+    @functools.wraps(command)
+    def with_options(**values: Any) -> int:  # noqa: ANN401  as declared above
+        options = RunOptions(**{parameter.name: values.pop(parameter.name) for parameter in shared})
+        return command(**values, options=options)
+
+    setattr(with_options, "__signature__", signature)  # noqa: B010  mypy does not know it
+    with_options.__annotations__ = {name: parameter.annotation for name, parameter in signature.parameters.items()}
+    return with_options

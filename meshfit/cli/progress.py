@@ -1,4 +1,4 @@
-"""Progress without a terminal: lines for a log, at a rate at which they can be read."""
+"""Progress on stderr: bars on a terminal; elsewhere plain lines for a log, at a rate at which they can be read."""
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 from rich.table import Column
 
 from meshfit.cli.console import err
@@ -20,99 +20,128 @@ if TYPE_CHECKING:
     from meshfit.experiment.plan import Trial
     from meshfit.experiment.running.backends import ProgressBoard
 
-
-_AT_ONCE = 20
+_RUNNING = (Phase.FITTING, Phase.MEASURING)
+_LINES_AT_ONCE = 20
 _SECONDS_PER_LINE = 5.0
-_SECONDS_BETWEEN_SIGNS = 60.0
-
-
-class PlainProgress:
-    """A line for every trial that ends, or for several if they end faster than that; one a minute if none ends."""
-
-    def __init__(self, trials: Sequence["Trial"], clock: Callable[[], float] = time.monotonic) -> None:
-        self._trials, self._clock = trials, clock
-        self._started = self._said = self._filled = clock()
-        self._before: int | None = None
-        self._told: set[int] = set()
-        self._allowed = float(_AT_ONCE)
-
-    def update(self, board: "ProgressBoard", outcomes: Mapping[int, Outcome]) -> None:
-        """Say what is new."""
-        now = self._clock()
-        self._allowed = min(float(_AT_ONCE), self._allowed + (now - self._filled) / _SECONDS_PER_LINE)
-        self._filled = now
-        self._begin(outcomes, board)
-        new = [i for i in outcomes if i not in self._told]
-        for i in [i for i in new if outcomes[i].phase is Phase.FAILED]:
-            self._tell([i], f"{self._trials[i].label}: failed: {outcomes[i].message}")
-        self._tell_others([i for i in new if i not in self._told], outcomes)
-        if now - self._said >= _SECONDS_BETWEEN_SIGNS:
-            self._tell([], self._sign_of_life(board, outcomes, now))
-
-    def _begin(self, outcomes: Mapping[int, Outcome], board: "ProgressBoard") -> None:
-        """What was complete before this run began has not been posted to its board."""
-        if self._before is None:
-            early = [i for i in outcomes if board.phase(i) is Phase.WAITING]
-            self._before = len(early)
-            if early:
-                self._tell(early, "complete already")
-
-    def _tell_others(self, ended: Sequence[int], outcomes: Mapping[int, Outcome]) -> None:
-        if len(ended) <= self._allowed:
-            for i in ended:
-                self._tell([i], f"{self._trials[i].label}: {outcomes[i].phase.name.lower()}")
-        elif self._allowed >= 1 or len(outcomes) == len(self._trials):
-            self._tell(ended, f"{len(ended)} more are complete")
-
-    def _tell(self, ended: Sequence[int], text: str) -> None:
-        self._told |= set(ended)
-        self._allowed -= 1
-        self._said = self._clock()
-        err.print(f"[{len(self._told)}/{len(self._trials)}] {text}", soft_wrap=True, markup=False)
-
-    def _sign_of_life(self, board: "ProgressBoard", outcomes: Mapping[int, Outcome], now: float) -> str:
-        waiting = [i for i in range(len(self._trials)) if i not in outcomes]
-        running = [i for i in waiting if board.phase(i) in (Phase.FITTING, Phase.MEASURING)]
-        parts = sum(board.step(i).done / max(self._trials[i].settings.fit.steps, 1) for i in running)
-        done = len(outcomes) - (self._before or 0) + parts
-        left = (now - self._started) * (len(waiting) - parts) / done if done else None
-        text = f"{len(running)} running, {len(waiting) - len(running)} waiting"
-        return text if left is None else f"{text}; about {duration_text(left)} left"
-
+_SECONDS_OF_SILENCE = 60.0
+_LINES_BELOW_BARS = 4
 
 Watch = Callable[["ProgressBoard", Mapping[int, Outcome]], None]
-
-_RUNNING = (Phase.FITTING, Phase.MEASURING)
-_LINES_FOR_OTHERS = 4
+"""Called by `run_trials` with the progress of running trials and the outcomes so far."""
 
 
 @contextmanager
 def show_progress(trials: Sequence["Trial"], *, quiet: bool) -> Iterator[Watch]:
-    """What `run_trials` calls to show where trials are."""
+    """Show the progress of trials within a `with` block."""
     if quiet:
         yield lambda *_: None
     elif err.is_terminal:
-        with _bars() as bars:
-            yield BarProgress(trials, bars).update
+        columns = (
+            TextColumn("{task.description}", table_column=Column(no_wrap=True, ratio=1)),
+            BarColumn(bar_width=10),
+            TextColumn("{task.fields[state]}", table_column=Column(no_wrap=True)),
+            TextColumn("ETA"),
+            TimeRemainingColumn(compact=True, elapsed_when_finished=False),
+        )
+        with Progress(*columns, console=err, transient=True, expand=True) as bars:
+            yield TrialBars(trials, bars).update
     else:
-        yield PlainProgress(trials).update
+        yield TrialLines(trials).update
 
 
-def _bars() -> Progress:
-    return Progress(
-        TextColumn("{task.description}", table_column=Column(no_wrap=True, ratio=1)),
-        BarColumn(bar_width=10),
-        TextColumn("{task.fields[state]}", table_column=Column(no_wrap=True)),
-        TextColumn("ETA"),
-        TimeRemainingColumn(compact=True, elapsed_when_finished=False),
-        console=err,
-        transient=True,
-        expand=True,
-    )
+@contextmanager
+def show_parts(*, quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
+    """Show the progress of work that has parts: called with a part's name, the steps done, and the steps in all."""
+    if quiet:
+        yield lambda *_: None
+    elif err.is_terminal:
+        with Progress(
+            TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), console=err, transient=True
+        ) as bars:
+            task = bars.add_task("", total=None)
+            yield lambda name, done, total: bars.update(task, description=name, completed=done, total=total)
+    else:
+        lines = Lines()
+        yield lambda name, done, total: lines.print(f"{name}: {done} of {total}", even_if_fast=done == total)
 
 
-class BarProgress:
-    """Bars on a terminal; those of trials that have ended make room for others, as far as there is room."""
+class Lines:
+    """Lines on stderr for a log: some at once, then one every few seconds."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._filled = self._printed = clock()
+        self._allowed = float(_LINES_AT_ONCE)
+
+    @property
+    def allowed(self) -> float:
+        """Number of lines that may be printed now."""
+        now = self._clock()
+        self._allowed = min(float(_LINES_AT_ONCE), self._allowed + (now - self._filled) / _SECONDS_PER_LINE)
+        self._filled = now
+        return self._allowed
+
+    @property
+    def seconds_of_silence(self) -> float:
+        """Seconds since the last line."""
+        return self._clock() - self._printed
+
+    def print(self, text: str, *, even_if_fast: bool = False) -> None:
+        """Print a line if its time has come, or in any case."""
+        if self.allowed >= 1 or even_if_fast:
+            self._allowed -= 1
+            self._printed = self._clock()
+            err.print(text, soft_wrap=True, markup=False)
+
+
+class TrialLines:
+    """A line for every trial that ends, or for several if they end too fast; one a minute if none ends."""
+
+    def __init__(self, trials: Sequence["Trial"], clock: Callable[[], float] = time.monotonic) -> None:
+        self._trials, self._clock, self._lines = trials, clock, Lines(clock)
+        self._started = clock()
+        self._complete_before: int | None = None
+        self._reported: set[int] = set()
+
+    def update(self, board: "ProgressBoard", outcomes: Mapping[int, Outcome]) -> None:
+        """Print what is new."""
+        if self._complete_before is None:
+            # What was complete before this run has not been posted to its board.
+            before = [i for i in outcomes if board.phase(i) is Phase.WAITING]
+            self._complete_before = len(before)
+            if before:
+                self._print(before, "complete already")
+        for i in [i for i in outcomes if i not in self._reported and outcomes[i].phase is Phase.FAILED]:
+            self._print([i], f"{self._trials[i].label}: failed: {outcomes[i].message}")
+        self._print_ended([i for i in outcomes if i not in self._reported], outcomes)
+        if self._lines.seconds_of_silence >= _SECONDS_OF_SILENCE:
+            self._print([], self._summary(board, outcomes))
+
+    def _print_ended(self, ended: Sequence[int], outcomes: Mapping[int, Outcome]) -> None:
+        allowed = self._lines.allowed
+        if len(ended) <= allowed:
+            for i in ended:
+                self._print([i], f"{self._trials[i].label}: {outcomes[i].phase.name.lower()}")
+        elif allowed >= 1 or len(outcomes) == len(self._trials):
+            self._print(ended, f"{len(ended)} more are complete")
+
+    def _print(self, ended: Sequence[int], text: str) -> None:
+        self._reported |= set(ended)
+        self._lines.print(f"[{len(self._reported)}/{len(self._trials)}] {text}", even_if_fast=True)
+
+    def _summary(self, board: "ProgressBoard", outcomes: Mapping[int, Outcome]) -> str:
+        running = _running(self._trials, board, outcomes)
+        parts = _parts_done(self._trials, board, running)
+        unfinished = len(self._trials) - len(outcomes)
+        done = len(outcomes) - (self._complete_before or 0) + parts
+        text = f"{len(running)} running, {unfinished - len(running)} waiting"
+        if not done:
+            return text
+        return f"{text}; about {duration_text((self._clock() - self._started) * (unfinished - parts) / done)} left"
+
+
+class TrialBars:
+    """A bar for all trials and one for each that runs, as far as the terminal has room."""
 
     def __init__(self, trials: Sequence["Trial"], bars: Progress) -> None:
         self._trials, self._bars = trials, bars
@@ -122,42 +151,48 @@ class BarProgress:
 
     def update(self, board: "ProgressBoard", outcomes: Mapping[int, Outcome]) -> None:
         """Move the bars and print new failures above them."""
-        running = [i for i in range(len(self._trials)) if i not in outcomes and board.phase(i) in _RUNNING]
-        self._tell_failures(outcomes)
-        parts = sum(board.step(i).done / max(self._trials[i].settings.fit.steps, 1) for i in running)
-        done = min(len(outcomes) + parts, len(self._trials))
+        running = _running(self._trials, board, outcomes)
+        self._print_failures(outcomes)
+        done = min(len(outcomes) + _parts_done(self._trials, board, running), len(self._trials))
         self._bars.update(self._total, completed=done, state=self._counts(outcomes, running))
         for i in [i for i in self._tasks if i not in running]:
             self._bars.remove_task(self._tasks.pop(i))
         for i in running:
-            if i in self._tasks or len(self._tasks) < max(1, err.height - _LINES_FOR_OTHERS):
-                self._show(i, self._trials[i], board, board.phase(i))
+            if i in self._tasks or len(self._tasks) < max(1, err.height - _LINES_BELOW_BARS):
+                self._update_bar(i, board)
 
     def _counts(self, outcomes: Mapping[int, Outcome], running: Sequence[int]) -> str:
         failed = f" [red]{len(self._failures)} failed[/]" if self._failures else ""
-        hidden = len(running) - len(self._tasks)
-        more = f" {len(running)} running" if hidden > 0 else ""
+        more = f" {len(running)} running" if len(running) > len(self._tasks) else ""
         return f"{len(outcomes)}/{len(self._trials)}{more}{failed}"
 
-    def _tell_failures(self, outcomes: Mapping[int, Outcome]) -> None:
+    def _print_failures(self, outcomes: Mapping[int, Outcome]) -> None:
         for i, outcome in outcomes.items():
             if outcome.phase is Phase.FAILED and i not in self._failures:
                 self._failures.add(i)
                 text = f"[red]failed[/] {escape(self._trials[i].label)}: {escape(outcome.message)}"
                 self._bars.console.print(text, soft_wrap=True)
 
-    def _show(self, i: int, trial: "Trial", board: "ProgressBoard", phase: Phase) -> None:
+    def _update_bar(self, i: int, board: "ProgressBoard") -> None:
+        trial, step = self._trials[i], board.step(i)
         steps = trial.settings.fit.steps
         if i not in self._tasks:
             self._tasks[i] = self._bars.add_task(escape(trial.label), total=steps, state="")
-        step = board.step(i)
-        fitting = f"{step.done}/{steps} {_figure(trial, step)}" if step.done else "loading"
-        state = "measuring" if phase is Phase.MEASURING else fitting
+        fitting = f"{step.done}/{steps} {_stage_and_loss(trial, step)}" if step.done else "loading"
+        state = "measuring" if board.phase(i) is Phase.MEASURING else fitting
         self._bars.update(self._tasks[i], completed=step.done, state=state)
 
 
-def _figure(trial: "Trial", step: Step) -> str:
-    """The figure that falls, and where it has several stages, the one that a trial is in."""
+def _running(trials: Sequence["Trial"], board: "ProgressBoard", outcomes: Mapping[int, Outcome]) -> list[int]:
+    return [i for i in range(len(trials)) if i not in outcomes and board.phase(i) in _RUNNING]
+
+
+def _parts_done(trials: Sequence["Trial"], board: "ProgressBoard", running: Sequence[int]) -> float:
+    """Sum over running trials of the fraction of steps done."""
+    return sum(board.step(i).done / max(trials[i].settings.fit.steps, 1) for i in running)
+
+
+def _stage_and_loss(trial: "Trial", step: Step) -> str:
     settings = trial.settings.fit
     if isinstance(settings, GaussNewtonSettings):
         return f"{stage_at(settings, step.done).name}, distance {step.loss:.1e}"

@@ -5,9 +5,9 @@ import shlex
 
 import pytest
 import typer
+from meshfit.cli.help import Description
 
 from meshfit.cli import console, main
-from meshfit.cli.help import Description
 from tests.cli import answered, refused
 
 GROUP = typer.main.get_command(main.app)

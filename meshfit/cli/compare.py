@@ -1,0 +1,77 @@
+"""`meshfit compare`: run an experiment with some schemes and compare them."""
+
+from typing import Annotated
+
+import typer
+
+from meshfit.cli import completions
+from meshfit.cli.options import SELECTION, RunOptions, takes_run_options
+from meshfit.errors import ConfigError
+
+
+@takes_run_options
+def compare(
+    schemes: Annotated[
+        list[str],
+        typer.Argument(
+            help="Two or more schemes, such as interp-loop:alpha=0.5, or files that define one.",
+            metavar="SCHEME",
+            autocompletion=completions.fitted_schemes,
+        ),
+    ],
+    options: RunOptions,
+    config: Annotated[
+        str,
+        typer.Option(
+            "--config",
+            help="Settings of the fits: a config file or a bundled config.",
+            metavar="CONFIG",
+            rich_help_panel=SELECTION,
+            autocompletion=completions.configs,
+        ),
+    ] = "table1",
+    targets: Annotated[
+        str | None,
+        typer.Option(
+            "--targets",
+            help="Targets, comma-separated; replaces the config's.",
+            metavar="A,B",
+            rich_help_panel=SELECTION,
+            autocompletion=completions.listed_targets,
+        ),
+    ] = None,
+    seeds: Annotated[
+        int | None,
+        typer.Option(
+            "--seeds", min=1, help="Seeds 0 to N-1; replaces the config's.", metavar="N", rich_help_panel=SELECTION
+        ),
+    ] = None,
+) -> int:
+    """Compare subdivision schemes, paired by seed.
+
+    Missing trials are run first. The table shows the differences and their confidence intervals.
+
+    Examples:
+        meshfit compare loop interp-loop
+        meshfit compare loop interp-loop butterfly --targets bunny,cow --seeds 3
+        meshfit compare interp-loop:alpha=0.5 interp-loop --config quickstart
+        meshfit compare loop my-scheme.yaml
+    """
+    from meshfit.cli.experiments import run_and_report
+    from meshfit.config.loading import Experiment, load_experiment
+    from meshfit.config.scheme_files import resolve_specs
+    from meshfit.experiment.plan import plan
+    from meshfit.settings import override
+
+    if len(schemes) < 2:
+        raise ConfigError(f"expected two or more schemes to compare, got one: {schemes[0]}")
+    experiment = load_experiment(config, options.overrides or ())
+    specs, own = resolve_specs(schemes, experiment.settings.define)
+    define = {name: definition.model_dump(mode="json") for name, definition in own.items()}
+    changes: dict[str, object] = {"schemes": specs, "define": define}
+    if targets is not None:
+        changes["targets"] = [target.strip() for target in targets.split(",") if target.strip()]
+    if seeds is not None:
+        changes["seeds"] = list(range(seeds))
+    changed = Experiment(experiment.name, override(experiment.settings, changes))
+    return run_and_report(plan([changed], elsewhere=options.cluster is not None), options)
