@@ -51,7 +51,7 @@ SchemeConfig = Annotated[
         autocompletion=completions.configs,
     ),
 ]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors and the table only.", rich_help_panel=OUTPUT)]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Hide progress.", rich_help_panel=OUTPUT)]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.", rich_help_panel=OUTPUT)]
 Metrics = Annotated[
     list[str] | None,
@@ -121,7 +121,7 @@ class RunOptions:
         Literal["auto", "shared", "returned"],
         typer.Option(
             "--transfer",
-            help="With --cluster: workers write to a `shared` directory, or files are `returned`; `auto` detects which.",
+            help="With --cluster: workers write to a `shared` directory, or files are `returned`; `auto` decides.",
             metavar="MODE",
             rich_help_panel=EXECUTION,
         ),

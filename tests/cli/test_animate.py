@@ -108,7 +108,7 @@ def test_complete_trials_without_the_snapshots_that_are_wanted_are_told_of(tmp_p
     arguments += ["--set", "schemes=[loop]"]
     assert invoke(*arguments).err == ""
     wanted = [*arguments, "--set", "fit.snapshots=10"]
-    assert "1 trial is complete without the snapshots that are wanted; --force runs" in invoke(*wanted).err
+    assert "1 completed trial has none of the requested snapshots; --force reruns" in invoke(*wanted).err
     assert invoke(*wanted, "--force").err == ""
     (place,) = (tmp_path / "runs" / "small" / "ellipsoid" / "loop").iterdir()
     assert list(snapshots_in(place)) == [10, 20]

@@ -1,25 +1,25 @@
-"""What a newcomer reads: the first screen, `--help` of every command, and examples that are what they seem."""
+"""The first screen, `--help` of every command, and its examples."""
 
 import re
 import shlex
 
 import pytest
 import typer
-from meshfit.cli.help import Description
 
 from meshfit.cli import console, main
 from tests.cli import answered, refused
 
 GROUP = typer.main.get_command(main.app)
-COMMANDS = tuple(GROUP.commands)
+COMMANDS = {name: GROUP.get_command(None, name) for name in GROUP.list_commands(None)}
+PANELS = ("Experiments", "Run management", "Single meshes", "Reference")
 
 
 def examples(text):
-    return Description.of(text).examples
+    return [line.strip() for line in text.partition("Example")[2].splitlines()[1:] if line.strip()]
 
 
 def parsed(line):
-    """The command lines within a line of shell, each taken apart by the command that it is for."""
+    """The command lines within a line of shell, each parsed by its command."""
     words = shlex.split(line, comments=True)
     starts = [at for at, word in enumerate(words) if word == "meshfit"]
     found = []
@@ -27,11 +27,8 @@ def parsed(line):
         own = words[start + 1 : end]
         own = own[: next((at for at, word in enumerate(own) if word in ("&&", ">", "|")), len(own))]
         found.append(own)
-        if own == ["--help"]:
-            continue
-        command = GROUP.commands[own[0]]
-        if own[1:] != ["--help"]:
-            command.make_context(own[0], own[1:])
+        if own != ["--help"] and own[1:] != ["--help"]:
+            COMMANDS[own[0]].make_context(own[0], own[1:])
     return found
 
 
@@ -44,8 +41,7 @@ def width(request, monkeypatch):
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_examples_are_command_lines_that_parse(command):
-    found = [own for line in examples(GROUP.commands[command].help) for own in parsed(line)]
-    assert command in [own[0] for own in found]
+    assert command in [own[0] for line in examples(COMMANDS[command].help) for own in parsed(line)]
 
 
 def test_the_first_examples_parse_too():
@@ -55,23 +51,34 @@ def test_the_first_examples_parse_too():
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])
-def test_help_fits_its_width_and_names_every_option(command, width):
+def test_help_fits_its_width_and_has_all_panels_options_and_examples(command, width):
     out = answered(*filter(None, [command]), "--help")
     assert max(map(len, out.splitlines())) <= width
-    assert not re.search(r"[ \t]$", out, flags=re.MULTILINE)
-    params = GROUP.commands[command].params if command else GROUP.params
+    assert f" Usage: {' '.join(filter(None, ['meshfit', command]))} " in out
+    params = COMMANDS[command].params if command else GROUP.params
+    panels = {getattr(param, "rich_help_panel", None) or f"{param.param_type_name}s".title() for param in params}
+    for panel in {*panels, "Options", *(() if command else PANELS)}:
+        assert f"╭─ {panel} ─" in out
     for option in (name for param in params if param.param_type_name == "option" for name in param.opts):
-        assert re.search(rf"^  (.* )?{option} ", out, flags=re.MULTILINE), option
-    for title in ("Examples", "Options"):
-        assert f"\n{title}\n" in out
+        assert re.search(rf"^│ (.* )?{option} ", out, re.MULTILINE), option
+    for line in examples(COMMANDS[command].help if command else main.HELP):
+        assert " ".join(line.split()).replace("\\[", "[") in " ".join(out.split())
+
+
+def test_the_short_option_prints_the_same():
+    assert answered("-h") == answered("--help")
+    assert answered("status", "-h") == answered("status", "--help")
 
 
 def test_the_list_of_commands_has_a_line_for_each(width):
     out = answered("--help")
     for command in COMMANDS:
-        assert re.search(rf"^  {command} +[A-Z][^\n]+\.$", out, re.MULTILINE), command
-    panels = ("Experiments", "Looking after runs", "Single meshes", "Look up")
-    assert [out.index(f"\n{panel}\n") for panel in panels] == sorted(out.index(f"\n{panel}\n") for panel in panels)
+        assert re.search(rf"^│ {command} +[A-Z].+\. +│$", out, re.MULTILINE), command
+    assert [out.index(f"─ {panel} ─") for panel in PANELS] == sorted(out.index(f"─ {panel} ─") for panel in PANELS)
+
+
+def test_text_in_brackets_is_not_taken_for_markup():
+    assert "pip install 'meshfit[report]'" in " ".join(answered("render", "--help").split())
 
 
 def test_alone_it_says_what_to_do_next_in_one_screen(width, tmp_path, monkeypatch):
@@ -84,12 +91,6 @@ def test_alone_it_says_what_to_do_next_in_one_screen(width, tmp_path, monkeypatc
     assert "meshfit status" not in out
     (tmp_path / "runs").mkdir()
     assert "meshfit status" in answered()
-
-
-def test_examples_stand_below_each_other_with_their_comments_beside_or_above():
-    text = "One.\n\nTwo\nlines.\n\nExamples:\n    a b\n\n    c  # said\n"
-    assert Description.of(text) == Description(("One.", "Two lines."), ("a b", "c  # said"))
-    assert Description.of("One.") == Description(("One.",), ())
 
 
 def test_a_wrong_option_points_to_the_help_that_lists_them():

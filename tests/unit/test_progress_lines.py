@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from meshfit.cli.progress import PlainProgress
+from meshfit.cli.progress import TrialLines
 from meshfit.experiment.plan import plan
 from meshfit.experiment.running.progress import Board
 from meshfit.experiment.trial_status import Outcome, Phase, Progress
@@ -24,7 +24,7 @@ class Clock:
 def watched(tmp_path):
     trials = plan([experiment(tmp_path, seeds=list(range(300)))])
     board, clock, outcomes = Board.of(300), Clock(), {}
-    lines = PlainProgress(trials, clock)
+    lines = TrialLines(trials, clock)
 
     def end(i, phase=Phase.COMPLETE, message=""):
         board.post(i, Progress(phase))
