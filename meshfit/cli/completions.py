@@ -1,4 +1,4 @@
-"""What a shell completes: the names and paths that a command would take. Quick, so free of heavy libraries."""
+"""Shell completion of names and paths. It has to be quick, so it loads no heavy library."""
 
 import os
 from collections.abc import Iterable
@@ -9,7 +9,7 @@ from meshfit.paths import CONFIG_SUFFIXES, MESH_SUFFIXES
 _TRIAL = "seed-"
 
 Completions = list[tuple[str, str]]
-"""Values, each with what to say of it."""
+"""Values, each with a description."""
 
 
 def configs(incomplete: str) -> Completions:
@@ -20,7 +20,7 @@ def configs(incomplete: str) -> Completions:
 
 
 def schemes(incomplete: str) -> Completions:
-    """Subdivision schemes, and YAML files, which may define one."""
+    """Subdivision schemes, and YAML files that may define one."""
     from meshfit.subdivision.registry import SCHEMES
 
     named = _named({name: f"{entry.title}, {entry.kind}" for name, entry in SCHEMES.items()}, incomplete)
@@ -28,7 +28,7 @@ def schemes(incomplete: str) -> Completions:
 
 
 def fitted_schemes(incomplete: str) -> Completions:
-    """Subdivision schemes that experiments can have: those on surfaces."""
+    """Subdivision schemes on surfaces, which experiments can use."""
     from meshfit.subdivision.registry import SCHEMES
 
     curves = {name for name, entry in SCHEMES.items() if entry.domain == "curves"}
@@ -39,11 +39,11 @@ def targets(incomplete: str) -> Completions:
     """Named targets and mesh files."""
     from meshfit.mesh.targets import NAMED_TARGETS
 
-    return _named({name: one.title for name, one in NAMED_TARGETS.items()}, incomplete) + meshes(incomplete)
+    return _named({name: target.title for name, target in NAMED_TARGETS.items()}, incomplete) + meshes(incomplete)
 
 
 def listed_targets(incomplete: str) -> Completions:
-    """The last of some targets between commas."""
+    """The last target of a comma-separated list."""
     before, comma, last = incomplete.rpartition(",")
     return [(before + comma + value, help_text) for value, help_text in targets(last)]
 
@@ -61,7 +61,7 @@ def metrics(incomplete: str) -> Completions:
 
 
 def settings(incomplete: str) -> Completions:
-    """The keys of settings, up to the equals sign."""
+    """Keys of settings, up to the equals sign."""
     from meshfit.config.experiment import ExperimentSettings
     from meshfit.fitting.settings import METHODS
     from meshfit.report.tables.grouping import flatten
@@ -73,12 +73,12 @@ def settings(incomplete: str) -> Completions:
 
 
 def folders(incomplete: str) -> Completions:
-    """Folders, such as run directories and what is in them."""
+    """Folders, such as run directories and folders in them."""
     return [(str(path), "") for path in _starting(incomplete) if path.is_dir()]
 
 
 def trials(incomplete: str) -> Completions:
-    """Folders of trials, and those above them as far as there is a choice."""
+    """Folders of trials, or the folders above them where there is a choice."""
     found = [path for path in _starting(incomplete) if path.is_dir()]
     while len(found) == 1 and not found[0].name.startswith(_TRIAL):
         below = [path for path in _starting(f"{found[0]}{os.sep}") if path.is_dir()]
@@ -89,23 +89,23 @@ def trials(incomplete: str) -> Completions:
 
 
 def meshes_or_trials(incomplete: str) -> Completions:
-    """Whatever can be drawn."""
-    return [*targets(incomplete), *((value, said) for value, said in trials(incomplete) if _TRIAL in value)]
+    """Targets, mesh files and folders of trials: everything that can be drawn."""
+    return [*targets(incomplete), *(pair for pair in trials(incomplete) if _TRIAL in pair[0])]
 
 
 def _named(names: dict[str, str], incomplete: str) -> Completions:
-    return [(name, said) for name, said in names.items() if name.startswith(incomplete)]
+    return [(name, meaning) for name, meaning in names.items() if name.startswith(incomplete)]
 
 
 def _files(incomplete: str, suffixes: Iterable[str]) -> Completions:
-    """Files of some kinds, and the folders in which there may be more."""
+    """Files with these suffixes, and folders that may contain more."""
     wanted = tuple(suffixes)
     found = [(f"{path}{os.sep}" if path.is_dir() else str(path)) for path in _starting(incomplete)]
     return [(name, "") for name in found if name.endswith((os.sep, *wanted))]
 
 
 def _starting(incomplete: str) -> list[Path]:
-    """Paths that begin so; hidden ones only where that is what was typed."""
+    """Paths that start with the text; hidden ones only if it asks for them."""
     folder, name = os.path.split(incomplete)
     try:
         found = sorted(Path(os.path.expanduser(folder) or ".").iterdir())  # noqa: PTH111  a part of a path

@@ -1,4 +1,4 @@
-"""`meshfit init`: a starter config."""
+"""`meshfit init` and `meshfit schema`: a starter config, and the JSON Schema of configs."""
 
 import json
 from pathlib import Path
@@ -12,12 +12,12 @@ from meshfit.paths import unwritable
 
 
 def init(
-    path: Annotated[Path, typer.Argument(help="Where to write it.", metavar="[FILE]")] = Path("experiment.yaml"),
-    force: Annotated[bool, typer.Option("--force", help="Write over a file that is there.")] = False,
+    path: Annotated[Path, typer.Argument(help="File to write.", metavar="FILE")] = Path("experiment.yaml"),
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
 ) -> int:
-    """Write a starter config, every setting with its meaning.
+    """Write a starter config that explains every setting.
 
-    All settings are at their defaults; delete what you do not change.
+    All settings have their default values; delete those that you do not change.
 
     Example:
         meshfit init mine.yaml && meshfit run mine.yaml
@@ -25,7 +25,7 @@ def init(
     from meshfit.config.starter import starter_config
 
     if path.exists() and not force:
-        raise ConfigError(f"{path}: is there already; give another name, or --force to write over it")
+        raise ConfigError(f"{path}: already exists; choose another name, or overwrite it with --force")
     try:
         path.write_text(starter_config(), encoding="utf-8")
     except OSError as error:
@@ -37,7 +37,7 @@ def init(
 def schema() -> int:
     """Print the JSON Schema of a config, for editors.
 
-    An editor that knows it completes and checks configs as they are written.
+    An editor that knows the schema completes and checks configs as you write them.
 
     Example:
         meshfit schema > meshfit.schema.json

@@ -107,7 +107,7 @@ def test_init_writes_a_config_once(tmp_path, monkeypatch):
     assert answered("init") == "wrote experiment.yaml; now: meshfit run experiment.yaml\n"
     assert load_experiment("experiment.yaml").settings == ExperimentSettings()
     (tmp_path / "experiment.yaml").write_text("mine")
-    said = "error: experiment.yaml: is there already; give another name, or --force to write over it"
+    said = "error: experiment.yaml: already exists; choose another name, or overwrite it with --force"
     assert refused("init") == said
     assert (tmp_path / "experiment.yaml").read_text() == "mine"
     answered("init", "--force")
