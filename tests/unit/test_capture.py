@@ -152,7 +152,7 @@ RUNS = {
 @pytest.mark.parametrize("problems", [[LATE[0]], [PROBLEMS[4], LATE[0], PROBLEMS[0]]], ids=["one", "three"])
 def test_an_engine_takes_from_replays_what_it_takes_from_calls(changes, problems, monkeypatch):
     expected = stepped(problems, changes)
-    monkeypatch.setattr(first_order, "captured", Replayed)
+    monkeypatch.setattr(first_order, "as_cuda_graph", Replayed)
     assert stepped(problems, changes) == expected
 
 
@@ -168,5 +168,5 @@ def test_the_last_good_mesh_is_not_replayed_over(monkeypatch):
     expected = stepped(PROBLEMS[:1], {})
     assert expected[0][0][:2] == (3, "edge")
     calls.clear()
-    monkeypatch.setattr(first_order, "captured", Replayed)
+    monkeypatch.setattr(first_order, "as_cuda_graph", Replayed)
     assert stepped(PROBLEMS[:1], {}) == expected
