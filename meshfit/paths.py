@@ -16,7 +16,7 @@ _REMEDIES = {
 }
 
 
-def missing(path: Path, suffixes: Sequence[str], otherwise: str = "") -> str:
+def missing_file_message(path: Path, suffixes: Sequence[str], otherwise: str = "") -> str:
     """That a file is not there, and which one may have been meant.
 
     Args:
@@ -32,7 +32,7 @@ def missing(path: Path, suffixes: Sequence[str], otherwise: str = "") -> str:
     return f"no such file in {path.parent.resolve()}{f'; {otherwise}' if otherwise else ''}"
 
 
-def unwritable(path: Path, error: OSError) -> str:
+def write_error_message(path: Path, error: OSError) -> str:
     """That a file cannot be written, why, and what to do."""
     if error.errno == errno.ENOENT and not path.parent.is_dir():
         return f"cannot be written: there is no folder {path.parent}; make it, or choose another place"
@@ -43,7 +43,7 @@ def unwritable(path: Path, error: OSError) -> str:
 _PACKAGE = Path(__file__).resolve().parent
 
 
-def bundled(folder: str) -> Path:
+def bundled_folder(folder: str) -> Path:
     """The bundled folder of that name (`configs` or `data`).
 
     A wheel carries both inside the package; a checkout, which an editable install points at, has them at its top level.

@@ -25,14 +25,14 @@ class Settings(BaseModel):
     )
 
 
-TAG, UNTAGGED = "method", "first-order"
+KIND_KEY, DEFAULT_KIND = "method", "first-order"
 """The key by which settings that may be of several kinds are told apart, and the kind of those that lack it."""
 
 Model = TypeVar("Model", bound=Settings)
-Key = tuple[str | int, ...]
+KeyPath = tuple[str | int, ...]
 
 
-def build(model: type[Model], data: Mapping[str, Any], where: Callable[[Key], str] = lambda _: "") -> Model:
+def build(model: type[Model], data: Mapping[str, Any], where: Callable[[KeyPath], str] = lambda _: "") -> Model:
     """Settings from plain data.
 
     Args:
@@ -50,7 +50,7 @@ def build(model: type[Model], data: Mapping[str, Any], where: Callable[[Key], st
         first = _first(error.errors(include_url=False))
         first["loc"], keys = _followed(model, first["loc"])
         if first["type"] == "union_tag_invalid":
-            first["loc"] = (*first["loc"], TAG)
+            first["loc"] = (*first["loc"], KIND_KEY)
         raise ConfigError(f"{where(first['loc'])}{_describe(first, keys)}") from None
 
 
@@ -60,15 +60,15 @@ def override(settings: Model, changes: Mapping[str, Any]) -> Model:
     Raises:
         ConfigError: a change that is not allowed.
     """
-    return build(type(settings), changed(settings.model_dump(), changes))
+    return build(type(settings), apply_changes(settings.model_dump(), changes))
 
 
-def merged(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+def deep_merge(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """Nested mappings, one laid over the other."""
     return _joined(data, changes, _are_mappings)
 
 
-def changed(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+def apply_changes(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """Settings with changes laid over them; changes that name another kind of settings replace those that are there."""
     return _joined(data, changes, _are_of_one_kind)
 
@@ -91,10 +91,12 @@ def _are_mappings(before: Any, change: Any) -> bool:  # noqa: ANN401  any YAML v
 
 
 def _are_of_one_kind(before: Any, change: Any) -> bool:  # noqa: ANN401  any YAML values
-    return _are_mappings(before, change) and (TAG not in change or change[TAG] == before.get(TAG, UNTAGGED))
+    return _are_mappings(before, change) and (
+        KIND_KEY not in change or change[KIND_KEY] == before.get(KIND_KEY, DEFAULT_KIND)
+    )
 
 
-def dotted(key: Key) -> str:
+def dotted(key: KeyPath) -> str:
     """A key's path as it is written: `fit.losses.edge`, `seeds[2]`."""
     text = ""
     for part in key:
@@ -153,7 +155,7 @@ def _plain(value: Any) -> Any:  # noqa: ANN401  numpy scalars and paths, from Py
     return value.item() if hasattr(value, "item") else str(value)
 
 
-def _followed(model: type[BaseModel], path: Key) -> tuple[Key, list[str]]:
+def _followed(model: type[BaseModel], path: KeyPath) -> tuple[KeyPath, list[str]]:
     """Where an error is, without the tags by which pydantic tells models apart, and the keys that may stand there."""
     if path[-1:] == (_NAME_OF_KEY,):
         path = path[:-1]

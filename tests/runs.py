@@ -8,10 +8,10 @@ from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from meshfit.config.experiment import defaults
+from meshfit.config.experiment import default_settings
 from meshfit.config.strict_yaml import dump
 from meshfit.measuring.metrics import METRICS
-from meshfit.settings import merged
+from meshfit.settings import deep_merge
 
 NOW = datetime(2026, 5, 4, 12, 0, 0, tzinfo=UTC)
 
@@ -27,8 +27,8 @@ def place(target="bunny", scheme="loop", seed=0, experiment="small"):
 
 
 def settings_of(target="bunny", scheme="loop", seed=0, **fit):
-    plain = defaults(fit.get("method", "first-order"))
-    return merged(plain, {"targets": [target], "schemes": [scheme], "seeds": [seed], "fit": fit})
+    plain = default_settings(fit.get("method", "first-order"))
+    return deep_merge(plain, {"targets": [target], "schemes": [scheme], "seeds": [seed], "fit": fit})
 
 
 def result_of(target="bunny", scheme="loop", seed=0, experiment="small", fit_seconds=10.0, measure_seconds=1.0, **fit):

@@ -8,7 +8,7 @@ import typer
 
 from meshfit.cli.console import out
 from meshfit.errors import ConfigError
-from meshfit.paths import unwritable
+from meshfit.paths import write_error_message
 
 
 def init(
@@ -29,7 +29,7 @@ def init(
     try:
         path.write_text(starter_config(), encoding="utf-8")
     except OSError as error:
-        raise ConfigError(f"{path}: {unwritable(path, error)}") from error
+        raise ConfigError(f"{path}: {write_error_message(path, error)}") from error
     out.print(f"wrote {path}; now: meshfit run {path}", soft_wrap=True, markup=False)
     return 0
 

@@ -197,12 +197,12 @@ def schemes(
     """
     if analysed or plot is not None:
         _stay_on_one_thread()
-    from meshfit.config.loading import defined_in
+    from meshfit.config.loading import load_definitions
     from meshfit.config.scheme_files import resolve_specs
     from meshfit.errors import ConfigError
     from meshfit.subdivision.registry import registry_with
 
-    specs, own = resolve_specs([] if name is None else [name], defined_in(config))
+    specs, own = resolve_specs([] if name is None else [name], load_definitions(config))
     registry = registry_with(own)
     if specs:
         return _one(specs[0], registry, plot, analysed=analysed, as_json=as_json)

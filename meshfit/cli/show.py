@@ -13,7 +13,7 @@ from rich.text import Text
 from meshfit.cli.console import out
 from meshfit.cli.options import DEFAULT_RUNS, AsJson, Runs, TrialName
 from meshfit.cli.status import STYLES
-from meshfit.config.experiment import changed
+from meshfit.config.experiment import non_default_settings
 from meshfit.config.strict_yaml import dump
 from meshfit.experiment.status.cleaning import is_half_written
 from meshfit.experiment.status.scan import ExperimentOverview, Standing, State
@@ -55,7 +55,7 @@ def print_trial(experiment: ExperimentOverview, trial: Standing, *, every: bool)
         out.print(_metrics(result))
     if settings:
         _heading("settings" if every else "settings that are not at their defaults; --all shows every one")
-        text = dump(settings if every else changed(settings))
+        text = dump(settings if every else non_default_settings(settings))
         out.print(Padding(Text(text.rstrip()), (0, 0, 0, 2)))
     if files := _files(trial):
         _heading("files")

@@ -61,12 +61,14 @@ def refined_mesh(source: str, destination: Path, scheme: "Scheme", levels: int, 
     from meshfit.mesh.io.files import save_mesh
     from meshfit.mesh.mesh import Mesh
     from meshfit.mesh.polygons import PolygonMesh
-    from meshfit.mesh.targets import load_numbered_polygon_target, load_numbered_target, target_path
+    from meshfit.mesh.targets import load_polygon_target_with_vertex_map, load_target_with_vertex_map, target_path
     from meshfit.subdivision.polygons.scheme import PolygonScheme
     from meshfit.subdivision.refine import subdivide
 
     on_polygons = isinstance(scheme, PolygonScheme)
-    mesh, numbering = load_numbered_polygon_target(source) if on_polygons else load_numbered_target(source)
+    mesh, numbering = (
+        load_polygon_target_with_vertex_map(source) if on_polygons else load_target_with_vertex_map(source)
+    )
     if wishes.alphas is not None:
         scheme = scheme.with_alpha(_alphas(wishes.alphas, target_path(source), numbering))
     finer: Mesh | PolygonMesh
@@ -124,14 +126,14 @@ def number_in(text: str | None) -> float | None:
 
 
 def _alphas(text: str, mesh_path: Path, numbering: "Indices") -> "Values":
-    from meshfit.mesh.io.vertex_values import read_attribute, read_values
+    from meshfit.mesh.io.vertex_values import read_vertex_property, read_vertex_values
 
     prefix, colon, name = text.partition(":")
     if colon and prefix == "attribute":
-        return read_attribute(mesh_path, name, numbering, (0.0, 1.0))
+        return read_vertex_property(mesh_path, name, numbering, (0.0, 1.0))
     if not Path(text).is_file():
         raise ConfigError(f"--alpha: '{text}' is no number, no file, and no attribute:NAME")
-    return read_values(text, numbering, (0.0, 1.0))
+    return read_vertex_values(text, numbering, (0.0, 1.0))
 
 
 def _creases(text: str, sharpness: float, mesh: "Mesh", numbering: "Indices") -> "Creases":
@@ -273,14 +275,14 @@ def subdivide(
 
         meshfit subdivide head.obj fine.obj -s my-scheme.yaml
     """
-    from meshfit.config.loading import defined_in
+    from meshfit.config.loading import load_definitions
     from meshfit.config.scheme_files import resolve_specs
     from meshfit.subdivision.registry import SURFACES, domain_of, registry_with, resolve, schemes_on
 
     number = number_in(alpha)
     each = alpha if number is None else None
     shared = {"alpha": number if each is None else 1.0, "weights": weights, "tension": tension, "valence3": valence3}
-    (spec,), own = resolve_specs([scheme], defined_in(config))
+    (spec,), own = resolve_specs([scheme], load_definitions(config))
     declared = resolve(spec, registry_with(own), **shared)
     wishes = Wishes(each, creases, sharpness, limit=limit, normals=normals)
     check(spec, declared, wishes)

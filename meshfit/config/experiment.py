@@ -17,7 +17,7 @@ from pydantic import (
 from meshfit.errors import SchemeError
 from meshfit.fitting.settings import METHODS, Dtype, FirstOrderSettings, FitSettings
 from meshfit.measuring.settings import MeasureSettings
-from meshfit.settings import TAG, Settings
+from meshfit.settings import KIND_KEY, Settings
 from meshfit.subdivision.registry import SURFACES, Definitions, canonical, entry_of, registry_with, schemes_on, spec_of
 
 
@@ -53,12 +53,15 @@ def _canonical_scheme(text: str, info: ValidationInfo) -> str:
 SchemeSpec = Annotated[str, AfterValidator(_canonical_scheme)]
 Count = Annotated[Literal["auto"] | Annotated[int, Field(ge=1)], WrapValidator(_count)]
 # What says how the work is done, or is spent when the trials are planned, and moves no number.
-WITHOUT_EFFECT: dict[str, Any] = {**dict.fromkeys(("jobs", "threads", "retries", "sweep"), True), "fit": {"snapshots"}}
+NO_EFFECT_ON_RESULTS: dict[str, Any] = {
+    **dict.fromkeys(("jobs", "threads", "retries", "sweep"), True),
+    "fit": {"snapshots"},
+}
 
 # Settings of the source that may be the paths of files.
-PATHS = (("source", "mesh"), ("source", "creases", "file"), ("source", "alpha", "file"))
+SOURCE_FILE_KEYS = (("source", "mesh"), ("source", "creases", "file"), ("source", "alpha", "file"))
 
-MOST_LEVELS = 8
+MAX_LEVELS = 8
 """Levels of subdivision that a source may have."""
 
 Listed = (Field(min_length=1), AfterValidator(_unique))
@@ -115,7 +118,7 @@ class SourceSettings(Settings):
     the name of a target, or the path of a mesh file."""
     decimate: Annotated[int, Field(ge=4)] | None = None
     """Reduce the control mesh to about so many faces first; null leaves it as it is."""
-    levels: Annotated[int, Field(ge=0, le=MOST_LEVELS)] = 4
+    levels: Annotated[int, Field(ge=0, le=MAX_LEVELS)] = 4
     """Levels of subdivision by the scheme."""
     wanted_verts: Annotated[int, Field(ge=4)] | None = None
     """In place of `levels`: as many as bring the number of verts nearest to this, so that schemes that make more verts
@@ -193,7 +196,7 @@ class ExperimentSettings(Settings):
 _WITHOUT_EFFECT = {"jobs", "threads"}
 
 
-def defaults(method: str = "first-order") -> dict[str, Any]:
+def default_settings(method: str = "first-order") -> dict[str, Any]:
     """Every setting that a result may depend on, at its default, as plain data.
 
     Args:
@@ -204,13 +207,13 @@ def defaults(method: str = "first-order") -> dict[str, Any]:
     return plain | ({"fit": fit().model_dump(mode="json")} if fit else {})
 
 
-def changed(settings: Mapping[str, Any]) -> dict[str, Any]:
+def non_default_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Those of some settings, as plain data, that are not at their defaults, in the order that they come in."""
     fit = settings.get("fit")
-    method = fit.get(TAG, "first-order") if isinstance(fit, Mapping) else "first-order"
-    found = _difference(settings, defaults(method))
+    method = fit.get(KIND_KEY, "first-order") if isinstance(fit, Mapping) else "first-order"
+    found = _difference(settings, default_settings(method))
     if method != "first-order" and "fit" in settings:
-        found["fit"] = {TAG: method} | found.get("fit", {})
+        found["fit"] = {KIND_KEY: method} | found.get("fit", {})
     return found
 
 

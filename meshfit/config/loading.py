@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from meshfit.config.experiment import PATHS, ExperimentSettings
+from meshfit.config.experiment import SOURCE_FILE_KEYS, ExperimentSettings
 from meshfit.config.scheme_files import read_scheme_files, relative_to_folder
 from meshfit.config.strict_yaml import Document, parse_value, read_document
 from meshfit.config.sweeps import variants_of
 from meshfit.errors import ConfigError
-from meshfit.paths import CONFIG_SUFFIXES, bundled, missing
-from meshfit.settings import Key, build, changed, merged, nested
+from meshfit.paths import CONFIG_SUFFIXES, bundled_folder, missing_file_message
+from meshfit.settings import KeyPath, apply_changes, build, deep_merge, nested
 from meshfit.specs import suggest
 from meshfit.subdivision.custom.definitions import Definition
 
@@ -28,7 +28,7 @@ class Experiment:
 
 def bundled_configs() -> dict[str, Path]:
     """The configs that come with meshfit, by name."""
-    return {path.stem: path for path in sorted(bundled("configs").glob("*.yaml"))}
+    return {path.stem: path for path in sorted(bundled_folder("configs").glob("*.yaml"))}
 
 
 def load_experiment(name_or_path: str, overrides: Sequence[str] = ()) -> Experiment:
@@ -45,17 +45,17 @@ def load_experiment(name_or_path: str, overrides: Sequence[str] = ()) -> Experim
     document = read_document(path)
     changes = _parse_overrides(overrides)
 
-    def where(key: Key) -> str:
+    def where(key: KeyPath) -> str:
         return _where(key, document, path, changes)
 
-    data = changed(_with_absolute_paths(document.data, path.parent), changes)
+    data = apply_changes(_with_absolute_paths(document.data, path.parent), changes)
     found = read_scheme_files(data, where)
     settings = build(ExperimentSettings, found.data, lambda key: found.where(key) or where(key))
     variants_of(settings, lambda: where(("sweep",)))
     return Experiment(path.stem, settings)
 
 
-def defined_in(name_or_path: str | None) -> dict[str, Definition]:
+def load_definitions(name_or_path: str | None) -> dict[str, Definition]:
     """The schemes of the user's own in a config; none where there is no config.
 
     Raises:
@@ -79,7 +79,7 @@ def config_path(name_or_path: str) -> Path:
     if path.is_dir():
         raise ConfigError(f"{name_or_path}: a directory; the path of a YAML file is needed")
     if path.suffix in CONFIG_SUFFIXES or len(path.parts) > 1:
-        raise ConfigError(f"{name_or_path}: {missing(path, CONFIG_SUFFIXES, _INIT.format(path))}")
+        raise ConfigError(f"{name_or_path}: {missing_file_message(path, CONFIG_SUFFIXES, _INIT.format(path))}")
     raise ConfigError(f"'{name_or_path}' is no config and no file: {suggest(name_or_path, configs)}")
 
 
@@ -93,7 +93,7 @@ def _with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
             specs = value if isinstance(value, list) else [value]
             placed = [relative_to_folder(spec, folder) if isinstance(spec, str) else spec for spec in specs]
             return placed if isinstance(value, list) else placed[0]
-        if key != ("targets",) and not any(tuple(key[-len(path) :]) == path for path in PATHS):
+        if key != ("targets",) and not any(tuple(key[-len(path) :]) == path for path in SOURCE_FILE_KEYS):
             return value
         if isinstance(value, list):
             return [absolute(entry, key) for entry in value]
@@ -109,18 +109,18 @@ def _parse_overrides(overrides: Sequence[str]) -> dict[str, Any]:
         parts = key.strip().split(".")
         if not equals or not all(parts):
             raise ConfigError(f"--set {_shown(text)}: 'key=value' is needed, such as fit.steps=500")
-        changes = merged(changes, nested(".".join(parts), parse_value(value, f"--set {_shown(text)}")))
+        changes = deep_merge(changes, nested(".".join(parts), parse_value(value, f"--set {_shown(text)}")))
     return changes
 
 
-def _where(key: Key, document: Document, path: Path, changes: dict[str, Any]) -> str:
+def _where(key: KeyPath, document: Document, path: Path, changes: dict[str, Any]) -> str:
     if _is_within(key, changes):
         return "--set: "
     line = document.line_of(key)
     return f"{path}: " if line is None else f"{path}, line {line}: "
 
 
-def _is_within(key: Key, changes: Any) -> bool:  # noqa: ANN401  any YAML value
+def _is_within(key: KeyPath, changes: Any) -> bool:  # noqa: ANN401  any YAML value
     """Whether the value at this key, or one that holds it, comes from the changes."""
     for part in key:
         if not isinstance(changes, dict):

@@ -8,8 +8,8 @@ from typing import Any
 
 from meshfit.config.strict_yaml import Document, read_document
 from meshfit.errors import ConfigError
-from meshfit.paths import CONFIG_SUFFIXES, missing
-from meshfit.settings import Key, Settings, build, dotted
+from meshfit.paths import CONFIG_SUFFIXES, missing_file_message
+from meshfit.settings import KeyPath, Settings, build, dotted
 from meshfit.subdivision.custom.definitions import Definition
 from meshfit.subdivision.registry import UserSchemes
 
@@ -48,7 +48,7 @@ class SettingsWithFiles:
     data: dict[str, Any]
     files: Mapping[str, SchemeFile]
 
-    def where(self, key: Key) -> str:
+    def where(self, key: KeyPath) -> str:
         """The place in a scheme's file where the value of a key was written; nothing if it was not in one."""
         if key[:1] != ("define",) or len(key) < 2 or key[1] not in self.files:
             return ""
@@ -57,7 +57,7 @@ class SettingsWithFiles:
         return f"{file.path}: " if line is None else f"{file.path}, line {line}: "
 
 
-def read_scheme_files(data: Mapping[str, Any], where: Callable[[Key], str] = lambda _: "") -> SettingsWithFiles:
+def read_scheme_files(data: Mapping[str, Any], where: Callable[[KeyPath], str] = lambda _: "") -> SettingsWithFiles:
     """Read the files of schemes that some settings name, and those that are their bases.
 
     Args:
@@ -98,11 +98,11 @@ def resolve_specs(
 
 
 class _Reader:
-    def __init__(self, define: dict[str, Any], where: Callable[[Key], str]) -> None:
+    def __init__(self, define: dict[str, Any], where: Callable[[KeyPath], str]) -> None:
         self.define, self.files = define, dict[str, SchemeFile]()
         self._where = where
 
-    def named(self, spec: Any, key: Key) -> Any:  # noqa: ANN401  any YAML value
+    def named(self, spec: Any, key: KeyPath) -> Any:  # noqa: ANN401  any YAML value
         """A spec with a name in place of a path, whose file is read."""
         found = _SPEC.fullmatch(spec.strip()) if isinstance(spec, str) else None
         if found is None:
@@ -110,13 +110,13 @@ class _Reader:
         self._read(Path(found["path"]), key)
         return scheme_name_for(spec)
 
-    def with_base(self, definition: Any, key: Key) -> Any:  # noqa: ANN401  any YAML value
+    def with_base(self, definition: Any, key: KeyPath) -> Any:  # noqa: ANN401  any YAML value
         """A definition with a name in place of the path of its base."""
         if not isinstance(definition, Mapping) or "base" not in definition:
             return definition
         return {**definition, "base": self.named(definition["base"], key)}
 
-    def _read(self, path: Path, key: Key) -> None:
+    def _read(self, path: Path, key: KeyPath) -> None:
         name, place = path.stem, f"{self._where(key)}{dotted(key)}: " if self._where(key) else ""
         if name in self.files:
             if self.files[name].path.resolve() != path.resolve():
@@ -125,7 +125,7 @@ class _Reader:
         if path.is_dir():
             raise ConfigError(f"{place}{path}: a directory; the path of a YAML file is needed")
         if not path.is_file():
-            raise ConfigError(f"{place}{path}: {missing(path, CONFIG_SUFFIXES)}")
+            raise ConfigError(f"{place}{path}: {missing_file_message(path, CONFIG_SUFFIXES)}")
         document = read_document(path)
         self.files[name] = SchemeFile(path, document)
         base = document.data.get("base")

@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from meshfit.errors import ConfigError
-from meshfit.settings import Key
+from meshfit.settings import KeyPath
 
 
 class _Loader(yaml.SafeLoader):
@@ -72,9 +72,9 @@ class Document:
     """A YAML document: its data, and the line that each key was written on."""
 
     data: dict[str, Any]
-    lines: dict[Key, int]
+    lines: dict[KeyPath, int]
 
-    def line_of(self, key: Key) -> int | None:
+    def line_of(self, key: KeyPath) -> int | None:
         """The line of a key, or else of the nearest one that holds it; None where it is that of the document."""
         while key and key not in self.lines:
             key = key[:-1]
@@ -109,7 +109,7 @@ def parse_document(text: str, origin: str) -> Document:
         raise ConfigError(
             f"{origin}: found a {_KINDS[type(node)]}, a mapping of settings ('key: value' lines) is needed"
         )
-    lines: dict[Key, int] = {}
+    lines: dict[KeyPath, int] = {}
     return Document(_construct(loader, node, lines, origin), lines)
 
 
@@ -138,7 +138,7 @@ def _compose(text: str, origin: str) -> tuple[_Loader, yaml.Node | None]:
         raise ConfigError(f"{origin}: nested too deeply") from None
 
 
-def _construct(loader: _Loader, node: yaml.Node, lines: dict[Key, int], origin: str) -> Any:  # noqa: ANN401
+def _construct(loader: _Loader, node: yaml.Node, lines: dict[KeyPath, int], origin: str) -> Any:  # noqa: ANN401
     _walk(node, (), lines, origin)
     try:
         return loader.construct_document(node)
@@ -146,7 +146,7 @@ def _construct(loader: _Loader, node: yaml.Node, lines: dict[Key, int], origin: 
         raise ConfigError(f"{origin}: {_reason(error)}") from None
 
 
-def _walk(node: yaml.Node, key: Key, lines: dict[Key, int], origin: str) -> None:
+def _walk(node: yaml.Node, key: KeyPath, lines: dict[KeyPath, int], origin: str) -> None:
     lines.setdefault(key, node.start_mark.line + 1)
     if isinstance(node, yaml.SequenceNode):
         for i, child in enumerate(node.value):

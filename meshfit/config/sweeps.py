@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
-from meshfit.config.experiment import WITHOUT_EFFECT, ExperimentSettings
+from meshfit.config.experiment import NO_EFFECT_ON_RESULTS, ExperimentSettings
 from meshfit.errors import ConfigError
-from meshfit.settings import TAG, build, changed, merged, nested
+from meshfit.settings import KIND_KEY, apply_changes, build, deep_merge, nested
 
 ZIP, VARIANTS = "zip", "variants"
 _AXES = ("targets", "schemes", "seeds")
@@ -57,8 +57,8 @@ def variants_of(settings: ExperimentSettings, where: Callable[[], str] = lambda:
         changes: dict[str, Any] = {}
         for point in points:
             for key, value in point.changes.items():
-                changes = merged(changes, nested(key, value))
-        varied = build(ExperimentSettings, changed(base, changes), lambda _: f"{where()}sweep: ")
+                changes = deep_merge(changes, nested(key, value))
+        varied = build(ExperimentSettings, apply_changes(base, changes), lambda _: f"{where()}sweep: ")
         name = ", ".join(point.name for point in points)
         other = found.setdefault(varied.model_dump_json(), Variant(name, varied))
         if other.name != name:
@@ -105,7 +105,7 @@ def _flat(tree: Mapping[str, Any], *, lists: bool, above: str = "") -> Iterator[
     """Dotted keys and what they are set to: in a grid, which `lists` means, whatever is not a mapping."""
     for key, value in tree.items():
         # A mapping that names its kind replaces settings of another kind, so it stays in one piece.
-        if isinstance(value, Mapping) and (lists or TAG not in value):
+        if isinstance(value, Mapping) and (lists or KIND_KEY not in value):
             yield from _flat(value, lists=lists, above=f"{above}{key}.")
         else:
             yield f"{above}{key}", value
@@ -117,7 +117,7 @@ def _check_keys(axes: Sequence[Mapping[str, Any]]) -> None:
         first, _, last = key.partition(".")
         if first in _AXES:
             raise ConfigError(f"sweep: {key}: always varied; list the values under '{first}'")
-        if WITHOUT_EFFECT.get(first) is True or last in WITHOUT_EFFECT.get(first, ()):
+        if NO_EFFECT_ON_RESULTS.get(first) is True or last in NO_EFFECT_ON_RESULTS.get(first, ()):
             raise ConfigError(f"sweep: {key}: no result depends on it, so it cannot be swept")
         if keys.count(key) > 1:
             raise ConfigError(f"sweep: {key}: varied in two ways; once among {ZIP}, {VARIANTS} and the grid is allowed")

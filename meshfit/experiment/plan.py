@@ -9,7 +9,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from meshfit.config.experiment import WITHOUT_EFFECT, ExperimentSettings, SourceSettings
+from meshfit.config.experiment import NO_EFFECT_ON_RESULTS, ExperimentSettings, SourceSettings
 from meshfit.config.loading import Experiment
 from meshfit.config.sweeps import Variant, variants_of
 from meshfit.experiment.source import build_source, source_files
@@ -78,7 +78,7 @@ class Trial:
         keep their identities.
         """
         unused = {key for key in _LATER if getattr(self.settings.source, key) is None}
-        plain = self.settings.model_dump(mode="json", exclude=WITHOUT_EFFECT | {"source": unused})
+        plain = self.settings.model_dump(mode="json", exclude=NO_EFFECT_ON_RESULTS | {"source": unused})
         return plain if plain["define"] else {key: value for key, value in plain.items() if key != "define"}
 
     @cached_property

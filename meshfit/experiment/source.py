@@ -9,14 +9,19 @@ from pathlib import Path
 import numpy as np
 from scipy.sparse import csr_array
 
-from meshfit.config.experiment import MOST_LEVELS, SourceSettings
+from meshfit.config.experiment import MAX_LEVELS, SourceSettings
 from meshfit.errors import ConfigError, MeshError, MeshfitError
-from meshfit.mesh.io.vertex_values import read_attribute, read_values
+from meshfit.mesh.io.vertex_values import read_vertex_property, read_vertex_values
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.meshlab import decimate
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.solids import POLYGON_SOLIDS, SOLIDS
-from meshfit.mesh.targets import NAMED_TARGETS, load_numbered_polygon_target, load_numbered_target, target_path
+from meshfit.mesh.targets import (
+    NAMED_TARGETS,
+    load_polygon_target_with_vertex_map,
+    load_target_with_vertex_map,
+    target_path,
+)
 from meshfit.mesh.topology import Indices, PolygonTopology, Topology
 from meshfit.specs import parse_spec, suggest
 from meshfit.subdivision.crease_files import read_creases
@@ -133,7 +138,7 @@ def _triangles(name: str) -> tuple[Mesh, Indices]:
         mesh = SOLIDS[name]() if name in SOLIDS else _icosphere(name)
         return mesh, np.arange(mesh.num_verts)
     source_file(SourceSettings(mesh=name))
-    return load_numbered_target(name)
+    return load_target_with_vertex_map(name)
 
 
 def _polygons(name: str) -> tuple[PolygonMesh, Indices]:
@@ -141,7 +146,7 @@ def _polygons(name: str) -> tuple[PolygonMesh, Indices]:
         mesh = POLYGON_SOLIDS[name]() if name in POLYGON_SOLIDS else PolygonMesh.of(_triangles(name)[0])
         return mesh, np.arange(mesh.num_verts)
     source_file(SourceSettings(mesh=name))
-    return load_numbered_polygon_target(name)
+    return load_polygon_target_with_vertex_map(name)
 
 
 def _is_base(name: str) -> bool:
@@ -216,7 +221,7 @@ def _nearest_in_size(
 ) -> Refinement | PolygonRefinement:
     """As many levels as bring the number of verts nearest to that, by its ratio."""
     last = refine(topology, scheme, 0, creases)
-    for levels in range(1, MOST_LEVELS + 1):
+    for levels in range(1, MAX_LEVELS + 1):
         if last.num_fine >= wanted:
             break
         finer = refine(topology, scheme, levels, creases)
@@ -251,12 +256,12 @@ def _with_alphas(settings: SourceSettings, masks: Scheme, name: str, numbering: 
     with _naming("source.alpha"):
         verts = _undecimated(settings, numbering)
         if wanted.file is not None:
-            return masks.with_alpha(read_values(wanted.file, verts, (0.0, 1.0)))
+            return masks.with_alpha(read_vertex_values(wanted.file, verts, (0.0, 1.0)))
         assert wanted.attribute is not None  # noqa: S101  one of both is there
         path = source_file(settings)
         if path is None:
             raise MeshError(f"attribute: {settings.mesh} is no file that could have one")
-        return masks.with_alpha(read_attribute(path, wanted.attribute, verts, (0.0, 1.0)))
+        return masks.with_alpha(read_vertex_property(path, wanted.attribute, verts, (0.0, 1.0)))
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.loss.operators import FaceGeometry, Faces, MeshOperators
 from meshfit.loss.terms import LAPLACIANS, TERMS, LossInputs, Term
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.nearest import in_spatial_order, renumbered_by_faces
+from meshfit.mesh.nearest import renumber_verts_by_faces, sort_faces_spatially
 from meshfit.mesh.polygons import PolygonMesh
 
 
@@ -66,7 +66,7 @@ class FirstOrder:
         self.problems, self.settings, self.device, self.done = tuple(problems), settings, device, 0
         self._pool = pool
         self.traces, self.failed = [Trace() for _ in problems], dict[int, Diverged]()
-        sources = _each_once(in_spatial_order, [problem.source for problem in problems])
+        sources = _each_once(sort_faces_spatially, [problem.source for problem in problems])
         targets = _each_once(_in_order_throughout, [problem.target for problem in problems])
         self._surface = MeshOperators.of(sources, **place)
         self._start = torch.cat([torch.tensor(mesh.verts, **place) for mesh in sources])
@@ -232,7 +232,7 @@ def _each_once(prepare: Callable[[Mesh], Mesh], meshes: Sequence[Mesh]) -> list[
 
 
 def _in_order_throughout(mesh: Mesh) -> Mesh:
-    return renumbered_by_faces(in_spatial_order(mesh))
+    return renumber_verts_by_faces(sort_faces_spatially(mesh))
 
 
 def _farthest(dtype: torch.dtype) -> float:

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from meshfit.loss.chamfer import Matches
-from meshfit.mesh.nearest import nearest_in
+from meshfit.mesh.nearest import nearest_point_query
 
 _BLOCK = 1 << 26
 
@@ -51,12 +51,12 @@ def nearest_neighbour_search(points: Tensor) -> Callable[[Tensor], Tensor]:
         points: (N, 3), none of them removed later. The tree stands on the CPU whatever their device: on a GPU all
             pairs of a large cloud take longer than the way there and back.
     """
-    query, last = nearest_in(points.cpu().numpy()), len(points) - 1
+    query, last = nearest_point_query(points.cpu().numpy()), len(points) - 1
     return lambda queries: torch.from_numpy(np.minimum(query(queries.cpu().numpy()), last)).to(queries.device)
 
 
 def _kd_tree(queries: Tensor, points: Tensor, member: int) -> Tensor:
-    found = nearest_in(points.numpy())(queries.numpy())
+    found = nearest_point_query(points.numpy())(queries.numpy())
     # Where squared distances overflow, the tree finds nothing and says so by an index that is out of range.
     return torch.from_numpy(np.minimum(found, len(points) - 1) + member * len(points))
 

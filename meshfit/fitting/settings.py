@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Discriminator, Field, Tag
 
-from meshfit.settings import TAG, UNTAGGED, Settings
+from meshfit.settings import DEFAULT_KIND, KIND_KEY, Settings
 
 Every = Annotated[int, Field(ge=1)]
 Weight = Annotated[float, Field(ge=0)]
@@ -77,7 +77,7 @@ class GaussNewtonSettings(Settings):
     """A Gauss–Newton fit, coarse to fine: how fine it gets, how its connectivity may change, how stiff it is."""
 
     # Without it, settings are those of the other method.
-    model_config = ConfigDict(json_schema_extra={"required": [TAG]})
+    model_config = ConfigDict(json_schema_extra={"required": [KIND_KEY]})
 
     method: Literal["gauss-newton"] = "gauss-newton"
     """The engine: `gauss-newton` solves for the step of all verts at once, level by level of the scheme."""
@@ -120,8 +120,8 @@ class GaussNewtonSettings(Settings):
 
 def _method(settings: Any) -> str:  # noqa: ANN401  settings, or what is to become some
     if isinstance(settings, dict):
-        return str(settings.get(TAG, "first-order"))
-    return str(getattr(settings, TAG, UNTAGGED))
+        return str(settings.get(KIND_KEY, "first-order"))
+    return str(getattr(settings, KIND_KEY, DEFAULT_KIND))
 
 
 FitSettings = Annotated[

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from meshfit.measuring.proximity import distances_to
+from meshfit.measuring.proximity import distance_statistics
 from meshfit.measuring.surface import require_surface
 from meshfit.mesh.geometry import bounding_box_diagonal
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.meshlab import PointDistances
+from meshfit.mesh.meshlab import DistanceStatistics
 from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.topology import Topology
 
@@ -88,7 +88,9 @@ def surface_distances(result: Mesh, target: Mesh, samples: int, seed: int) -> tu
     )
 
 
-def directed_distances(origin: Mesh, destination: Mesh, samples: int, generator: np.random.Generator) -> PointDistances:
+def directed_distances(
+    origin: Mesh, destination: Mesh, samples: int, generator: np.random.Generator
+) -> DistanceStatistics:
     """Distances from one surface to another.
 
     The largest is taken over the area-uniform points, all verts and all edge midpoints, where sharp features have their
@@ -103,9 +105,9 @@ def directed_distances(origin: Mesh, destination: Mesh, samples: int, generator:
     Raises:
         MeasureError: MeshLab left out some of the points.
     """
-    uniform = distances_to(destination, sample_surface(origin, samples, generator).points)
-    features = distances_to(destination, _feature_points(origin))
-    return PointDistances(max(uniform.largest, features.largest), uniform.mean, uniform.rms, samples)
+    uniform = distance_statistics(destination, sample_surface(origin, samples, generator).points)
+    features = distance_statistics(destination, _feature_points(origin))
+    return DistanceStatistics(max(uniform.largest, features.largest), uniform.mean, uniform.rms, samples)
 
 
 def _feature_points(mesh: Mesh) -> Float64[np.ndarray, "N 3"]:

@@ -12,7 +12,7 @@ from jaxtyping import Float64
 from meshfit.measuring.surface import require_surface
 from meshfit.mesh.geometry import face_normals
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.nearest import nearest_in
+from meshfit.mesh.nearest import nearest_point_query
 from meshfit.mesh.sampling import sample_surface
 
 
@@ -110,7 +110,7 @@ def _cloud(mesh: Mesh, count: int, generator: np.random.Generator) -> _Cloud:
 
 def _to_nearest(origin: _Cloud, destination: _Cloud) -> tuple[Float64[np.ndarray, " N"], Float64[np.ndarray, " N"]]:
     """Distance from each point to the nearest of the other cloud, and the cosine between their normals."""
-    nearest = nearest_in(destination.points)(origin.points)
+    nearest = nearest_point_query(destination.points)(origin.points)
     distance = np.linalg.norm(origin.points - destination.points[nearest], axis=1)
     return np.asarray(distance), np.asarray((origin.normals * destination.normals[nearest]).sum(axis=1))
 

@@ -11,11 +11,11 @@ import igl
 import numpy as np
 from jaxtyping import Float64
 
-from meshfit.measuring.surface import without_obtuse_corners
+from meshfit.measuring.surface import split_obtuse_faces
 from meshfit.mesh.geometry import bounding_box_diagonal
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.meshlab import PointDistances, point_to_surface
-from meshfit.mesh.nearest import nearest_in
+from meshfit.mesh.meshlab import DistanceStatistics, point_to_surface
+from meshfit.mesh.nearest import nearest_point_query
 from meshfit.mesh.sampling import sample_surface
 
 _FAR = 0.02
@@ -24,7 +24,7 @@ _PROBES = 20_000
 Points = Float64[np.ndarray, "N 3"]
 
 
-def distances_to(surface: Mesh, points: Points) -> PointDistances:
+def distance_statistics(surface: Mesh, points: Points) -> DistanceStatistics:
     """Distances from each point to its nearest point on a surface.
 
     Args:
@@ -37,13 +37,13 @@ def distances_to(surface: Mesh, points: Points) -> PointDistances:
     far = _probe(surface, points) > _FAR * bounding_box_diagonal(surface.verts)
     parts = []
     if not far.all():
-        parts.append(point_to_surface(points[~far], without_obtuse_corners(surface)))
+        parts.append(point_to_surface(points[~far], split_obtuse_faces(surface)))
     if far.any():
         parts.append(_by_tree(surface, points[far]))
     return _together(parts)
 
 
-def distance_of_each(surface: Mesh, points: Points) -> Float64[np.ndarray, " N"]:
+def point_distances(surface: Mesh, points: Points) -> Float64[np.ndarray, " N"]:
     """(N,) the distance from each point to its nearest point on a surface.
 
     Args:
@@ -57,17 +57,17 @@ def distance_of_each(surface: Mesh, points: Points) -> Float64[np.ndarray, " N"]
 def _probe(surface: Mesh, points: Points) -> Float64[np.ndarray, " N"]:
     """Roughly how far the points are: the distance to the nearest of some points of the surface, never too small."""
     probes = sample_surface(surface, _PROBES, np.random.default_rng(0)).points
-    return np.asarray(np.linalg.norm(points - probes[nearest_in(probes)(points)], axis=1))
+    return np.asarray(np.linalg.norm(points - probes[nearest_point_query(probes)(points)], axis=1))
 
 
-def _by_tree(surface: Mesh, points: Points) -> PointDistances:
-    distance = distance_of_each(surface, points)
+def _by_tree(surface: Mesh, points: Points) -> DistanceStatistics:
+    distance = point_distances(surface, points)
     rms = math.sqrt(float((distance**2).mean()))
-    return PointDistances(float(distance.max()), float(distance.mean()), rms, len(points))
+    return DistanceStatistics(float(distance.max()), float(distance.mean()), rms, len(points))
 
 
-def _together(parts: list[PointDistances]) -> PointDistances:
+def _together(parts: list[DistanceStatistics]) -> DistanceStatistics:
     count = sum(part.count for part in parts)
     mean = sum(part.mean * part.count for part in parts) / count
     square = sum(part.rms**2 * part.count for part in parts) / count
-    return PointDistances(max(part.largest for part in parts), mean, math.sqrt(square), count)
+    return DistanceStatistics(max(part.largest for part in parts), mean, math.sqrt(square), count)

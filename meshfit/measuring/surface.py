@@ -37,7 +37,7 @@ def require_surface(mesh: Mesh, role: str) -> None:
         raise MeasureError(f"the {role} has no area: all its faces ({mesh.num_faces}) are degenerate")
 
 
-def without_obtuse_corners(mesh: Mesh) -> Mesh:
+def split_obtuse_faces(mesh: Mesh) -> Mesh:
     """The same surface with every obtuse face cut in two along the altitude from its obtuse corner.
 
     MeshLab takes the corner between two edges for the nearest point of a face to whatever lies beyond both. At an

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from meshfit.errors import MeshError
 from meshfit.mesh.geometry import bounding_box
 from meshfit.mesh.mesh import Mesh, Verts
-from meshfit.mesh.nearest import Points, nearest_in
+from meshfit.mesh.nearest import Points, nearest_point_query
 from meshfit.mesh.sampling import sample_surface
 
 Alignment = Literal["none", "center", "pca", "icp"]
@@ -19,7 +19,7 @@ _POINTS = 5000
 _ICP_STEPS, _ICP_GAIN = 60, 1e-6
 
 
-def aligned(source: Mesh, target: Mesh, how: Alignment) -> Mesh:
+def align(source: Mesh, target: Mesh, how: Alignment) -> Mesh:
     """The source, placed on the target.
 
     `center` brings the centroids of the surfaces together. `pca` also turns the principal axes of the source onto those
@@ -49,7 +49,7 @@ def aligned(source: Mesh, target: Mesh, how: Alignment) -> Mesh:
     return Mesh(verts, source.faces)
 
 
-def apart(source: Mesh, target: Mesh) -> bool:
+def boxes_are_disjoint(source: Mesh, target: Mesh) -> bool:
     """Whether the bounding boxes of two meshes have nothing in common."""
     (low, high), (floor, ceiling) = bounding_box(source.verts), bounding_box(target.verts)
     return bool((low > ceiling).any() or (floor > high).any())
@@ -64,7 +64,7 @@ def _sampled(mesh: Mesh, role: str) -> Points:
 def _turn_of_axes(p: Points, q: Float64[np.ndarray, "M 3"]) -> Float64[np.ndarray, "3 3"]:
     """The rotation of the principal axes of p onto those of q that brings the points nearest."""
     ours, theirs = (np.linalg.svd(points, full_matrices=False)[2] for points in (p, q))
-    nearest = nearest_in(q)
+    nearest = nearest_point_query(q)
     best, least = np.eye(3), np.inf
     for signs in product((1.0, -1.0), repeat=3):
         turn = theirs.T @ np.diag(signs) @ ours
@@ -77,7 +77,7 @@ def _turn_of_axes(p: Points, q: Float64[np.ndarray, "M 3"]) -> Float64[np.ndarra
 
 
 def _settled(verts: Verts, points: Points, q: Float64[np.ndarray, "M 3"]) -> Verts:
-    nearest, before = nearest_in(q), np.inf
+    nearest, before = nearest_point_query(q), np.inf
     for _ in range(_ICP_STEPS):
         goal = q[nearest(points)]
         centre, place = points.mean(0), goal.mean(0)

@@ -10,7 +10,7 @@ from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.halfedges import HalfEdges, Indices, Mask
 from meshfit.mesh.manifold import misoriented_edges, nonmanifold_edges, num_components
 from meshfit.mesh.mesh import Mesh, Verts
-from meshfit.mesh.polygons import PolygonMesh, Polygons
+from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
 from meshfit.mesh.topology import NONE, PolygonTopology, Topology
 
 # Areas and their squares stay finite up to here.
@@ -33,10 +33,10 @@ def clean(verts: NDArray[np.floating], faces: NDArray[np.integer], origin: str) 
         MeshfitWarning: with the count of whatever was dropped, and where the surface is not one closed manifold.
     """
     sizes = np.full(len(faces), 3, dtype=np.int64)
-    return clean_polygons(Polygons(verts, faces.reshape(-1).astype(np.int64), sizes), origin).triangulated()
+    return clean_polygons(PolygonSoup(verts, faces.reshape(-1).astype(np.int64), sizes), origin).triangulated()
 
 
-def clean_polygons(found: Polygons, origin: str) -> PolygonMesh:
+def clean_polygons(found: PolygonSoup, origin: str) -> PolygonMesh:
     """A mesh of these arrays, as `clean` makes it of triangles.
 
     A corner that repeats the one before it is dropped; a polygon is degenerate if no triangle of its fan has area.
@@ -51,10 +51,10 @@ def clean_polygons(found: Polygons, origin: str) -> PolygonMesh:
     Warns:
         MeshfitWarning: as `clean` does.
     """
-    return clean_numbered(found, origin)[0]
+    return clean_with_vertex_map(found, origin)[0]
 
 
-def clean_numbered(found: Polygons, origin: str) -> tuple[PolygonMesh, Indices]:
+def clean_with_vertex_map(found: PolygonSoup, origin: str) -> tuple[PolygonMesh, Indices]:
     """What `clean_polygons` makes of these, and (N,) the vertex that each given one is now, `NONE` if it was dropped.
 
     Raises:
@@ -98,7 +98,7 @@ def _seam_targets(topology: HalfEdges, verts: Verts) -> Indices:
     return target
 
 
-def require_sound_verts(verts: NDArray[np.floating], origin: str) -> None:
+def require_finite_verts(verts: NDArray[np.floating], origin: str) -> None:
     """Refuse positions that cannot be computed with.
 
     Raises:
@@ -114,13 +114,13 @@ def require_sound_verts(verts: NDArray[np.floating], origin: str) -> None:
         raise MeshError(f"{origin}: vertex {bad} is {verts[bad].tolist()}; coordinates up to {_LARGEST:g} are allowed")
 
 
-def _require_sound(found: Polygons, origin: str) -> None:
+def _require_sound(found: PolygonSoup, origin: str) -> None:
     verts = found.verts
     if not len(verts):
         raise MeshError(f"{origin}: the mesh has no verts")
     if not len(found.sizes):
         raise DomainError(f"{origin}: the mesh has {len(verts)} verts and no faces; a surface of triangles is needed")
-    require_sound_verts(verts, origin)
+    require_finite_verts(verts, origin)
     outside = np.flatnonzero((found.corners < 0) | (found.corners >= len(verts)))
     if len(outside):
         ends = np.cumsum(found.sizes)

@@ -17,7 +17,7 @@ def face_areas(mesh: Mesh) -> Float64[np.ndarray, " F"]:
     return np.asarray(np.linalg.norm(area_vectors(mesh), axis=1))
 
 
-def normalised(vectors: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, "N 3"]:
+def unit_vectors(vectors: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, "N 3"]:
     """Each row divided by its length; rows of length 0 stay 0."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.asarray(np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0))
@@ -25,7 +25,7 @@ def normalised(vectors: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, "N 3"
 
 def face_normals(mesh: Mesh) -> Float64[np.ndarray, "F 3"]:
     """Unit normal of each face; 0 for a face without area."""
-    return normalised(area_vectors(mesh))
+    return unit_vectors(area_vectors(mesh))
 
 
 def corner_angles(mesh: Mesh) -> Float64[np.ndarray, "F 3"]:

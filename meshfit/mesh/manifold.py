@@ -25,7 +25,7 @@ def euler_number(topology: HalfEdges) -> int:
     return int((topology.valence > 0).sum()) - topology.num_edges + topology.num_faces
 
 
-def topology_in_words(topology: HalfEdges) -> str:
+def describe_topology(topology: HalfEdges) -> str:
     """Pieces, boundary loops and genus of an oriented manifold: `1 piece, closed, genus 0`."""
     pieces = num_components(topology)
     outer = topology.edges[topology.faces_per_edge == 1]

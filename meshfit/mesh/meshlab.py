@@ -16,7 +16,7 @@ from meshfit.mesh.mesh import Mesh
 
 
 @dataclass(frozen=True)
-class PointDistances:
+class DistanceStatistics:
     """Distances from points to a surface: largest, mean, root mean square, and how many points they were taken from."""
 
     largest: float
@@ -25,7 +25,7 @@ class PointDistances:
     count: int
 
 
-def point_to_surface(points: Float64[np.ndarray, "N 3"], surface: Mesh) -> PointDistances:
+def point_to_surface(points: Float64[np.ndarray, "N 3"], surface: Mesh) -> DistanceStatistics:
     """Distances from each point to its nearest point on a surface, by MeshLab's Hausdorff filter.
 
     The filter's own sampler takes no seed; given points without faces, it has nothing to draw and takes each of them.
@@ -52,7 +52,7 @@ def point_to_surface(points: Float64[np.ndarray, "N 3"], surface: Mesh) -> Point
     )
     if found["n_samples"] != len(points):
         raise MeasureError(f"MeshLab measured {found['n_samples']} of {len(points)} points")
-    return PointDistances(float(found["max"]), float(found["mean"]), float(found["RMS"]), len(points))
+    return DistanceStatistics(float(found["max"]), float(found["mean"]), float(found["RMS"]), len(points))
 
 
 def self_intersecting_faces(mesh: Mesh) -> Bool[np.ndarray, " F"]:

@@ -14,7 +14,7 @@ Points = Float[np.ndarray, "N 3"]
 Indices = Int64[np.ndarray, " M"]
 
 
-def nearest_in(points: Points) -> Callable[[Points], Indices]:
+def nearest_point_query(points: Points) -> Callable[[Points], Indices]:
     """Build a k-d tree over points; the function returned maps (M, 3) queries to the (M,) index of each one's nearest.
 
     It is fastest where points that follow each other are near each other.
@@ -30,12 +30,12 @@ def nearest_in(points: Points) -> Callable[[Points], Indices]:
     return query
 
 
-def in_spatial_order(mesh: Mesh) -> Mesh:
+def sort_faces_spatially(mesh: Mesh) -> Mesh:
     """The same mesh with its faces in the order of the leaves of a k-d tree, so that neighbours are near in memory."""
     return Mesh(mesh.verts, mesh.faces[cKDTree(mesh.verts[mesh.faces].mean(axis=1)).indices])
 
 
-def renumbered_by_faces(mesh: Mesh) -> Mesh:
+def renumber_verts_by_faces(mesh: Mesh) -> Mesh:
     """The same surface with its verts in the order in which its faces mention them; verts of no face are dropped."""
     used, first, inverse = np.unique(mesh.faces, return_index=True, return_inverse=True)
     order = np.argsort(first)

@@ -18,7 +18,7 @@ Corners = Int64[np.ndarray, " C"]
 Sizes = Int64[np.ndarray, " F"]
 
 
-class Polygons(NamedTuple):
+class PolygonSoup(NamedTuple):
     """The raw content of a file: (V, 3) positions, and the corners of its faces with the size of each."""
 
     verts: NDArray[np.floating]
@@ -131,7 +131,7 @@ def face_rows(mesh: Mesh | PolygonMesh) -> list[list[int]]:
     return [corners[start:end] for start, end in zip(mesh.starts.tolist(), ends, strict=True)]
 
 
-def of_size(count: int, where: str = "") -> int:
+def checked_face_size(count: int, where: str = "") -> int:
     """The number of corners of a face in a file; `where` goes in front of what is said of a faulty one.
 
     Raises:
@@ -142,7 +142,7 @@ def of_size(count: int, where: str = "") -> int:
     return count
 
 
-def polygons(verts: list[list[float]], faces: list[list[int]]) -> Polygons:
+def polygon_soup(verts: list[list[float]], faces: list[list[int]]) -> PolygonSoup:
     """The arrays of these rows, of which there may be none."""
     corners = np.array([corner for face in faces for corner in face], dtype=np.int64)
-    return Polygons(np.array(verts, np.float64).reshape(-1, 3), corners, np.array([len(f) for f in faces], np.int64))
+    return PolygonSoup(np.array(verts, np.float64).reshape(-1, 3), corners, np.array([len(f) for f in faces], np.int64))

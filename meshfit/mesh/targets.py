@@ -12,7 +12,7 @@ from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.topology import Indices
-from meshfit.paths import MESH_SUFFIXES, bundled, missing
+from meshfit.paths import MESH_SUFFIXES, bundled_folder, missing_file_message
 from meshfit.specs import suggest
 
 
@@ -93,7 +93,7 @@ def target_path(target: str) -> Path:
     if path.is_dir():
         raise MeshError(f"{target}: a directory; the path of a mesh file is needed")
     if path.suffix or len(path.parts) > 1:
-        raise MeshError(f"{target}: {missing(path, MESH_SUFFIXES)}")
+        raise MeshError(f"{target}: {missing_file_message(path, MESH_SUFFIXES)}")
     raise MeshError(
         f"'{target}' is no target and no file: {suggest(target, NAMED_TARGETS)}, or the path of a mesh file"
     )
@@ -105,18 +105,20 @@ def load_target(target: str) -> Mesh:
     Raises:
         MeshError: as `target_path` and `load_mesh` do.
     """
-    return load_numbered_target(target)[0]
+    return load_target_with_vertex_map(target)[0]
 
 
-def load_numbered_target(target: str) -> tuple[Mesh, Indices]:
+def load_target_with_vertex_map(target: str) -> tuple[Mesh, Indices]:
     """The same mesh, and the vertex that each of its file's verts is in it, as `load_numbered` tells it.
 
     Raises:
         MeshError: as `target_path` and `load_mesh` do.
     """
-    from meshfit.mesh.io.files import load_numbered  # brings scipy, which those who only want names need not wait for
+    from meshfit.mesh.io.files import (
+        load_mesh_with_vertex_map,  # brings scipy, which those who only want names need not wait for
+    )
 
-    return _loaded(target, load_numbered)
+    return _loaded(target, load_mesh_with_vertex_map)
 
 
 def load_polygon_target(target: str) -> PolygonMesh:
@@ -125,18 +127,18 @@ def load_polygon_target(target: str) -> PolygonMesh:
     Raises:
         MeshError: as `target_path` and `load_polygons` do.
     """
-    return load_numbered_polygon_target(target)[0]
+    return load_polygon_target_with_vertex_map(target)[0]
 
 
-def load_numbered_polygon_target(target: str) -> tuple[PolygonMesh, Indices]:
+def load_polygon_target_with_vertex_map(target: str) -> tuple[PolygonMesh, Indices]:
     """That mesh, and the vertex that each of its file's verts is in it.
 
     Raises:
         MeshError: as `target_path` and `load_polygons` do.
     """
-    from meshfit.mesh.io.files import load_numbered_polygons
+    from meshfit.mesh.io.files import load_polygons_with_vertex_map
 
-    return _loaded(target, load_numbered_polygons)
+    return _loaded(target, load_polygons_with_vertex_map)
 
 
 def _loaded(target: str, load: Callable[[Path], _Found]) -> _Found:
@@ -162,7 +164,7 @@ def target_title(target: str) -> str:
 
 
 def _verified(name: str, named: NamedTarget) -> Path:
-    path = (bundled("data") if named.bundled else _wheel_samples()) / named.file
+    path = (bundled_folder("data") if named.bundled else _wheel_samples()) / named.file
     if not path.is_file():
         remedy = "reinstall meshfit" if named.bundled else "install the pymeshlab version that constraints.txt names"
         raise MeshError(f"target '{name}': {path} is missing; {remedy}, or give the path of a mesh file")

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from meshfit.errors import MeshError
-from meshfit.mesh.io.vertex_values import lines_of
+from meshfit.mesh.io.vertex_values import read_word_lines
 from meshfit.mesh.topology import NONE, Indices, Topology
 from meshfit.subdivision.creases import Creases, edges_between
 
@@ -28,7 +28,7 @@ def read_creases(path: str | Path, topology: Topology, numbering: Indices, sharp
         SchemeError: `sharpness` is below 0.
     """
     corners, listed = list[int](), dict[int, float]()
-    for line, words in lines_of(path):
+    for line, words in read_word_lines(path):
         where = f"{path}, line {line}"
         ends, levels = _numbers(words)
         if not ends or len(levels) > 1:

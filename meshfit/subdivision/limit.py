@@ -13,7 +13,7 @@ from jaxtyping import Float64
 from scipy.sparse import coo_array, csr_array, diags_array
 
 from meshfit.errors import SchemeError
-from meshfit.mesh.geometry import corner_angles, face_normals, normalised
+from meshfit.mesh.geometry import corner_angles, face_normals, unit_vectors
 from meshfit.mesh.manifold import require_manifold
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Indices, Mask, Topology
@@ -250,17 +250,17 @@ def loop_limit_normals(mesh: Mesh, scheme: Scheme = LOOP, creases: Creases | Non
     tangents = loop_limit_tangents(topology, scheme, creases)
     size = float(np.abs(mesh.verts).max(initial=0.0))
     mesh = Mesh(mesh.verts / (size or 1.0), mesh.faces)  # so that squares neither overflow nor vanish
-    along, across = (normalised(np.asarray(each @ mesh.verts)) for each in (tangents.along, tangents.across))
+    along, across = (unit_vectors(np.asarray(each @ mesh.verts)) for each in (tangents.along, tangents.across))
     normal = np.cross(along, across)
     normal[np.linalg.norm(normal, axis=1) < _FLAT] = 0.0
     total = np.zeros_like(mesh.verts)
-    np.add.at(total, tangents.vert, normalised(normal))
+    np.add.at(total, tangents.vert, unit_vectors(normal))
     corners = np.ones(mesh.num_verts, dtype=bool)
     corners[tangents.vert] = False
     around = corner_angles(mesh)[:, :, None] * face_normals(mesh)[:, None, :]
     at_corner = corners[mesh.faces]
     np.add.at(total, mesh.faces[at_corner], around[at_corner])
-    return normalised(total)
+    return unit_vectors(total)
 
 
 def _tangent_masks(sheets: Sectors, ring: Callable[[int], float]) -> Tangents:

@@ -10,7 +10,7 @@ from torch.nn.functional import cosine_similarity, normalize
 
 from meshfit.fitting.problem import Problem
 from meshfit.fitting.settings import FirstOrderSettings
-from meshfit.mesh.nearest import in_spatial_order
+from meshfit.mesh.nearest import sort_faces_spatially
 
 _BLOCK = 500
 
@@ -21,7 +21,7 @@ class PlainTwin:
     def __init__(self, problem: Problem, settings: FirstOrderSettings, dtype: torch.dtype) -> None:
         self.weights = settings.losses.model_dump()
         self.samples = settings.samples
-        source, target = in_spatial_order(problem.source), in_spatial_order(problem.target)
+        source, target = sort_faces_spatially(problem.source), sort_faces_spatially(problem.target)
         self.start, self.faces = torch.tensor(source.verts, dtype=dtype), torch.tensor(source.faces)
         self.target = torch.tensor(target.verts, dtype=dtype), torch.tensor(target.faces)
         self.offsets = torch.zeros_like(self.start, requires_grad=True)

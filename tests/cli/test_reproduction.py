@@ -11,14 +11,14 @@ from meshfit.experiment.plan import plan
 from meshfit.experiment.running.backends import Remote
 from meshfit.experiment.running.scheduler import run_trials
 from meshfit.experiment.storage.run_directory import RunDirectory, read_results
-from meshfit.paths import bundled
+from meshfit.paths import bundled_folder
 from meshfit.report.tables.expected import check, read_expected
 from meshfit.report.tables.table import build_tables
 from meshfit.subdivision.masks import EdgeMask
 from meshfit.subdivision.registry import SCHEMES
 from tests.inline import Inline
 
-EXPECTED = read_expected(bundled("configs") / "expected" / "reproduce.json")
+EXPECTED = read_expected(bundled_folder("configs") / "expected" / "reproduce.json")
 
 
 def deviations(folder: Path, *overrides: str) -> set[str]:

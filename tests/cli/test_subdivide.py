@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from meshfit.mesh.io.files import load_mesh, save_mesh
-from meshfit.mesh.io.vertex_values import read_attribute
+from meshfit.mesh.io.vertex_values import read_vertex_property
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, octahedron
 from meshfit.mesh.topology import Topology
@@ -56,7 +56,7 @@ def test_verts_at_their_limits_with_normals(folder):
     side = cube().verts.max()
     assert np.allclose(np.abs(found.verts).max(axis=1), side)
     numbering = np.arange(found.num_verts)
-    normals = np.stack([read_attribute("out.ply", name, numbering) for name in ("nx", "ny", "nz")], axis=1)
+    normals = np.stack([read_vertex_property("out.ply", name, numbering) for name in ("nx", "ny", "nz")], axis=1)
     expected = np.where(np.abs(found.verts) > side - 1e-9, np.sign(found.verts), 0)
     np.testing.assert_allclose(normals, expected / np.linalg.norm(expected, axis=1, keepdims=True), atol=1e-12)
 

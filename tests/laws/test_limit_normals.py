@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from meshfit.errors import SchemeError
-from meshfit.mesh.geometry import area_vectors, normalised
+from meshfit.mesh.geometry import area_vectors, unit_vectors
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import SOLIDS, cube
 from meshfit.mesh.topology import Topology
@@ -32,7 +32,7 @@ def area_normals(mesh: Mesh) -> np.ndarray:
     """Vertex normals of a fine mesh, by the areas of the faces around."""
     total = np.zeros_like(mesh.verts)
     np.add.at(total, mesh.faces, area_vectors(mesh)[:, None, :])
-    return normalised(total)
+    return unit_vectors(total)
 
 
 def degrees_between(one: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -162,7 +162,7 @@ def test_on_a_crease_it_is_the_mean_of_the_normals_of_both_sides(centre):
     verts = np.unique(edges)
     sides = [loop_limit_normals(Mesh(mesh.verts, mesh.faces[side])) for side in (inner, ~inner)]
     found = loop_limit_normals(mesh, creases=Creases.of(Topology.of(mesh), edges))
-    np.testing.assert_allclose(found[verts], normalised(sides[0] + sides[1])[verts], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(found[verts], unit_vectors(sides[0] + sides[1])[verts], rtol=0, atol=1e-13)
     tangents = loop_limit_tangents(Topology.of(mesh), creases=Creases.of(Topology.of(mesh), edges))
     assert np.array_equal(np.bincount(tangents.vert), 1 + np.isin(np.arange(mesh.num_verts), verts))
 
@@ -182,7 +182,7 @@ def test_they_point_outwards_and_turn_with_the_faces_and_the_mesh(solid):
     for levels in (0, 2):
         fine = subdivide(mesh, "loop", levels)
         normals = loop_limit_normals(fine)
-        assert ((normals * normalised(fine.verts)).sum(axis=1) > 0.8).all()
+        assert ((normals * unit_vectors(fine.verts)).sum(axis=1) > 0.8).all()
         np.testing.assert_allclose(loop_limit_normals(Mesh(fine.verts, fine.faces[:, ::-1])), -normals, atol=1e-13)
         turn, _ = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))
         turn *= np.sign(np.linalg.det(turn))
@@ -197,7 +197,7 @@ def test_a_cube_with_sharp_edges_has_the_normals_of_a_cube():
     refinement = refine(Topology.of(solid), resolve("loop"), 2, creases)
     fine = Mesh(refinement(solid.verts), refinement.faces)
     outer = np.abs(fine.verts) > solid.verts.max() - 1e-9
-    expected = normalised(np.where(outer, np.sign(fine.verts), 0.0))
+    expected = unit_vectors(np.where(outer, np.sign(fine.verts), 0.0))
     np.testing.assert_allclose(loop_limit_normals(fine, creases=refinement.creases), expected, rtol=0, atol=1e-13)
 
 

@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from meshfit.errors import MeshError
-from meshfit.mesh.alignment import aligned, apart
+from meshfit.mesh.alignment import align, boxes_are_disjoint
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron
 from meshfit.subdivision.refine import subdivide
@@ -28,12 +28,12 @@ def moved(mesh, angle, scale=1.0, shift=(0.0, 0.0, 0.0)):
 
 def test_none_leaves_it_where_it_is():
     source = pear()
-    assert aligned(source, moved(source, 1.0), "none") is source
+    assert align(source, moved(source, 1.0), "none") is source
 
 
 def test_center_takes_back_a_shift_and_nothing_else():
     source = pear()
-    found = aligned(moved(source, 0.0, shift=(3, -4, 5)), source, "center")
+    found = align(moved(source, 0.0, shift=(3, -4, 5)), source, "center")
     np.testing.assert_allclose(found.verts, source.verts, atol=1e-9)
 
 
@@ -41,7 +41,7 @@ def test_center_takes_back_a_shift_and_nothing_else():
 @pytest.mark.parametrize("scale", [0.01, 1.0, 30.0])
 def test_pca_takes_back_turn_scale_and_shift(angle, scale):
     source = pear()
-    found = aligned(moved(source, angle, scale, (7, 8, -9)), source, "pca")
+    found = align(moved(source, angle, scale, (7, 8, -9)), source, "pca")
     np.testing.assert_allclose(found.verts, source.verts, atol=1e-6)
 
 
@@ -50,18 +50,18 @@ def test_icp_ends_nearer_to_a_bent_shape_than_the_axes_do():
     bent = Mesh(source.verts + np.array([0, 0.1, 0.2]) * source.verts[:, :1] ** 2, source.faces)
     nearest = cKDTree(bent.verts)
     by_axes, by_points = (
-        nearest.query(aligned(moved(source, 1.0, 2.0), bent, how).verts)[0].mean() for how in ("pca", "icp")
+        nearest.query(align(moved(source, 1.0, 2.0), bent, how).verts)[0].mean() for how in ("pca", "icp")
     )
     assert by_points < by_axes
 
 
 def test_boxes_with_nothing_in_common_are_apart():
     source = pear()
-    assert not apart(source, moved(source, 0.0, shift=(5.9, 0, 0)))
-    assert apart(source, moved(source, 0.0, shift=(9, 0, 0)))
+    assert not boxes_are_disjoint(source, moved(source, 0.0, shift=(5.9, 0, 0)))
+    assert boxes_are_disjoint(source, moved(source, 0.0, shift=(9, 0, 0)))
 
 
 def test_a_surface_without_extent_is_refused():
     point = Mesh(np.ones((3, 3)), np.array([[0, 1, 2]]))
     with pytest.raises(MeshError, match="source: a surface without extent"):
-        aligned(point, pear(), "pca")
+        align(point, pear(), "pca")

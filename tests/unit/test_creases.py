@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from meshfit.errors import MeshError, SchemeError
-from meshfit.mesh.io.files import load_numbered, save_mesh
+from meshfit.mesh.io.files import load_mesh_with_vertex_map, save_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, octahedron
 from meshfit.mesh.topology import NONE, Topology
@@ -99,7 +99,7 @@ def test_the_numbering_of_a_file_with_a_seam_and_spare_verts(tmp_path):
         1 + np.arange(36).reshape(12, 3),
     )
     save_mesh(soup, tmp_path / "soup.obj")
-    mesh, numbering = load_numbered(tmp_path / "soup.obj")
+    mesh, numbering = load_mesh_with_vertex_map(tmp_path / "soup.obj")
     assert (mesh.num_verts, len(numbering)) == (8, 38)
     assert np.flatnonzero(numbering == NONE).tolist() == [0, 37]
     assert np.array_equal(mesh.verts[numbering[1:37]], soup.verts[1:37])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.nearest import in_spatial_order, renumbered_by_faces
+from meshfit.mesh.nearest import renumber_verts_by_faces, sort_faces_spatially
 from tests.shapes import ALL, mixed_closed, real, torus
 
 LOOSE = Mesh(np.concatenate([[[9.0, 9, 9]], mixed_closed().verts, [[7.0, 8, 9]]]), 1 + mixed_closed().faces)
@@ -23,33 +23,33 @@ def triangles(mesh):
 
 
 @EACH
-@pytest.mark.parametrize("order", [in_spatial_order, renumbered_by_faces])
+@pytest.mark.parametrize("order", [sort_faces_spatially, renumber_verts_by_faces])
 def test_triangles_and_their_orientations_stay_the_same(mesh, order):
     assert triangles(order(mesh)) == triangles(mesh)
 
 
 @EACH
 def test_spatial_order_leaves_verts_as_they_are_and_takes_each_face_once(mesh):
-    ordered = in_spatial_order(mesh)
+    ordered = sort_faces_spatially(mesh)
     np.testing.assert_array_equal(ordered.verts, mesh.verts)
     assert sorted(ordered.faces.tolist()) == sorted(mesh.faces.tolist())
 
 
 @EACH
 def test_renumbering_keeps_the_order_of_faces_and_numbers_verts_as_they_are_met(mesh):
-    renumbered = renumbered_by_faces(mesh)
+    renumbered = renumber_verts_by_faces(mesh)
     np.testing.assert_array_equal(renumbered.verts[renumbered.faces], mesh.verts[mesh.faces])
     met = list(dict.fromkeys(renumbered.faces.reshape(-1).tolist()))
     assert met == list(range(renumbered.num_verts))
 
 
 def test_renumbering_drops_verts_of_no_face():
-    assert renumbered_by_faces(LOOSE).num_verts == LOOSE.num_verts - 2
-    assert not (renumbered_by_faces(LOOSE).verts == [9, 9, 9]).all(axis=1).any()
+    assert renumber_verts_by_faces(LOOSE).num_verts == LOOSE.num_verts - 2
+    assert not (renumber_verts_by_faces(LOOSE).verts == [9, 9, 9]).all(axis=1).any()
 
 
 @EACH
-@pytest.mark.parametrize("order", [in_spatial_order, renumbered_by_faces])
+@pytest.mark.parametrize("order", [sort_faces_spatially, renumber_verts_by_faces])
 def test_an_order_is_the_same_each_time(mesh, order):
     np.testing.assert_array_equal(order(mesh).faces, order(mesh).faces)
 
@@ -60,4 +60,4 @@ def test_faces_that_follow_each_other_lie_near_each_other():
 
     bunny = real("bunny", 3000)
     shuffled = Mesh(bunny.verts, np.random.default_rng(0).permutation(bunny.faces))
-    assert way(in_spatial_order(shuffled)) < way(shuffled) / 8
+    assert way(sort_faces_spatially(shuffled)) < way(shuffled) / 8

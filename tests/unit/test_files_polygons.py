@@ -9,7 +9,7 @@ import pytest
 from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.cleaning import clean_polygons
 from meshfit.mesh.io.files import encode_mesh, load_mesh, load_polygons, save_mesh
-from meshfit.mesh.polygons import PolygonMesh, Polygons, face_rows
+from meshfit.mesh.polygons import PolygonMesh, PolygonSoup, face_rows
 from tests.quads import EVERY, mixed, prism, quad_cube, quad_torus
 
 OF_POLYGONS = (".obj", ".off", ".ply")
@@ -95,7 +95,7 @@ def test_faces_at_fault_are_named_alike(tmp_path, load, faces, message):
 
 
 def cleaned(verts, rows):
-    found = Polygons(
+    found = PolygonSoup(
         np.asarray(verts, float), np.array([v for row in rows for v in row]), np.array([len(r) for r in rows])
     )
     with warnings.catch_warnings(record=True) as caught:

@@ -10,7 +10,7 @@ from meshfit.fitting.sampling import sample
 from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.loss.operators import FaceGeometry, Faces
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.nearest import in_spatial_order
+from meshfit.mesh.nearest import sort_faces_spatially
 from meshfit.mesh.solids import cube
 from meshfit.settings import build
 from tests.shapes import mixed_closed, mixed_open
@@ -70,7 +70,7 @@ def losses(verts, faces, samples, kind):
 def twin(source, target, *, kind, optimizer):
     """Rows of step, loss and terms, and where the verts end up."""
     generator = torch.Generator().manual_seed(SEED)
-    source, target = in_spatial_order(source), in_spatial_order(target)
+    source, target = sort_faces_spatially(source), sort_faces_spatially(target)
     verts = torch.tensor(source.verts, requires_grad=True)
     engine = optimizer([verts])
     rows = []

@@ -5,7 +5,7 @@ import pytest
 
 from meshfit.errors import MeasureError
 from meshfit.measuring.distance import surface_distances
-from meshfit.measuring.surface import without_obtuse_corners
+from meshfit.measuring.surface import split_obtuse_faces
 from meshfit.mesh.geometry import corner_angles, face_areas
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube
@@ -18,11 +18,11 @@ def triangles(verts, faces):
 @pytest.mark.parametrize("seed", range(3))
 def test_cutting_obtuse_corners_keeps_the_surface(seed):
     mesh = Mesh(np.random.default_rng(seed).normal(size=(60, 3)), np.arange(60).reshape(-1, 3))
-    cut = without_obtuse_corners(mesh)
+    cut = split_obtuse_faces(mesh)
     assert cut.num_faces > mesh.num_faces
     assert np.degrees(corner_angles(cut)).max() <= 90 + 1e-9
     assert face_areas(cut).sum() == pytest.approx(face_areas(mesh).sum(), rel=1e-12)
-    assert without_obtuse_corners(cube()).num_faces == 12
+    assert split_obtuse_faces(cube()).num_faces == 12
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from meshfit.mesh.geometry import (
     corner_angles,
     face_areas,
     face_normals,
-    normalised,
+    unit_vectors,
 )
 from meshfit.mesh.mesh import Mesh
 from tests.shapes import ALL, CLOSED
@@ -81,4 +81,4 @@ def test_bounding_box():
 
 
 def test_rows_of_length_0_stay_0():
-    assert normalised(np.array([[0.0, 0, 0], [0, -2, 0]])).tolist() == [[0, 0, 0], [0, -1, 0]]
+    assert unit_vectors(np.array([[0.0, 0, 0], [0, -2, 0]])).tolist() == [[0, 0, 0], [0, -1, 0]]

@@ -12,7 +12,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.meshlab import self_intersecting_faces
 from meshfit.mesh.targets import NAMED_TARGETS, load_target
 from meshfit.mesh.topology import Topology
-from meshfit.paths import bundled
+from meshfit.paths import bundled_folder
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +22,7 @@ def mesh():
 
 @pytest.fixture(scope="module")
 def generator():
-    spec = importlib.util.spec_from_file_location("mousehead", bundled("data") / "mousehead.py")
+    spec = importlib.util.spec_from_file_location("mousehead", bundled_folder("data") / "mousehead.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -33,9 +33,9 @@ def as_arrays(mesh):
 
 
 def test_the_file_is_the_one_that_table_and_sources_name():
-    digest = hashlib.sha256((bundled("data") / "mousehead.ply").read_bytes()).hexdigest()
+    digest = hashlib.sha256((bundled_folder("data") / "mousehead.ply").read_bytes()).hexdigest()
     assert digest == NAMED_TARGETS["mousehead"].sha256
-    assert digest in (bundled("data") / "SOURCES.md").read_text(encoding="utf-8")
+    assert digest in (bundled_folder("data") / "SOURCES.md").read_text(encoding="utf-8")
 
 
 def test_it_is_one_closed_surface_of_genus_0(mesh):
@@ -135,4 +135,4 @@ def test_made_anew_it_is_nearly_the_same(mesh, generator):
 
 def test_it_is_written_as_it_is_read(mesh, generator, tmp_path):
     generator.write_ply(tmp_path / "a.ply", *as_arrays(mesh))
-    assert (tmp_path / "a.ply").read_bytes() == (bundled("data") / "mousehead.ply").read_bytes()
+    assert (tmp_path / "a.ply").read_bytes() == (bundled_folder("data") / "mousehead.ply").read_bytes()

@@ -4,7 +4,7 @@ import pickle
 
 import pytest
 
-from meshfit.config.experiment import changed
+from meshfit.config.experiment import non_default_settings
 from meshfit.config.loading import load_experiment
 from meshfit.config.strict_yaml import dump
 from meshfit.experiment.plan import plan
@@ -87,7 +87,7 @@ def test_a_scheme_that_is_declared_as_loop_is_fits_as_loop_does(tmp_path, fit):
     (again,) = plan([load_experiment(str(store.folder(ours) / "config.yaml"))])
     assert again.identity == ours.identity
     assert store.result(ours)["settings"]["define"] == ours.plain_settings["define"]
-    assert set(changed(ours.plain_settings)) >= {"define", "schemes"}
+    assert set(non_default_settings(ours.plain_settings)) >= {"define", "schemes"}
 
 
 def test_a_definition_can_be_swept(tmp_path):

@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 
 from meshfit.fitting.fit import fit
 from meshfit.measuring.measure import measure
-from meshfit.mesh.manifold import topology_in_words
+from meshfit.mesh.manifold import describe_topology
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
 from tests.shapes import patch
@@ -33,7 +33,7 @@ def test_the_boundary_of_a_disk_comes_to_lie_on_that_of_a_bowl(changes):
     source = Mesh(0.6 * source.verts, source.faces)
     bowl = disk(41, lambda u, v: 0.5 * (1 - u * u - v * v) + 0.1 * np.sin(4 * u))
     result = fit(source, bowl, method="gauss-newton", device="cpu", **{"levels": 1, "tries": 1} | changes).mesh
-    assert topology_in_words(Topology.of(result)) == "1 piece, 1 boundary loop, genus 0"
+    assert describe_topology(Topology.of(result)) == "1 piece, 1 boundary loop, genus 0"
     assert cKDTree(rim(bowl)).query(rim(result))[0].max() < 0.1  # its verts are up to 0.08 apart
     found = measure(result, bowl, samples=20_000)
     assert found.distance.mean < 0.002
@@ -49,4 +49,4 @@ def test_the_boundary_of_a_disk_comes_to_lie_on_that_of_a_bowl(changes):
     ],
 )
 def test_topology_is_said_in_words(mesh, words):
-    assert topology_in_words(Topology.of(mesh)) == words
+    assert describe_topology(Topology.of(mesh)) == words

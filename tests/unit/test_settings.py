@@ -10,7 +10,7 @@ from meshfit.config.experiment import ExperimentSettings, SourceSettings
 from meshfit.errors import ConfigError
 from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.measuring.settings import MeasureSettings
-from meshfit.settings import build, dotted, merged, override
+from meshfit.settings import build, deep_merge, dotted, override
 
 
 def test_settings_cannot_be_changed_and_can_be_hashed():
@@ -39,12 +39,12 @@ def test_override_checks_what_it_changes():
 
 def test_merging_goes_down_into_mappings_and_replaces_all_else():
     data = {"a": {"b": 1, "c": {"d": 2}}, "e": [1, 2], "f": 5}
-    assert merged(data, {"a": {"c": {"x": 9}}, "e": [3], "f": {"g": 1}}) == {
+    assert deep_merge(data, {"a": {"c": {"x": 9}}, "e": [3], "f": {"g": 1}}) == {
         "a": {"b": 1, "c": {"d": 2, "x": 9}},
         "e": [3],
         "f": {"g": 1},
     }
-    assert merged(data, {"a": None}) == {"a": None, "e": [1, 2], "f": 5}
+    assert deep_merge(data, {"a": None}) == {"a": None, "e": [1, 2], "f": 5}
     assert data == {"a": {"b": 1, "c": {"d": 2}}, "e": [1, 2], "f": 5}
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from meshfit.errors import MeasureError
-from meshfit.measuring.proximity import distances_to as measured
+from meshfit.measuring.proximity import distance_statistics as measured
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron
 from meshfit.mesh.targets import load_target

@@ -8,7 +8,7 @@ from meshfit.config.experiment import ExperimentSettings
 from meshfit.errors import ConfigError, SchemeError, StoreError
 from meshfit.report.tables.paper_numbers import paper_value
 from meshfit.report.tables.table import build_tables
-from meshfit.settings import merged
+from meshfit.settings import deep_merge
 
 TITLES = {"mousehead": "mousehead (stand-in)"}
 
@@ -20,7 +20,7 @@ def result(target="bunny", scheme="loop", seed=0, value=0.2, experiment="table1"
     for key, change in changes.items():
         for part in reversed(key.split("__")):
             change = {part: change}  # noqa: PLW2901
-        found = merged(found, change)
+        found = deep_merge(found, change)
     return {
         "schema_version": 1,
         "identity": f"{seed:064x}",

@@ -52,7 +52,7 @@ def said_of(target):
 
 def test_another_file_under_a_targets_name_is_refused(monkeypatch, tmp_path):
     save_mesh(cube(), tmp_path / "mousehead.ply")
-    monkeypatch.setattr(targets, "bundled", lambda folder: {"data": tmp_path}[folder])
+    monkeypatch.setattr(targets, "bundled_folder", lambda folder: {"data": tmp_path}[folder])
     found, expected = file_sha256(tmp_path / "mousehead.ply")[:12], NAMED_TARGETS["mousehead"].sha256[:12]
     path = tmp_path / "mousehead.ply"
     assert said_of("mousehead") == (
@@ -61,7 +61,7 @@ def test_another_file_under_a_targets_name_is_refused(monkeypatch, tmp_path):
 
 
 def test_a_missing_bundled_file_asks_to_reinstall(monkeypatch, tmp_path):
-    monkeypatch.setattr(targets, "bundled", lambda _: tmp_path)
+    monkeypatch.setattr(targets, "bundled_folder", lambda _: tmp_path)
     path = tmp_path / "mousehead.ply"
     assert said_of("mousehead") == (
         f"target 'mousehead': {path} is missing; reinstall meshfit, or give the path of a mesh file"

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from meshfit.errors import MeshError
-from meshfit.mesh.io.files import encode_mesh, load_mesh, load_numbered, save_mesh
-from meshfit.mesh.io.vertex_values import read_attribute, read_values
+from meshfit.mesh.io.files import encode_mesh, load_mesh, load_mesh_with_vertex_map, save_mesh
+from meshfit.mesh.io.vertex_values import read_vertex_property, read_vertex_values
 from meshfit.mesh.solids import octahedron
 from meshfit.mesh.topology import NONE
 
@@ -43,22 +43,22 @@ def ply_file(tmp_path, kind: str = "ascii", name: str = "alpha", declared: str =
 
 def test_a_number_a_line(tmp_path):
     lines = "# alpha\n" + "\n".join(map(repr, VALUES)) + "  # the last\n\n"
-    assert read_values(text_file(tmp_path, lines), SAME).tolist() == VALUES
+    assert read_vertex_values(text_file(tmp_path, lines), SAME).tolist() == VALUES
 
 
 def test_they_go_where_the_files_verts_went(tmp_path):
     path = text_file(tmp_path, "0.5\n9\n0.25\n0.5\n1\n")
-    assert read_values(path, np.array([1, NONE, 0, 1, 2])).tolist() == [0.25, 0.5, 1.0]
+    assert read_vertex_values(path, np.array([1, NONE, 0, 1, 2])).tolist() == [0.25, 0.5, 1.0]
 
 
 @pytest.mark.parametrize("kind", ["ascii", "binary_little_endian", "binary_big_endian"])
 def test_a_property_of_a_ply_file(tmp_path, kind):
     path = ply_file(tmp_path, kind)
-    mesh, numbering = load_numbered(path)
+    mesh, numbering = load_mesh_with_vertex_map(path)
     assert np.array_equal(numbering, SAME)
-    np.testing.assert_allclose(read_attribute(path, "alpha", numbering), VALUES, rtol=1e-7)
+    np.testing.assert_allclose(read_vertex_property(path, "alpha", numbering), VALUES, rtol=1e-7)
     np.testing.assert_allclose(mesh.verts, octahedron().verts, atol=1e-7)
-    np.testing.assert_allclose(read_attribute(path, "y", numbering), octahedron().verts[:, 1], atol=1e-7)
+    np.testing.assert_allclose(read_vertex_property(path, "y", numbering), octahedron().verts[:, 1], atol=1e-7)
 
 
 BAD_TEXTS = {
@@ -74,34 +74,34 @@ BAD_TEXTS = {
 @pytest.mark.parametrize("text", BAD_TEXTS)
 def test_texts_that_are_refused(tmp_path, text):
     with pytest.raises(MeshError, match=rf"alpha\.txt[:,].*{BAD_TEXTS[text]}"):
-        read_values(text_file(tmp_path, text), SAME)
+        read_vertex_values(text_file(tmp_path, text), SAME)
 
 
 def test_numbers_out_of_range_are_refused_where_a_vertex_has_them(tmp_path):
     path = text_file(tmp_path, "0\n1\n-3\n1.5\n0\n0\n")
     with pytest.raises(MeshError, match=r"alpha\.txt: vertex 3 has 1\.5; a number from 0 to 1 is needed"):
-        read_values(path, np.array([0, 1, NONE, 2, 3, 4]), (0.0, 1.0))
+        read_vertex_values(path, np.array([0, 1, NONE, 2, 3, 4]), (0.0, 1.0))
     with pytest.raises(MeshError, match=r"'x': vertex 1 has -1; a number from 0 to 1 is needed"):
-        read_attribute(ply_file(tmp_path), "x", SAME, (0.0, 1.0))
+        read_vertex_property(ply_file(tmp_path), "x", SAME, (0.0, 1.0))
 
 
 def test_welded_verts_must_agree(tmp_path):
     with pytest.raises(MeshError, match=r"verts 0 and 2 lie at one place of a seam, but have 0\.5 and 0\.75"):
-        read_values(text_file(tmp_path, "0.5\n1\n0.75\n"), np.array([0, 1, 0]))
+        read_vertex_values(text_file(tmp_path, "0.5\n1\n0.75\n"), np.array([0, 1, 0]))
 
 
 def test_properties_that_are_not_there(tmp_path):
     path = ply_file(tmp_path)
     with pytest.raises(MeshError, match="'beta' cannot be read: its verts have no property 'beta'; they have x, a"):
-        read_attribute(path, "beta", SAME)
+        read_vertex_property(path, "beta", SAME)
     with pytest.raises(MeshError, match="from a PLY file only; a text file with a number a line would do"):
-        read_attribute(tmp_path / "solid.obj", "alpha", SAME)
+        read_vertex_property(tmp_path / "solid.obj", "alpha", SAME)
     with pytest.raises(MeshError, match="'alpha' cannot be read"):
-        read_attribute(tmp_path / "gone.ply", "alpha", SAME)
+        read_vertex_property(tmp_path / "gone.ply", "alpha", SAME)
     listed = path.read_text().replace("property float alpha", "property list uchar float alpha")
     path.write_text(listed)
     with pytest.raises(MeshError, match="'alpha' cannot be read: "):
-        read_attribute(path, "alpha", SAME)
+        read_vertex_property(path, "alpha", SAME)
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".obj"])
@@ -114,7 +114,9 @@ def test_normals_are_written_and_passed_over_by_readers(tmp_path, suffix):
     assert np.array_equal(again.faces, solid.faces)
     assert encode_mesh(solid, suffix, normals) == (tmp_path / f"with{suffix}").read_bytes()
     if suffix == ".ply":
-        found = np.stack([read_attribute(tmp_path / "with.ply", name, SAME) for name in ("nx", "ny", "nz")], axis=1)
+        found = np.stack(
+            [read_vertex_property(tmp_path / "with.ply", name, SAME) for name in ("nx", "ny", "nz")], axis=1
+        )
     else:
         lines = (tmp_path / "with.obj").read_text().splitlines()
         found = np.array([line.split()[1:] for line in lines if line.startswith("vn ")], dtype=np.float64)

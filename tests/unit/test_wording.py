@@ -5,7 +5,7 @@ import pytest
 from meshfit.report.tables.notes import setting_lines
 from meshfit.report.tables.sheet import arrange
 from meshfit.report.tables.table import build_tables
-from meshfit.settings import merged
+from meshfit.settings import deep_merge
 from tests.runs import result_of
 
 
@@ -13,7 +13,7 @@ def source_line(*sources):
     results = []
     for place, source in enumerate(sources):
         one = result_of(seed=place, steps=100 + place)
-        results.append(one | {"variant": str(place), "settings": merged(one["settings"], {"source": source})})
+        results.append(one | {"variant": str(place), "settings": deep_merge(one["settings"], {"source": source})})
     (sheet,) = arrange(build_tables(results))
     return setting_lines(sheet)[-1]
 

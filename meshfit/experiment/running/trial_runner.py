@@ -26,10 +26,10 @@ from meshfit.experiment.trial_status import Outcome, Phase, Progress
 from meshfit.fitting.loop import FitResult
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem
 from meshfit.measuring.measure import measure
-from meshfit.mesh.alignment import aligned, apart
+from meshfit.mesh.alignment import align, boxes_are_disjoint
 from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.io.files import encode_mesh
-from meshfit.mesh.manifold import topology_in_words
+from meshfit.mesh.manifold import describe_topology
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.normalisation import Frame, Normalisation, frame_of
 from meshfit.mesh.polygons import PolygonMesh
@@ -87,7 +87,7 @@ class Attempt:
                 _check_unchanged(name, inputs.get(role))
             built = build_source(placed_source, scheme)
             triangles = built.triangulated() if isinstance(built, PolygonMesh) else built
-            source = aligned(triangles, self._target, settings.source.align)
+            source = align(triangles, self._target, settings.source.align)
             _warn_of_differences(source, self._target)
         self._notes = [*placed.notes, *_texts(caught)]
         for note in self._notes:
@@ -210,10 +210,10 @@ def _texts(caught: Sequence[warnings.WarningMessage]) -> list[str]:
 
 
 def _warn_of_differences(source: Mesh, target: Mesh) -> None:
-    ours, theirs = (topology_in_words(Topology.of(mesh)) for mesh in (source, target))
+    ours, theirs = (describe_topology(Topology.of(mesh)) for mesh in (source, target))
     if ours != theirs:
         text = f"source and target differ in topology ({ours}; {theirs}): the fit keeps the source's"
         warnings.warn(text, MeshfitWarning, stacklevel=2)
-    if apart(source, target):
+    if boxes_are_disjoint(source, target):
         text = "source and target have nothing in common, not even their boxes; set source.align or source.centre"
         warnings.warn(text, MeshfitWarning, stacklevel=2)

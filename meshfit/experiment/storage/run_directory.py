@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from filelock import FileLock
 
 from meshfit.errors import StoreError
-from meshfit.paths import unwritable
+from meshfit.paths import write_error_message
 
 if TYPE_CHECKING:
     from meshfit.experiment.plan import Trial
@@ -95,7 +95,7 @@ class RunDirectory:
             with path.open("a", encoding="utf-8") as file:
                 file.write(text)
         except OSError as error:
-            raise StoreError(f"{path}: {unwritable(path, error)}") from error
+            raise StoreError(f"{path}: {write_error_message(path, error)}") from error
 
     def remove(self, trial: "Trial", *names: str) -> None:
         """Remove files of a trial that are no longer wanted, if they are there."""
@@ -140,7 +140,7 @@ def write_atomically(path: Path, content: bytes | str, *, lasting: bool = True) 
     except OSError as error:
         if part is not None:
             part.unlink(missing_ok=True)
-        raise StoreError(f"{path}: {unwritable(path, error)}") from error
+        raise StoreError(f"{path}: {write_error_message(path, error)}") from error
 
 
 def read_json(path: Path) -> Result:

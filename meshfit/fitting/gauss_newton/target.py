@@ -10,7 +10,7 @@ from torch import Generator, Tensor
 
 from meshfit.fitting.gauss_newton.boundary import TargetBoundary
 from meshfit.fitting.nearest_neighbours import nearest_neighbour_search
-from meshfit.mesh.geometry import area_vectors, face_normals, normalised
+from meshfit.mesh.geometry import area_vectors, face_normals, unit_vectors
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.sampling import sample_surface
 
@@ -44,7 +44,7 @@ class TargetCloud:
             np.add.at(normals, mesh.faces[:, k], area_vectors(mesh))
         used = normals.any(axis=1)
         points = np.concatenate([even.points, mesh.verts[used]])
-        normals = np.concatenate([face_normals(mesh)[even.faces], normalised(normals[used])])
+        normals = np.concatenate([face_normals(mesh)[even.faces], unit_vectors(normals[used])])
         cloud = torch.tensor(points, dtype=dtype, device=device)
         return cls(
             cloud,

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshfit.errors import DomainError, MeshfitWarning
-from meshfit.mesh.cleaning import require_sound_verts
+from meshfit.mesh.cleaning import require_finite_verts
 from meshfit.mesh.curves import Chains, Curves, join_segments
 from meshfit.mesh.io.files import known_suffix, read_content, reading, write_content
 from meshfit.mesh.io.ply import read_ply_segments
@@ -40,7 +40,7 @@ def load_curves(path: str | Path) -> Curves:
     if not len(segments):
         what = "'l' lines" if suffix == ".obj" else "'edge' elements"
         raise DomainError(f"{path}: no curves in it, which {suffix[1:].upper()} has as {what}")
-    require_sound_verts(verts, str(path))
+    require_finite_verts(verts, str(path))
     chains = join_segments(len(verts), segments, str(path))
     return _without_unused(verts, chains, str(path))
 

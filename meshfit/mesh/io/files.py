@@ -10,13 +10,13 @@ import numpy as np
 from jaxtyping import Float64
 
 from meshfit.errors import MeshError
-from meshfit.mesh.cleaning import clean_numbered
+from meshfit.mesh.cleaning import clean_with_vertex_map
 from meshfit.mesh.io.ply import read_ply, write_ply
 from meshfit.mesh.io.text import read_obj, read_off, write_obj, write_off
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.polygons import PolygonMesh, Polygons, fan_triangles
+from meshfit.mesh.polygons import PolygonMesh, PolygonSoup, fan_triangles
 from meshfit.mesh.topology import Indices
-from meshfit.paths import MESH_SUFFIXES, missing, unwritable
+from meshfit.paths import MESH_SUFFIXES, missing_file_message, write_error_message
 
 
 def known_suffix(path: Path, suffixes: Sequence[str], what: str) -> str:
@@ -54,7 +54,7 @@ def read_content(path: Path, suffixes: Sequence[str]) -> bytes:
     try:
         content = path.read_bytes()
     except FileNotFoundError:
-        raise MeshError(f"{path}: {missing(path, suffixes)}") from None
+        raise MeshError(f"{path}: {missing_file_message(path, suffixes)}") from None
     except OSError as error:
         raise MeshError(f"{path}: cannot be read: {error.strerror}") from error
     if not content.strip():
@@ -71,7 +71,7 @@ def write_content(path: Path, content: bytes) -> None:
     try:
         path.write_bytes(content)
     except OSError as error:
-        raise MeshError(f"{path}: {unwritable(path, error)}") from error
+        raise MeshError(f"{path}: {write_error_message(path, error)}") from error
 
 
 @contextmanager
@@ -112,10 +112,10 @@ def load_mesh(path: str | Path) -> Mesh:
     Warns:
         MeshfitWarning: as `clean` does.
     """
-    return load_numbered(path)[0]
+    return load_mesh_with_vertex_map(path)[0]
 
 
-def load_numbered(path: str | Path) -> tuple[Mesh, Indices]:
+def load_mesh_with_vertex_map(path: str | Path) -> tuple[Mesh, Indices]:
     """The mesh that `load_mesh` reads, and (N,) the vertex that each of the file's verts is in it.
 
     Welded verts of a file are the same vertex, and those that were dropped are `NONE`.
@@ -128,8 +128,8 @@ def load_numbered(path: str | Path) -> tuple[Mesh, Indices]:
     """
     found = _read(Path(path), known_suffix(Path(path), SUFFIXES, "mesh"))
     faces = fan_triangles(found.corners, found.sizes)
-    triangles = Polygons(found.verts, faces.reshape(-1), np.full(len(faces), 3, dtype=np.int64))
-    mesh, numbering = clean_numbered(triangles, str(path))
+    triangles = PolygonSoup(found.verts, faces.reshape(-1), np.full(len(faces), 3, dtype=np.int64))
+    mesh, numbering = clean_with_vertex_map(triangles, str(path))
     return mesh.triangulated(), numbering
 
 
@@ -145,10 +145,10 @@ def load_polygons(path: str | Path) -> PolygonMesh:
     Warns:
         MeshfitWarning: as `clean_polygons` does.
     """
-    return load_numbered_polygons(path)[0]
+    return load_polygons_with_vertex_map(path)[0]
 
 
-def load_numbered_polygons(path: str | Path) -> tuple[PolygonMesh, Indices]:
+def load_polygons_with_vertex_map(path: str | Path) -> tuple[PolygonMesh, Indices]:
     """The mesh that `load_polygons` reads, and (N,) the vertex that each of the file's verts is in it.
 
     Raises:
@@ -157,7 +157,7 @@ def load_numbered_polygons(path: str | Path) -> tuple[PolygonMesh, Indices]:
     Warns:
         MeshfitWarning: as `clean_polygons` does.
     """
-    return clean_numbered(_read(Path(path), known_suffix(Path(path), SUFFIXES, "mesh")), str(path))
+    return clean_with_vertex_map(_read(Path(path), known_suffix(Path(path), SUFFIXES, "mesh")), str(path))
 
 
 def save_mesh(mesh: Mesh | PolygonMesh, path: str | Path, normals: Normals | None = None) -> None:
@@ -196,7 +196,7 @@ def encode_mesh(mesh: Mesh | PolygonMesh, suffix: str, normals: Normals | None =
     return content if isinstance(content, bytes) else str(content).encode()
 
 
-def _read(path: Path, suffix: str) -> Polygons:
+def _read(path: Path, suffix: str) -> PolygonSoup:
     content = read_content(path, SUFFIXES)
     with reading(path):  # a damaged file makes trimesh raise anything at all
         found = _READERS[suffix](content) if suffix in _READERS else _parse(content, suffix)
@@ -205,7 +205,7 @@ def _read(path: Path, suffix: str) -> Polygons:
     return found
 
 
-def _parse(content: bytes, suffix: str) -> Polygons:
+def _parse(content: bytes, suffix: str) -> PolygonSoup:
     import trimesh
 
     with warnings.catch_warnings(), np.errstate(all="ignore"):
@@ -223,4 +223,4 @@ def _parse(content: bytes, suffix: str) -> Polygons:
         count += len(points)
     triangles = np.concatenate([np.empty((0, 3), dtype=np.int64), *faces]).astype(np.int64)
     sizes = np.full(len(triangles), 3, dtype=np.int64)
-    return Polygons(np.concatenate([np.empty((0, 3)), *verts]), triangles.reshape(-1), sizes)
+    return PolygonSoup(np.concatenate([np.empty((0, 3)), *verts]), triangles.reshape(-1), sizes)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.polygons import PolygonMesh, Polygons, of_size, polygons
+from meshfit.mesh.polygons import PolygonMesh, PolygonSoup, checked_face_size, polygon_soup
 
 _CODES = {"char": "b", "uchar": "B", "short": "h", "ushort": "H", "int": "i", "uint": "I", "float": "f", "double": "d"}
 _SIZED = {"int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "float32": "f"}
@@ -166,13 +166,13 @@ def _read_row(element: Element, numbers: _Text | _Binary) -> dict[str, list[int]
 _LARGEST_INDEX = 2**53
 
 
-def read_ply(content: bytes) -> Polygons:
+def read_ply(content: bytes) -> PolygonSoup:
     """Verts and faces of a PLY file, in its order; whatever else it holds is passed over.
 
     Raises:
         ValueError: saying where the file is at fault.
     """
-    found = polygons([], [])
+    found = polygon_soup([], [])
     for element, rows in elements_of(content):
         if element.name == "vertex":
             found = found._replace(verts=_points(element, rows))
@@ -262,8 +262,8 @@ def _faces(element: Element, rows: Rows) -> tuple[NDArray[np.int64], NDArray[np.
     name = _property(element, "vertex_indices", "vertex_index")
     if isinstance(rows, np.ndarray):
         corners = rows[name].astype(np.int64)
-        return corners.reshape(-1), np.full(len(corners), of_size(corners.shape[1]))
-    sizes = np.array([of_size(len(row[name])) for row in rows], dtype=np.int64)
+        return corners.reshape(-1), np.full(len(corners), checked_face_size(corners.shape[1]))
+    sizes = np.array([checked_face_size(len(row[name])) for row in rows], dtype=np.int64)
     return np.array([int(corner) for row in rows for corner in row[name]], dtype=np.int64), sizes
 
 

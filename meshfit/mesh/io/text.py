@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.polygons import PolygonMesh, Polygons, face_rows, of_size, polygons
+from meshfit.mesh.polygons import PolygonMesh, PolygonSoup, checked_face_size, face_rows, polygon_soup
 
 _Lines = Iterator[tuple[int, list[bytes]]]
 _PASSED_OVER = (b"#", b"vn ", b"vt ", b"g ", b"o ", b"s ", b"usemtl ", b"mtllib ")
@@ -17,7 +17,7 @@ _AFTER_SLASH = re.compile(rb"/\S*")
 _MARK = b"\xef\xbb\xbf"
 
 
-def read_obj(content: bytes) -> Polygons:
+def read_obj(content: bytes) -> PolygonSoup:
     """Verts and faces of an OBJ file, in its order; texture coordinates, normals, groups and materials are passed over.
 
     Raises:
@@ -32,9 +32,9 @@ def read_obj(content: bytes) -> Polygons:
             verts.append(_point(words[1:], number))
         elif words[0] == b"f":
             corners = _corners(words[1:], number, "face", len(verts))
-            of_size(len(corners), f"line {number}: ")
+            checked_face_size(len(corners), f"line {number}: ")
             faces.append(corners)
-    return polygons(verts, faces)
+    return polygon_soup(verts, faces)
 
 
 def read_obj_segments(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -64,7 +64,7 @@ def _corners(words: Sequence[bytes], number: int, what: str, num_verts: int) -> 
     return [corner - 1 if corner > 0 else num_verts + corner for corner in corners]
 
 
-def read_off(content: bytes) -> Polygons:
+def read_off(content: bytes) -> PolygonSoup:
     """Verts and faces of an OFF file, in its order; colours and normals are passed over.
 
     Raises:
@@ -84,13 +84,13 @@ def read_off(content: bytes) -> Polygons:
         size = _integers(words[:1], number)[0]
         if len(words) <= size:
             raise ValueError(f"line {number}: a face of {size} corners, of which {len(words) - 1} are there")
-        faces.append(_integers(words[1 : of_size(size, f"line {number}: ") + 1], number))
+        faces.append(_integers(words[1 : checked_face_size(size, f"line {number}: ") + 1], number))
     for number, _ in lines:
         raise ValueError(f"line {number}: more lines than the {counts[0]} verts and {counts[1]} faces announced")
-    return polygons(verts, faces)
+    return polygon_soup(verts, faces)
 
 
-def _plain_obj(content: bytes) -> Polygons | None:
+def _plain_obj(content: bytes) -> PolygonSoup | None:
     """The same, all at once, where verts and faces are plain `v x y z` and `f a b c …`, slashes or not; else None."""
     lines = content.split(b"\n")
     verts = [line[2:] for line in lines if line.startswith(b"v ")]
@@ -102,7 +102,7 @@ def _plain_obj(content: bytes) -> Polygons | None:
         return None
     if not ((points[1] == 3).all() and (corners[1] >= 3).all() and (corners[0] > 0).all()):
         return None
-    return Polygons(points[0].reshape(-1, 3), corners[0] - 1, corners[1])
+    return PolygonSoup(points[0].reshape(-1, 3), corners[0] - 1, corners[1])
 
 
 def _numbers(lines: list[bytes], dtype: type[np.generic]) -> tuple[NDArray[Any], NDArray[np.int64]] | None:

@@ -14,7 +14,7 @@ from meshfit.mesh.topology import NONE, Indices
 Values = Float64[np.ndarray, "_"]
 
 
-def read_values(path: str | Path, numbering: Indices, within: tuple[float, float] = (-inf, inf)) -> Values:
+def read_vertex_values(path: str | Path, numbering: Indices, within: tuple[float, float] = (-inf, inf)) -> Values:
     """(V,) the numbers of a text file: one a line for each vertex of the mesh file, in its order; `#` begins a comment.
 
     Args:
@@ -27,7 +27,7 @@ def read_values(path: str | Path, numbering: Indices, within: tuple[float, float
             the mesh file, or two verts that were welded have different ones.
     """
     values = []
-    for number, words in lines_of(path):
+    for number, words in read_word_lines(path):
         try:
             (value,) = map(float, words)
         except ValueError:
@@ -40,7 +40,7 @@ def read_values(path: str | Path, numbering: Indices, within: tuple[float, float
     return _at_verts(np.array(values, dtype=np.float64), numbering, within, str(path))
 
 
-def read_attribute(
+def read_vertex_property(
     path: str | Path, name: str, numbering: Indices, within: tuple[float, float] = (-inf, inf)
 ) -> Values:
     """(V,) a property of the verts of a PLY file, such as `property float alpha`.
@@ -65,7 +65,7 @@ def read_attribute(
     return _at_verts(values, numbering, within, f"{path}: '{name}'")
 
 
-def lines_of(path: str | Path) -> Iterator[tuple[int, list[str]]]:
+def read_word_lines(path: str | Path) -> Iterator[tuple[int, list[str]]]:
     """The lines of a text file that hold anything, by number, in words; `#` begins a comment.
 
     Raises:

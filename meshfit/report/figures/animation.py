@@ -18,7 +18,7 @@ from meshfit.fitting.settings import METHODS, GaussNewtonSettings
 from meshfit.measuring.metrics import METRICS
 from meshfit.mesh.io.files import load_mesh
 from meshfit.mesh.mesh import Mesh
-from meshfit.paths import unwritable
+from meshfit.paths import write_error_message
 from meshfit.report.extra import needed
 from meshfit.report.figures.camera import camera_of
 from meshfit.report.figures.drawing import Image, draw
@@ -176,7 +176,7 @@ def write_film(frames: Iterator[Frame], path: Path, fps: int) -> int:
         count = _WRITERS[path.suffix.lower()](frames, part, fps)
         part.replace(path)
     except OSError as error:
-        raise ConfigError(f"{path}: {unwritable(path, error)}") from error
+        raise ConfigError(f"{path}: {write_error_message(path, error)}") from error
     finally:
         part.unlink(missing_ok=True)
     return count

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from meshfit.errors import MeshError
-from meshfit.mesh.geometry import area_vectors, normalised
+from meshfit.mesh.geometry import area_vectors, unit_vectors
 from meshfit.mesh.mesh import Mesh, Verts
 
 Vector = tuple[float, float, float]
@@ -48,7 +48,7 @@ def _sights(mesh: Mesh) -> tuple[Float64[np.ndarray, "N 3"], Float64[np.ndarray,
     weights = generator.dirichlet((1.0, 1.0, 1.0), size=_POINTS)
     points = np.einsum("nk,nkc->nc", weights, mesh.verts[mesh.faces[chosen]])
     points = points - (points.min(axis=0) + points.max(axis=0)) / 2
-    return points / (float(np.linalg.norm(points, axis=1).max()) or 1.0), normalised(vectors[chosen])
+    return points / (float(np.linalg.norm(points, axis=1).max()) or 1.0), unit_vectors(vectors[chosen])
 
 
 def _direction(elevation: int, azimuth: int) -> Vector:

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from meshfit.errors import MeasureError
-from meshfit.measuring.proximity import distance_of_each
+from meshfit.measuring.proximity import point_distances
 from meshfit.mesh.mesh import Mesh
 
 _SHOWN = 0.99
@@ -26,7 +26,7 @@ def distances_to(result: Mesh, target: Mesh) -> Float64[np.ndarray, " V"]:
         raise MeasureError("the target has no faces, so there is no surface to measure distances to")
     if not (np.isfinite(result.verts).all() and np.isfinite(target.verts).all()):
         raise MeasureError("distances need coordinates that are finite")
-    return distance_of_each(target, result.verts) if result.num_verts else np.zeros(0)
+    return point_distances(target, result.verts) if result.num_verts else np.zeros(0)
 
 
 def worst_vert(distances: Float64[np.ndarray, " V"]) -> int:

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from meshfit.config.experiment import defaults
+from meshfit.config.experiment import default_settings
 from meshfit.errors import ConfigError
 from meshfit.experiment.status.scan import ExperimentOverview, Standing, State
 from meshfit.experiment.storage.failure import read_failure
@@ -86,7 +86,7 @@ def _cell(value: Any) -> bool | int | float | str | None:  # noqa: ANN401  whate
 def _settings() -> list[str]:
     """Every setting there is, of one engine or the other, in the order of a config."""
     found: dict[str, None] = {}
-    for key, value in defaults().items():
+    for key, value in default_settings().items():
         several = [model().model_dump(mode="json") for model in METHODS.values()] if key == "fit" else [value]
         for one in several:
             found |= dict.fromkeys(flatten({key: one}))

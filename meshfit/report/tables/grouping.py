@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from meshfit.config.experiment import PATHS
+from meshfit.config.experiment import SOURCE_FILE_KEYS
 from meshfit.config.scheme_files import scheme_name_for
 from meshfit.errors import StoreError
 from meshfit.experiment.storage.run_directory import Result
@@ -23,7 +23,7 @@ _VARIED = ("targets", "schemes", "define", "seeds")
 
 # Settings that change what is written beside the numbers, and not the numbers.
 _WITHOUT_EFFECT = ("write_frame", "fit.trace_every")
-_PATHS = {".".join(path) for path in PATHS}
+_PATHS = {".".join(path) for path in SOURCE_FILE_KEYS}
 
 
 @dataclass
