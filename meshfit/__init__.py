@@ -14,8 +14,7 @@ if TYPE_CHECKING:
     from meshfit.fitting.problem import Diverged, Problem
     from meshfit.measuring.measure import Measurement, measure
     from meshfit.mesh.curves import Curves
-    from meshfit.mesh.io.curve_files import load_curves, save_curves
-    from meshfit.mesh.io.files import load_mesh, load_polygons, save_mesh
+    from meshfit.mesh.io.files import load_curves, load_mesh, load_polygons, save_curves, save_mesh
     from meshfit.mesh.mesh import Mesh
     from meshfit.mesh.normalisation import Frame, frame_of
     from meshfit.mesh.polygons import PolygonMesh
@@ -36,8 +35,8 @@ _HOMES = {
     "Measurement": "meshfit.measuring.measure",
     "measure": "meshfit.measuring.measure",
     "Curves": "meshfit.mesh.curves",
-    "load_curves": "meshfit.mesh.io.curve_files",
-    "save_curves": "meshfit.mesh.io.curve_files",
+    "load_curves": "meshfit.mesh.io.files",
+    "save_curves": "meshfit.mesh.io.files",
     "load_mesh": "meshfit.mesh.io.files",
     "load_polygons": "meshfit.mesh.io.files",
     "save_mesh": "meshfit.mesh.io.files",

@@ -8,8 +8,7 @@ from jaxtyping import Complex128, Float64
 
 from meshfit.analysis.stencil_meshes import Fan, Wheel
 from meshfit.errors import SchemeError
-from meshfit.mesh.halfedges import NONE, Indices, Mask
-from meshfit.mesh.topology import PolygonTopology
+from meshfit.mesh.topology import NONE, Indices, Mask, PolygonTopology
 
 Places = Complex128[np.ndarray, " V"]
 

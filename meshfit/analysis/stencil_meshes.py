@@ -10,8 +10,7 @@ import numpy as np
 from jaxtyping import Complex128, Float64, Int64
 from scipy.sparse import csr_array
 
-from meshfit.mesh.halfedges import Indices, Mask
-from meshfit.mesh.topology import PolygonTopology
+from meshfit.mesh.topology import Indices, Mask, PolygonTopology
 
 _ZERO = 1e-14
 

@@ -107,7 +107,7 @@ def _creased(
 
 def refined_curves(source: str, destination: Path, scheme: "Scheme", levels: int) -> str:
     """Refine curves from file to file, and say in numbers what became of them."""
-    from meshfit.mesh.io.curve_files import load_curves, save_curves
+    from meshfit.mesh.io.files import load_curves, save_curves
     from meshfit.mesh.targets import target_path
     from meshfit.subdivision.refine import subdivide
 

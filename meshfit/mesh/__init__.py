@@ -1,1 +1,1 @@
-"""Layer 1: triangle meshes, their topology, files, sampling, and the named targets."""
+"""Triangle and polygon meshes, curves, their topology and files, sampling, and the named targets."""

@@ -1,4 +1,4 @@
-"""Curves: verts, and chains of them, open or closed; and the chains alone, as the topology of a mesh is its faces."""
+"""Curves: vertices joined to open or closed chains, and the connectivity of the chains alone."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,19 +11,21 @@ from meshfit.errors import MeshError
 from meshfit.mesh.mesh import Verts
 from meshfit.mesh.topology import NONE, Indices, Mask
 
+Segments = Int64[np.ndarray, "S 2"]
+
 
 @dataclass(frozen=True, eq=False, init=False)
 class Curves:
-    """Polylines. All arrays are copies, and read-only.
+    """Polylines. All arrays are read-only copies.
 
     Attributes:
         verts: (V, 3) float64, positions.
-        corners: (C,) int64, vertex indices of the chains, one chain after another; no vertex stands twice.
-        sizes: (N,) int64, how many of these belong to each chain.
-        closed: (N,) bool, whether a last segment leads from the end of each chain back to its start.
+        corners: (C,) int64, vertex indices of the chains, one chain after another, without duplicates.
+        sizes: (N,) int64, the number of corners of each chain.
+        closed: (N,) bool, whether a last segment joins the end of each chain to its start.
 
     Raises:
-        MeshError: an array that has no such shape, or sizes that do not add up.
+        MeshError: an array of another shape, or sizes that do not add up.
     """
 
     verts: Verts
@@ -35,24 +37,26 @@ class Curves:
         points = _frozen(verts, np.float64)
         points = points.reshape(0, 3) if points.size == 0 else points
         if points.ndim != 2 or points.shape[1] != 3:
-            raise MeshError(f"verts has shape {points.shape}; rows of three are needed")
+            raise MeshError(f"verts: expected rows of three numbers, got an array of shape {points.shape}")
         rows = {"corners": _frozen(corners, np.int64), "sizes": _frozen(sizes, np.int64)}
         rows["closed"] = _frozen(closed, np.bool_)
         for name, array in rows.items():
             if array.ndim != 1:
-                raise MeshError(f"{name} has shape {array.shape}; a plain list is needed")
+                raise MeshError(f"{name}: expected a flat list, got an array of shape {array.shape}")
         if len(rows["sizes"]) != len(rows["closed"]):
-            raise MeshError(f"found {len(rows['sizes'])} sizes and {len(rows['closed'])} closed; one each a chain")
+            raise MeshError(
+                f"expected one size and one closed per chain, got {len(rows['sizes'])} and {len(rows['closed'])}"
+            )
         total, smallest = rows["sizes"].sum(), rows["sizes"].min(initial=0)
         if total != len(rows["corners"]) or smallest < 0:
             negative = f", one of them {smallest}" if smallest < 0 else ""
-            raise MeshError(f"found {len(rows['corners'])} corners, and sizes that add up to {total}{negative}")
+            raise MeshError(f"got {len(rows['corners'])} corners, and sizes that add up to {total}{negative}")
         for name, array in {"verts": points, **rows}.items():
             object.__setattr__(self, name, array)
 
     @classmethod
     def through(cls, verts: ArrayLike, *, closed: bool = False) -> "Curves":
-        """One curve through all verts, in their order.
+        """Return one curve through all vertices, in their order.
 
         Example:
             >>> Curves.through([[0, 0, 0], [1, 0, 0], [1, 1, 0]], closed=True).num_segments
@@ -74,10 +78,10 @@ class Curves:
 
 @dataclass(frozen=True, eq=False)
 class Chains:
-    """The connectivity of curves. Segments are numbered along the chains, one chain after another.
+    """Connectivity of curves. Segments are numbered along the chains, one chain after another.
 
     Attributes:
-        num_verts: V; verts that no chain uses are allowed.
+        num_verts: V; vertices that no chain uses are allowed.
         corners: (C,) int64, as in `Curves`.
         sizes: (N,) int64.
         closed: (N,) bool.
@@ -90,12 +94,12 @@ class Chains:
 
     @classmethod
     def of(cls, curves: Curves) -> "Chains":
-        """The connectivity of curves."""
+        """Return the connectivity of curves."""
         return cls(curves.num_verts, curves.corners, curves.sizes, curves.closed)
 
     @cached_property
     def following(self) -> Indices:
-        """(C,) the corner that comes after each corner; `NONE` at the end of an open chain."""
+        """(C,) the next corner of each corner; `NONE` at the end of an open chain."""
         following = np.arange(1, len(self.corners) + 1)
         ends = np.cumsum(self.sizes)
         full = self.sizes > 0
@@ -104,7 +108,7 @@ class Chains:
 
     @cached_property
     def neighbours(self) -> Int64[np.ndarray, "V 2"]:
-        """(V, 2) the vertex before and the one after along the chain; `NONE` beyond its ends and off the chains."""
+        """(V, 2) the previous and the next vertex along the chain; `NONE` beyond its ends and off the chains."""
         neighbours = np.full((self.num_verts, 2), NONE, dtype=np.int64)
         neighbours[self.tail, 1], neighbours[self.head, 0] = self.head, self.tail
         return neighbours
@@ -120,14 +124,14 @@ class Chains:
         return np.asarray(self.corners[self.following[self.following != NONE]])
 
     def split(self, inserted: int) -> "Chains":
-        """The chains with so many new verts in every segment, numbered along the chains after the old ones."""
-        leads_on = self.following != NONE
-        segment = np.cumsum(leads_on) - 1
+        """Return the chains with new vertices in every segment, numbered along the chains after the old ones."""
+        has_segment = self.following != NONE
+        segment = np.cumsum(has_segment) - 1
         new = self.num_verts + inserted * segment[:, None] + np.arange(inserted)
         corners = np.column_stack([self.corners, new])
-        present = np.column_stack([np.ones_like(leads_on), *[leads_on] * inserted])
+        present = np.column_stack([np.ones_like(has_segment), *[has_segment] * inserted])
         return Chains(
-            self.num_verts + inserted * int(leads_on.sum()),
+            self.num_verts + inserted * int(has_segment.sum()),
             corners[present],
             self.sizes * (inserted + 1) - inserted * ~self.closed,
             self.closed,
@@ -135,10 +139,10 @@ class Chains:
 
 
 def require_chains(chains: Chains, purpose: str) -> None:
-    """Refuse chains that are none.
+    """Refuse invalid chains.
 
     Raises:
-        MeshError: one indexes outside, has too few verts, or meets itself or another one; it is named.
+        MeshError: a chain has an index out of range or too few vertices, or meets itself or another one.
     """
     corners, last = chains.corners, chains.num_verts - 1
     chain_of = np.repeat(np.arange(len(chains.sizes)), chains.sizes)
@@ -146,39 +150,30 @@ def require_chains(chains: Chains, purpose: str) -> None:
     if len(outside):
         at = outside[0]
         raise MeshError(
-            f"{purpose} needs proper chains: chain {chain_of[at]} has vertex {corners[at]}: "
-            f"verts are numbered 0 to {last}"
+            f"{purpose} needs valid chains: chain {chain_of[at]} has vertex {corners[at]}: "
+            f"vertices are numbered 0 to {last}"
         )
     short = np.flatnonzero(chains.sizes < 2)
     if len(short):
-        raise MeshError(f"{purpose} needs proper chains: chain {short[0]} has {chains.sizes[short[0]]} verts, not 2")
+        raise MeshError(f"{purpose} needs chains of 2 or more vertices: chain {short[0]} has {chains.sizes[short[0]]}")
     twice = np.flatnonzero(np.bincount(corners, minlength=chains.num_verts) > 1)
     if len(twice):
-        raise MeshError(f"{purpose} needs curves that do not branch: vertex {twice[0]} stands twice in the chains")
-
-
-def _frozen(given: ArrayLike, dtype: DTypeLike) -> np.ndarray:
-    array = np.array(given, dtype=dtype)
-    array.setflags(write=False)
-    return array
-
-
-Segments = Int64[np.ndarray, "S 2"]
+        raise MeshError(f"{purpose} needs curves that do not branch: vertex {twice[0]} is in the chains twice")
 
 
 def join_segments(num_verts: int, segments: Segments, origin: str) -> Chains:
-    """Chains of all segments, each as long as can be.
+    """Join segments to chains, each as long as possible.
 
-    A chain runs the way of the first of its segments; a closed one starts with it. Chains come in the order of their
-    first segments, so that segments that are listed along chains come back as these chains.
+    A chain has the direction of the first of its segments; a closed one starts with it. Chains are in the order of
+    their first segments, so that segments listed along chains give these chains again.
 
     Args:
         num_verts: V.
         segments: (S, 2) vertex indices.
-        origin: what to call them in messages, usually a path.
+        origin: name of the curves in messages, usually a path.
 
     Raises:
-        MeshError: a segment that indexes outside or leads from a vertex to itself, or a vertex of three segments.
+        MeshError: a segment with an index out of range or from a vertex to itself, or a vertex of three segments.
     """
     _require_segments(num_verts, segments, origin)
     partner, ends = _partners(segments).tolist(), segments.reshape(-1).tolist()
@@ -206,7 +201,7 @@ def join_segments(num_verts: int, segments: Segments, origin: str) -> Chains:
 
 
 def _start(partner: list[int], first: int) -> int:
-    """The half-segment that a chain starts at: the open end behind the first one, or that one itself."""
+    """Return the half-segment that a chain starts at: the open end behind the first one, or the first one itself."""
     half = first
     while partner[half] != NONE:
         half = partner[half] ^ 1
@@ -216,7 +211,7 @@ def _start(partner: list[int], first: int) -> int:
 
 
 def _partners(segments: Segments) -> Indices:
-    """(2S,) where half 2s + k is end k of segment s: the other half at the same vertex, or `NONE`."""
+    """Return (2S,) the other half-segment at the same vertex, or `NONE`; half 2s + k is end k of segment s."""
     ends = segments.reshape(-1)
     order = np.argsort(ends, kind="stable")
     same = np.flatnonzero(ends[order][:-1] == ends[order][1:])
@@ -228,7 +223,7 @@ def _partners(segments: Segments) -> Indices:
 def _require_segments(num_verts: int, segments: Segments, origin: str) -> None:
     outside = np.flatnonzero(((segments < 0) | (segments >= num_verts)).any(axis=1))
     for bad, fault in (
-        (outside, f"but verts are numbered 0 to {num_verts - 1}"),
+        (outside, f"but vertices are numbered 0 to {num_verts - 1}"),
         (np.flatnonzero(segments[:, 0] == segments[:, 1]), "from a vertex to itself"),
     ):
         if len(bad):
@@ -238,5 +233,11 @@ def _require_segments(num_verts: int, segments: Segments, origin: str) -> None:
     if len(branching):
         raise MeshError(
             f"{origin}: the curves branch: vertex {branching[0]} has {meeting[branching[0]]} segments, "
-            f"1 or 2 are allowed ({len(branching)} such verts); split them there"
+            f"allowed: 1 or 2 ({len(branching)} such vertices); split the curves there"
         )
+
+
+def _frozen(values: ArrayLike, dtype: DTypeLike) -> np.ndarray:
+    array = np.array(values, dtype=dtype)
+    array.setflags(write=False)
+    return array

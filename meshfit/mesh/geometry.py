@@ -7,29 +7,29 @@ from meshfit.mesh.mesh import Mesh, Verts
 
 
 def area_vectors(mesh: Mesh) -> Float64[np.ndarray, "F 3"]:
-    """Half the cross product of two edges of each face: its direction is the normal, its length the area."""
+    """Return half the cross product of two edges of each face: its direction is the normal, its length the area."""
     corners = mesh.verts[mesh.faces]
     return np.asarray(0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
 
 
 def face_areas(mesh: Mesh) -> Float64[np.ndarray, " F"]:
-    """Area of each face."""
+    """Return the area of each face."""
     return np.asarray(np.linalg.norm(area_vectors(mesh), axis=1))
 
 
 def unit_vectors(vectors: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, "N 3"]:
-    """Each row divided by its length; rows of length 0 stay 0."""
+    """Divide each row by its length; rows of length 0 stay 0."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.asarray(np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0))
 
 
 def face_normals(mesh: Mesh) -> Float64[np.ndarray, "F 3"]:
-    """Unit normal of each face; 0 for a face without area."""
+    """Return the unit normal of each face; 0 for a face without area."""
     return unit_vectors(area_vectors(mesh))
 
 
 def corner_angles(mesh: Mesh) -> Float64[np.ndarray, "F 3"]:
-    """Angle at each corner of each face, in radians; 0 where an adjacent edge has no length."""
+    """Return the angle at each corner of each face, in radians; 0 where an adjacent edge has no length."""
     corners = mesh.verts[mesh.faces]
     ahead, behind = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
     sine = np.linalg.norm(np.cross(ahead, behind), axis=2)
@@ -37,11 +37,11 @@ def corner_angles(mesh: Mesh) -> Float64[np.ndarray, "F 3"]:
 
 
 def bounding_box(verts: Verts) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
-    """Smallest and largest coordinates."""
+    """Return the smallest and the largest coordinates."""
     return verts.min(axis=0), verts.max(axis=0)
 
 
 def bounding_box_diagonal(verts: Verts) -> float:
-    """Length of the diagonal of the axis-aligned bounding box."""
+    """Return the length of the diagonal of the axis-aligned bounding box."""
     low, high = bounding_box(verts)
     return float(np.linalg.norm(high - low))

@@ -1,11 +1,11 @@
-"""Is the surface a manifold, of how many pieces, of which genus? And a refusal that names the place where it is not."""
+"""Manifold tests, components, boundary loops and genus of a surface."""
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from meshfit.errors import MeshError
-from meshfit.mesh.halfedges import NONE, HalfEdges, Indices
+from meshfit.mesh.topology import NONE, HalfEdges, Indices
 
 
 def _components(rows: Indices, columns: Indices, size: int) -> tuple[int, Indices]:
@@ -15,53 +15,50 @@ def _components(rows: Indices, columns: Indices, size: int) -> tuple[int, Indice
 
 
 def num_components(topology: HalfEdges) -> int:
-    """Number of pieces that hang together by edges; verts that no face uses do not count."""
+    """Return the number of components connected by edges; vertices that no face uses do not count."""
     count, _ = _components(topology.edges[:, 0], topology.edges[:, 1], topology.num_verts)
     return count - int((topology.valence == 0).sum())
 
 
 def euler_number(topology: HalfEdges) -> int:
-    """V - E + F over the verts that faces use: 2 for a sphere, 0 for a torus, 1 for a disk."""
+    """Return V - E + F over the vertices that faces use: 2 for a sphere, 0 for a torus, 1 for a disk."""
     return int((topology.valence > 0).sum()) - topology.num_edges + topology.num_faces
 
 
 def describe_topology(topology: HalfEdges) -> str:
-    """Pieces, boundary loops and genus of an oriented manifold: `1 piece, closed, genus 0`."""
+    """Describe the pieces, boundary loops and genus of an oriented manifold: `1 piece, closed, genus 0`."""
     pieces = num_components(topology)
     outer = topology.edges[topology.faces_per_edge == 1]
-    ends = np.unique(outer)
-    loops = _components(outer[:, 0], outer[:, 1], topology.num_verts)[0] - (topology.num_verts - len(ends))
+    loops = _components(outer[:, 0], outer[:, 1], topology.num_verts)[0] - (topology.num_verts - len(np.unique(outer)))
     genus = (2 * pieces - loops - euler_number(topology)) / 2
-    return (
-        f"{pieces} piece{'s' if pieces > 1 else ''}, "
-        f"{f'{loops} boundary loop' + ('s' if loops > 1 else '') if loops else 'closed'}, genus {genus:g}"
-    )
+    border = f"{loops} boundary loop{'s' if loops > 1 else ''}" if loops else "closed"
+    return f"{pieces} piece{'s' if pieces > 1 else ''}, {border}, genus {genus:g}"
 
 
 def is_watertight(topology: HalfEdges) -> bool:
-    """Whether every edge has exactly two faces that run through it in opposite directions."""
+    """Return whether every edge has exactly two faces that run through it in opposite directions."""
     return (
         bool((topology.faces_per_edge == 2).all()) and not len(misoriented_edges(topology)) and topology.num_faces > 0
     )
 
 
 def nonmanifold_edges(topology: HalfEdges) -> Indices:
-    """Edges with three faces or more."""
+    """Return the edges with three faces or more."""
     return np.flatnonzero(topology.faces_per_edge > 2)
 
 
 def misoriented_edges(topology: HalfEdges) -> Indices:
-    """Edges whose two faces run through them in the same direction."""
+    """Return the edges whose two faces run through them in the same direction."""
     inner = np.flatnonzero(topology.faces_per_edge == 2)
     halfedge = topology.edge_halfedge[inner]
     return np.asarray(inner[topology.tail[halfedge] == topology.tail[topology.twin[halfedge]]])
 
 
 def nonmanifold_verts(topology: HalfEdges) -> Indices:
-    """Verts whose faces form more than one fan, such as the tip that two cones share."""
+    """Return the vertices whose faces form more than one fan, such as the tip that two cones share."""
     crossing = np.flatnonzero(topology.twin != NONE)
     across = topology.twin[crossing]
-    # A half-edge stands for the corner at its tail; across an edge, tail corner meets the neighbour's head corner.
+    # A half-edge represents the corner at its tail. Across an edge, that corner meets the neighbour's head corner.
     same_way = topology.tail[crossing] == topology.tail[across]
     corner = np.where(same_way, across, topology.following(across))
     count, fan = _components(crossing, corner, len(topology.tail))
@@ -71,7 +68,7 @@ def nonmanifold_verts(topology: HalfEdges) -> Indices:
 
 
 def folded_faces(topology: HalfEdges) -> Indices:
-    """Faces that share two edges in a row with one other face; at the vertex between these, of valence 2, they fold."""
+    """Return the faces that share two consecutive edges with one other face and fold at the vertex between them."""
     inner = np.flatnonzero(topology.twin != NONE)
     after = topology.following(inner)
     both = topology.twin[after] != NONE
@@ -81,19 +78,19 @@ def folded_faces(topology: HalfEdges) -> Indices:
 
 
 def require_faces(topology: HalfEdges, purpose: str) -> None:
-    """Refuse faces that are none.
+    """Refuse invalid faces.
 
     Raises:
-        MeshError: one indexes outside, or has the same vertex twice.
+        MeshError: a face has an index out of range, or the same vertex twice.
     """
     outside = np.zeros(topology.num_faces, dtype=bool)
     stray = np.flatnonzero((topology.tail < 0) | (topology.tail >= topology.num_verts))
     outside[topology.face_of(stray)] = True
-    range_of_verts = f"verts are numbered 0 to {topology.num_verts - 1}"
-    for bad, fault in ((outside, range_of_verts), (topology.has_vert_twice, "a vertex twice")):
+    allowed = f"vertices are numbered 0 to {topology.num_verts - 1}"
+    for bad, fault in ((outside, allowed), (topology.has_vert_twice, "a vertex twice")):
         if bad.any():
             face = int(np.flatnonzero(bad)[0])
-            raise MeshError(f"{purpose} needs proper faces: face {face} is {topology.corners_of(face)}: {fault}")
+            raise MeshError(f"{purpose} needs valid faces: face {face} is {topology.corners_of(face)}: {fault}")
 
 
 def require_manifold(topology: HalfEdges, purpose: str) -> None:
@@ -104,13 +101,13 @@ def require_manifold(topology: HalfEdges, purpose: str) -> None:
     """
     require_faces(topology, purpose)
     for edges, fault in (
-        (nonmanifold_edges(topology), "has {faces} faces, 1 or 2 are allowed"),
+        (nonmanifold_edges(topology), "has {faces} faces; allowed: 1 or 2"),
         (misoriented_edges(topology), "has two faces of opposite orientation; make the face winding consistent"),
     ):
         if len(edges):
             a, b = topology.edges[edges[0]]
-            what = fault.format(faces=topology.faces_per_edge[edges[0]])
-            raise MeshError(f"{purpose} needs a manifold mesh: edge ({a}, {b}) {what} ({len(edges)} such edges)")
+            reason = fault.format(faces=topology.faces_per_edge[edges[0]])
+            raise MeshError(f"{purpose} needs a manifold mesh: edge ({a}, {b}) {reason} ({len(edges)} such edges)")
     folded = folded_faces(topology)
     if len(folded):
         raise MeshError(
@@ -120,5 +117,6 @@ def require_manifold(topology: HalfEdges, purpose: str) -> None:
     verts = nonmanifold_verts(topology)
     if len(verts):
         raise MeshError(
-            f"{purpose} needs a manifold mesh: vertex {verts[0]} joins separate fans of faces ({len(verts)} such verts)"
+            f"{purpose} needs a manifold mesh: vertex {verts[0]} joins separate fans of faces "
+            f"({len(verts)} such vertices)"
         )

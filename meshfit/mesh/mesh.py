@@ -1,4 +1,4 @@
-"""The triangle mesh: an array of vertex positions and an array of faces, and nothing else."""
+"""Triangle meshes: an array of vertex positions and an array of faces."""
 
 from dataclasses import dataclass
 
@@ -14,31 +14,31 @@ Faces = Int64[np.ndarray, "F 3"]
 
 @dataclass(frozen=True, eq=False, init=False)
 class Mesh:
-    """A triangle mesh. Both arrays are copies, and read-only.
+    """A triangle mesh. Both arrays are read-only copies.
 
     Attributes:
         verts: (V, 3) float64, positions.
         faces: (F, 3) int64, rows of vertex indices, counter-clockwise seen from outside.
 
     Raises:
-        MeshError: an array that has no such shape.
+        MeshError: an array of another shape.
     """
 
     verts: Verts
     faces: Faces
 
     def __init__(self, verts: ArrayLike, faces: ArrayLike) -> None:
-        for name, given, dtype in (("verts", verts, np.float64), ("faces", faces, np.int64)):
-            array = np.array(given, dtype=dtype)
+        for name, values, dtype in (("verts", verts, np.float64), ("faces", faces, np.int64)):
+            array = np.array(values, dtype=dtype)
             if array.size == 0:
                 array = array.reshape(0, 3)
             if array.ndim != 2 or array.shape[1] != 3:
-                raise MeshError(f"{name} has shape {array.shape}; rows of three are needed")
+                raise MeshError(f"{name}: expected rows of three numbers, got an array of shape {array.shape}")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
 
     def with_verts(self, verts: ArrayLike) -> "Mesh":
-        """The same faces on other positions."""
+        """Return the same faces with other positions."""
         return Mesh(verts, self.faces)
 
     @property

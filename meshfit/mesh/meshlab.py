@@ -1,7 +1,7 @@
-"""What MeshLab does for us, every parameter of every filter spelled out. The one module that imports pymeshlab.
+"""MeshLab filters: distances, self-intersections, decimation. The one module that imports pymeshlab.
 
-Several of the filters' defaults answer another question than the one that seems to be asked: the Hausdorff filter
-compares mesh 0 with itself, takes verts only, and drops samples farther than half the diagonal.
+Every parameter is given, since defaults mislead: by default the Hausdorff filter compares mesh 0 with itself, takes
+vertices only, and drops samples farther than half the diagonal.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from meshfit.mesh.mesh import Mesh
 
 @dataclass(frozen=True)
 class DistanceStatistics:
-    """Distances from points to a surface: largest, mean, root mean square, and how many points they were taken from."""
+    """Distances from points to a surface: largest, mean and root mean square, and the number of points."""
 
     largest: float
     mean: float
@@ -26,20 +26,20 @@ class DistanceStatistics:
 
 
 def point_to_surface(points: Float64[np.ndarray, "N 3"], surface: Mesh) -> DistanceStatistics:
-    """Distances from each point to its nearest point on a surface, by MeshLab's Hausdorff filter.
+    """Return statistics of the distances from points to a surface, by MeshLab's Hausdorff filter.
 
-    The filter's own sampler takes no seed; given points without faces, it has nothing to draw and takes each of them.
+    The filter's own sampler takes no seed; given points without faces, it measures exactly these.
 
     Raises:
         MeasureError: a coordinate is not finite, which makes MeshLab abort the process, or it left out points.
     """
     if not (np.isfinite(points).all() and np.isfinite(surface.verts).all()):
-        raise MeasureError("distances need coordinates that are finite")
+        raise MeasureError("distances need finite coordinates")
     low, high = bounding_box(np.concatenate([points, surface.verts]))
     meshes = pymeshlab.MeshSet()
     meshes.add_mesh(pymeshlab.Mesh(np.array(points)))
     meshes.add_mesh(_to_meshlab(surface))
-    found = meshes.get_hausdorff_distance(
+    distances = meshes.get_hausdorff_distance(
         sampledmesh=0,
         targetmesh=1,
         savesample=False,
@@ -50,13 +50,13 @@ def point_to_surface(points: Float64[np.ndarray, "N 3"], surface: Mesh) -> Dista
         samplenum=len(points),
         maxdist=pymeshlab.PureValue(2.0 * float(np.linalg.norm(high - low)) + 1.0),
     )
-    if found["n_samples"] != len(points):
-        raise MeasureError(f"MeshLab measured {found['n_samples']} of {len(points)} points")
-    return DistanceStatistics(float(found["max"]), float(found["mean"]), float(found["RMS"]), len(points))
+    if distances["n_samples"] != len(points):
+        raise MeasureError(f"MeshLab measured {distances['n_samples']} of {len(points)} points")
+    return DistanceStatistics(float(distances["max"]), float(distances["mean"]), float(distances["RMS"]), len(points))
 
 
 def self_intersecting_faces(mesh: Mesh) -> Bool[np.ndarray, " F"]:
-    """(F,) which faces cross another face of the same mesh."""
+    """Return (F,) which faces cross another face of the same mesh."""
     meshes = pymeshlab.MeshSet()
     meshes.add_mesh(_to_meshlab(mesh))
     meshes.compute_selection_by_self_intersections_per_face()
@@ -64,10 +64,10 @@ def self_intersecting_faces(mesh: Mesh) -> Bool[np.ndarray, " F"]:
 
 
 def decimate(mesh: Mesh, num_faces: int) -> Mesh:
-    """Reduce a mesh to about `num_faces` faces by quadric edge collapse (Garland and Heckbert 1997), topology kept.
+    """Reduce a mesh to about `num_faces` faces by quadric edge collapse (Garland and Heckbert 1997); keep its topology.
 
     Raises:
-        MeshError: the mesh has no faces, or nothing was left of it.
+        MeshError: the mesh has no faces, or no face is left.
     """
     if not mesh.num_faces:
         raise MeshError("a mesh without faces cannot be decimated")
@@ -90,7 +90,7 @@ def decimate(mesh: Mesh, num_faces: int) -> Mesh:
     )
     reduced = meshes.current_mesh()
     if not reduced.face_number():
-        raise MeshError(f"decimation to {num_faces} faces left nothing of a mesh of {mesh.num_faces}")
+        raise MeshError(f"decimation to {num_faces} faces left nothing of a mesh of {mesh.num_faces} faces")
     return Mesh(reduced.vertex_matrix(), reduced.face_matrix().astype(np.int64))
 
 

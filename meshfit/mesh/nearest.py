@@ -1,4 +1,4 @@
-"""Nearest points by a k-d tree, on the CPU, and the order of faces that makes its answers fast."""
+"""Nearest points by a k-d tree on the CPU, and orders of faces and vertices that keep neighbours close in memory."""
 
 from collections.abc import Callable
 from typing import Any
@@ -15,9 +15,9 @@ Indices = Int64[np.ndarray, " M"]
 
 
 def nearest_point_query(points: Points) -> Callable[[Points], Indices]:
-    """Build a k-d tree over points; the function returned maps (M, 3) queries to the (M,) index of each one's nearest.
+    """Build a k-d tree over points; return a function from (M, 3) queries to (M,) the index of the nearest point.
 
-    It is fastest where points that follow each other are near each other.
+    It is fastest where consecutive points are close to each other.
 
     Args:
         points: (N, 3) float32 or float64; queries must have the same dtype.
@@ -31,12 +31,12 @@ def nearest_point_query(points: Points) -> Callable[[Points], Indices]:
 
 
 def sort_faces_spatially(mesh: Mesh) -> Mesh:
-    """The same mesh with its faces in the order of the leaves of a k-d tree, so that neighbours are near in memory."""
+    """Order the faces by the leaves of a k-d tree, so that neighbours are close in memory."""
     return Mesh(mesh.verts, mesh.faces[cKDTree(mesh.verts[mesh.faces].mean(axis=1)).indices])
 
 
 def renumber_verts_by_faces(mesh: Mesh) -> Mesh:
-    """The same surface with its verts in the order in which its faces mention them; verts of no face are dropped."""
+    """Order the vertices by their first use in the faces, and drop unused ones."""
     used, first, inverse = np.unique(mesh.faces, return_index=True, return_inverse=True)
     order = np.argsort(first)
     return Mesh(mesh.verts[used[order]], np.argsort(order)[inverse].reshape(-1, 3))

@@ -1,4 +1,4 @@
-"""Frames: the similarity that takes a target from its own coordinates to those that results are stated in."""
+"""Normalisation: the frame that maps a target from its own coordinates to those of all lengths and results."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -20,28 +20,28 @@ class Frame:
     scale: float
 
     def normalise(self, mesh: Mesh) -> Mesh:
-        """The mesh in normalised coordinates."""
+        """Return the mesh in normalised coordinates."""
         return Mesh((mesh.verts - self.centre) / self.scale, mesh.faces)
 
     def restore(self, mesh: Mesh) -> Mesh:
-        """A normalised mesh, back in the coordinates it came from."""
+        """Return a normalised mesh in its original coordinates."""
         return Mesh(self.restored(mesh.verts), mesh.faces)
 
     def restored(self, verts: Verts) -> Verts:
-        """Normalised positions, back in the coordinates they came from."""
+        """Return normalised positions in their original coordinates."""
         return np.asarray(verts * self.scale + self.centre)
 
 
 def frame_of(verts: Verts, how: Normalisation) -> Frame:
-    """The frame of a target with these verts.
+    """Return the frame of a target.
 
     Args:
-        verts: (V, 3).
-        how: `tutorial` puts the mean of the verts at 0 and the largest |coordinate| at 1, as PyTorch3D's tutorial does;
-            `box` puts the centre of the bounding box at 0 and its diagonal at 1; `none` leaves all as it is.
+        verts: (V, 3) of the target.
+        how: `tutorial` puts the mean of the vertices at 0 and the largest |coordinate| at 1, as PyTorch3D's tutorial
+            does; `box` puts the centre of the bounding box at 0 and its diagonal at 1; `none` changes nothing.
 
     Raises:
-        MeshError: the mesh has no extent to divide by.
+        MeshError: all vertices are at one point.
     """
     if how == "none":
         return Frame((0.0, 0.0, 0.0), 1.0)
@@ -52,5 +52,5 @@ def frame_of(verts: Verts, how: Normalisation) -> Frame:
         low, high = bounding_box(verts)
         centre, scale = (low + high) / 2, bounding_box_diagonal(verts)
     if not scale > 0:
-        raise MeshError("the mesh has no extent: all its verts are at one point, so it cannot be normalised")
+        raise MeshError("the mesh has no extent: all its vertices are at one point, so it cannot be normalised")
     return Frame((float(centre[0]), float(centre[1]), float(centre[2])), scale)

@@ -1,4 +1,4 @@
-"""Meshes of polygons: faces of three corners or more, kept one after the other in a flat list."""
+"""Polygon meshes: faces of three or more corners, stored one after another in a flat array."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from meshfit.errors import MeshError
 from meshfit.mesh.mesh import Mesh, Verts
 
-# Sums of lengths that differ by less of themselves are equal.
+# Lengths that differ by less, relative to themselves, count as equal.
 _TIE = 1e-9
 
 Corners = Int64[np.ndarray, " C"]
@@ -19,24 +19,35 @@ Sizes = Int64[np.ndarray, " F"]
 
 
 class PolygonSoup(NamedTuple):
-    """The raw content of a file: (V, 3) positions, and the corners of its faces with the size of each."""
+    """The raw, unchecked content of a file: (V, 3) positions, (C,) corners of all faces and (F,) their sizes."""
 
     verts: NDArray[np.floating]
     corners: NDArray[np.int64]
     sizes: NDArray[np.int64]
 
+    @classmethod
+    def of_triangles(cls, verts: NDArray[np.floating], faces: NDArray[np.int64]) -> "PolygonSoup":
+        """Return (F, 3) triangles as polygons."""
+        return cls(verts, faces.reshape(-1), np.full(len(faces), 3, dtype=np.int64))
+
+    @classmethod
+    def of_rows(cls, verts: list[list[float]], faces: list[list[int]]) -> "PolygonSoup":
+        """Return lists of coordinates and of corners as arrays; both may be empty."""
+        corners = np.array([corner for face in faces for corner in face], dtype=np.int64)
+        return cls(np.array(verts, np.float64).reshape(-1, 3), corners, np.array([len(f) for f in faces], np.int64))
+
 
 @dataclass(frozen=True, eq=False, init=False)
 class PolygonMesh:
-    """A mesh whose faces have any number of corners. All arrays are copies, and read-only.
+    """A mesh whose faces have any number of corners. All arrays are read-only copies.
 
     Attributes:
         verts: (V, 3) float64, positions.
-        corners: (C,) int64, the verts of all faces, one face after the other, each counter-clockwise seen from outside.
+        corners: (C,) int64, vertex indices of all faces, one face after another, each counter-clockwise from outside.
         sizes: (F,) int64, the number of corners of each face.
 
     Raises:
-        MeshError: arrays of no such shape, a face of fewer than three corners, or sizes that do not add up.
+        MeshError: arrays of other shapes, a face of fewer than three corners, or sizes that do not add up.
     """
 
     verts: Verts
@@ -47,17 +58,17 @@ class PolygonMesh:
         points = Mesh(verts, np.empty((0, 3))).verts
         flat, counts = np.array(corners, dtype=np.int64), np.array(sizes, dtype=np.int64)
         if flat.ndim != 1 or counts.ndim != 1 or counts.sum() != len(flat):
-            raise MeshError(f"{flat.size} corners do not make up the {counts.size} faces whose sizes are given")
+            raise MeshError(f"{flat.size} corners do not match the sizes of {counts.size} faces")
         if (counts < 3).any():
             face = int(np.flatnonzero(counts < 3)[0])
-            raise MeshError(f"face {face} has {counts[face]} corners, 3 or more are needed")
+            raise MeshError(f"face {face}: expected 3 or more corners, got {counts[face]}")
         for name, array in (("verts", points), ("corners", flat), ("sizes", counts)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
 
     @classmethod
     def of(cls, mesh: "Mesh | PolygonMesh") -> "PolygonMesh":
-        """The same mesh, as one of polygons."""
+        """Return the mesh as a polygon mesh."""
         if isinstance(mesh, PolygonMesh):
             return mesh
         return cls(mesh.verts, mesh.faces.reshape(-1), np.full(mesh.num_faces, 3))
@@ -74,24 +85,24 @@ class PolygonMesh:
 
     @cached_property
     def starts(self) -> Sizes:
-        """(F,) where the corners of each face begin."""
+        """(F,) index of the first corner of each face."""
         return np.asarray(np.cumsum(self.sizes) - self.sizes)
 
     def with_verts(self, verts: ArrayLike) -> "PolygonMesh":
-        """The same faces on other positions."""
+        """Return the same faces with other positions."""
         return PolygonMesh(verts, self.corners, self.sizes)
 
     def triangulated(self) -> Mesh:
-        """Each polygon as a fan of triangles from its first corner, in the order of the polygons.
+        """Split each polygon into a fan of triangles from its first corner, in the order of the polygons.
 
-        A polygon of n corners gives n - 2 triangles in a row, so that the order of these tells whose they are.
+        A polygon of n corners gives n - 2 consecutive triangles.
         """
         return Mesh(self.verts, fan_triangles(self.corners, self.sizes))
 
     def with_short_diagonals(self) -> "PolygonMesh":
-        """The same polygons, each begun at the corner whose fan has the least sum of lengths of diagonals.
+        """Rotate the corners of each polygon so that its fan has the smallest total length of diagonals.
 
-        Of corners that tie, but for rounding, the first is taken, so that nothing changes where nothing is gained.
+        Of corners that tie up to rounding, the first is taken, so that nothing changes without gain.
         """
         corners = self.corners.copy()
         for size in np.unique(self.sizes[self.sizes > 3]):
@@ -106,16 +117,8 @@ class PolygonMesh:
 AnyMesh = TypeVar("AnyMesh", Mesh, PolygonMesh)
 
 
-def _diagonals(points: Float64[np.ndarray, "G N 3"]) -> Float64[np.ndarray, "G N"]:
-    """Of polygons of N corners, the sum of the lengths of the diagonals from each corner."""
-    total = np.zeros(points.shape[:2])
-    for step in range(2, points.shape[1] - 1):
-        total += np.linalg.norm(points - np.roll(points, -step, axis=1), axis=2)
-    return total
-
-
 def fan_triangles(corners: Corners, sizes: Sizes) -> Int64[np.ndarray, "T 3"]:
-    """(T, 3) the triangles of each polygon, all from its first corner, in the order of the polygons."""
+    """Return (T, 3) the fan of triangles of each polygon from its first corner, in the order of the polygons."""
     if (sizes == 3).all():
         return corners.reshape(-1, 3)
     count = sizes - 2
@@ -125,24 +128,26 @@ def fan_triangles(corners: Corners, sizes: Sizes) -> Int64[np.ndarray, "T 3"]:
 
 
 def face_rows(mesh: Mesh | PolygonMesh) -> list[list[int]]:
-    """The corners of each face, a list each."""
+    """Return the corners of each face as a list."""
     mesh = PolygonMesh.of(mesh)
     corners, ends = mesh.corners.tolist(), (mesh.starts + mesh.sizes).tolist()
     return [corners[start:end] for start, end in zip(mesh.starts.tolist(), ends, strict=True)]
 
 
 def checked_face_size(count: int, where: str = "") -> int:
-    """The number of corners of a face in a file; `where` goes in front of what is said of a faulty one.
+    """Return the number of corners of a face in a file, if it is allowed; `where` begins the message otherwise.
 
     Raises:
         ValueError: fewer than three corners.
     """
     if count < 3:
-        raise ValueError(f"{where}a face of {count} corners, 3 or more are needed")
+        raise ValueError(f"{where}expected a face of 3 or more corners, got {count}")
     return count
 
 
-def polygon_soup(verts: list[list[float]], faces: list[list[int]]) -> PolygonSoup:
-    """The arrays of these rows, of which there may be none."""
-    corners = np.array([corner for face in faces for corner in face], dtype=np.int64)
-    return PolygonSoup(np.array(verts, np.float64).reshape(-1, 3), corners, np.array([len(f) for f in faces], np.int64))
+def _diagonals(points: Float64[np.ndarray, "G N 3"]) -> Float64[np.ndarray, "G N"]:
+    """Return the total length of the diagonals from each corner of G polygons with N corners."""
+    total = np.zeros(points.shape[:2])
+    for step in range(2, points.shape[1] - 1):
+        total += np.linalg.norm(points - np.roll(points, -step, axis=1), axis=2)
+    return total

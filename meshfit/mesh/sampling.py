@@ -1,4 +1,4 @@
-"""Points on a surface, uniform by area, in numpy."""
+"""Area-uniform sampling of a surface in numpy."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ class SurfacePoints:
 
     Attributes:
         points: (N, 3) positions.
-        faces: (N,) the face that each lies on.
+        faces: (N,) the face of each.
     """
 
     points: Float64[np.ndarray, "N 3"]
@@ -25,13 +25,13 @@ class SurfacePoints:
 def sample_surface(mesh: Mesh, count: int, generator: np.random.Generator) -> SurfacePoints:
     """Draw points uniformly by area, stratified: one in each of `count` equal parts of the total area.
 
-    Each point is still uniform over its part, and no face larger than two parts is ever missed.
-    Within a triangle the square-root map is used (Osada et al. 2002, Shape Distributions, eq. 1).
+    No face larger than two parts is missed. Within a triangle, points come from the square-root map (Osada et al.
+    2002, Shape Distributions, eq. 1).
 
     Args:
         mesh: the surface.
-        count: N, how many points.
-        generator: where randomness comes from.
+        count: N, the number of points.
+        generator: of the random numbers.
     """
     cumulative = np.cumsum(face_areas(mesh))
     at = (np.arange(count) + generator.random(count)) * (cumulative[-1] / count)

@@ -1,4 +1,4 @@
-"""The named control meshes: regular solids, their verts on the unit sphere, faces counter-clockwise from outside."""
+"""Named control meshes: regular solids with vertices on the unit sphere and faces counter-clockwise from outside."""
 
 import itertools
 from collections.abc import Callable
@@ -11,7 +11,7 @@ from meshfit.mesh.polygons import PolygonMesh
 
 
 def _hull(verts: ArrayLike, faces: ArrayLike) -> Mesh:
-    """A convex solid about the origin, its faces turned outwards."""
+    """Return a convex solid about the origin with its faces turned outwards."""
     points = np.array(verts, dtype=np.float64)
     points /= np.linalg.norm(points, axis=1, keepdims=True)
     rows = np.array(faces)
@@ -21,18 +21,18 @@ def _hull(verts: ArrayLike, faces: ArrayLike) -> Mesh:
 
 
 def tetrahedron() -> Mesh:
-    """4 verts of valence 3, 4 faces."""
+    """Return a tetrahedron: 4 vertices of valence 3, 4 faces."""
     return _hull([(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)], list(itertools.combinations(range(4), 3)))
 
 
 def octahedron() -> Mesh:
-    """6 verts of valence 4, 8 faces."""
+    """Return an octahedron: 6 vertices of valence 4, 8 faces."""
     verts = [(1.0, 0, 0), (-1.0, 0, 0), (0, 1.0, 0), (0, -1.0, 0), (0, 0, 1.0), (0, 0, -1.0)]
     return _hull(verts, list(itertools.product((0, 1), (2, 3), (4, 5))))
 
 
 def cube() -> Mesh:
-    """8 verts, 12 faces: each side cut along the diagonal between even corners, so that valences are 6 and 3."""
+    """Return a cube: 8 vertices of valence 6 and 3, and 12 faces, by one diagonal between even corners per side."""
     verts = list(itertools.product((-1.0, 1.0), repeat=3))
     faces = []
     for axis, side in itertools.product(range(3), (-1.0, 1.0)):
@@ -43,7 +43,7 @@ def cube() -> Mesh:
 
 
 def quad_cube() -> PolygonMesh:
-    """The same 8 verts, and the 6 sides as quads."""
+    """Return a cube: 8 vertices, 6 quads."""
     verts = cube().verts
     sides = np.argsort(verts, axis=0, kind="stable").T.reshape(6, 4)
     quads = sides[:, [0, 1, 3, 2]]
@@ -53,7 +53,7 @@ def quad_cube() -> PolygonMesh:
 
 
 def icosahedron() -> Mesh:
-    """12 verts of valence 5, 20 faces."""
+    """Return an icosahedron: 12 vertices of valence 5, 20 faces."""
     golden = (1 + 5**0.5) / 2
     points = np.array([np.roll((0.0, a, b * golden), i) for i in range(3) for a in (-1, 1) for b in (-1, 1)])
     near = np.linalg.norm(points[:, None] - points[None], axis=2) < 2.1
@@ -70,4 +70,4 @@ SOLIDS: dict[str, Callable[[], Mesh]] = {
     "cube": cube,
 }
 POLYGON_SOLIDS: dict[str, Callable[[], PolygonMesh]] = {"cube": quad_cube}
-"""Those that have other faces than triangles, for schemes on polygons; by the same names."""
+"""Solids with faces that are not triangles, for schemes on polygons, under the same names."""

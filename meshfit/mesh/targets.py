@@ -1,4 +1,4 @@
-"""The named targets: meshes that a config can ask for by name, with their origin and the hash of the file expected."""
+"""Named targets: meshes that a config can name, with their origin and the hash of the expected file."""
 
 import hashlib
 import importlib.util
@@ -22,10 +22,10 @@ class NamedTarget:
 
     Attributes:
         file: the file's name.
-        sha256: of the file's content; anything else is refused, since numbers are compared across machines.
-        bundled: whether meshfit carries the file itself; the others come with the pymeshlab wheel.
-        title: how tables and captions call it.
-        origin: where the shape comes from.
+        sha256: of the file's content; other content is refused, since numbers are compared across machines.
+        bundled: whether meshfit includes the file; the others come with the pymeshlab wheel.
+        title: name in tables and captions.
+        origin: of the shape.
     """
 
     file: str
@@ -64,7 +64,7 @@ NAMED_TARGETS: dict[str, NamedTarget] = {
         "c87b0904ba21e55abe5c9c04a65e8933d6bac91e062b26faaf05eddc850c561a",
         bundled=False,
         title="bone",
-        origin=f"{_WHEEL}; 359 verts that no face uses are dropped",
+        origin=f"{_WHEEL}; 359 vertices that no face uses are dropped",
     ),
     "airplane": NamedTarget(
         "airplane.obj",
@@ -75,14 +75,17 @@ NAMED_TARGETS: dict[str, NamedTarget] = {
     ),
 }
 
-_Found = TypeVar("_Found")
+_Mesh = TypeVar("_Mesh")
 
 
 def target_path(target: str) -> Path:
-    """The file of a target: a name of `NAMED_TARGETS`, or a path, which anything with a suffix or a separator is.
+    """Return the file of a target.
+
+    Args:
+        target: a name of `NAMED_TARGETS`, or a path; anything with a suffix or a separator is a path.
 
     Raises:
-        MeshError: neither a known name nor a file, or a named target whose file is missing or not the one expected.
+        MeshError: neither a known name nor a file, or a named target whose file is missing or not the expected one.
     """
     named = NAMED_TARGETS.get(target)
     if named is not None:
@@ -91,16 +94,16 @@ def target_path(target: str) -> Path:
     if path.is_file():
         return path
     if path.is_dir():
-        raise MeshError(f"{target}: a directory; the path of a mesh file is needed")
+        raise MeshError(f"{target}: expected a mesh file, got a directory")
     if path.suffix or len(path.parts) > 1:
         raise MeshError(f"{target}: {missing_file_message(path, MESH_SUFFIXES)}")
     raise MeshError(
-        f"'{target}' is no target and no file: {suggest(target, NAMED_TARGETS)}, or the path of a mesh file"
+        f"'{target}' is neither a target nor a file: {suggest(target, NAMED_TARGETS)}, or the path of a mesh file"
     )
 
 
 def load_target(target: str) -> Mesh:
-    """The mesh of a target, by name or path, in its own coordinates.
+    """Load a target, by name or path, in its own coordinates.
 
     Raises:
         MeshError: as `target_path` and `load_mesh` do.
@@ -109,20 +112,19 @@ def load_target(target: str) -> Mesh:
 
 
 def load_target_with_vertex_map(target: str) -> tuple[Mesh, Indices]:
-    """The same mesh, and the vertex that each of its file's verts is in it, as `load_numbered` tells it.
+    """Load a target with its vertex map, as `load_mesh_with_vertex_map` does.
 
     Raises:
         MeshError: as `target_path` and `load_mesh` do.
     """
-    from meshfit.mesh.io.files import (
-        load_mesh_with_vertex_map,  # brings scipy, which those who only want names need not wait for
-    )
+    # Imports scipy, which a list of names does not need.
+    from meshfit.mesh.io.files import load_mesh_with_vertex_map
 
-    return _loaded(target, load_mesh_with_vertex_map)
+    return _load(target, load_mesh_with_vertex_map)
 
 
 def load_polygon_target(target: str) -> PolygonMesh:
-    """The same mesh with its faces as they are in the file.
+    """Load a target with the faces of its file as they are.
 
     Raises:
         MeshError: as `target_path` and `load_polygons` do.
@@ -131,26 +133,26 @@ def load_polygon_target(target: str) -> PolygonMesh:
 
 
 def load_polygon_target_with_vertex_map(target: str) -> tuple[PolygonMesh, Indices]:
-    """That mesh, and the vertex that each of its file's verts is in it.
+    """Load a target with the faces of its file as they are, and its vertex map.
 
     Raises:
         MeshError: as `target_path` and `load_polygons` do.
     """
     from meshfit.mesh.io.files import load_polygons_with_vertex_map
 
-    return _loaded(target, load_polygons_with_vertex_map)
+    return _load(target, load_polygons_with_vertex_map)
 
 
-def _loaded(target: str, load: Callable[[Path], _Found]) -> _Found:
+def _load(target: str, load: Callable[[Path], _Mesh]) -> _Mesh:
     path = target_path(target)
     with warnings.catch_warnings():
-        if target in NAMED_TARGETS:  # what there is to warn of is known, and told by `origin`
+        if target in NAMED_TARGETS:  # its faults are known, and listed in `origin`
             warnings.simplefilter("ignore", MeshfitWarning)
         return load(path)
 
 
 def file_sha256(path: Path) -> str:
-    """SHA-256 of a file's content, in hexadecimal."""
+    """Return the SHA-256 of a file's content, in hexadecimal."""
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError as error:
@@ -158,7 +160,7 @@ def file_sha256(path: Path) -> str:
 
 
 def target_title(target: str) -> str:
-    """How tables call a target: the title of a named one, the stem of a file."""
+    """Return the name of a target in tables: the title of a named one, the stem of a file."""
     named = NAMED_TARGETS.get(target)
     return named.title if named else Path(target).stem
 
@@ -168,16 +170,17 @@ def _verified(name: str, named: NamedTarget) -> Path:
     if not path.is_file():
         remedy = "reinstall meshfit" if named.bundled else "install the pymeshlab version that constraints.txt names"
         raise MeshError(f"target '{name}': {path} is missing; {remedy}, or give the path of a mesh file")
-    found = file_sha256(path)
-    if found != named.sha256:
+    sha256 = file_sha256(path)
+    if sha256 != named.sha256:
         raise MeshError(
-            f"target '{name}': {path} is not the expected file (sha256 {found[:12]}…, expected {named.sha256[:12]}…)"
+            f"target '{name}': {path} is not the expected file "
+            f"(expected sha256 {named.sha256[:12]}…, got {sha256[:12]}…)"
         )
     return path
 
 
 def _wheel_samples() -> Path:
-    """The sample meshes of pymeshlab, found without importing it."""
+    """Return the folder of pymeshlab's sample meshes, without importing it."""
     spec = importlib.util.find_spec("pymeshlab")
     if spec is None or spec.origin is None:
         raise MeshError("the named targets come with pymeshlab, which is not installed: pip install pymeshlab")

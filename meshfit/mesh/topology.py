@@ -1,37 +1,176 @@
-"""Who is next to whom in a triangle mesh, built once and then only read.
+"""Half-edge connectivity of triangle and polygon meshes, built once and then only read."""
 
-Half-edge 3f + k runs along face f from its corner k to its corner k + 1 (mod 3).
-"""
-
+from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Int64
+from jaxtyping import Bool, Int64
 
-from meshfit.mesh.halfedges import NONE, HalfEdges, Indices, Mask
 from meshfit.mesh.mesh import Faces, Mesh
 from meshfit.mesh.polygons import PolygonMesh
 
-__all__ = ["NONE", "Indices", "Mask", "Topology", "next_in_face", "previous_in_face"]
+NONE = -1
+"""The index of what does not exist."""
+Indices = Int64[np.ndarray, "_"]
+Mask = Bool[np.ndarray, "_"]
+
+
+@dataclass(frozen=True, eq=False)
+class HalfEdges:
+    """Connectivity that follows from C half-edges alone, whatever the sizes of faces: edges, twins, boundary, valence.
+
+    A half-edge runs along one face from one corner to the next.
+
+    Attributes:
+        num_verts: V; vertices that no face uses are allowed.
+    """
+
+    num_verts: int
+
+    @property
+    @abstractmethod
+    def num_faces(self) -> int:
+        """F, the number of faces."""
+
+    @property
+    def num_edges(self) -> int:
+        """E, the number of undirected edges."""
+        return len(self.edges)
+
+    @property
+    @abstractmethod
+    def tail(self) -> Indices:
+        """(C,) vertex at which each half-edge starts."""
+
+    @property
+    @abstractmethod
+    def head(self) -> Indices:
+        """(C,) vertex at which each half-edge ends."""
+
+    @abstractmethod
+    def following(self, halfedge: Indices) -> Indices:
+        """Return the next half-edge in the same face."""
+
+    @abstractmethod
+    def preceding(self, halfedge: Indices) -> Indices:
+        """Return the previous half-edge in the same face."""
+
+    @abstractmethod
+    def face_of(self, halfedge: Indices) -> Indices:
+        """Return the face of each half-edge."""
+
+    @property
+    @abstractmethod
+    def has_vert_twice(self) -> Mask:
+        """(F,) which faces visit a vertex twice."""
+
+    @abstractmethod
+    def corners_of(self, face: int) -> list[int]:
+        """Return the vertices of one face, in its order."""
+
+    @cached_property
+    def _edge_keys(self) -> tuple[Indices, Indices, Indices]:
+        keys = np.minimum(self.tail, self.head) * self.num_verts + np.maximum(self.tail, self.head)
+        order = np.argsort(keys, kind="stable")
+        ordered = keys[order]
+        first = np.ones(len(keys), dtype=bool)
+        first[1:] = ordered[1:] != ordered[:-1]
+        edge = np.empty(len(keys), dtype=np.int64)
+        edge[order] = np.cumsum(first) - 1
+        return ordered[first], edge, order
+
+    @cached_property
+    def edges(self) -> Int64[np.ndarray, "E 2"]:
+        """(E, 2) undirected edges, smaller vertex first, in lexicographic order."""
+        keys = self._edge_keys[0]
+        return np.stack([keys // self.num_verts, keys % self.num_verts], axis=1) if len(keys) else np.empty((0, 2), int)
+
+    @property
+    def edge_of(self) -> Indices:
+        """(C,) edge of each half-edge."""
+        return self._edge_keys[1]
+
+    @cached_property
+    def faces_per_edge(self) -> Indices:
+        """(E,) number of faces at each edge: 2 inside, 1 on the boundary, more where the mesh is not manifold."""
+        return np.bincount(self.edge_of, minlength=len(self.edges))
+
+    @cached_property
+    def edge_halfedge(self) -> Indices:
+        """(E,) first half-edge of each edge."""
+        order, counts = self._edge_keys[2], self.faces_per_edge
+        return np.asarray(order[np.cumsum(counts) - counts])
+
+    @cached_property
+    def twin(self) -> Indices:
+        """(C,) half-edge on the other side of the edge; `NONE` on the boundary and at non-manifold edges."""
+        order, counts = self._edge_keys[2], self.faces_per_edge
+        first = (np.cumsum(counts) - counts)[counts == 2]
+        twin = np.full(len(self.tail), NONE, dtype=np.int64)
+        twin[order[first]], twin[order[first + 1]] = order[first + 1], order[first]
+        return twin
+
+    @cached_property
+    def face_pairs(self) -> Int64[np.ndarray, "P 2"]:
+        """(P, 2) half-edges of each pair of faces that share an edge; k faces at one edge make k(k-1)/2 pairs."""
+        order, counts = self._edge_keys[2], self.faces_per_edge
+        starts = np.cumsum(counts) - counts
+        pairs = [
+            order[np.stack([starts[counts == k] + i, starts[counts == k] + j], axis=1)]
+            for k in np.unique(counts)
+            for i in range(k)
+            for j in range(i + 1, k)
+        ]
+        return np.concatenate(pairs) if pairs else np.empty((0, 2), dtype=np.int64)
+
+    @cached_property
+    def valence(self) -> Indices:
+        """(V,) number of edges at each vertex."""
+        return np.bincount(self.edges.reshape(-1), minlength=self.num_verts)
+
+    @cached_property
+    def boundary_edges(self) -> Mask:
+        """(E,) which edges have a single face."""
+        return np.asarray(self.faces_per_edge == 1)
+
+    @cached_property
+    def boundary_verts(self) -> Mask:
+        """(V,) which vertices lie on a boundary edge."""
+        on_boundary = np.zeros(self.num_verts, dtype=bool)
+        on_boundary[self.edges[self.boundary_edges].reshape(-1)] = True
+        return on_boundary
+
+    @cached_property
+    def boundary_neighbours(self) -> Int64[np.ndarray, "V 2"]:
+        """(V, 2) previous and next vertex along the boundary, faces to the left; `NONE` off the boundary."""
+        out = np.flatnonzero(self.boundary_edges[self.edge_of])
+        neighbours = np.full((self.num_verts, 2), NONE, dtype=np.int64)
+        neighbours[self.head[out], 0] = self.tail[out]
+        neighbours[self.tail[out], 1] = self.head[out]
+        return neighbours
+
+    def next_around_tail(self, halfedge: Indices) -> Indices:
+        """Return the next half-edge out of the same vertex, counter-clockwise; `NONE` across a boundary."""
+        return np.asarray(self.twin[self.preceding(halfedge)])
 
 
 def next_in_face(halfedge: Indices) -> Indices:
-    """The half-edge that follows in the same triangle."""
+    """Return the next half-edge in the same triangle."""
     return np.asarray(halfedge - halfedge % 3 + (halfedge + 1) % 3)
 
 
 def previous_in_face(halfedge: Indices) -> Indices:
-    """The half-edge that precedes in the same triangle."""
+    """Return the previous half-edge in the same triangle."""
     return np.asarray(halfedge - halfedge % 3 + (halfedge + 2) % 3)
 
 
 @dataclass(frozen=True, eq=False)
 class Topology(HalfEdges):
-    """The connectivity of a triangle mesh.
+    """Connectivity of a triangle mesh: half-edge 3f + k runs along face f from corner k to corner k + 1 (mod 3).
 
     Attributes:
-        num_verts: V; verts that no face uses are allowed.
+        num_verts: V; vertices that no face uses are allowed.
         faces: (F, 3) int64.
     """
 
@@ -39,7 +178,7 @@ class Topology(HalfEdges):
 
     @classmethod
     def of(cls, mesh: Mesh) -> "Topology":
-        """The topology of a mesh."""
+        """Return the topology of a mesh."""
         return cls(mesh.num_verts, mesh.faces)
 
     @property
@@ -59,38 +198,38 @@ class Topology(HalfEdges):
 
     @cached_property
     def apex(self) -> Indices:
-        """(3F,) vertex opposite to each half-edge in its face."""
+        """(3F,) vertex opposite each half-edge in its face."""
         return np.roll(self.faces, -2, axis=1).reshape(-1)
 
     def following(self, halfedge: Indices) -> Indices:
-        """The half-edge that follows in the same face."""
+        """Return the next half-edge in the same face."""
         return next_in_face(halfedge)
 
     def preceding(self, halfedge: Indices) -> Indices:
-        """The half-edge that precedes in the same face."""
+        """Return the previous half-edge in the same face."""
         return previous_in_face(halfedge)
 
     def face_of(self, halfedge: Indices) -> Indices:
-        """The face that each half-edge belongs to."""
+        """Return the face of each half-edge."""
         return np.asarray(halfedge // 3)
 
     @property
     def has_vert_twice(self) -> Mask:
-        """(F,) which faces come by the same vertex twice."""
+        """(F,) which faces visit a vertex twice."""
         return np.asarray((self.faces == np.roll(self.faces, 1, axis=1)).any(axis=1))
 
     def corners_of(self, face: int) -> list[int]:
-        """The verts of one face, in its order."""
+        """Return the vertices of one face, in its order."""
         return [int(vert) for vert in self.faces[face]]
 
 
 @dataclass(frozen=True, eq=False)
 class PolygonTopology(HalfEdges):
-    """The connectivity of a mesh whose faces have any number of corners.
+    """Connectivity of a mesh whose faces have any number of corners.
 
     Attributes:
-        num_verts: V; verts that no face uses are allowed.
-        corners: (C,) int64, the verts of all faces, one face after the other, each counter-clockwise.
+        num_verts: V; vertices that no face uses are allowed.
+        corners: (C,) int64, the vertices of all faces, one face after another, each counter-clockwise.
         sizes: (F,) int64, the number of corners of each face.
     """
 
@@ -99,7 +238,7 @@ class PolygonTopology(HalfEdges):
 
     @classmethod
     def of(cls, mesh: "PolygonMesh | Topology") -> "PolygonTopology":
-        """The topology of a mesh of polygons, or that of triangles as one of polygons."""
+        """Return the topology of a polygon mesh, or that of triangles as one of polygons."""
         if isinstance(mesh, Topology):
             return cls(mesh.num_verts, mesh.tail, np.full(mesh.num_faces, 3, dtype=np.int64))
         return cls(mesh.num_verts, mesh.corners, mesh.sizes)
@@ -111,7 +250,7 @@ class PolygonTopology(HalfEdges):
 
     @cached_property
     def starts(self) -> Indices:
-        """(F,) the first half-edge of each face."""
+        """(F,) first half-edge of each face."""
         return np.asarray(np.cumsum(self.sizes) - self.sizes)
 
     @property
@@ -126,7 +265,7 @@ class PolygonTopology(HalfEdges):
 
     @cached_property
     def face(self) -> Indices:
-        """(C,) the face that each half-edge belongs to."""
+        """(C,) face of each half-edge."""
         return np.repeat(np.arange(self.num_faces), self.sizes)
 
     @cached_property
@@ -142,20 +281,20 @@ class PolygonTopology(HalfEdges):
         return preceding
 
     def following(self, halfedge: Indices) -> Indices:
-        """The half-edge that follows in the same face."""
+        """Return the next half-edge in the same face."""
         return np.asarray(self._following[halfedge])
 
     def preceding(self, halfedge: Indices) -> Indices:
-        """The half-edge that precedes in the same face."""
+        """Return the previous half-edge in the same face."""
         return np.asarray(self._preceding[halfedge])
 
     def face_of(self, halfedge: Indices) -> Indices:
-        """The face that each half-edge belongs to."""
+        """Return the face of each half-edge."""
         return np.asarray(self.face[halfedge])
 
     @property
     def has_vert_twice(self) -> Mask:
-        """(F,) which faces come by the same vertex twice."""
+        """(F,) which faces visit a vertex twice."""
         order = np.lexsort((self.corners, self.face))
         vert, face = self.corners[order], self.face[order]
         twice = np.zeros(self.num_faces, dtype=bool)
@@ -163,6 +302,6 @@ class PolygonTopology(HalfEdges):
         return twice
 
     def corners_of(self, face: int) -> list[int]:
-        """The verts of one face, in its order."""
+        """Return the vertices of one face, in its order."""
         start = int(self.starts[face])
         return [int(vert) for vert in self.corners[start : start + int(self.sizes[face])]]

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from meshfit.errors import MeshError
-from meshfit.mesh.io.vertex_values import read_word_lines
+from meshfit.mesh.io.text import read_word_lines
 from meshfit.mesh.topology import NONE, Indices, Topology
 from meshfit.subdivision.creases import Creases, edges_between
 

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from meshfit.mesh.io.files import SUFFIXES, encode_mesh, load_mesh, load_polygons, save_mesh
+from meshfit.mesh.io.files import FORMATS, encode_mesh, load_mesh, load_polygons, save_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import octahedron, quad_cube
 from meshfit.subdivision.refine import subdivide
@@ -22,7 +22,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", FORMATS)
 def test_subdivide_reads_and_writes_every_format(folder, suffix):
     save_mesh(octahedron(), folder / f"in{suffix}")
     ran = invoke("subdivide", f"in{suffix}", f"out{suffix}", "--levels", 2)
@@ -65,7 +65,7 @@ def test_what_was_mended_is_told_on_stderr_and_the_work_is_done(folder):
     (folder / "in.obj").write_text(OBJ + "f 1 2 4\nv 9 9 9\n")
     ran = invoke("subdivide", "in.obj", "out.ply")
     assert ran.code == 0
-    assert ran.err == "warning: in.obj: dropped 1 duplicate faces\nwarning: in.obj: dropped 1 unreferenced verts\n"
+    assert ran.err == "warning: in.obj: dropped 1 duplicate faces\nwarning: in.obj: dropped 1 unreferenced vertices\n"
     assert load_mesh("out.ply").num_faces == 16
 
 
@@ -73,11 +73,11 @@ BAD_SUBDIVISIONS = {
     ("solid.ply", "out.ply", "-s", "ternary"): "error: this scheme needs quads: face 0 has 3 corners; catmull-clark, ",
     ("solid.ply", "out.ply", "-s", "kobbelt", "--alpha", "1"): "error: scheme 'kobbelt' has no parameter 'alpha'",
     ("gone.obj", "out.ply"): "error: gone.obj: no such file",
-    (".", "out.ply"): "error: .: a directory; the path of a mesh file is needed",
-    ("buny", "out.ply"): "error: 'buny' is no target and no file: did you mean 'bunny'? allowed: bunny, ",
-    ("solid.ply", "out.xyz"): "error: out.xyz: '.xyz' is not a mesh format that is known; allowed: .obj, .ply, ",
-    ("solid.ply", "out"): "error: out: no suffix to tell its format by; allowed: .obj, ",
-    ("solid.ply", "gone/out.ply"): "error: gone/out.ply: cannot be written: there is no folder gone; make it",
+    (".", "out.ply"): "error: .: expected a mesh file, got a directory",
+    ("buny", "out.ply"): "error: 'buny' is neither a target nor a file: did you mean 'bunny'? allowed: bunny, ",
+    ("solid.ply", "out.xyz"): "error: out.xyz: unknown mesh format '.xyz'; allowed: .obj, .ply, ",
+    ("solid.ply", "out"): "error: out: no suffix to tell the mesh format; allowed: .obj, ",
+    ("solid.ply", "gone/out.ply"): "error: gone/out.ply: cannot be written: there is no folder gone; create it",
     ("solid.ply", "out.ply", "-n", "-1"): "error: Invalid value for '--levels'",
     ("solid.ply", "out.ply", "-n", "11"): "error: Invalid value for '--levels'",
     ("solid.ply", "out.ply", "-n", "two"): "error: Invalid value for '--levels'",
@@ -98,12 +98,12 @@ def test_subdivide_refuses(folder, arguments):
 SHAPES = {
     "three faces at an edge": (
         OBJ + "v 5 5 5\nf 1 2 5\n",
-        r"edge (0, 1) has 3 faces, 1 or 2 are allowed (1 such edges)",
+        r"edge (0, 1) has 3 faces; allowed: 1 or 2 (1 such edges)",
     ),
     "a face turned over": (OBJ.replace("f 1 3 2", "f 1 2 3"), "edge (0, 1) has two faces of opposite orientation"),
     "two cones at one tip": (
         "v 0 0 0\nv 1 0 0\nv 0 1 0\nv -1 0 0\nv 0 -1 0\nf 1 2 3\nf 1 4 5\n",
-        "vertex 0 joins separate fans of faces (1 such verts)",
+        "vertex 0 joins separate fans of faces (1 such vertices)",
     ),
 }
 
@@ -127,11 +127,11 @@ BAD_FILES = {
     "garbage.glb": (bytes(range(256)), "cannot be read as GLB: "),
     "garbage.stl": (bytes(range(256)), "cannot be read as STL: "),
     "cut.ply": (BINARY[:-5], "cannot be read as PLY: the file ends within 'face', of which it announces 8"),
-    "text.off": (b"hello", "cannot be read as OFF: line 1: 'OFF' is needed"),
-    "model.fbx": (b"Kaydara FBX", "'.fbx' is not a mesh format that is known; allowed: .obj, .ply, .stl, .off, .glb"),
-    "points.obj": (OBJ[:32].encode(), "the mesh has 4 verts and no faces; a surface of triangles is needed"),
+    "text.off": (b"hello", "cannot be read as OFF: line 1: expected 'OFF'"),
+    "model.fbx": (b"Kaydara FBX", "unknown mesh format '.fbx'; allowed: .obj, .ply, .stl, .off, .glb"),
+    "points.obj": (OBJ[:32].encode(), "expected a surface, got a mesh of 4 vertices and no faces"),
     "nan.obj": (OBJ.replace("v 1", "v nan").encode(), "vertex 1 has a coordinate that is not finite: [nan, 0.0, 0.0]"),
-    "index.obj": (OBJ.replace("f 1 2 4", "f 1 2 5").encode(), "face 1 is [0, 1, 4], but verts are numbered 0 to 3"),
+    "index.obj": (OBJ.replace("f 1 2 4", "f 1 2 5").encode(), "face 1 is [0, 1, 4], but vertices are numbered 0 to 3"),
     "flat.obj": (b"v 0 0 0\nv 1 1 1\nv 2 2 2\nf 1 2 3\n", "all 1 faces are degenerate (no area)"),
 }
 

@@ -118,7 +118,7 @@ def test_init_where_nothing_can_be_written(tmp_path):
     path = tmp_path / "gone" / "a.yaml"
     assert (
         refused("init", path)
-        == f"error: {path}: cannot be written: there is no folder {path.parent}; make it, or choose another place"
+        == f"error: {path}: cannot be written: there is no folder {path.parent}; create it, or choose another place"
     )
 
 

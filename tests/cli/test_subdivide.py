@@ -130,11 +130,18 @@ REFUSED = {
         "--limit",
     ): "--limit: limits are known for loop only; found interp-loop",
     ("cube.ply", "out.ply", "-s", "sqrt3", "--normals"): "--normals: limits are known for loop only; found sqrt3",
-    ("cube.ply", "out.stl", "--normals"): "out.stl: vertex normals are written to .obj and .ply files only",
+    ("cube.ply", "out.stl", "--normals"): "out.stl: vertex normals can be written to .obj and .ply files only",
     ("cube.ply", "out.ply", "--alpha", "solid.obj"): "scheme 'loop' has no parameter 'alpha'",
-    ("cube.ply", "out.ply", "-s", "interp-loop", "--alpha", "attribute:a"): "cube.ply: 'a' cannot be read: its verts",
+    (
+        "cube.ply",
+        "out.ply",
+        "-s",
+        "interp-loop",
+        "--alpha",
+        "attribute:a",
+    ): "cube.ply: 'a' cannot be read: its vertices",
     ("solid.obj", "out.ply", "-s", "interp-loop", "--alpha", "attribute:a"): "solid.obj: 'a' can be read from a PLY",
-    ("bunny", "out.ply", "-s", "interp-loop", "--alpha", "solid.obj"): "solid.obj, line 1: found 'v ",
+    ("bunny", "out.ply", "-s", "interp-loop", "--alpha", "solid.obj"): "solid.obj, line 1: expected one number",
     ("cube.ply", "out.ply", "-s", "interp-loop", "--alpha", "nan"): "interp-loop: alpha=nan is not allowed",
 }
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from meshfit.mesh.curves import Curves
-from meshfit.mesh.io.curve_files import load_curves, save_curves
-from meshfit.mesh.io.files import save_mesh
+from meshfit.mesh.io.files import load_curves, save_curves, save_mesh
 from meshfit.mesh.solids import octahedron
 from meshfit.subdivision.curves.table import CURVE_SCHEMES
 from meshfit.subdivision.refine import subdivide
@@ -51,12 +50,12 @@ def test_parameters(folder):
 
 
 REFUSED = {
-    ("solid.ply", "out.obj", "-s", "four-point"): "solid.ply: no curves in it, which PLY has as 'edge' elements; "
+    ("solid.ply", "out.obj", "-s", "four-point"): "solid.ply: no curves in it; PLY holds them as 'edge' elements; "
     f"schemes on surfaces: {', '.join(TRIANGLE_SCHEMES)}",
-    ("square.obj", "out.obj"): "square.obj: the mesh has 4 verts and no faces; a surface of triangles is needed; "
+    ("square.obj", "out.obj"): "square.obj: expected a surface, got a mesh of 4 vertices and no faces; "
     f"schemes on curves: {', '.join(CURVE_SCHEMES)}",
     ("gone.obj", "out.obj", "-s", "four-point"): "gone.obj: no such file",
-    ("square.obj", "out.glb", "-s", "four-point"): "out.glb: '.glb' is not a curve format that is known; allowed: .obj",
+    ("square.obj", "out.glb", "-s", "four-point"): "out.glb: unknown curve format '.glb'; allowed: .obj",
     ("square.obj", "out.obj", "-s", "four-point", "--tension", "1"): "four-point: tension=1.0 is not allowed: a number",
     ("square.obj", "out.obj", "-s", "four-point", "--alpha", "1"): "scheme 'four-point' has no parameter 'alpha'",
     ("square.obj", "out.obj", "-s", "cubic-bspline", "-n", "11"): "Invalid value for '--levels'",

@@ -8,8 +8,7 @@ import pytest
 
 from meshfit.errors import DomainError, MeshError, MeshfitWarning
 from meshfit.mesh.curves import Chains, Curves, require_chains
-from meshfit.mesh.io.curve_files import SUFFIXES, encode_curves, load_curves, save_curves
-from meshfit.mesh.io.files import load_mesh, save_mesh
+from meshfit.mesh.io.files import CURVE_FORMATS, encode_curves, load_curves, load_mesh, save_curves, save_mesh
 from meshfit.mesh.solids import octahedron
 from tests.curve_shapes import SHAPES, many
 from tests.damaged import read_or_refused
@@ -50,7 +49,7 @@ def loaded(folder, content: bytes, name: str = "a.obj") -> Curves:
 
 
 @pytest.mark.parametrize("scale", SCALES)
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", CURVE_FORMATS)
 @pytest.mark.parametrize("shape", SHAPES)
 def test_round_trip_to_the_last_bit(tmp_path, shape, suffix, scale):
     curves = without_unused(SHAPES[shape]())
@@ -59,7 +58,7 @@ def test_round_trip_to_the_last_bit(tmp_path, shape, suffix, scale):
     assert same(load_curves(tmp_path / f"a{suffix}"), curves)
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", CURVE_FORMATS)
 def test_the_same_curves_give_the_same_bytes(suffix):
     assert encode_curves(many(), suffix) == encode_curves(many(), suffix)
 
@@ -111,7 +110,7 @@ def test_text_ply(tmp_path):
 
 
 def test_verts_of_no_segment_are_dropped_and_told(tmp_path):
-    with pytest.warns(MeshfitWarning, match=r"a\.obj: dropped 2 verts that no curve uses"):
+    with pytest.warns(MeshfitWarning, match=r"a\.obj: dropped 2 vertices that no curve uses"):
         curves = loaded(tmp_path, OBJ + b"l 2 4\n")
     assert np.array_equal(curves.verts, [[1, 0, 0], [0, 1, 0]])
     assert curves.corners.tolist() == [0, 1]
@@ -119,18 +118,18 @@ def test_verts_of_no_segment_are_dropped_and_told(tmp_path):
 
 REFUSED = {
     b"": "the file is empty",
-    OBJ: "no curves in it, which OBJ has as 'l' lines",
-    OBJ + b"f 1 2 3\n": "no curves in it, which OBJ has as 'l' lines",
-    OBJ + b"l 1\n": "cannot be read as OBJ: line 5: a line of 1 verts, 2 or more are needed",
-    OBJ + b"l 1 2 x\n": "cannot be read as OBJ: line 5: '1 2 x' are not all integers",
+    OBJ: "no curves in it; OBJ holds them as 'l' lines",
+    OBJ + b"f 1 2 3\n": "no curves in it; OBJ holds them as 'l' lines",
+    OBJ + b"l 1\n": "cannot be read as OBJ: line 5: expected a line of 2 or more vertices, got 1",
+    OBJ + b"l 1 2 x\n": "cannot be read as OBJ: line 5: expected integers, got '1 2 x'",
     OBJ + b"l 1 0\n": "cannot be read as OBJ: line 5: a line with vertex 0; OBJ counts from 1",
-    OBJ + b"l 1 5\n": "segment 0 is [0, 4], but verts are numbered 0 to 3",
-    OBJ + b"l -5 1\n": "segment 0 is [-1, 0], but verts are numbered 0 to 3",
+    OBJ + b"l 1 5\n": "segment 0 is [0, 4], but vertices are numbered 0 to 3",
+    OBJ + b"l -5 1\n": "segment 0 is [-1, 0], but vertices are numbered 0 to 3",
     OBJ + b"l 1 1 2\n": "segment 0 is [0, 0], from a vertex to itself",
-    OBJ + b"l 1 2 3\nl 2 4\n": "the curves branch: vertex 1 has 3 segments, 1 or 2 are allowed",
+    OBJ + b"l 1 2 3\nl 2 4\n": "the curves branch: vertex 1 has 3 segments, allowed: 1 or 2",
     OBJ + b"v nan 0 0\nl 1 5 2\n": "vertex 4 has a coordinate that is not finite",
-    OBJ + b"v 1e99 0 0\nl 1 5 2\n": "vertex 4 is [1e+99, 0.0, 0.0]; coordinates up to 1e+60 are allowed",
-    OBJ + b"v 1 0\nl 1 2\n": "cannot be read as OBJ: line 5: a vertex of 2 coordinates, 3 are needed",
+    OBJ + b"v 1e99 0 0\nl 1 5 2\n": "expected coordinates up to 1e+60, got [1e+99, 0.0, 0.0] at vertex 4",
+    OBJ + b"v 1 0\nl 1 2\n": "cannot be read as OBJ: line 5: expected a vertex of 3 coordinates, got 2",
     OBJ + b"l 1 " + b"9" * 30 + b"\n": "cannot be read as OBJ: ",
 }
 
@@ -147,15 +146,15 @@ PLY_REFUSED = {
     "no property": (PLY.replace(b"vertex2", b"second"), "cannot be read as PLY: 'edge' has no property 'vertex2'"),
     "a part": (
         PLY.replace(b"int vertex", b"float vertex").replace(b"1 2 0", b"1 1.5 0"),
-        "cannot be read as PLY: 'edge' has ends that are not indices of verts",
+        "cannot be read as PLY: 'edge' has ends that are not vertex indices",
     ),
     "nan": (PLY.replace(b"int vertex", b"float vertex").replace(b"1 2 0", b"1 nan 0"), "cannot be read as PLY: 'edge'"),
     "huge": (PLY.replace(b"1 2 0", b"1 " + b"9" * 30 + b" 0"), "cannot be read as PLY: 'edge' has ends"),
-    "outside": (PLY.replace(b"1 2 0", b"1 3 0"), "segment 1 is [1, 3], but verts are numbered 0 to 2"),
+    "outside": (PLY.replace(b"1 2 0", b"1 3 0"), "segment 1 is [1, 3], but vertices are numbered 0 to 2"),
     "cut short": (PLY[:-6], "cannot be read as PLY: the file ends within 'edge', of which it announces 2"),
     "too long": (PLY + b"7", "cannot be read as PLY: more data than its header announces"),
-    "no edges": (PLY.replace(b"edge 2", b"edge 0").replace(b"0 1 255\n1 2 0", b""), "no curves in it, which PLY has"),
-    "no verts": (PLY.replace(b"element vertex", b"element point"), "segment 0 is [0, 1], but verts are numbered"),
+    "no edges": (PLY.replace(b"edge 2", b"edge 0").replace(b"0 1 255\n1 2 0", b""), "no curves in it; PLY holds"),
+    "no verts": (PLY.replace(b"element vertex", b"element point"), "segment 0 is [0, 1], but vertices are numbered"),
 }
 
 
@@ -169,9 +168,9 @@ def test_what_is_wrong_with_a_ply(tmp_path, name):
 
 def test_paths_that_cannot_be_read_or_written(tmp_path):
     curves = Curves.through(np.eye(3))
-    with pytest.raises(MeshError, match=r"a\.stl: '\.stl' is not a curve format that is known; allowed: \.obj, \.ply"):
+    with pytest.raises(MeshError, match=r"a\.stl: unknown curve format '\.stl'; allowed: \.obj, \.ply"):
         save_curves(curves, tmp_path / "a.stl")
-    with pytest.raises(MeshError, match="no suffix to tell its format by"):
+    with pytest.raises(MeshError, match="no suffix to tell the curve format"):
         load_curves(tmp_path / "a")
     with pytest.raises(MeshError, match=r"gone/a\.ply: cannot be written: there is no folder"):
         save_curves(curves, tmp_path / "gone" / "a.ply")
@@ -182,14 +181,14 @@ def test_paths_that_cannot_be_read_or_written(tmp_path):
 
 def test_a_surface_and_curves_are_not_taken_for_each_other(tmp_path):
     save_mesh(octahedron(), tmp_path / "solid.ply")
-    with pytest.raises(DomainError, match="no curves in it, which PLY has as 'edge' elements"):
+    with pytest.raises(DomainError, match="no curves in it; PLY holds them as 'edge' elements"):
         load_curves(tmp_path / "solid.ply")
     save_curves(Curves.through(np.eye(3)), tmp_path / "curve.ply")
-    with pytest.raises(DomainError, match="the mesh has 3 verts and no faces"):
+    with pytest.raises(DomainError, match="a mesh of 3 vertices and no faces"):
         load_mesh(tmp_path / "curve.ply")
 
 
-VALID = {f"a{suffix}": encode_curves(without_unused(many()), suffix) for suffix in SUFFIXES} | {
+VALID = {f"a{suffix}": encode_curves(without_unused(many()), suffix) for suffix in CURVE_FORMATS} | {
     "text.ply": PLY,
     "hand.obj": OBJ + b"l 1 2 3\nl 3 4 1\n",
 }

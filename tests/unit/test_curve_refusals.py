@@ -46,7 +46,7 @@ def test_a_scheme_on_triangles_on_curves(name, levels):
 @by_curve_scheme
 def test_curves_that_branch(name):
     cross = Curves(np.eye(3), [0, 1, 1, 2], [2, 2], [False, False])
-    with pytest.raises(MeshError, match="subdivision needs curves that do not branch: vertex 1 stands twice"):
+    with pytest.raises(MeshError, match="subdivision needs curves that do not branch: vertex 1 is in the chains twice"):
         subdivide(cross, name)
 
 

@@ -7,7 +7,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from meshfit.mesh.io.files import SUFFIXES, encode_mesh, load_mesh
+from meshfit.mesh.io.files import FORMATS, encode_mesh, load_mesh
 from meshfit.mesh.solids import octahedron
 from tests.damaged import read_or_refused
 
@@ -26,7 +26,7 @@ end_header
 0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 2 0 3
 """
 FACET = b"facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 %d\nvertex 0 1 0\nendloop\nendfacet\n"
-VALID = {suffix: encode_mesh(octahedron(), suffix) for suffix in SUFFIXES} | {
+VALID = {suffix: encode_mesh(octahedron(), suffix) for suffix in FORMATS} | {
     "ascii.ply": ASCII_PLY,
     "ascii.stl": b"solid a\n" + FACET % 0 + FACET % 1 + b"endsolid a\n",
 }

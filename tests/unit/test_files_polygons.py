@@ -80,12 +80,12 @@ def test_obj_in_all_its_ways_of_writing(tmp_path, faces, rows):
 @pytest.mark.parametrize(
     ("faces", "message"),
     [
-        ("f 1 2 3 4\nf 1 2\n", "line 7: a face of 2 corners, 3 or more are needed"),
+        ("f 1 2 3 4\nf 1 2\n", "line 7: expected a face of 3 or more corners, got 2"),
         ("f 1 2 3 0\n", "line 6: a face with vertex 0"),
-        ("f 1 2 3 x\n", "line 6: '1 2 3 x' are not all integers"),
+        ("f 1 2 3 x\n", "line 6: expected integers, got '1 2 3 x'"),
         ("f 1 2 3 9\n", r"numbered 0 to 4"),
-        ("f 1 2 3 ; 4\n", "line 6: .* are not all integers"),
-        ("", "5 verts and no faces"),
+        ("f 1 2 3 ; 4\n", "line 6: expected integers, got "),
+        ("", "5 vertices and no faces"),
     ],
 )
 def test_faces_at_fault_are_named_alike(tmp_path, load, faces, message):
@@ -124,7 +124,7 @@ def test_what_is_dropped_is_told():
         "dropped 2 degenerate faces",
         "dropped 1 duplicate faces",
         "dropped 1 repeated corners",
-        "dropped 3 unreferenced verts",
+        "dropped 3 unreferenced vertices",
     }
     assert face_rows(mesh) == SIDES
 
@@ -157,11 +157,11 @@ def test_soup_of_polygons_is_welded():
 @pytest.mark.parametrize(
     ("verts", "rows", "message"),
     [
-        (np.zeros((0, 3)), [], "no verts"),
+        (np.zeros((0, 3)), [], "no vertices"),
         (np.eye(3), [], "no faces"),
         ([[0, 0, 0], [1, np.nan, 0], [0, 1, 0]], [[0, 1, 2]], "vertex 1 has a coordinate that is not finite"),
-        ([[0, 0, 0], [1, 1e61, 0], [0, 1, 0]], [[0, 1, 2]], "vertex 1 is .*coordinates up to 1e.60"),
-        (CUBE.verts, [*SIDES, [0, 1, 2, 8]], r"face 6 is \[0, 1, 2, 8\], but verts are numbered 0 to 7"),
+        ([[0, 0, 0], [1, 1e61, 0], [0, 1, 0]], [[0, 1, 2]], "expected coordinates up to 1e.60, got .* at vertex 1"),
+        (CUBE.verts, [*SIDES, [0, 1, 2, 8]], r"face 6 is \[0, 1, 2, 8\], but vertices are numbered 0 to 7"),
         (CUBE.verts, [[0, -1, 2, 3]], "face 0 is"),
         (CUBE.verts, [[0, 1, 1, 0]], "all 1 faces are degenerate"),
         (np.outer(np.arange(4), np.ones(3)), [[0, 1, 2, 3]], "all 1 faces are degenerate"),

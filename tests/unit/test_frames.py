@@ -61,5 +61,5 @@ def test_the_frame_moves_and_scales_with_the_mesh(how):
 
 @pytest.mark.parametrize("how", ["tutorial", "box"])
 def test_a_mesh_at_one_point_has_no_frame(how):
-    with pytest.raises(MeshError, match="no extent: all its verts are at one point"):
+    with pytest.raises(MeshError, match="no extent: all its vertices are at one point"):
         frame_of(np.full((5, 3), 0.5), how)

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from meshfit.errors import MeshError, SchemeError
-from meshfit.mesh.halfedges import NONE
 from meshfit.mesh.manifold import folded_faces, nonmanifold_verts, require_faces, require_manifold
 from meshfit.mesh.polygons import PolygonMesh, face_rows
 from meshfit.mesh.solids import POLYGON_SOLIDS, SOLIDS, cube
-from meshfit.mesh.topology import PolygonTopology, Topology
+from meshfit.mesh.topology import NONE, PolygonTopology, Topology
 from meshfit.subdivision.refine import refine, subdivide
 from meshfit.subdivision.registry import resolve
 from tests.quads import EVERY, mixed, of_rows, prism, quad_cube, quad_patch, quad_wheel
@@ -20,10 +19,10 @@ every_shape = pytest.mark.parametrize("shape", EVERY)
 @pytest.mark.parametrize(
     ("corners", "sizes", "message"),
     [
-        ([0, 1, 2], [4], "3 corners do not make up the 1 faces"),
-        ([0, 1, 2, 0, 1], [3, 2], "face 1 has 2 corners, 3 or more are needed"),
-        ([[0, 1, 2]], [3], "do not make up"),
-        ([0, 1, 2, 3], [5, -1], "face 1 has -1 corners"),
+        ([0, 1, 2], [4], "3 corners do not match the sizes of 1 faces"),
+        ([0, 1, 2, 0, 1], [3, 2], "face 1: expected 3 or more corners, got 2"),
+        ([[0, 1, 2]], [3], "do not match"),
+        ([0, 1, 2, 3], [5, -1], "face 1: expected 3 or more corners, got -1"),
     ],
 )
 def test_what_is_no_list_of_polygons(corners, sizes, message):
@@ -120,13 +119,13 @@ SPREAD = np.random.default_rng(0).standard_normal((9, 3))
 @pytest.mark.parametrize(
     ("rows", "message"),
     [
-        ([[0, 1, 2, 3], [1, 0, 4, 5], [0, 1, 6, 7]], r"edge \(0, 1\) has 3 faces, 1 or 2 are allowed"),
+        ([[0, 1, 2, 3], [1, 0, 4, 5], [0, 1, 6, 7]], r"edge \(0, 1\) has 3 faces; allowed: 1 or 2"),
         ([[0, 1, 2, 3], [0, 1, 4, 5]], r"edge \(0, 1\) has two faces of opposite orientation"),
         ([[0, 1, 2, 3], [0, 4, 5, 6]], "vertex 0 joins separate fans of faces"),
         ([[0, 1, 2, 3], [3, 2, 1, 4]], "face 0 shares more than one edge with the same neighbour"),
         ([[0, 1, 2, 3], [3, 2, 1, 0]], "shares more than one edge"),
         ([[0, 1, 2, 0, 3]], r"face 0 is \[0, 1, 2, 0, 3\]: a vertex twice"),
-        ([[0, 1, 2, 3], [3, 2, 9, 5]], r"face 1 is \[3, 2, 9, 5\]: verts are numbered 0 to 8"),
+        ([[0, 1, 2, 3], [3, 2, 9, 5]], r"face 1 is \[3, 2, 9, 5\]: vertices are numbered 0 to 8"),
     ],
 )
 def test_what_is_no_manifold(rows, message):

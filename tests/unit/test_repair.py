@@ -40,7 +40,7 @@ def test_unreferenced_verts_are_dropped_and_the_others_keep_their_order():
     verts = np.insert(SOLID.verts, [0, 2, 2, 6], [9.0, 9, 9], axis=0)
     place = np.array([1, 2, 5, 6, 7, 8])
     found, said = cleaned(verts, place[SOLID.faces])
-    assert said == ["dropped 4 unreferenced verts"]
+    assert said == ["dropped 4 unreferenced vertices"]
     assert np.array_equal(found.verts, SOLID.verts)
     assert np.array_equal(found.faces, SOLID.faces)
 
@@ -49,7 +49,7 @@ def test_welded_verts_are_not_called_unreferenced():
     corners = SOLID.verts[SOLID.faces].reshape(-1, 3)
     found, said = cleaned(np.concatenate([corners, [[5.0, 5, 5]]]), np.arange(24).reshape(-1, 3))
     assert found.num_verts == 6
-    assert said == ["dropped 1 unreferenced verts"]
+    assert said == ["dropped 1 unreferenced vertices"]
 
 
 @pytest.mark.parametrize("turn", [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0]])
@@ -113,7 +113,7 @@ def test_everything_at_once_is_told_in_a_line_each():
     assert [re.sub(r"\d+", "N", text) for text in said] == [
         "dropped N degenerate faces",
         "dropped N duplicate faces",
-        "dropped N unreferenced verts",
+        "dropped N unreferenced vertices",
         "N boundary edges: the surface is open",
         "N separate components",
     ]
@@ -122,12 +122,12 @@ def test_everything_at_once_is_told_in_a_line_each():
 @pytest.mark.parametrize(
     ("verts", "faces", "message"),
     [
-        (np.empty((0, 3)), [[0, 1, 2]], "it: the mesh has no verts"),
-        (np.eye(3), np.empty((0, 3), int), "it: the mesh has 3 verts and no faces; a surface of triangles is needed"),
-        (np.eye(3), [[0, 1, 2], [0, 1, 3]], "it: face 1 is [0, 1, 3], but verts are numbered 0 to 2"),
-        (np.eye(3), [[0, -1, 2]], "it: face 0 is [0, -1, 2], but verts are numbered 0 to 2"),
+        (np.empty((0, 3)), [[0, 1, 2]], "it: the mesh has no vertices"),
+        (np.eye(3), np.empty((0, 3), int), "it: expected a surface, got a mesh of 3 vertices and no faces"),
+        (np.eye(3), [[0, 1, 2], [0, 1, 3]], "it: face 1 is [0, 1, 3], but vertices are numbered 0 to 2"),
+        (np.eye(3), [[0, -1, 2]], "it: face 0 is [0, -1, 2], but vertices are numbered 0 to 2"),
         (np.full((3, 3), 7.0), [[0, 1, 2], [2, 1, 0]], "it: all 2 faces are degenerate (no area)"),
-        (np.eye(3) * 2e60, [[0, 1, 2]], "it: vertex 0 is [2e+60, 0.0, 0.0]; coordinates up to 1e+60 are allowed"),
+        (np.eye(3) * 2e60, [[0, 1, 2]], "it: expected coordinates up to 1e+60, got [2e+60, 0.0, 0.0] at vertex 0"),
         (
             np.diag([1, np.nan, np.inf]),
             [[0, 1, 2]],

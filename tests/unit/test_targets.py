@@ -56,7 +56,7 @@ def test_another_file_under_a_targets_name_is_refused(monkeypatch, tmp_path):
     found, expected = file_sha256(tmp_path / "mousehead.ply")[:12], NAMED_TARGETS["mousehead"].sha256[:12]
     path = tmp_path / "mousehead.ply"
     assert said_of("mousehead") == (
-        f"target 'mousehead': {path} is not the expected file (sha256 {found}…, expected {expected}…)"
+        f"target 'mousehead': {path} is not the expected file (expected sha256 {expected}…, got {found}…)"
     )
 
 
@@ -82,8 +82,8 @@ def test_without_pymeshlab_its_targets_are_explained(monkeypatch):
 
 def test_a_slip_of_the_pen_is_answered_with_the_nearest_name():
     assert said_of("buny") == (
-        "'buny' is no target and no file: did you mean 'bunny'? allowed: bunny, mousehead, cow, bone, airplane, or the "
-        "path of a mesh file"
+        "'buny' is neither a target nor a file: did you mean 'bunny'? allowed: bunny, mousehead, cow, bone, airplane, "
+        "or the path of a mesh file"
     )
     assert "did you mean" not in said_of("dragon")
 
@@ -95,7 +95,7 @@ def test_what_looks_like_a_path_is_called_a_file(name):
 
 
 def test_a_directory_is_no_mesh(tmp_path):
-    assert said_of(str(tmp_path)) == f"{tmp_path}: a directory; the path of a mesh file is needed"
+    assert said_of(str(tmp_path)) == f"{tmp_path}: expected a mesh file, got a directory"
 
 
 def test_a_file_is_a_target_too_and_a_name_comes_before_a_file(monkeypatch, tmp_path):

@@ -154,7 +154,7 @@ def test_components_and_watertightness():
     ("faces", "fault", "number", "message"),
     [
         (BOOK, nonmanifold_edges, 0, r"the test needs a manifold mesh: edge \(0, 1\) has 3 faces"),
-        (BOW_TIE, nonmanifold_verts, 0, r"vertex 0 joins separate fans of faces \(1 such verts\)"),
+        (BOW_TIE, nonmanifold_verts, 0, r"vertex 0 joins separate fans of faces \(1 such vertices\)"),
         (TWISTED, misoriented_edges, 0, r"edge \(0, 1\) has two faces of opposite orientation"),
     ],
 )

@@ -62,12 +62,12 @@ def test_a_property_of_a_ply_file(tmp_path, kind):
 
 
 BAD_TEXTS = {
-    "0\n1\n": "found 2 numbers; the mesh file has 6 verts, and one for each is needed",
-    "": "found 0 numbers; the mesh file has 6 verts",
-    "0\n" * 7: "found 7 numbers; the mesh file has 6 verts",
-    "0\n0\nhalf\n": "line 3: found 'half'; one number is needed",
-    "0 1 2 3 4 5\n": "line 1: found '0 1 2 3 4 5'; one number is needed",
-    "0\n0\n0\n0\nnan\n0\n": "vertex 4 has nan; a number is needed",
+    "0\n1\n": "expected one number for each of the 6 vertices of the mesh file, got 2",
+    "": "expected one number for each of the 6 vertices of the mesh file, got 0",
+    "0\n" * 7: "expected one number for each of the 6 vertices of the mesh file, got 7",
+    "0\n0\nhalf\n": "line 3: expected one number, got 'half'",
+    "0 1 2 3 4 5\n": "line 1: expected one number, got '0 1 2 3 4 5'",
+    "0\n0\n0\n0\nnan\n0\n": "vertex 4: expected a number, got nan",
 }
 
 
@@ -79,22 +79,22 @@ def test_texts_that_are_refused(tmp_path, text):
 
 def test_numbers_out_of_range_are_refused_where_a_vertex_has_them(tmp_path):
     path = text_file(tmp_path, "0\n1\n-3\n1.5\n0\n0\n")
-    with pytest.raises(MeshError, match=r"alpha\.txt: vertex 3 has 1\.5; a number from 0 to 1 is needed"):
+    with pytest.raises(MeshError, match=r"alpha\.txt: vertex 3: expected a number from 0 to 1, got 1\.5"):
         read_vertex_values(path, np.array([0, 1, NONE, 2, 3, 4]), (0.0, 1.0))
-    with pytest.raises(MeshError, match=r"'x': vertex 1 has -1; a number from 0 to 1 is needed"):
+    with pytest.raises(MeshError, match=r"'x': vertex 1: expected a number from 0 to 1, got -1"):
         read_vertex_property(ply_file(tmp_path), "x", SAME, (0.0, 1.0))
 
 
 def test_welded_verts_must_agree(tmp_path):
-    with pytest.raises(MeshError, match=r"verts 0 and 2 lie at one place of a seam, but have 0\.5 and 0\.75"):
+    with pytest.raises(MeshError, match=r"vertices 0 and 2 share a position on a seam, but have 0\.5 and 0\.75"):
         read_vertex_values(text_file(tmp_path, "0.5\n1\n0.75\n"), np.array([0, 1, 0]))
 
 
 def test_properties_that_are_not_there(tmp_path):
     path = ply_file(tmp_path)
-    with pytest.raises(MeshError, match="'beta' cannot be read: its verts have no property 'beta'; they have x, a"):
+    with pytest.raises(MeshError, match="'beta' cannot be read: its vertices have no property 'beta'; they have x, a"):
         read_vertex_property(path, "beta", SAME)
-    with pytest.raises(MeshError, match="from a PLY file only; a text file with a number a line would do"):
+    with pytest.raises(MeshError, match="from a PLY file only; use a text file with one number per line"):
         read_vertex_property(tmp_path / "solid.obj", "alpha", SAME)
     with pytest.raises(MeshError, match="'alpha' cannot be read"):
         read_vertex_property(tmp_path / "gone.ply", "alpha", SAME)
@@ -126,6 +126,6 @@ def test_normals_are_written_and_passed_over_by_readers(tmp_path, suffix):
 
 @pytest.mark.parametrize("suffix", [".off", ".stl", ".glb"])
 def test_formats_without_a_place_for_normals(tmp_path, suffix):
-    with pytest.raises(MeshError, match=r"vertex normals are written to \.obj and \.ply files only"):
+    with pytest.raises(MeshError, match=r"vertex normals can be written to \.obj and \.ply files only"):
         save_mesh(octahedron(), tmp_path / f"a{suffix}", octahedron().verts)
     assert not list(tmp_path.iterdir())

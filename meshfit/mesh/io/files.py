@@ -1,113 +1,81 @@
-"""The bytes of a file, and what to say where they cannot be had, written or made sense of."""
+"""Load and save meshes and curves: formats by suffix, cleaning, and errors that name the file."""
 
-import io
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float64
 
-from meshfit.errors import MeshError
-from meshfit.mesh.cleaning import clean_with_vertex_map
-from meshfit.mesh.io.ply import read_ply, write_ply
-from meshfit.mesh.io.text import read_obj, read_off, write_obj, write_off
-from meshfit.mesh.mesh import Mesh
+from meshfit.errors import DomainError, MeshError, MeshfitWarning
+from meshfit.mesh.cleaning import clean_with_vertex_map, require_finite_verts
+from meshfit.mesh.curves import Chains, Curves, Segments, join_segments
+from meshfit.mesh.io import obj, off, ply, stl_glb
+from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup, fan_triangles
 from meshfit.mesh.topology import Indices
-from meshfit.paths import MESH_SUFFIXES, missing_file_message, write_error_message
+from meshfit.paths import missing_file_message, write_error_message
 
-
-def known_suffix(path: Path, suffixes: Sequence[str], what: str) -> str:
-    """The suffix of a path, in small letters.
-
-    Args:
-        path: of a file to be read or written.
-        suffixes: those that are known.
-        what: they are formats of, such as `mesh`.
-
-    Raises:
-        MeshError: another one, or none.
-    """
-    suffix = path.suffix.lower()
-    if suffix not in suffixes:
-        found = (
-            f"'{path.suffix}' is not a {what} format that is known"
-            if path.suffix
-            else "no suffix to tell its format by"
-        )
-        raise MeshError(f"{path}: {found}; allowed: {', '.join(suffixes)}")
-    return suffix
-
-
-def read_content(path: Path, suffixes: Sequence[str]) -> bytes:
-    """What a file holds.
-
-    Args:
-        path: of the file.
-        suffixes: of files that could have been meant where there is none.
-
-    Raises:
-        MeshError: no such file, one that cannot be read, or an empty one.
-    """
-    try:
-        content = path.read_bytes()
-    except FileNotFoundError:
-        raise MeshError(f"{path}: {missing_file_message(path, suffixes)}") from None
-    except OSError as error:
-        raise MeshError(f"{path}: cannot be read: {error.strerror}") from error
-    if not content.strip():
-        raise MeshError(f"{path}: the file is empty")
-    return content
-
-
-def write_content(path: Path, content: bytes) -> None:
-    """Write a file.
-
-    Raises:
-        MeshError: it cannot be written.
-    """
-    try:
-        path.write_bytes(content)
-    except OSError as error:
-        raise MeshError(f"{path}: {write_error_message(path, error)}") from error
-
-
-@contextmanager
-def reading(path: Path) -> Iterator[None]:
-    """Turn whatever goes wrong while a damaged file is made sense of into one line.
-
-    Raises:
-        MeshError: in place of any other exception.
-    """
-    try:
-        yield
-    except Exception as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise MeshError(f"{path}: cannot be read as {path.suffix[1:].upper()}: {reason}") from error
-
-
-SUFFIXES = MESH_SUFFIXES
 Normals = Float64[np.ndarray, "V 3"]
-
-# trimesh takes OBJ's backward indices to count from the end of the file, a comment in OFF for the line before it, and
-# binary PLY to hold polygons of one size.
-_READERS = {".obj": read_obj, ".off": read_off, ".ply": read_ply}
-_WRITERS = {".obj": write_obj, ".off": write_off, ".ply": write_ply}
-_WITH_NORMALS = {".obj": write_obj, ".ply": write_ply}
-_SINGLE = (".stl", ".glb")
+_Content = TypeVar("_Content")
 _LARGEST_SINGLE = float(np.finfo(np.float32).max)
 
 
+@dataclass(frozen=True)
+class Format:
+    """A mesh file format.
+
+    Attributes:
+        read: from the content of a file to its vertices and faces.
+        write: from a mesh to the content of a file; takes normals as well if `normals` is set.
+        normals: whether it can hold vertex normals.
+        double: whether it holds double precision.
+    """
+
+    read: Callable[[bytes], PolygonSoup]
+    write: Callable[..., bytes]
+    normals: bool = False
+    double: bool = True
+
+
+@dataclass(frozen=True)
+class CurveFormat:
+    """A curve file format.
+
+    Attributes:
+        read: from the content of a file to its vertices and segments.
+        write: from curves to the content of a file.
+        elements: what such a file holds segments as.
+    """
+
+    read: Callable[[bytes], tuple[Verts, Segments]]
+    write: Callable[[Curves], bytes]
+    elements: str
+
+
+FORMATS = {
+    ".obj": Format(obj.read_obj, obj.write_obj, normals=True),
+    ".ply": Format(ply.read_ply, ply.write_ply, normals=True),
+    ".stl": Format(stl_glb.read_stl, stl_glb.write_stl, double=False),
+    ".off": Format(off.read_off, off.write_off),
+    ".glb": Format(stl_glb.read_glb, stl_glb.write_glb, double=False),
+}
+CURVE_FORMATS = {
+    ".obj": CurveFormat(obj.read_obj_segments, obj.write_obj_curves, "'l' lines"),
+    ".ply": CurveFormat(ply.read_ply_segments, ply.write_ply_curves, "'edge' elements"),
+}
+
+
 def load_mesh(path: str | Path) -> Mesh:
-    """Read a triangle mesh from an OBJ, PLY, STL, OFF or GLB file; polygons are triangulated, seams are welded.
+    """Read a triangle mesh from an OBJ, PLY, STL, OFF or GLB file; triangulate polygons and weld seams.
 
     Example:
         >>> mesh = load_mesh("bunny.obj")  # doctest: +SKIP
 
     Raises:
-        MeshError: no such file, a suffix that is not known, a file that cannot be read, or a mesh that `clean` refuses.
+        MeshError: no such file, an unknown suffix, an unreadable file, or a mesh that `clean` refuses.
 
     Warns:
         MeshfitWarning: as `clean` does.
@@ -116,9 +84,9 @@ def load_mesh(path: str | Path) -> Mesh:
 
 
 def load_mesh_with_vertex_map(path: str | Path) -> tuple[Mesh, Indices]:
-    """The mesh that `load_mesh` reads, and (N,) the vertex that each of the file's verts is in it.
+    """Return the mesh of `load_mesh`, and (N,) the index in it of each vertex of the file.
 
-    Welded verts of a file are the same vertex, and those that were dropped are `NONE`.
+    Welded vertices share an index; dropped ones have `NONE`.
 
     Raises:
         MeshError: as `load_mesh`.
@@ -126,15 +94,14 @@ def load_mesh_with_vertex_map(path: str | Path) -> tuple[Mesh, Indices]:
     Warns:
         MeshfitWarning: as `clean` does.
     """
-    found = _read(Path(path), known_suffix(Path(path), SUFFIXES, "mesh"))
-    faces = fan_triangles(found.corners, found.sizes)
-    triangles = PolygonSoup(found.verts, faces.reshape(-1), np.full(len(faces), 3, dtype=np.int64))
-    mesh, numbering = clean_with_vertex_map(triangles, str(path))
-    return mesh.triangulated(), numbering
+    soup = _read_soup(Path(path))
+    triangles = PolygonSoup.of_triangles(soup.verts, fan_triangles(soup.corners, soup.sizes))
+    mesh, vertex_map = clean_with_vertex_map(triangles, str(path))
+    return mesh.triangulated(), vertex_map
 
 
 def load_polygons(path: str | Path) -> PolygonMesh:
-    """Read a mesh from an OBJ, PLY, STL, OFF or GLB file with its faces as they are; seams are welded.
+    """Read a mesh from an OBJ, PLY, STL, OFF or GLB file; keep its faces as they are and weld seams.
 
     Example:
         >>> mesh = load_polygons("quads.obj")  # doctest: +SKIP
@@ -149,7 +116,7 @@ def load_polygons(path: str | Path) -> PolygonMesh:
 
 
 def load_polygons_with_vertex_map(path: str | Path) -> tuple[PolygonMesh, Indices]:
-    """The mesh that `load_polygons` reads, and (N,) the vertex that each of the file's verts is in it.
+    """Return the mesh of `load_polygons`, and (N,) the index in it of each vertex of the file.
 
     Raises:
         MeshError: as `load_mesh`.
@@ -157,70 +124,127 @@ def load_polygons_with_vertex_map(path: str | Path) -> tuple[PolygonMesh, Indice
     Warns:
         MeshfitWarning: as `clean_polygons` does.
     """
-    return clean_with_vertex_map(_read(Path(path), known_suffix(Path(path), SUFFIXES, "mesh")), str(path))
+    return clean_with_vertex_map(_read_soup(Path(path)), str(path))
+
+
+def load_curves(path: str | Path) -> Curves:
+    """Read curves from an OBJ or PLY file; join segments that share vertices to chains, as long as possible.
+
+    A chain that ends where it starts is closed. Faces are ignored, and vertices of no segment dropped.
+
+    Example:
+        >>> curves = load_curves("profile.obj")  # doctest: +SKIP
+
+    Raises:
+        MeshError: no such file, an unknown suffix, an unreadable file or one without curves, a coordinate that is not
+            finite or beyond 1e60, a segment with an index out of range, or curves that branch.
+
+    Warns:
+        MeshfitWarning: with the number of dropped vertices.
+    """
+    path = Path(path)
+    suffix = _known_suffix(path, CURVE_FORMATS, "curve")
+    verts, segments = _read_file(path, CURVE_FORMATS, CURVE_FORMATS[suffix].read)
+    if not len(segments):
+        raise DomainError(
+            f"{path}: no curves in it; {suffix[1:].upper()} holds them as {CURVE_FORMATS[suffix].elements}"
+        )
+    require_finite_verts(verts, str(path))
+    return _without_unused_verts(verts, join_segments(len(verts), segments, str(path)), str(path))
 
 
 def save_mesh(mesh: Mesh | PolygonMesh, path: str | Path, normals: Normals | None = None) -> None:
-    """Write a mesh in the format that its suffix names, in double precision but for STL and GLB, which have none.
+    """Write a mesh in the format of the suffix, in double precision except STL and GLB, which are single.
 
-    OBJ, OFF and PLY hold polygons; STL and GLB get the triangles of each.
+    OBJ, OFF and PLY keep polygons; STL and GLB get their triangles.
 
     Args:
-        mesh: what to write.
-        path: where to.
-        normals: (V, 3) of its verts, which OBJ and PLY hold.
+        mesh: V vertices.
+        path: of the file.
+        normals: (V, 3) of the vertices, for OBJ and PLY.
 
     Raises:
-        MeshError: a suffix that is not known or has no place for normals, coordinates too large for single precision,
-            or a path that cannot be written.
+        MeshError: an unknown suffix or one without normals, coordinates too large for single precision, or a path that
+            cannot be written.
     """
     path = Path(path)
-    suffix = known_suffix(path, SUFFIXES, "mesh")
-    if suffix in _SINGLE and not np.abs(mesh.verts).max(initial=0.0) <= _LARGEST_SINGLE:
+    suffix = _known_suffix(path, FORMATS, "mesh")
+    if not FORMATS[suffix].double and not np.abs(mesh.verts).max(initial=0.0) <= _LARGEST_SINGLE:
         raise MeshError(f"{path}: {suffix[1:].upper()} holds single precision, too small for the coordinates")
-    if normals is not None and suffix not in _WITH_NORMALS:
-        raise MeshError(f"{path}: vertex normals are written to {' and '.join(_WITH_NORMALS)} files only")
-    write_content(path, encode_mesh(mesh, suffix, normals))
+    if normals is not None and not FORMATS[suffix].normals:
+        with_normals = " and ".join(suffix for suffix, form in FORMATS.items() if form.normals)
+        raise MeshError(f"{path}: vertex normals can be written to {with_normals} files only")
+    _write_content(path, encode_mesh(mesh, suffix, normals))
+
+
+def save_curves(curves: Curves, path: str | Path) -> None:
+    """Write curves as OBJ or PLY, by the suffix, in double precision.
+
+    Raises:
+        MeshError: an unknown suffix, or a path that cannot be written.
+    """
+    path = Path(path)
+    _write_content(path, encode_curves(curves, _known_suffix(path, CURVE_FORMATS, "curve")))
 
 
 def encode_mesh(mesh: Mesh | PolygonMesh, suffix: str, normals: Normals | None = None) -> bytes:
-    """The bytes of a mesh file of that suffix; the same mesh gives the same bytes."""
-    if normals is not None:
-        return _WITH_NORMALS[suffix](mesh, normals)
-    if suffix in _WRITERS:
-        return _WRITERS[suffix](mesh)
-    import trimesh  # most files need it not, and it takes as long to import as all the rest
-
-    mesh = mesh.triangulated() if isinstance(mesh, PolygonMesh) else mesh
-    content = trimesh.Trimesh(mesh.verts, mesh.faces, process=False).export(file_type=suffix[1:])
-    return content if isinstance(content, bytes) else str(content).encode()
+    """Return the bytes of a mesh file with this suffix; the same mesh gives the same bytes."""
+    write = FORMATS[suffix].write
+    return write(mesh) if normals is None else write(mesh, normals)
 
 
-def _read(path: Path, suffix: str) -> PolygonSoup:
-    content = read_content(path, SUFFIXES)
-    with reading(path):  # a damaged file makes trimesh raise anything at all
-        found = _READERS[suffix](content) if suffix in _READERS else _parse(content, suffix)
-        if not len(found.verts):
-            raise ValueError("no verts in it; another format, or cut short")
-    return found
+def encode_curves(curves: Curves, suffix: str) -> bytes:
+    """Return the bytes of a curve file with this suffix; the same curves give the same bytes."""
+    return CURVE_FORMATS[suffix].write(curves)
 
 
-def _parse(content: bytes, suffix: str) -> PolygonSoup:
-    import trimesh
+def _read_soup(path: Path) -> PolygonSoup:
+    soup = _read_file(path, FORMATS, FORMATS[_known_suffix(path, FORMATS, "mesh")].read)
+    if not len(soup.verts):
+        raise _unreadable(path, "no vertices in it; another format, or cut short")
+    return soup
 
-    with warnings.catch_warnings(), np.errstate(all="ignore"):
-        warnings.simplefilter("ignore")
-        scene = trimesh.load_scene(
-            io.BytesIO(content), file_type=suffix[1:], process=False, validate=False, skip_materials=True
-        )
-    verts, faces, count = [], [], 0
-    for node in scene.graph.nodes_geometry:
-        transform, name = scene.graph[node]
-        part = scene.geometry[name]
-        points = np.reshape(getattr(part, "vertices", []), (-1, 3))
-        verts.append(points if np.array_equal(transform, np.eye(4)) else trimesh.transform_points(points, transform))
-        faces.append(np.reshape(getattr(part, "faces", []), (-1, 3)) + count)
-        count += len(points)
-    triangles = np.concatenate([np.empty((0, 3), dtype=np.int64), *faces]).astype(np.int64)
-    sizes = np.full(len(triangles), 3, dtype=np.int64)
-    return PolygonSoup(np.concatenate([np.empty((0, 3)), *verts]), triangles.reshape(-1), sizes)
+
+def _read_file(path: Path, suffixes: Collection[str], parse: Callable[[bytes], _Content]) -> _Content:
+    """Return the parsed content of a file, or turn any exception that a damaged one causes into one line."""
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        raise MeshError(f"{path}: {missing_file_message(path, suffixes)}") from None
+    except OSError as error:
+        raise MeshError(f"{path}: cannot be read: {error.strerror}") from error
+    if not content.strip():
+        raise MeshError(f"{path}: the file is empty")
+    try:
+        return parse(content)
+    except Exception as error:
+        raise _unreadable(path, " ".join(str(error).split()) or type(error).__name__) from error
+
+
+def _unreadable(path: Path, reason: str) -> MeshError:
+    return MeshError(f"{path}: cannot be read as {path.suffix[1:].upper()}: {reason}")
+
+
+def _known_suffix(path: Path, suffixes: Collection[str], kind: str) -> str:
+    """Return the suffix of a mesh or curve file in lower case, or refuse an unknown one."""
+    suffix = path.suffix.lower()
+    if suffix not in suffixes:
+        fault = f"unknown {kind} format '{path.suffix}'" if path.suffix else f"no suffix to tell the {kind} format"
+        raise MeshError(f"{path}: {fault}; allowed: {', '.join(suffixes)}")
+    return suffix
+
+
+def _write_content(path: Path, content: bytes) -> None:
+    try:
+        path.write_bytes(content)
+    except OSError as error:
+        raise MeshError(f"{path}: {write_error_message(path, error)}") from error
+
+
+def _without_unused_verts(verts: Verts, chains: Chains, origin: str) -> Curves:
+    used = np.zeros(len(verts), dtype=bool)
+    used[chains.corners] = True
+    if not used.all():
+        unused = int((~used).sum())
+        warnings.warn(f"{origin}: dropped {unused} vertices that no curve uses", MeshfitWarning, stacklevel=3)
+    return Curves(verts[used], (np.cumsum(used) - 1)[chains.corners], chains.sizes, chains.closed)

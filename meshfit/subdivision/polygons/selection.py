@@ -5,8 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from meshfit.mesh.halfedges import Indices
-from meshfit.mesh.topology import PolygonTopology
+from meshfit.mesh.topology import Indices, PolygonTopology
 from meshfit.subdivision.masks import CurveWeights
 
 

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Int64
 
-from meshfit.mesh.halfedges import NONE, Indices
-from meshfit.mesh.topology import PolygonTopology
+from meshfit.mesh.topology import NONE, Indices, PolygonTopology
 from meshfit.subdivision.polygons.scheme import PolygonSplit
 
 Faces = tuple[Indices, Indices]

@@ -10,8 +10,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from meshfit.errors import MeshError
-from meshfit.mesh.halfedges import NONE, Indices
-from meshfit.mesh.topology import PolygonTopology
+from meshfit.mesh.topology import NONE, Indices, PolygonTopology
 from meshfit.subdivision.masks import CurveMask
 from meshfit.subdivision.polygons.scheme import TensorProductMask
 from meshfit.subdivision.polygons.selection import boundary_rows, scatter, select, weighted_sum
