@@ -17,14 +17,12 @@ from meshfit.experiment.running.device_assignment import workers_and_threads
 from meshfit.experiment.running.environment import ONE_THREAD, environment
 from meshfit.experiment.running.process_pool import LocalExecutor
 from meshfit.experiment.running.progress import Board
-from meshfit.experiment.source import build_source
 from meshfit.experiment.status.scan import ExperimentOverview, Standing, State
 from meshfit.experiment.storage.run_directory import RESULT, Result, RunDirectory, read_json
 from meshfit.experiment.storage.trial_log import LastProgress, read_progress
 from meshfit.experiment.trial_status import Phase, Progress
 from meshfit.fitting.callbacks import Interrupted
 from meshfit.fitting.settings import FirstOrderSettings
-from meshfit.subdivision.refine import growth
 from meshfit.subdivision.registry import NamedScheme
 from meshfit.units import count_text
 
@@ -209,11 +207,15 @@ def _work(trial: Trial) -> float:
         return fit.steps * (fit.samples + verts / _VERTS_PER_SAMPLE)
     if fit.connectivity == "remeshed":
         return float(fit.steps * fit.verts)
+    from meshfit.subdivision.refine import growth
+
     return float(fit.steps * verts * growth(trial.named_scheme.resolve(), fit.levels))
 
 
 @cache
 def _num_verts(source: SourceSettings, scheme: NamedScheme) -> int:
+    from meshfit.experiment.source import build_source
+
     return build_source(source, scheme.resolve()).num_verts
 
 
