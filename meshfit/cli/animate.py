@@ -12,7 +12,7 @@ from meshfit.cli.options import DEFAULT_RUNS, Runs, TrialName
 from meshfit.errors import ConfigError
 
 if TYPE_CHECKING:
-    from meshfit.experiment.status.scan import Standing
+    from meshfit.experiment.status.scan import ScannedTrial
 
 _MOMENTS = 60
 
@@ -64,18 +64,18 @@ def animate(
     return 0
 
 
-def _require_snapshots(trial: "Standing") -> None:
+def _require_snapshots(trial: "ScannedTrial") -> None:
     from meshfit.config.loading import bundled_configs
-    from meshfit.experiment.status.scan import State
     from meshfit.experiment.storage.checkpoint import snapshots_in
     from meshfit.experiment.storage.result import read_result
+    from meshfit.experiment.trial_status import TrialStatus
 
-    if trial.state is not State.COMPLETE:
-        said = f"{trial.label}: {trial.state.value}, not complete"
+    if trial.status is not TrialStatus.COMPLETE:
+        said = f"{trial.label}: {trial.status.value}, not complete"
         raise ConfigError(f"{said}; run it first, with --set fit.snapshots=20")
     if snapshots_in(trial.path):
         return
-    result = read_result(trial) or {}
+    result = read_result(trial.path) or {}
     name = str(result.get("experiment", "my"))
     config = name if name in bundled_configs() else f"{name}.yaml"
     settings: dict[str, object] = {"fit.snapshots": max(1, result["fit"]["steps"] // _MOMENTS)}

@@ -35,7 +35,7 @@ def chart(
         meshfit chart runs/zoo -o mean.png --metric distance.mean
     """
     from meshfit.experiment.storage.plan_file import with_planned_names
-    from meshfit.experiment.storage.run_directory import read_results
+    from meshfit.experiment.storage.result import read_results
     from meshfit.report.figures.chart import write_chart
     from meshfit.report.figures.layout import require_suffix
     from meshfit.report.tables.grouping import distinguish_definitions

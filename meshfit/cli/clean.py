@@ -38,10 +38,11 @@ def clean(
     if not (failed or partial):
         raise ConfigError("found neither --failed nor --partial; one of them or both are needed")
     from meshfit.experiment.status.cleaning import clean as cleaned
-    from meshfit.experiment.status.scan import State, overview
+    from meshfit.experiment.status.scan import scan_experiments
+    from meshfit.experiment.trial_status import TrialStatus
 
-    states = [state for state, wanted in ((State.FAILED, failed), (State.INTERRUPTED, partial)) if wanted]
-    found = cleaned(overview(runs, datetime.now(UTC)), states, runs, dry_run=dry_run)
+    states = [state for state, wanted in ((TrialStatus.FAILED, failed), (TrialStatus.INTERRUPTED, partial)) if wanted]
+    found = cleaned(scan_experiments(runs, datetime.now(UTC)), states, runs, dry_run=dry_run)
     _print(found, dry_run=dry_run)
     return 0
 
@@ -64,4 +65,4 @@ def _print(cleaned: "Cleaned", *, dry_run: bool) -> None:
 
 def _what(removed: "Removed") -> str:
     trial = removed.trial
-    return f"half-written files of {trial.label}" if removed.names else f"{trial.state.value}: {trial.label}"
+    return f"half-written files of {trial.label}" if removed.names else f"{trial.status.value}: {trial.label}"

@@ -18,7 +18,7 @@ from meshfit.experiment.running.scheduler import run_trials
 from meshfit.experiment.status.eta import Estimate, estimate
 from meshfit.experiment.storage.checkpoint import snapshots_in
 from meshfit.experiment.storage.run_directory import FAILURE, Result, RunDirectory, make_folder
-from meshfit.experiment.trial_status import Outcome, Phase
+from meshfit.experiment.trial_status import Outcome, TrialStatus
 from meshfit.report.tables.grouping import distinguish_definitions
 from meshfit.units import duration_text
 
@@ -129,7 +129,7 @@ def _results_of(trials: Sequence[Trial], store: RunDirectory) -> list[Result]:
 
 def _print_failures(trials: Sequence[Trial], outcomes: Mapping[int, Outcome], store: RunDirectory) -> int:
     """List failed trials by reason, each with the file that records it, and return the exit code."""
-    failed = [i for i, outcome in sorted(outcomes.items()) if outcome.phase is Phase.FAILED]
+    failed = [i for i, outcome in sorted(outcomes.items()) if outcome.status is TrialStatus.FAILED]
     if not failed:
         return 0
     err.print(f"[bold red]{len(failed)} of {len(trials)} trials failed[/]")

@@ -27,12 +27,12 @@ def export(
 
         meshfit export runs -o results.parquet
     """
-    from meshfit.experiment.status.scan import overview
+    from meshfit.experiment.status.scan import scan_experiments
     from meshfit.report.tables.export import columns_of, encoder, rows_of, write_rows
     from meshfit.units import count_text
 
     encoder(output)  # now, and not when all has been read
-    rows = rows_of(overview(runs, datetime.now(UTC)))
+    rows = rows_of(scan_experiments(runs, datetime.now(UTC)))
     if not rows:
         raise StoreError(f"no trial under {', '.join(map(str, runs))} is complete or failed")
     columns = columns_of(rows)

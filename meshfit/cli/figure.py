@@ -50,7 +50,8 @@ def figure(
         meshfit figure runs/accurate -o cow.svg --targets cow --metric distance.mean
     """
     from meshfit.experiment.storage.plan_file import with_planned_names
-    from meshfit.experiment.storage.run_directory import read_results, write_atomically
+    from meshfit.experiment.storage.result import read_results
+    from meshfit.experiment.storage.run_directory import write_atomically
     from meshfit.report.figures.figure import latex_figure, plain_caption, read_strips, write_figure
     from meshfit.report.figures.layout import require_suffix
     from meshfit.report.figures.representative_trial import pick_trials

@@ -10,7 +10,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.table import Column
 
 from meshfit.cli.console import err
-from meshfit.experiment.trial_status import Outcome, Phase
+from meshfit.experiment.trial_status import Outcome, TrialStatus
 from meshfit.fitting.callbacks import Step
 from meshfit.fitting.gauss_newton.schedule import stage_at
 from meshfit.fitting.settings import GaussNewtonSettings
@@ -18,15 +18,14 @@ from meshfit.units import duration_text
 
 if TYPE_CHECKING:
     from meshfit.experiment.plan import Trial
-    from meshfit.experiment.running.backends import ProgressBoard
+    from meshfit.experiment.running.backends import ProgressReader
 
-_RUNNING = (Phase.FITTING, Phase.MEASURING)
 _LINES_AT_ONCE = 20
 _SECONDS_PER_LINE = 5.0
 _SECONDS_OF_SILENCE = 60.0
 _LINES_BELOW_BARS = 4
 
-Watch = Callable[["ProgressBoard", Mapping[int, Outcome]], None]
+Watch = Callable[["ProgressReader", Mapping[int, Outcome]], None]
 """Called by `run_trials` with the progress of running trials and the outcomes so far."""
 
 
@@ -103,15 +102,15 @@ class TrialLines:
         self._complete_before: int | None = None
         self._reported: set[int] = set()
 
-    def update(self, board: "ProgressBoard", outcomes: Mapping[int, Outcome]) -> None:
+    def update(self, board: "ProgressReader", outcomes: Mapping[int, Outcome]) -> None:
         """Print what is new."""
         if self._complete_before is None:
             # What was complete before this run has not been posted to its board.
-            before = [i for i in outcomes if board.phase(i) is Phase.WAITING]
+            before = [i for i in outcomes if board[i].status is TrialStatus.WAITING]
             self._complete_before = len(before)
             if before:
                 self._print(before, "complete already")
-        for i in [i for i in outcomes if i not in self._reported and outcomes[i].phase is Phase.FAILED]:
+        for i in [i for i in outcomes if i not in self._reported and outcomes[i].status is TrialStatus.FAILED]:
             self._print([i], f"{self._trials[i].label}: failed: {outcomes[i].message}")
         self._print_ended([i for i in outcomes if i not in self._reported], outcomes)
         if self._lines.seconds_of_silence >= _SECONDS_OF_SILENCE:
@@ -121,7 +120,7 @@ class TrialLines:
         allowed = self._lines.allowed
         if len(ended) <= allowed:
             for i in ended:
-                self._print([i], f"{self._trials[i].label}: {outcomes[i].phase.name.lower()}")
+                self._print([i], f"{self._trials[i].label}: {outcomes[i].status}")
         elif allowed >= 1 or len(outcomes) == len(self._trials):
             self._print(ended, f"{len(ended)} more are complete")
 
@@ -129,7 +128,7 @@ class TrialLines:
         self._reported |= set(ended)
         self._lines.print(f"[{len(self._reported)}/{len(self._trials)}] {text}", even_if_fast=True)
 
-    def _summary(self, board: "ProgressBoard", outcomes: Mapping[int, Outcome]) -> str:
+    def _summary(self, board: "ProgressReader", outcomes: Mapping[int, Outcome]) -> str:
         running = _running(self._trials, board, outcomes)
         parts = _parts_done(self._trials, board, running)
         unfinished = len(self._trials) - len(outcomes)
@@ -149,7 +148,7 @@ class TrialBars:
         self._failures: set[int] = set()
         self._total = bars.add_task("[bold]all trials", total=len(trials), state="")
 
-    def update(self, board: "ProgressBoard", outcomes: Mapping[int, Outcome]) -> None:
+    def update(self, board: "ProgressReader", outcomes: Mapping[int, Outcome]) -> None:
         """Move the bars and print new failures above them."""
         running = _running(self._trials, board, outcomes)
         self._print_failures(outcomes)
@@ -168,28 +167,28 @@ class TrialBars:
 
     def _print_failures(self, outcomes: Mapping[int, Outcome]) -> None:
         for i, outcome in outcomes.items():
-            if outcome.phase is Phase.FAILED and i not in self._failures:
+            if outcome.status is TrialStatus.FAILED and i not in self._failures:
                 self._failures.add(i)
                 text = f"[red]failed[/] {escape(self._trials[i].label)}: {escape(outcome.message)}"
                 self._bars.console.print(text, soft_wrap=True)
 
-    def _update_bar(self, i: int, board: "ProgressBoard") -> None:
-        trial, step = self._trials[i], board.step(i)
+    def _update_bar(self, i: int, board: "ProgressReader") -> None:
+        trial, step = self._trials[i], board[i].step
         steps = trial.settings.fit.steps
         if i not in self._tasks:
             self._tasks[i] = self._bars.add_task(escape(trial.label), total=steps, state="")
         fitting = f"{step.done}/{steps} {_stage_and_loss(trial, step)}" if step.done else "loading"
-        state = "measuring" if board.phase(i) is Phase.MEASURING else fitting
+        state = "measuring" if board[i].status is TrialStatus.MEASURING else fitting
         self._bars.update(self._tasks[i], completed=step.done, state=state)
 
 
-def _running(trials: Sequence["Trial"], board: "ProgressBoard", outcomes: Mapping[int, Outcome]) -> list[int]:
-    return [i for i in range(len(trials)) if i not in outcomes and board.phase(i) in _RUNNING]
+def _running(trials: Sequence["Trial"], board: "ProgressReader", outcomes: Mapping[int, Outcome]) -> list[int]:
+    return [i for i in range(len(trials)) if i not in outcomes and board[i].status.is_running]
 
 
-def _parts_done(trials: Sequence["Trial"], board: "ProgressBoard", running: Sequence[int]) -> float:
+def _parts_done(trials: Sequence["Trial"], board: "ProgressReader", running: Sequence[int]) -> float:
     """Sum over running trials of the fraction of steps done."""
-    return sum(board.step(i).done / max(trials[i].settings.fit.steps, 1) for i in running)
+    return sum(board[i].step.done / max(trials[i].settings.fit.steps, 1) for i in running)
 
 
 def _stage_and_loss(trial: "Trial", step: Step) -> str:

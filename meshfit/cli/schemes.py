@@ -290,7 +290,7 @@ def _print_masks(title: str, entry: SchemeEntry, scheme: "Scheme", rows: "list[M
 
 def _stay_on_one_thread() -> None:
     """Before numpy is imported: an analysis has small matrices, for which threads wait longer than they work."""
-    from meshfit.experiment.running.environment import ONE_THREAD
+    from meshfit.experiment.running.process_pool import ONE_THREAD
 
     for name, count in ONE_THREAD.items():
         os.environ.setdefault(name, count)

@@ -16,12 +16,13 @@ from meshfit.cli.status import STYLES
 from meshfit.config.experiment import non_default_settings
 from meshfit.config.strict_yaml import dump
 from meshfit.experiment.status.cleaning import is_half_written
-from meshfit.experiment.status.scan import ExperimentOverview, Standing, State
+from meshfit.experiment.status.scan import ScannedExperiment, ScannedTrial
 from meshfit.experiment.storage.checkpoint import SNAPSHOTS, snapshots_in
 from meshfit.experiment.storage.failure import Failure, read_failure
-from meshfit.experiment.storage.result import ended, read_result, read_settings
+from meshfit.experiment.storage.result import end_time, read_result, read_settings
 from meshfit.experiment.storage.run_directory import LOCK, Result
 from meshfit.experiment.storage.trial_log import read_progress
+from meshfit.experiment.trial_status import TrialStatus
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.tables.grouping import flatten
 from meshfit.units import size_text
@@ -42,14 +43,14 @@ _FILES = {
 _UNFINISHED = "half written, when its process was killed"
 
 
-def print_trial(experiment: ExperimentOverview, trial: Standing, *, every: bool) -> None:
+def print_trial(experiment: ScannedExperiment, trial: ScannedTrial, *, every: bool) -> None:
     """Print all that is known of a trial; of its settings those that are not at their defaults, or every one."""
-    result = read_result(trial)
-    settings = read_settings(trial, result)
-    out.print(Text.assemble((trial.label, "bold"), "  ", (trial.state.value, f"bold {STYLES[trial.state]}".strip())))
+    result = read_result(trial.path)
+    settings = read_settings(trial.path, result)
+    out.print(Text.assemble((trial.label, "bold"), "  ", (trial.status.value, f"bold {STYLES[trial.status]}".strip())))
     out.print(_grid(_facts(experiment, trial, result)))
-    if trial.state is State.FAILED:
-        _print_failure(read_failure(trial))
+    if trial.status is TrialStatus.FAILED:
+        _print_failure(read_failure(trial.path))
     if result is not None:
         _heading("metrics")
         out.print(_metrics(result))
@@ -62,10 +63,10 @@ def print_trial(experiment: ExperimentOverview, trial: Standing, *, every: bool)
         out.print(_file_grid(files))
 
 
-def plain_trial(experiment: ExperimentOverview, trial: Standing) -> dict[str, object]:
+def plain_trial(experiment: ScannedExperiment, trial: ScannedTrial) -> dict[str, object]:
     """All that is known of a trial as plain data, fit for JSON."""
-    result = read_result(trial)
-    when, progress = ended(trial), read_progress(trial.path)
+    result = read_result(trial.path)
+    when, progress = end_time(trial.path), read_progress(trial.path)
     return {
         "experiment": experiment.name,
         "target": trial.target,
@@ -74,30 +75,30 @@ def plain_trial(experiment: ExperimentOverview, trial: Standing) -> dict[str, ob
         "variant": trial.variant,
         "identity": _identity(trial, result),
         "folder": str(trial.path),
-        "state": trial.state.value,
+        "state": trial.status.value,
         "ended": when.isoformat() if when else None,
         "progress": progress.to_dict() if progress else None,
-        "failure": read_failure(trial).record if trial.state is State.FAILED else None,
-        "settings": read_settings(trial, result),
+        "failure": read_failure(trial.path).record if trial.status is TrialStatus.FAILED else None,
+        "settings": read_settings(trial.path, result),
         "result": result,
         "files": [{"name": name, "bytes": count, "what": what} for name, count, what in _files(trial)],
     }
 
 
-def _identity(trial: Standing, result: Result | None) -> str:
+def _identity(trial: ScannedTrial, result: Result | None) -> str:
     return str(result["identity"]) if result and "identity" in result else trial.identity
 
 
-def _facts(experiment: ExperimentOverview, trial: Standing, result: Result | None) -> Iterator[tuple[str, str]]:
+def _facts(experiment: ScannedExperiment, trial: ScannedTrial, result: Result | None) -> Iterator[tuple[str, str]]:
     yield "experiment", experiment.name
     yield "identity", _identity(trial, result)
     yield "folder", str(trial.path)
-    if when := ended(trial):
+    if when := end_time(trial.path):
         yield "ended", f"{when:%Y-%m-%d %H:%M} UTC"
     if progress := read_progress(trial.path):
         yield "started", f"{progress.started:%Y-%m-%d %H:%M} UTC"
-        yield "at", f"{progress.phase}, step {progress.step:,} of {progress.steps:,}"
-        yield "runs on" if trial.state is State.RUNNING else "ran on", f"{progress.host}, process {progress.pid}"
+        yield "at", f"{progress.status}, step {progress.step.done:,} of {progress.step.steps:,}"
+        yield "runs on" if trial.status is TrialStatus.RUNNING else "ran on", f"{progress.host}, process {progress.pid}"
     if result is not None:
         yield from _work(result)
 
@@ -121,7 +122,7 @@ def _print_failure(failure: Failure) -> None:
     step = "" if failure.step is None else f", at step {failure.step:,}"
     out.print(Padding(Text.assemble((failure.kind, "bold red"), step), (0, 0, 0, 2)))
     out.print(Padding(Text(failure.message), (0, 0, 0, 2)))
-    out.print(Text(f"  see {failure.where}"), soft_wrap=True)
+    out.print(Text(f"  see {failure.path}"), soft_wrap=True)
 
 
 def _metrics(result: Result) -> Padding:
@@ -135,7 +136,7 @@ def _metrics(result: Result) -> Padding:
     return Padding(grid, (0, 0, 0, 2))
 
 
-def _files(trial: Standing) -> list[tuple[str, int, str]]:
+def _files(trial: ScannedTrial) -> list[tuple[str, int, str]]:
     """Name, bytes and meaning of each file, in the order of `_FILES`."""
     found = [name for name in trial.folder.files if name != LOCK and (trial.path / name).is_file()]
     places = list(_FILES)
@@ -144,7 +145,7 @@ def _files(trial: Standing) -> list[tuple[str, int, str]]:
     return [*listed, *_snapshots(trial)]
 
 
-def _snapshots(trial: Standing) -> Iterator[tuple[str, int, str]]:
+def _snapshots(trial: ScannedTrial) -> Iterator[tuple[str, int, str]]:
     """The folder of snapshots as one entry."""
     if found := snapshots_in(trial.path):
         steps = list(found)

@@ -1,6 +1,7 @@
 """How experiments stand, in the words and the lines of `meshfit status`, and as plain data."""
 
 import json
+import math
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from typing import Annotated
@@ -14,23 +15,24 @@ from rich.text import Text
 from meshfit.cli.console import out
 from meshfit.cli.options import DEFAULT_RUNS, AsJson, OptionalRunDirs
 from meshfit.experiment.status.eta import seconds_left
-from meshfit.experiment.status.scan import ExperimentOverview, Standing, State
-from meshfit.experiment.storage.failure import Failure, failures_by_kind, read_failure
-from meshfit.experiment.storage.trial_log import FRESH_SECONDS, LastProgress, read_progress
+from meshfit.experiment.status.scan import ScannedExperiment, ScannedTrial
+from meshfit.experiment.storage.failure import Failure, read_failure
+from meshfit.experiment.storage.trial_log import LastProgress, read_progress
+from meshfit.experiment.trial_status import TrialStatus
 from meshfit.units import duration_text
 
 _MOST_OF_HOST = 12
 _LEAST_OF_LABEL = len("  no sign of life for 59 min")
 STYLES = {
-    State.COMPLETE: "green",
-    State.RUNNING: "cyan",
-    State.FAILED: "red",
-    State.INTERRUPTED: "magenta",
-    State.WAITING: "",
+    TrialStatus.COMPLETE: "green",
+    TrialStatus.RUNNING: "cyan",
+    TrialStatus.FAILED: "red",
+    TrialStatus.INTERRUPTED: "magenta",
+    TrialStatus.WAITING: "",
 }
 
 
-def print_overview(experiments: Sequence[ExperimentOverview], now: datetime, most: int | None) -> None:
+def print_overview(experiments: Sequence[ScannedExperiment], now: datetime, most: int | None) -> None:
     """Print a line for each experiment, and below it what runs and what failed.
 
     Args:
@@ -47,7 +49,7 @@ def print_overview(experiments: Sequence[ExperimentOverview], now: datetime, mos
             out.print()
 
 
-def _summary(experiment: ExperimentOverview, width: int) -> Text:
+def _summary(experiment: ScannedExperiment, width: int) -> Text:
     counts = [Text(f"{count:,} {state}", STYLES[state]) for state, count in experiment.counts.items() if count]
     line = Text.assemble((experiment.name.ljust(width), "bold"), "  ", Text(" · ").join(counts))
     if left := _time_left(experiment):
@@ -56,16 +58,16 @@ def _summary(experiment: ExperimentOverview, width: int) -> Text:
     return line
 
 
-def _time_left(experiment: ExperimentOverview) -> str:
+def _time_left(experiment: ScannedExperiment) -> str:
     seconds = seconds_left(experiment)
     if seconds == 0:
         return ""
     left = "time left unknown" if seconds is None else f"about {duration_text(seconds)} left"
-    return left if experiment.counts[State.RUNNING] else f"stopped, {left}"
+    return left if experiment.counts[TrialStatus.RUNNING] else f"stopped, {left}"
 
 
-def _running(experiment: ExperimentOverview, now: datetime, most: int | None) -> Iterator[RenderableType]:
-    running = experiment.of(State.RUNNING)
+def _running(experiment: ScannedExperiment, now: datetime, most: int | None) -> Iterator[RenderableType]:
+    running = experiment.of(TrialStatus.RUNNING)
     if not running:
         return
     grid = Table.grid(padding=(0, 2, 0, 0))
@@ -77,8 +79,8 @@ def _running(experiment: ExperimentOverview, now: datetime, most: int | None) ->
     for trial in running[:most]:
         progress = read_progress(trial.path)
         grid.add_row(Text(trial.label, "cyan"), *_last_said(progress, now))
-        if progress is not None and progress.silent_seconds(now) >= FRESH_SECONDS:
-            grid.add_row(Text(f"  no sign of life for {duration_text(progress.silent_seconds(now))}", "bold magenta"))
+        if progress is not None and progress.is_stale(now):
+            grid.add_row(Text(f"  no sign of life for {duration_text(progress.age_seconds(now))}", "bold magenta"))
     yield Padding(grid, (0, 0, 0, 2))
     yield from _more(len(running), most)
 
@@ -86,30 +88,31 @@ def _running(experiment: ExperimentOverview, now: datetime, most: int | None) ->
 def _last_said(progress: LastProgress | None, now: datetime) -> Sequence[Text]:
     if progress is None:
         return [Text("starting")]
-    step = f"{progress.step:,}/{progress.steps:,}" if progress.phase == "fitting" else progress.phase
-    loss = "" if progress.loss is None else f"{progress.loss:.3g}"
+    step = progress.step
+    activity = f"{step.done:,}/{step.steps:,}" if progress.status is TrialStatus.FITTING else progress.status.value
+    loss = f"{step.loss:.3g}" if math.isfinite(step.loss) else ""
     host = progress.host.partition(".")[0]
     host = host if len(host) <= _MOST_OF_HOST else f"{host[: _MOST_OF_HOST - 1]}…"
     return [
-        Text(step),
+        Text(activity),
         Text(loss),
         Text(duration_text((now - progress.started).total_seconds())),
         Text(f"{host}:{progress.pid}"),
     ]
 
 
-def _failed(experiment: ExperimentOverview, most: int | None) -> Iterator[RenderableType]:
-    for kind, failures in failures_by_kind(experiment).items():
+def _failed(experiment: ScannedExperiment, most: int | None) -> Iterator[RenderableType]:
+    for kind, failures in experiment.failures_by_kind().items():
         yield Text.assemble("  ", (f"failed: {kind}", "bold red"), f" ({len(failures):,})")
         said = ""
         # Those that failed in the same words below each other, so that the words stand there once.
-        for failure in sorted(failures[:most], key=lambda failure: failure.message):
+        for trial, failure in sorted(failures[:most], key=lambda found: found[1].message):
             if failure.message != said:
                 said = failure.message
                 yield Padding(Text(said), (0, 0, 0, 4))
             step = "" if failure.step is None else f", step {failure.step:,}"
-            yield Text.assemble("      ", (failure.trial.label, "red"), step)
-            yield Text(f"        {failure.where}")
+            yield Text.assemble("      ", (trial.label, "red"), step)
+            yield Text(f"        {failure.path}")
         yield from _more(len(failures), most)
 
 
@@ -118,7 +121,7 @@ def _more(count: int, most: int | None) -> Iterator[Text]:
         yield Text(f"  and {count - most:,} more; --all lists them")
 
 
-def plain_overview(experiment: ExperimentOverview) -> dict[str, object]:
+def plain_overview(experiment: ScannedExperiment) -> dict[str, object]:
     """An experiment and its trials as plain data, fit for JSON."""
     return {
         "experiment": experiment.name,
@@ -130,19 +133,19 @@ def plain_overview(experiment: ExperimentOverview) -> dict[str, object]:
     }
 
 
-def _plain_trial(trial: Standing) -> dict[str, object]:
-    facts: dict[str, object] = {"folder": str(trial.path), "identity": trial.identity, "state": trial.state.value}
+def _plain_trial(trial: ScannedTrial) -> dict[str, object]:
+    facts: dict[str, object] = {"folder": str(trial.path), "identity": trial.identity, "state": trial.status.value}
     facts |= {"target": trial.target, "scheme": trial.scheme, "seed": trial.seed, "variant": trial.variant}
-    if trial.state is State.RUNNING:
+    if trial.status is TrialStatus.RUNNING:
         progress = read_progress(trial.path)
         return facts | {"progress": progress.to_dict() if progress else None}
-    if trial.state is State.FAILED:
-        return facts | {"failure": _plain_failure(read_failure(trial))}
+    if trial.status is TrialStatus.FAILED:
+        return facts | {"failure": _plain_failure(read_failure(trial.path))}
     return facts
 
 
 def _plain_failure(failure: Failure) -> dict[str, object]:
-    return {"kind": failure.kind, "message": failure.message, "step": failure.step, "see": str(failure.where)}
+    return {"kind": failure.kind, "message": failure.message, "step": failure.step, "see": str(failure.path)}
 
 
 MOST_LISTED = 20
@@ -168,10 +171,10 @@ def status(
 
         watch -n 5 meshfit status  # again every 5 seconds
     """
-    from meshfit.experiment.status.scan import overview
+    from meshfit.experiment.status.scan import scan_experiments
 
     now = datetime.now(UTC)
-    found = overview(runs or [DEFAULT_RUNS], now)
+    found = scan_experiments(runs or [DEFAULT_RUNS], now)
     if as_json:
         typer.echo(json.dumps([plain_overview(experiment) for experiment in found], indent=2))
     else:

@@ -113,7 +113,7 @@ def table(
         meshfit table runs/table1 --check configs/expected/table1.json
     """
     from meshfit.experiment.storage.plan_file import with_planned_names
-    from meshfit.experiment.storage.run_directory import read_results
+    from meshfit.experiment.storage.result import read_results
     from meshfit.report.tables.grouping import distinguish_definitions
 
     results = distinguish_definitions(with_planned_names(read_results(runs)))
@@ -162,7 +162,8 @@ def expect(
     Example:
         meshfit expect runs/table1 -o configs/expected/table1.json
     """
-    from meshfit.experiment.storage.run_directory import read_results, write_atomically
+    from meshfit.experiment.storage.result import read_results
+    from meshfit.experiment.storage.run_directory import write_atomically
     from meshfit.report.tables.expected import expectation
     from meshfit.report.tables.grouping import distinguish_definitions
     from meshfit.report.tables.table import build_tables

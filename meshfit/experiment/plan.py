@@ -16,7 +16,7 @@ from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target
 from meshfit.subdivision.registry import NamedScheme
 
 # Raised whenever the same settings would give other numbers, so that older results are not taken for newer ones.
-SCHEMA_VERSION = 2
+RESULTS_VERSION = 2
 _WITH_FILES = ("creases", "alpha")
 _LATER = (*_WITH_FILES, "wanted_verts")
 
@@ -86,7 +86,7 @@ class Trial:
     def identity(self) -> str:
         """SHA-256 over the settings, the inputs and the schema version; where a file lies does not enter."""
         settings = _without_paths(self.plain_settings)
-        content = {"settings": settings, "inputs": dict(self.inputs), "schema_version": SCHEMA_VERSION}
+        content = {"settings": settings, "inputs": dict(self.inputs), "schema_version": RESULTS_VERSION}
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     @property

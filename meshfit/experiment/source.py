@@ -35,14 +35,14 @@ from meshfit.subdivision.triangles.table import MIDPOINT
 
 
 @dataclass(frozen=True)
-class Ball:
+class Sphere:
     """A sphere by its centre and its radius."""
 
     centre: tuple[float, float, float]
     radius: float
 
     @classmethod
-    def about(cls, verts: Verts) -> "Ball":
+    def about(cls, verts: Verts) -> "Sphere":
         """The one about the mean of some verts that goes through the farthest of them."""
         centre = verts.mean(axis=0)
         radius = float(np.linalg.norm(verts - centre, axis=1).max())
@@ -55,9 +55,9 @@ class Ball:
         return np.asarray(self.centre + offset * (self.radius / length))
 
 
-def refined_on_ball(verts: Verts, operators: Iterable[csr_array]) -> Verts:
+def refine_on_sphere(verts: Verts, operators: Iterable[csr_array]) -> Verts:
     """Verts refined level by level, put on their ball before the first and after each."""
-    ball = Ball.about(verts)
+    ball = Sphere.about(verts)
     verts = ball.put(verts)
     for operator in operators:
         verts = ball.put(operator @ verts)
@@ -82,7 +82,7 @@ def control_mesh(settings: SourceSettings) -> tuple[Mesh, Indices | None]:
     return mesh.with_verts(_placed(mesh.verts, settings)), numbering
 
 
-def control_polygons(settings: SourceSettings) -> tuple[PolygonMesh, Indices | None]:
+def control_polygon_mesh(settings: SourceSettings) -> tuple[PolygonMesh, Indices | None]:
     """The same with its polygons as they are; decimation leaves triangles.
 
     Raises:
@@ -160,7 +160,7 @@ def _icosphere(name: str) -> Mesh:
         raise ConfigError(f"source.mesh: '{name}': icosphere takes one parameter, level, from 0 to {_MOST_LEVELS}")
     solid, _ = control_mesh(SourceSettings(mesh="icosahedron"))
     refinement = refine(Topology.of(solid), MIDPOINT, level)
-    return Mesh(refined_on_ball(solid.verts, refinement.operators), refinement.faces)
+    return Mesh(refine_on_sphere(solid.verts, refinement.operators), refinement.faces)
 
 
 def _placed(verts: Verts, settings: SourceSettings) -> Verts:
@@ -192,7 +192,7 @@ def build_source(settings: SourceSettings, scheme: str | Scheme, name: str = "th
     """
     masks, name = resolve(scheme), scheme if isinstance(scheme, str) else name
     on_polygons = isinstance(masks, PolygonScheme)
-    mesh, numbering = control_polygons(settings) if on_polygons else control_mesh(settings)
+    mesh, numbering = control_polygon_mesh(settings) if on_polygons else control_mesh(settings)
     creases = _creases(settings, masks, name, mesh, numbering)
     masks = _with_alphas(settings, masks, name, numbering)
     try:
@@ -210,7 +210,7 @@ def _refined(
     else:
         refinement = _nearest_in_size(topology, scheme, settings.wanted_verts, creases)
     operators = refinement.operators
-    verts = refinement(mesh.verts) if settings.project == "none" else refined_on_ball(mesh.verts, operators)
+    verts = refinement(mesh.verts) if settings.project == "none" else refine_on_sphere(mesh.verts, operators)
     if isinstance(refinement, Refinement):
         return Mesh(verts, refinement.faces)
     return refinement.mesh(verts).with_short_diagonals()

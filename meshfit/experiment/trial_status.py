@@ -1,40 +1,52 @@
-"""Where a trial is, and how it ended."""
+"""Status, progress and outcome of a trial."""
 
+import math
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 
 from meshfit.fitting.callbacks import Step
 
 
-class Phase(Enum):
-    """Where a trial is."""
+class TrialStatus(StrEnum):
+    """Status of a trial; the values are those written to files."""
 
-    WAITING = 0
-    FITTING = 1
-    MEASURING = 2
-    COMPLETE = 3
-    FAILED = 4
-    INTERRUPTED = 5
+    WAITING = "waiting"
+    RUNNING = "running"
+    """Fitting or measuring: a scan of the run directory does not tell which."""
+    FITTING = "fitting"
+    MEASURING = "measuring"
+    COMPLETE = "complete"
+    FAILED = "failed"
+    INTERRUPTED = "interrupted"
+    """Begun, and neither complete, failed nor running."""
+
+    @property
+    def is_running(self) -> bool:
+        """Whether a process works on the trial."""
+        return self in (TrialStatus.RUNNING, TrialStatus.FITTING, TrialStatus.MEASURING)
+
+
+_NO_STEP = Step(0, 0, math.nan)
 
 
 @dataclass(frozen=True)
 class Progress:
-    """What `on_progress` is told: the phase, and the steps done, if it is fitting."""
+    """Progress of a trial: its status, and the last step of its fit."""
 
-    phase: Phase
-    step: Step | None = None
+    status: TrialStatus
+    step: Step = _NO_STEP
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a trial ended, and, if it failed, why.
+    """How a trial ended.
 
     Attributes:
-        phase: where it is now.
-        message: why it failed, for a person to read.
-        kind: a `FailureKind`, if it failed.
+        status: complete, failed or interrupted.
+        message: why it failed.
+        kind: its `FailureKind`, if it failed.
     """
 
-    phase: Phase
+    status: TrialStatus
     message: str = ""
     kind: str = ""

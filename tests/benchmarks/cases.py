@@ -11,7 +11,7 @@ import trimesh
 
 from meshfit.config.loading import load_experiment
 from meshfit.experiment.plan import Trial, plan
-from meshfit.experiment.running.batch_runner import run_together
+from meshfit.experiment.running.batch_runner import run_batch
 from meshfit.experiment.running.scheduler import run_trials
 from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.fitting.first_order import FirstOrder
@@ -112,7 +112,7 @@ def _side_by_side() -> Benchmark:
     def one_process() -> None:
         store = RunDirectory(Path(root.name, str(next(folders))))
         for trial in trials:
-            run_together([trial], store, lambda *_: None)
+            run_batch([trial], store, lambda *_: None)
         _note(store)
 
     def _note(store: RunDirectory) -> None:
@@ -128,7 +128,7 @@ def _overhead() -> Benchmark:
     (trial,) = _trials("fit.steps=0")
     root = tempfile.TemporaryDirectory()
     store = RunDirectory(Path(root.name))
-    return Benchmark(lambda: run_together([trial], store, lambda *_: None, force=True), 3, limit=5)
+    return Benchmark(lambda: run_batch([trial], store, lambda *_: None, force=True), 3, limit=5)
 
 
 CASES: dict[str, Callable[[], Benchmark]] = {

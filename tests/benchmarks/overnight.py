@@ -11,7 +11,8 @@ from pathlib import Path
 from meshfit.config.loading import load_experiment
 from meshfit.experiment.plan import plan
 from meshfit.experiment.running.scheduler import run_trials
-from meshfit.experiment.storage.run_directory import RunDirectory, read_results
+from meshfit.experiment.storage.result import read_results
+from meshfit.experiment.storage.run_directory import RunDirectory
 from tests.cli.processes import meshfit
 
 _TRIALS, _WORKERS = 300, 2

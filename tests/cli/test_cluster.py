@@ -150,4 +150,4 @@ def test_a_gpu_that_no_worker_has_is_missed_at_once(tmp_path, cluster):
 def test_a_scheduler_that_is_not_there_is_one_line(tmp_path, monkeypatch):
     _, err = meshfit("run", config_file(tmp_path), "--cluster", "tcp://127.0.0.1:9", folder=tmp_path, code=2)
     (line,) = err.strip().splitlines()
-    assert "tcp://127.0.0.1:9: no Dask scheduler to be reached there" in line
+    assert "tcp://127.0.0.1:9: no Dask scheduler can be reached there" in line

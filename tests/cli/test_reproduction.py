@@ -10,7 +10,8 @@ from meshfit.config.loading import load_experiment
 from meshfit.experiment.plan import plan
 from meshfit.experiment.running.backends import Remote
 from meshfit.experiment.running.scheduler import run_trials
-from meshfit.experiment.storage.run_directory import RunDirectory, read_results
+from meshfit.experiment.storage.result import read_results
+from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.paths import bundled_folder
 from meshfit.report.tables.expected import check, read_expected
 from meshfit.report.tables.table import build_tables

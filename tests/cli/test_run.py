@@ -178,4 +178,4 @@ def test_a_baseline_that_is_not_run_is_refused_before_anything_runs(tmp_path, co
 
 def test_a_place_that_cannot_be_written_is_one_clear_line(tmp_path):
     (tmp_path / "file").write_text("")
-    assert "cannot be made" in refused("run", config_file(tmp_path), "--runs", tmp_path / "file")
+    assert "cannot be created" in refused("run", config_file(tmp_path), "--runs", tmp_path / "file")

@@ -5,15 +5,16 @@ from filelock import FileLock
 
 from meshfit.errors import StoreError
 from meshfit.experiment.status.cleaning import clean, is_half_written
-from meshfit.experiment.status.scan import State, overview
+from meshfit.experiment.status.scan import scan_experiments
 from meshfit.experiment.storage.run_directory import write_atomically
+from meshfit.experiment.trial_status import TrialStatus
 from tests.runs import NOW, begun, complete, failed, held, write_plan
 
-FAILED, PARTIAL, BOTH = [State.FAILED], [State.INTERRUPTED], [State.FAILED, State.INTERRUPTED]
+FAILED, PARTIAL, BOTH = [TrialStatus.FAILED], [TrialStatus.INTERRUPTED], [TrialStatus.FAILED, TrialStatus.INTERRUPTED]
 
 
 def cleaned(states, *roots, dry_run=False):
-    return clean(overview(roots, NOW), states, roots, dry_run=dry_run)
+    return clean(scan_experiments(roots, NOW), states, roots, dry_run=dry_run)
 
 
 def contents(folder):
@@ -74,7 +75,7 @@ def test_a_running_trial_is_left_and_told(tmp_path):
 def test_a_trial_that_began_since_it_was_looked_at_is_left(tmp_path):
     begun(tmp_path, seed=1)
     folder = begun(tmp_path, seed=2)
-    seen = overview([tmp_path], NOW)
+    seen = scan_experiments([tmp_path], NOW)
     with held(folder):
         found = clean(seen, PARTIAL, [tmp_path])
         assert folder.exists()
@@ -83,7 +84,7 @@ def test_a_trial_that_began_since_it_was_looked_at_is_left(tmp_path):
 
 def test_a_trial_that_ended_since_it_was_looked_at_is_left(tmp_path):
     folder = begun(tmp_path)
-    seen = overview([tmp_path], NOW)
+    seen = scan_experiments([tmp_path], NOW)
     (folder / "result.json").write_text("{}")
     assert clean(seen, BOTH, [tmp_path]).removed == ()
     assert (folder / "result.json").exists()

@@ -1,6 +1,7 @@
 """The executor, with real processes: some of these tests start workers, which import torch."""
 
 import json
+import math
 import os
 import signal
 from concurrent.futures import ThreadPoolExecutor
@@ -9,16 +10,15 @@ import pytest
 
 from meshfit.errors import ClusterError, MeshError
 from meshfit.experiment.plan import plan
-from meshfit.experiment.running import backends as remote
-from meshfit.experiment.running import trial_runner as attempt
-from meshfit.experiment.running.backends import FileStopSign, Remote
-from meshfit.experiment.running.environment import environment
-from meshfit.experiment.running.progress import Board
+from meshfit.experiment.running import backends, trial_runner
+from meshfit.experiment.running.backends import CancellationFile, Remote
+from meshfit.experiment.running.process_pool import environment
 from meshfit.experiment.running.scheduler import run_trials
-from meshfit.experiment.running.worker import Errand, Job, work
-from meshfit.experiment.storage.failure import kind_of
+from meshfit.experiment.running.shared_progress import SharedProgress
+from meshfit.experiment.running.worker import Job, RemoteOptions, run_job
+from meshfit.experiment.storage.failure import failure_kind
 from meshfit.experiment.storage.run_directory import RunDirectory
-from meshfit.experiment.trial_status import Phase, Progress
+from meshfit.experiment.trial_status import Progress, TrialStatus
 from meshfit.fitting.callbacks import Step
 from tests.inline import Inline
 from tests.small import experiment
@@ -26,18 +26,19 @@ from tests.small import experiment
 posix = pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs POSIX signals")
 
 
-def test_the_board_tells_what_was_posted():
-    board = Board.of(3)
-    board.post(1, Progress(Phase.FITTING, Step(5, 20, 0.25)))
-    assert board.phase(0) is Phase.WAITING
-    assert (board.phase(1), board.step(1)) == (Phase.FITTING, Step(5, 20, 0.25))
-    board.post(1, Progress(Phase.MEASURING))
-    assert (board.phase(1), board.step(1).done) == (Phase.MEASURING, 5)
-    board.reset(1)
-    assert (board.phase(1), board.step(1).done) == (Phase.WAITING, 0)
-    assert not board.stopped
-    board.stop()
-    assert Board(board.shared).stopped
+def test_shared_progress_is_read_as_it_was_written():
+    progress = SharedProgress.of(3)
+    progress[1] = Progress(TrialStatus.FITTING, Step(5, 20, 0.25))
+    assert progress[0].status is TrialStatus.WAITING
+    assert progress[1] == Progress(TrialStatus.FITTING, Step(5, 20, 0.25))
+    progress[1] = Progress(TrialStatus.MEASURING, Step(20, 20, float("inf")))
+    assert (progress[1].status, progress[1].step.done) == (TrialStatus.MEASURING, 20)
+    assert math.isnan(progress[1].step.loss)
+    progress.reset(1)
+    assert (progress[1].status, progress[1].step.done) == (TrialStatus.WAITING, 0)
+    assert not progress.cancelled
+    progress.cancel()
+    assert SharedProgress(progress.shared).cancelled
 
 
 def test_the_environment_of_workers_is_put_back(monkeypatch):
@@ -58,12 +59,12 @@ def test_results_do_not_depend_on_workers_or_companions_and_a_failing_trial_take
         store = RunDirectory(tmp_path / str(jobs))
         trials = plan(experiments)
         outcomes = run_trials(trials, store, jobs=jobs)
-        complete = [trial for i, trial in enumerate(trials) if outcomes[i].phase is Phase.COMPLETE]
+        complete = [trial for i, trial in enumerate(trials) if outcomes[i].status is TrialStatus.COMPLETE]
         assert len(complete) == 2
         folders = [store.folder(trial) for trial in complete]
         contents.append([(folder / name).read_bytes() for folder in folders for name in ("result.ply", "trace.csv")])
         contents[-1] += [store.result(trial)["hausdorff"] for trial in complete]
-    assert outcomes[0].phase is Phase.FAILED
+    assert outcomes[0].status is TrialStatus.FAILED
     assert contents[0] == contents[1]
 
 
@@ -91,13 +92,13 @@ def test_a_trial_whose_process_is_killed_is_tried_again_and_then_recorded(tmp_pa
     killer = Killer(trials[0], store, times=2)
     outcomes = run_trials(trials, store, jobs=2, watch=killer)
     assert killer.left == 0
-    assert (outcomes[0].phase, outcomes[0].kind) == (Phase.FAILED, "killed")
+    assert (outcomes[0].status, outcomes[0].kind) == (TrialStatus.FAILED, "killed")
     record = store.failure(trials[0])
     assert (record["kind"], record["attempts"], record["log"]) == ("killed", 2, "trial.log")
     assert record["step"] > 5
     assert "killed twice" in record["message"]
     assert (store.folder(trials[0]) / "trial.log").read_text().count("killed at step") == 2
-    assert all(outcomes[i].phase is Phase.COMPLETE for i in (1, 2, 3))
+    assert all(outcomes[i].status is TrialStatus.COMPLETE for i in (1, 2, 3))
 
 
 @posix
@@ -107,7 +108,7 @@ def test_a_trial_that_is_killed_once_goes_on_from_its_checkpoint_and_disturbs_no
     quiet, store = RunDirectory(tmp_path / "quiet"), RunDirectory(tmp_path / "runs")
     run_trials(trials, quiet, jobs=2)
     outcomes = run_trials(trials, store, jobs=2, watch=Killer(trials[0], store, times=1))
-    assert [outcome.phase for outcome in outcomes.values()] == [Phase.COMPLETE] * 2
+    assert [outcome.status for outcome in outcomes.values()] == [TrialStatus.COMPLETE] * 2
     logs = [(store.folder(trial) / "trial.log").read_text() for trial in trials]
     assert [log.count("started on") for log in logs] == [2, 1]
     assert store.failure(trials[0]) is None
@@ -123,7 +124,7 @@ def test_any_executor_can_run_trials(tmp_path, transfer):
     run_trials(trials, here, jobs=1)
     with ThreadPoolExecutor(2) as pool:
         outcomes = run_trials(trials, there, remote=Remote(pool, transfer=transfer))
-    assert [outcomes[i].phase for i in (0, 1)] == [Phase.COMPLETE] * 2
+    assert [outcomes[i].status for i in (0, 1)] == [TrialStatus.COMPLETE] * 2
     for trial in trials:
         names = {path.name for path in here.folder(trial).iterdir()}
         assert {path.name for path in there.folder(trial).iterdir()} == names
@@ -135,7 +136,7 @@ def test_any_executor_can_run_trials(tmp_path, transfer):
 
 @pytest.mark.parametrize(("retries", "complete"), [(0, False), (1, False), (2, True)])
 def test_a_trial_that_runs_out_of_memory_is_tried_again_as_often_as_allowed(tmp_path, monkeypatch, retries, complete):
-    real, calls = attempt.measure, []
+    real, calls = trial_runner.measure, []
 
     def measure(*arguments):
         calls.append(1)
@@ -143,11 +144,11 @@ def test_a_trial_that_runs_out_of_memory_is_tried_again_as_often_as_allowed(tmp_
             raise RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried to allocate 1 bytes")
         return real(*arguments)
 
-    monkeypatch.setattr(attempt, "measure", measure)
+    monkeypatch.setattr(trial_runner, "measure", measure)
     (trial,) = plan([experiment(tmp_path, retries=retries)])
     store = RunDirectory(tmp_path / "runs")
     outcome = run_trials([trial], store, remote=Remote(Inline()))[0]
-    assert outcome.phase is (Phase.COMPLETE if complete else Phase.FAILED)
+    assert outcome.status is (TrialStatus.COMPLETE if complete else TrialStatus.FAILED)
     assert len(calls) == min(retries + 1, 3)
     if not complete:
         assert outcome.kind == "out-of-memory"
@@ -172,18 +173,18 @@ def test_a_trial_that_diverges_is_not_tried_again(tmp_path):
     ],
 )
 def test_failures_have_kinds(error, kind):
-    assert kind_of(error) == kind
+    assert failure_kind(error) == kind
 
 
 def test_a_worker_of_another_version_is_refused(tmp_path):
     (trial,) = plan([experiment(tmp_path)])
-    errand = Errand(FileStopSign(tmp_path / "stop"), schema_version=-1)
+    remote = RemoteOptions(CancellationFile(tmp_path / "stop"), version=-1)
     with pytest.raises(ClusterError, match="another version"):
-        work(Job({0: trial}, RunDirectory(tmp_path), "cpu", 1, force=False, errand=errand))
+        run_job(Job({0: trial}, RunDirectory(tmp_path), "cpu", 1, force=False, remote=remote))
 
 
 def test_workers_that_have_to_see_the_run_directory_and_do_not_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(remote, "_sees", lambda *_: False)
+    monkeypatch.setattr(backends, "_sees", lambda *_: False)
     with pytest.raises(ClusterError, match="do not see"):
         Remote(Inline(), transfer="shared").shares(tmp_path)
     assert Remote(Inline()).shares(tmp_path) is False

@@ -8,7 +8,7 @@ import pytest
 
 from meshfit.config.experiment import ExperimentSettings
 from meshfit.errors import ConfigError, StoreError
-from meshfit.experiment.status.scan import overview
+from meshfit.experiment.status.scan import scan_experiments
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.tables.export import HEAD, columns_of, rows_of, write_rows
 from meshfit.report.tables.grouping import flatten
@@ -27,12 +27,12 @@ def runs(tmp_path):
 
 
 def row_of(runs, seed):
-    (row,) = (row for row in rows_of(overview([runs / "small"], NOW)) if row["seed"] == seed)
+    (row,) = (row for row in rows_of(scan_experiments([runs / "small"], NOW)) if row["seed"] == seed)
     return row
 
 
 def exported(runs, path):
-    rows = rows_of(overview([runs], NOW))
+    rows = rows_of(scan_experiments([runs], NOW))
     write_rows(rows, columns_of(rows), path)
     return rows, columns_of(rows)
 
@@ -72,7 +72,7 @@ def test_what_a_failure_says_of_its_trial_counts(runs):
 
 
 def test_columns_come_in_one_order_whichever_rows_there_are(runs):
-    rows = sorted(rows_of(overview([runs], NOW)), key=lambda row: row["experiment"], reverse=True)
+    rows = sorted(rows_of(scan_experiments([runs], NOW)), key=lambda row: row["experiment"], reverse=True)
     every = columns_of(rows)
     assert len(set(every)) == len(every)
     assert tuple(every[: len(HEAD) + len(METRICS)]) == (*HEAD, *METRICS)
@@ -167,10 +167,10 @@ def test_damaged_files_are_named(runs):
     assert str(path) in row["failure.message"]
     path.with_name("config.yaml").write_text("[")
     with pytest.raises(ConfigError, match=r"config\.yaml: line 1: not valid YAML"):
-        rows_of(overview([runs], NOW))
+        rows_of(scan_experiments([runs], NOW))
     next(runs.glob("small/*/*/seed-0-*/result.json")).write_text("{")
     with pytest.raises(StoreError, match=r"result\.json: not valid JSON"):
-        rows_of(overview([runs], NOW))
+        rows_of(scan_experiments([runs], NOW))
 
 
 @pytest.mark.parametrize(("name", "found"), [("out.xlsx", "'.xlsx'"), ("out", "no suffix"), ("out.CSV", "'.CSV'")])

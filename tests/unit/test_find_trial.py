@@ -53,7 +53,7 @@ def test_what_is_no_trial_is_refused_with_those_that_there_are(tmp_path, monkeyp
     for seed in range(module._MOST_LISTED + 2):
         complete(tmp_path / "runs", seed=seed)
     said = refusal(text or "-", tmp_path / "runs")
-    assert "4 or more digits of its identity are needed; there are: " in said
+    assert "4 or more digits of its identity; there are: " in said
     assert said.count("bunny · loop · seed") == module._MOST_LISTED
     assert said.endswith(" and 2 more")
 

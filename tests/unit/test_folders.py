@@ -8,39 +8,40 @@ import pytest
 from filelock import FileLock
 
 from meshfit.errors import StoreError
-from meshfit.experiment.status.scan import State, look_at, scan, state_of
+from meshfit.experiment.status.scan import scan, status_of, trial_folder
 from meshfit.experiment.storage.trial_log import this_host
+from meshfit.experiment.trial_status import TrialStatus
 from tests.runs import NOW, begun, complete, failed, held, write_progress
 
 
 def state(folder):
-    return state_of(look_at(folder), NOW)
+    return status_of(trial_folder(folder), NOW)
 
 
 def test_a_trial_is_complete_failed_interrupted_or_waiting_by_its_files(tmp_path):
-    assert state(complete(tmp_path, seed=0)) is State.COMPLETE
-    assert state(failed(tmp_path, seed=1)) is State.FAILED
-    assert state(begun(tmp_path, seed=2)) is State.INTERRUPTED
-    assert state(tmp_path / "small/bunny/loop/seed-3-0123456789") is State.WAITING
+    assert state(complete(tmp_path, seed=0)) is TrialStatus.COMPLETE
+    assert state(failed(tmp_path, seed=1)) is TrialStatus.FAILED
+    assert state(begun(tmp_path, seed=2)) is TrialStatus.INTERRUPTED
+    assert state(tmp_path / "small/bunny/loop/seed-3-0123456789") is TrialStatus.WAITING
 
 
 def test_a_result_counts_for_more_than_a_failure_before_it(tmp_path):
     folder = failed(tmp_path)
     (folder / "result.json").write_text("{}")
-    assert state(folder) is State.COMPLETE
+    assert state(folder) is TrialStatus.COMPLETE
 
 
 def test_a_trial_runs_while_another_process_holds_its_lock_and_no_longer(tmp_path):
     once_failed, anew, done = failed(tmp_path, seed=0), begun(tmp_path, seed=1), complete(tmp_path, seed=2)
     with held(once_failed, anew, done) as process:
         assert [state(folder) for folder in (once_failed, anew, done)] == [
-            State.RUNNING,
-            State.RUNNING,
-            State.COMPLETE,
+            TrialStatus.RUNNING,
+            TrialStatus.RUNNING,
+            TrialStatus.COMPLETE,
         ]
         process.kill()
         process.wait()
-        assert [state(folder) for folder in (once_failed, anew)] == [State.FAILED, State.INTERRUPTED]
+        assert [state(folder) for folder in (once_failed, anew)] == [TrialStatus.FAILED, TrialStatus.INTERRUPTED]
 
 
 def test_a_lock_is_let_go_at_once_and_none_is_made(tmp_path):
@@ -49,22 +50,22 @@ def test_a_lock_is_let_go_at_once_and_none_is_made(tmp_path):
     with FileLock(folder / ".lock").acquire(timeout=0):
         pass
     (folder / ".lock").unlink()
-    assert state(folder) is State.INTERRUPTED
+    assert state(folder) is TrialStatus.INTERRUPTED
     assert not (folder / ".lock").exists()
 
 
 def test_a_stale_sign_of_life_does_not_make_a_trial_run(tmp_path):
     folder = begun(tmp_path)
     write_progress(folder, silent=1, host=this_host())
-    assert state(folder) is State.INTERRUPTED
+    assert state(folder) is TrialStatus.INTERRUPTED
     write_progress(folder, silent=61, host="node7")
-    assert state(folder) is State.INTERRUPTED
+    assert state(folder) is TrialStatus.INTERRUPTED
 
 
 def test_a_fresh_sign_of_life_from_another_machine_counts_for_it_may_not_share_locks(tmp_path):
     folder = begun(tmp_path)
     write_progress(folder, silent=59, host="node7")
-    assert state(folder) is State.RUNNING
+    assert state(folder) is TrialStatus.RUNNING
 
 
 @pytest.mark.parametrize("error", [PermissionError(13, "Permission denied"), OSError(30, "Read-only file system")])
@@ -74,11 +75,11 @@ def test_where_locks_cannot_be_tried_the_last_sign_of_life_counts(tmp_path, monk
 
     monkeypatch.setattr(FileLock, "acquire", refused)
     folder = begun(tmp_path)
-    assert state(folder) is State.INTERRUPTED
+    assert state(folder) is TrialStatus.INTERRUPTED
     write_progress(folder, silent=59, host=this_host())
-    assert state(folder) is State.RUNNING
+    assert state(folder) is TrialStatus.RUNNING
     write_progress(folder, silent=61, host=this_host())
-    assert state(folder) is State.INTERRUPTED
+    assert state(folder) is TrialStatus.INTERRUPTED
 
 
 @contextmanager
@@ -107,14 +108,14 @@ def test_a_directory_that_cannot_be_written_is_looked_through_all_the_same():
         write_progress(running, silent=10, host=this_host())
         write_progress(silent, silent=100, host=this_host())
         with unprivileged(runs):
-            assert [state(trial.path) for trial in scan(runs).trials] == [State.RUNNING, State.INTERRUPTED]
+            assert [state(trial.path) for trial in scan(runs).trials] == [TrialStatus.RUNNING, TrialStatus.INTERRUPTED]
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", "{}", '{"phase": "fitting", "step": null}'])
 def test_a_damaged_sign_of_life_is_none(tmp_path, content):
     folder = begun(tmp_path)
     (folder / "progress.json").write_text(content)
-    assert state(folder) is State.INTERRUPTED
+    assert state(folder) is TrialStatus.INTERRUPTED
 
 
 def test_folders_are_found_from_any_level_in_the_order_of_seeds(tmp_path):

@@ -5,14 +5,15 @@ from collections import Counter
 import pytest
 
 from meshfit.errors import StoreError
-from meshfit.experiment.status.scan import State, overview
+from meshfit.experiment.status.scan import SCANNED_STATUSES, scan_experiments
+from meshfit.experiment.trial_status import TrialStatus
 from tests.runs import NOW, begun, complete, failed, held, write_plan
 
 
 def counts(*roots):
     return {
         experiment.name: {state.value: count for state, count in experiment.counts.items() if count}
-        for experiment in overview(roots, NOW)
+        for experiment in scan_experiments(roots, NOW)
     }
 
 
@@ -46,12 +47,12 @@ def test_a_root_may_be_any_folder_and_none_counts_twice(runs):
 
 def test_folders_are_called_as_they_were_asked_for(runs, monkeypatch):
     monkeypatch.chdir(runs / "small/bunny")
-    (experiment,) = overview([runs / "small/bunny/loop/../../../small"], NOW)
+    (experiment,) = scan_experiments([runs / "small/bunny/loop/../../../small"], NOW)
     assert experiment.name == "small"
     for root in (".", "loop", "../../small", ".."):
-        (experiment,) = overview([type(runs)(root)], NOW)
+        (experiment,) = scan_experiments([type(runs)(root)], NOW)
         assert experiment.name == "small"
-        found = [trial.path for trial in experiment.trials if trial.state is State.COMPLETE]
+        found = [trial.path for trial in experiment.trials if trial.status is TrialStatus.COMPLETE]
         assert all(os.path.relpath(path, root) == str(path.relative_to(root)) for path in found)
         assert len(found) == 2
 
@@ -59,10 +60,10 @@ def test_folders_are_called_as_they_were_asked_for(runs, monkeypatch):
 def test_what_the_plan_says_of_a_trial_is_known_and_the_rest_is_read_off_its_folder(tmp_path):
     scheme = "interp-loop:alpha=0.5"
     begun(tmp_path, scheme=scheme, seed=3)
-    (found,) = overview([tmp_path], NOW)[0].trials
+    (found,) = scan_experiments([tmp_path], NOW)[0].trials
     assert (found.scheme, found.seed, len(found.identity)) == ("interp-loop-alpha-0.5", 3, 10)
     write_plan(tmp_path / "small", [{"scheme": scheme, "seed": 3, "variant": "stiff"}])
-    (found,) = overview([tmp_path], NOW)[0].trials
+    (found,) = scan_experiments([tmp_path], NOW)[0].trials
     assert (found.scheme, found.seed, len(found.identity)) == (scheme, 3, 64)
     assert found.label == "bunny · interp-loop:alpha=0.5 · stiff · seed 3"
 
@@ -76,14 +77,14 @@ def test_a_plan_alone_makes_an_experiment(tmp_path):
     ("change", "said"),
     [
         (b"{", "not valid JSON"),
-        (b"[]", "found a list, a JSON object is needed"),
+        (b"[]", "expected a JSON object, got a list"),
         ({"schema_version": 2}, "found schema_version 2, this meshfit reads 1"),
         ({"trials": [{"folder": "a"}]}, "not a plan: no 'identity'"),
         ({"trials": 3}, "not a plan: "),
         ({"trials": ["a"]}, "not a plan: "),
         ({"workers": "two"}, "not a plan: "),
-        ({"trials": [{"folder": "/etc"}]}, "the folder '/etc' is not one below it"),
-        ({"trials": [{"folder": "../x"}]}, "the folder '../x' is not one below it"),
+        ({"trials": [{"folder": "/etc"}]}, "the folder '/etc' is not inside the experiment's"),
+        ({"trials": [{"folder": "../x"}]}, "the folder '../x' is not inside the experiment's"),
     ],
 )
 def test_a_damaged_plan_is_one_clear_line(tmp_path, change, said):
@@ -93,7 +94,7 @@ def test_a_damaged_plan_is_one_clear_line(tmp_path, change, said):
         change if isinstance(change, bytes) else json.dumps(json.loads(path.read_text()) | change).encode()
     )
     with pytest.raises(StoreError) as caught:
-        overview([tmp_path], NOW)
+        scan_experiments([tmp_path], NOW)
     assert str(caught.value).startswith(f"{path}: ")
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -102,10 +103,12 @@ def test_a_damaged_plan_is_one_clear_line(tmp_path, change, said):
 
 def test_a_place_without_trials_is_refused(tmp_path):
     with pytest.raises(StoreError, match=r"no trial under .*; `meshfit run` makes them"):
-        overview([tmp_path], NOW)
+        scan_experiments([tmp_path], NOW)
 
 
 def test_states_add_up(runs):
-    for experiment in overview([runs], NOW):
-        assert experiment.counts == {state: Counter(t.state for t in experiment.trials)[state] for state in State}
-        assert sum(map(len, map(experiment.of, State))) == len(experiment.trials)
+    for experiment in scan_experiments([runs], NOW):
+        assert experiment.counts == {
+            state: Counter(t.status for t in experiment.trials)[state] for state in SCANNED_STATUSES
+        }
+        assert sum(map(len, map(experiment.of, SCANNED_STATUSES))) == len(experiment.trials)

@@ -8,9 +8,9 @@ from meshfit.config.experiment import non_default_settings
 from meshfit.config.loading import load_experiment
 from meshfit.config.strict_yaml import dump
 from meshfit.experiment.plan import plan
-from meshfit.experiment.running.batch_runner import run_together
+from meshfit.experiment.running.batch_runner import run_batch
 from meshfit.experiment.storage.run_directory import RunDirectory
-from meshfit.experiment.trial_status import Phase
+from meshfit.experiment.trial_status import TrialStatus
 from meshfit.report.html.tables import definitions_grid
 from meshfit.report.tables.grouping import distinguish_definitions, resolve_scheme
 from meshfit.report.tables.table import build_tables
@@ -80,7 +80,9 @@ def test_trials_travel_to_workers(tmp_path):
 def test_a_scheme_that_is_declared_as_loop_is_fits_as_loop_does(tmp_path, fit):
     ours, theirs = trials(tmp_path, "mine", "loop", fit=fit)
     store = RunDirectory(tmp_path / "runs")
-    assert [outcome.phase for outcome in run_together([ours, theirs], store, lambda *_: None)] == [Phase.COMPLETE] * 2
+    assert [outcome.status for outcome in run_batch([ours, theirs], store, lambda *_: None)] == [
+        TrialStatus.COMPLETE
+    ] * 2
     files = [(store.folder(trial) / "result.ply").read_bytes() for trial in (ours, theirs)]
     assert files[0] == files[1]
     assert ours.identity != theirs.identity

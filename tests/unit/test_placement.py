@@ -6,7 +6,7 @@ import pytest
 
 from meshfit.experiment.plan import plan
 from meshfit.experiment.running import device_assignment as placement
-from meshfit.experiment.running.device_assignment import available_cores, place, workers_and_threads
+from meshfit.experiment.running.device_assignment import assign_devices, available_cores, workers_and_threads
 from tests.small import experiment
 
 
@@ -39,15 +39,15 @@ def machine(monkeypatch, tmp_path):
 
 
 def test_on_the_cpu_each_trial_is_by_itself(trials):
-    assert place(numbered(trials(3, device="auto")), gpus(0)) == [("cpu", (0,)), ("cpu", (1,)), ("cpu", (2,))]
-    assert place(numbered(trials(2, device="cpu")), gpus(4)) == [
+    assert assign_devices(numbered(trials(3, device="auto")), gpus(0)) == [("cpu", (0,)), ("cpu", (1,)), ("cpu", (2,))]
+    assert assign_devices(numbered(trials(2, device="cpu")), gpus(4)) == [
         ("cpu", (0,)),
         ("cpu", (1,)),
     ]
 
 
 def test_on_a_gpu_trials_of_the_same_settings_go_together(trials):
-    assert place(numbered(trials(3, device="auto")), gpus(1)) == [("cuda:0", (0, 1, 2))]
+    assert assign_devices(numbered(trials(3, device="auto")), gpus(1)) == [("cuda:0", (0, 1, 2))]
 
 
 def test_trials_of_other_settings_or_precision_are_batches_of_their_own(trials):
@@ -56,11 +56,11 @@ def test_trials_of_other_settings_or_precision_are_batches_of_their_own(trials):
         trials(2, device="auto", fit={"steps": 7}),
         trials(1, device="auto", dtype="float64"),
     )
-    assert place(numbered(*groups), gpus(1)) == [("cuda:0", (0, 1)), ("cuda:0", (2, 3)), ("cuda:0", (4,))]
+    assert assign_devices(numbered(*groups), gpus(1)) == [("cuda:0", (0, 1)), ("cuda:0", (2, 3)), ("cuda:0", (4,))]
 
 
 def test_several_gpus_share_the_trials(trials):
-    assert place(numbered(trials(5, device="auto")), gpus(2)) == [
+    assert assign_devices(numbered(trials(5, device="auto")), gpus(2)) == [
         ("cuda:0", (0, 1, 2)),
         ("cuda:1", (3, 4)),
     ]
@@ -68,8 +68,8 @@ def test_several_gpus_share_the_trials(trials):
 
 def test_a_gpu_that_is_named_gets_them_all_and_batches_stay_small(trials, monkeypatch):
     named = numbered(trials(150, device="auto"))
-    monkeypatch.setattr(placement, "_MOST_TOGETHER", 64)
-    batches = place(named, gpus(1))
+    monkeypatch.setattr(placement, "_MAX_BATCH", 64)
+    batches = assign_devices(named, gpus(1))
     assert [len(numbers) for _, numbers in batches] == [64, 64, 22]
     assert sorted(i for _, numbers in batches for i in numbers) == list(range(150))
 

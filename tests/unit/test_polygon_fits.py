@@ -10,10 +10,10 @@ import meshfit
 from meshfit.config.experiment import SourceSettings
 from meshfit.errors import SchemeError
 from meshfit.experiment.plan import plan
-from meshfit.experiment.running.batch_runner import run_together
+from meshfit.experiment.running.batch_runner import run_batch
 from meshfit.experiment.source import build_source
 from meshfit.experiment.storage.run_directory import RunDirectory
-from meshfit.experiment.trial_status import Phase
+from meshfit.experiment.trial_status import TrialStatus
 from meshfit.fitting.callbacks import Interrupted
 from meshfit.fitting.gauss_newton import target as cloud
 from meshfit.fitting.gauss_newton.fit_state import FitState
@@ -49,8 +49,8 @@ def goal():
 def run_trial(folder, scheme, **changes):
     (trial,) = plan([experiment(folder, schemes=[scheme], **changes)])
     store = RunDirectory(folder / "runs")
-    (outcome,) = run_together([trial], store, lambda *_: None)
-    assert outcome.phase is Phase.COMPLETE, outcome.message
+    (outcome,) = run_batch([trial], store, lambda *_: None)
+    assert outcome.status is TrialStatus.COMPLETE, outcome.message
     return store.folder(trial), store.result(trial)
 
 

@@ -6,8 +6,8 @@ import pytest
 
 from meshfit.cli.progress import TrialLines
 from meshfit.experiment.plan import plan
-from meshfit.experiment.running.progress import Board
-from meshfit.experiment.trial_status import Outcome, Phase, Progress
+from meshfit.experiment.running.shared_progress import SharedProgress
+from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
 from meshfit.fitting.callbacks import Step
 from tests.small import experiment
 
@@ -23,11 +23,11 @@ class Clock:
 @pytest.fixture
 def watched(tmp_path):
     trials = plan([experiment(tmp_path, seeds=list(range(300)))])
-    board, clock, outcomes = Board.of(300), Clock(), {}
+    board, clock, outcomes = SharedProgress.of(300), Clock(), {}
     lines = TrialLines(trials, clock)
 
-    def end(i, phase=Phase.COMPLETE, message=""):
-        board.post(i, Progress(phase))
+    def end(i, phase=TrialStatus.COMPLETE, message=""):
+        board[i] = Progress(phase)
         outcomes[i] = Outcome(phase, message)
 
     def look(seconds=0.1):
@@ -50,7 +50,7 @@ def test_trials_that_end_slowly_are_named(watched, capsys):
 def test_trials_that_end_fast_are_counted_and_failures_still_named(watched, capsys):
     _, end, look = watched
     for i in range(300):
-        end(i, *((Phase.FAILED, "diverged: so it goes") if i == 200 else ()))
+        end(i, *((TrialStatus.FAILED, "diverged: so it goes") if i == 200 else ()))
         look(seconds=0.2)
     said = capsys.readouterr().err.splitlines()
     assert len(said) < 45
@@ -73,7 +73,7 @@ def test_what_was_complete_before_is_one_line(watched, capsys):
 def test_a_minute_in_which_nothing_ends_has_a_sign_of_life(watched, capsys):
     board, _, look = watched
     look()
-    board.post(0, Progress(Phase.FITTING, Step(10, 20, 0.5)))
+    board[0] = Progress(TrialStatus.FITTING, Step(10, 20, 0.5))
     for _ in range(600):
         look()
     (said,) = capsys.readouterr().err.splitlines()

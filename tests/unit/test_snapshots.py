@@ -4,11 +4,11 @@ import pytest
 
 from meshfit.errors import ConfigError
 from meshfit.experiment.plan import plan
-from meshfit.experiment.running.batch_runner import run_together
-from meshfit.experiment.running.worker import open_parcel, parcel_for, parcel_of, put_back
+from meshfit.experiment.running.batch_runner import run_batch
+from meshfit.experiment.running.worker import pack_inputs, pack_outputs, store_outputs, unpack_inputs
 from meshfit.experiment.storage.checkpoint import SNAPSHOTS, snapshots_in
 from meshfit.experiment.storage.run_directory import RunDirectory
-from meshfit.experiment.trial_status import Phase
+from meshfit.experiment.trial_status import TrialStatus
 from meshfit.fitting.callbacks import Interrupted
 from meshfit.fitting.fit import fit
 from meshfit.mesh.io.files import load_mesh
@@ -27,7 +27,7 @@ def quietly(_progress):
 
 def stopping_at(step):
     def on_progress(progress):
-        if progress.step is not None and progress.step.done == step:
+        if progress.step.done == step:
             raise Interrupted
 
     return on_progress
@@ -40,7 +40,7 @@ def bytes_of(folder):
 def taken(folder, every, engine="first-order", **changes):
     """A trial with its snapshots, made undisturbed."""
     trial, store, place = prepared(folder, fit=ENGINES[engine] | {"snapshots": every}, **changes)
-    assert run_trial(trial, store, quietly).phase is Phase.COMPLETE
+    assert run_trial(trial, store, quietly).status is TrialStatus.COMPLETE
     return trial, store, place
 
 
@@ -71,11 +71,11 @@ def test_a_trial_that_was_stopped_has_the_snapshots_of_one_that_was_not(tmp_path
     trial, store, place = taken(tmp_path, 3, engine)
     stopped = RunDirectory(tmp_path / "stopped")
     for step in (4, 6, 9):
-        assert run_trial(trial, stopped, stopping_at(step)).phase is Phase.INTERRUPTED
+        assert run_trial(trial, stopped, stopping_at(step)).status is TrialStatus.INTERRUPTED
     # As a kill leaves it: a snapshot of a step that is to come again, and one half written.
     (stopped.folder(trial) / SNAPSHOTS / "step-000012.ply").write_bytes(b"older")
     (stopped.folder(trial) / SNAPSHOTS / ".step-000012.ply.abcdefgh").write_bytes(b"half")
-    assert run_trial(trial, stopped, quietly).phase is Phase.COMPLETE
+    assert run_trial(trial, stopped, quietly).status is TrialStatus.COMPLETE
     assert bytes_of(stopped.folder(trial)) == bytes_of(place)
     names = [sorted(path.name for path in (one.folder(trial) / SNAPSHOTS).iterdir()) for one in (store, stopped)]
     assert names[0] == names[1]
@@ -94,7 +94,7 @@ def test_where_snapshots_are_wanted_otherwise_than_before_a_stopped_trial_starts
 def test_trials_of_a_batch_have_the_snapshots_that_each_has_alone(tmp_path):
     trials = plan([experiment(tmp_path, fit=FIRST | {"snapshots": 8}, seeds=[0, 1])])
     together, alone = RunDirectory(tmp_path / "together"), RunDirectory(tmp_path / "alone")
-    run_together(trials, together, lambda *_: None)
+    run_batch(trials, together, lambda *_: None)
     for trial in trials:
         run_trial(trial, alone, quietly)
         assert bytes_of(together.folder(trial)) == bytes_of(alone.folder(trial))
@@ -111,11 +111,11 @@ def test_they_travel_to_other_machines_and_back(tmp_path):
     here, there = RunDirectory(tmp_path / "here"), RunDirectory(tmp_path / "there")
     run_trial(trial, here, stopping_at(12))
     there.folder(trial).mkdir(parents=True)
-    opened = open_parcel(trial, parcel_for(trial, here), there, tmp_path / "inputs")
+    opened = unpack_inputs(trial, pack_inputs(trial, here), there, tmp_path / "inputs")
     run_trial(opened, there, quietly)
     assert "starting over" not in (there.folder(trial) / "trial.log").read_text()
     (here.folder(trial) / SNAPSHOTS / "step-000007.ply").write_bytes(b"of no use")
-    put_back(trial, parcel_of(trial, there), here)
+    store_outputs(trial, pack_outputs(trial, there), here)
     assert bytes_of(here.folder(trial)) == bytes_of(place)
 
 

@@ -8,11 +8,11 @@ from meshfit.config.loading import load_experiment
 from meshfit.errors import ConfigError, MeshError, MeshfitError, SchemeError
 from meshfit.experiment import plan as plan_module
 from meshfit.experiment.plan import plan
-from meshfit.experiment.running.batch_runner import run_together
-from meshfit.experiment.running.worker import open_parcel, parcel_for
+from meshfit.experiment.running.batch_runner import run_batch
+from meshfit.experiment.running.worker import pack_inputs, unpack_inputs
 from meshfit.experiment.source import build_source, relocated
 from meshfit.experiment.storage.run_directory import RunDirectory
-from meshfit.experiment.trial_status import Phase
+from meshfit.experiment.trial_status import TrialStatus
 from meshfit.mesh.io.files import load_mesh, save_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, octahedron
@@ -193,15 +193,15 @@ def given_files(edges, alphas):
 def test_a_trial_runs_here_and_where_its_files_were_sent(tmp_path, edges, alphas):
     (trial,) = plan([experiment(tmp_path, **given_files(edges, alphas))])
     here, there = RunDirectory(tmp_path / "here"), RunDirectory(tmp_path / "there")
-    files = parcel_for(trial, here)
+    files = pack_inputs(trial, here)
     assert {"inputs/creases/edges.txt", "inputs/alpha/alphas.txt"} <= files.keys()
-    (outcome,) = run_together([trial], here, lambda *_: None)
-    assert outcome.phase is Phase.COMPLETE
+    (outcome,) = run_batch([trial], here, lambda *_: None)
+    assert outcome.status is TrialStatus.COMPLETE
     for path in (edges, alphas):
         path.unlink()
-    opened = open_parcel(trial, files, there, tmp_path / "inputs")
-    (outcome,) = run_together([opened], there, lambda *_: None)
-    assert outcome.phase is Phase.COMPLETE, outcome.message
+    opened = unpack_inputs(trial, files, there, tmp_path / "inputs")
+    (outcome,) = run_batch([opened], there, lambda *_: None)
+    assert outcome.status is TrialStatus.COMPLETE, outcome.message
     for name in ("source.ply", "result.ply", "config.yaml"):
         assert (here.folder(trial) / name).read_bytes() == (there.folder(trial) / name).read_bytes()
     source = load_mesh(here.folder(trial) / "source.ply")
@@ -212,8 +212,8 @@ def test_a_trial_runs_here_and_where_its_files_were_sent(tmp_path, edges, alphas
 def test_a_file_that_changed_after_planning_fails_the_trial(tmp_path, edges, alphas):
     (trial,) = plan([experiment(tmp_path, **given_files(edges, alphas))])
     alphas.write_text("\n".join(["1"] * 6))
-    (outcome,) = run_together([trial], RunDirectory(tmp_path / "runs"), lambda *_: None)
-    assert outcome.phase is Phase.FAILED
+    (outcome,) = run_batch([trial], RunDirectory(tmp_path / "runs"), lambda *_: None)
+    assert outcome.status is TrialStatus.FAILED
     assert "alphas.txt: the file has changed since the run began; start it again" in outcome.message
 
 

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from meshfit.errors import StoreError
-from meshfit.experiment.storage.run_directory import make_folder, read_results, write_atomically, write_json
+from meshfit.experiment.storage.result import read_results
+from meshfit.experiment.storage.run_directory import make_folder, write_atomically, write_json
 
 
 def test_a_file_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
@@ -24,7 +25,7 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
 
 def test_a_place_that_cannot_hold_runs_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(StoreError, match=r"cannot be made: .*; choose another place with --runs"):
+    with pytest.raises(StoreError, match=r"cannot be created: .*; choose another place with --runs"):
         make_folder(tmp_path / "file" / "runs")
 
 
@@ -56,7 +57,7 @@ def test_results_are_found_at_any_depth_in_the_order_of_their_paths(tmp_path):
 
 @pytest.mark.parametrize(
     ("content", "message"),
-    [("{", "not valid JSON"), ("[]", "found a list, a JSON object is needed"), ("", "not valid JSON")],
+    [("{", "not valid JSON"), ("[]", "expected a JSON object, got a list"), ("", "not valid JSON")],
 )
 def test_a_damaged_result_is_named(tmp_path, content, message):
     (tmp_path / "result.json").write_text(content)

@@ -3,12 +3,12 @@ import json
 import pytest
 
 from meshfit.experiment.status.eta import seconds_left
-from meshfit.experiment.status.scan import overview
+from meshfit.experiment.status.scan import scan_experiments
 from tests.runs import NOW, begun, complete, failed, held, write_plan, write_progress
 
 
 def left(runs):
-    (experiment,) = overview([runs], NOW)
+    (experiment,) = scan_experiments([runs], NOW)
     return seconds_left(experiment)
 
 

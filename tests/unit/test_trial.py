@@ -6,10 +6,10 @@ import pytest
 from meshfit.config.loading import load_experiment
 from meshfit.errors import StoreError
 from meshfit.experiment.plan import plan
-from meshfit.experiment.running import trial_runner as attempt
-from meshfit.experiment.running.batch_runner import run_together
+from meshfit.experiment.running import trial_runner
+from meshfit.experiment.running.batch_runner import run_batch
 from meshfit.experiment.storage.run_directory import RunDirectory
-from meshfit.experiment.trial_status import Phase
+from meshfit.experiment.trial_status import TrialStatus
 from meshfit.fitting import loop as run
 from meshfit.fitting.callbacks import Interrupted
 from meshfit.measuring.measure import measure
@@ -26,7 +26,7 @@ def prepared(folder, **changes):
 
 
 def run_trial(trial, store, on_progress, **options):
-    (outcome,) = run_together([trial], store, lambda _, progress: on_progress(progress), **options)
+    (outcome,) = run_batch([trial], store, lambda _, progress: on_progress(progress), **options)
     return outcome
 
 
@@ -36,7 +36,7 @@ def visible(folder):
 
 def test_a_complete_trial_leaves_its_files_and_nothing_else(tmp_path):
     trial, store, folder = prepared(tmp_path)
-    assert run_trial(trial, store, lambda _: None).phase is Phase.COMPLETE
+    assert run_trial(trial, store, lambda _: None).status is TrialStatus.COMPLETE
     assert visible(folder) == FILES
     result = store.result(trial)
     assert result["hausdorff"].keys() >= {"forward", "backward", "symmetric", "samples"}
@@ -84,15 +84,15 @@ def test_an_interrupted_trial_goes_on_and_ends_in_the_same_bytes(tmp_path):
     stopping = RunDirectory(tmp_path / "stopped")
 
     def stop_at_seven(progress):
-        if progress.step is not None and progress.step.done == 7:
+        if progress.step.done == 7:
             raise Interrupted
 
-    assert run_trial(trial, stopping, stop_at_seven).phase is Phase.INTERRUPTED
+    assert run_trial(trial, stopping, stop_at_seven).status is TrialStatus.INTERRUPTED
     assert stopping.result(trial) is None
     assert "checkpoint.pt" in visible(stopping.folder(trial))
     steps = []
-    run_trial(trial, stopping, lambda progress: steps.append(progress.step and progress.step.done))
-    assert steps[:2] == [None, 8]
+    run_trial(trial, stopping, lambda progress: steps.append(progress.step.done))
+    assert steps[:2] == [0, 8]
     assert {name: (stopping.folder(trial) / name).read_bytes() for name in whole} == whole
     assert stopping.result(trial)["hausdorff"] == figures
     assert visible(stopping.folder(trial)) == FILES
@@ -103,7 +103,7 @@ def test_a_damaged_checkpoint_is_not_trusted_and_the_trial_starts_over(tmp_path,
     trial, store, folder = prepared(tmp_path)
     folder.mkdir(parents=True)
     (folder / "checkpoint.pt").write_bytes(damage)
-    assert run_trial(trial, store, lambda _: None).phase is Phase.COMPLETE
+    assert run_trial(trial, store, lambda _: None).status is TrialStatus.COMPLETE
 
 
 def test_a_checkpoint_is_never_executed(tmp_path):
@@ -116,7 +116,7 @@ def test_a_checkpoint_is_never_executed(tmp_path):
     trial, store, folder = prepared(tmp_path)
     folder.mkdir(parents=True)
     (folder / "checkpoint.pt").write_bytes(pickle.dumps(Payload()))
-    assert run_trial(trial, store, lambda _: None).phase is Phase.COMPLETE
+    assert run_trial(trial, store, lambda _: None).status is TrialStatus.COMPLETE
     assert not (tmp_path / "executed").exists()
 
 
@@ -124,7 +124,7 @@ def test_a_diverging_trial_is_recorded_with_step_term_and_last_good_mesh(tmp_pat
     trial, store, folder = prepared(tmp_path, fit={"optimizer": {"lr": 1e30}})
     outcome = run_trial(trial, store, lambda _: None)
     record = store.failure(trial)
-    assert outcome.phase is Phase.FAILED
+    assert outcome.status is TrialStatus.FAILED
     assert outcome.message.startswith("diverged: the fit diverged at step")
     assert record["kind"] == "diverged"
     assert record["step"] >= 1
@@ -140,11 +140,11 @@ def test_an_unforeseen_error_is_recorded_with_its_traceback(tmp_path, monkeypatc
     def broken(*_args):
         raise RuntimeError("out of luck")
 
-    monkeypatch.setattr(attempt, "measure", broken)
+    monkeypatch.setattr(trial_runner, "measure", broken)
     assert run_trial(trial, store, lambda _: None).message == "error: out of luck"
     assert "out of luck" in "".join(store.failure(trial)["traceback"])
     monkeypatch.undo()
-    assert run_trial(trial, store, lambda _: None).phase is Phase.COMPLETE
+    assert run_trial(trial, store, lambda _: None).status is TrialStatus.COMPLETE
     assert visible(folder) == FILES
 
 

@@ -4,10 +4,10 @@ import pytest
 
 from meshfit.experiment.plan import plan
 from meshfit.experiment.running import batch_runner as trial
-from meshfit.experiment.running import trial_runner as attempt
-from meshfit.experiment.running.batch_runner import run_together
+from meshfit.experiment.running import trial_runner
+from meshfit.experiment.running.batch_runner import run_batch
 from meshfit.experiment.storage.run_directory import RunDirectory
-from meshfit.experiment.trial_status import Phase
+from meshfit.experiment.trial_status import TrialStatus
 from meshfit.fitting.callbacks import Interrupted
 from meshfit.mesh.io.files import save_mesh
 from meshfit.mesh.mesh import Mesh
@@ -42,36 +42,36 @@ def contents(store, trials):
 
 
 def phases(outcomes):
-    return [outcome.phase for outcome in outcomes]
+    return [outcome.status for outcome in outcomes]
 
 
 @pytest.fixture(scope="module")
 def alone(folder, trials):
     store = RunDirectory(folder / "alone")
     for one in trials:
-        assert phases(run_together([one], store, quiet)) == [Phase.COMPLETE]
+        assert phases(run_batch([one], store, quiet)) == [TrialStatus.COMPLETE]
     return store
 
 
 def test_a_batch_leaves_what_its_trials_leave_alone(tmp_path, trials, alone):
     store = RunDirectory(tmp_path / "together")
-    assert phases(run_together(trials, store, quiet)) == [Phase.COMPLETE] * 8
+    assert phases(run_batch(trials, store, quiet)) == [TrialStatus.COMPLETE] * 8
     assert contents(store, trials) == contents(alone, trials)
     assert [store.result(one)["hausdorff"] for one in trials] == [alone.result(one)["hausdorff"] for one in trials]
 
 
 def test_threads_change_no_byte(tmp_path, trials, alone):
     store = RunDirectory(tmp_path / "threads")
-    run_together(trials, store, quiet, threads=3)
+    run_batch(trials, store, quiet, threads=3)
     assert contents(store, trials) == contents(alone, trials)
 
 
 def test_complete_trials_of_a_batch_are_left(tmp_path, trials):
     store = RunDirectory(tmp_path / "runs")
-    run_together(trials[:3], store, quiet)
+    run_batch(trials[:3], store, quiet)
     before = [(store.folder(one) / "result.json").stat().st_mtime_ns for one in trials[:3]]
     told = []
-    assert phases(run_together(trials, store, lambda place, _: told.append(place))) == [Phase.COMPLETE] * 8
+    assert phases(run_batch(trials, store, lambda place, _: told.append(place))) == [TrialStatus.COMPLETE] * 8
     assert [(store.folder(one) / "result.json").stat().st_mtime_ns for one in trials[:3]] == before
     assert set(told) == {3, 4, 5, 6, 7}
 
@@ -80,14 +80,14 @@ def test_a_batch_that_is_interrupted_goes_on_to_the_same_bytes(tmp_path, trials,
     store = RunDirectory(tmp_path / "runs")
 
     def stop_at_nine(place, progress):
-        if place == 5 and progress.step is not None and progress.step.done == 9:
+        if place == 5 and progress.step.done == 9:
             raise Interrupted
 
-    assert phases(run_together(trials, store, stop_at_nine)) == [Phase.INTERRUPTED] * 8
+    assert phases(run_batch(trials, store, stop_at_nine)) == [TrialStatus.INTERRUPTED] * 8
     assert all((store.folder(one) / "checkpoint.pt").is_file() for one in trials)
     (store.folder(trials[2]) / "checkpoint.pt").unlink()  # one of them starts over
     steps = []
-    run_together(trials, store, lambda place, progress: steps.append((place, progress.step and progress.step.done)))
+    run_batch(trials, store, lambda place, progress: steps.append((place, progress.step.done)))
     assert {done for place, done in steps if place == 2 and done} == set(range(1, 21))
     assert {done for place, done in steps if place == 3 and done} == set(range(10, 21))
     assert contents(store, trials) == contents(alone, trials)
@@ -97,9 +97,9 @@ def test_a_target_that_cannot_be_loaded_fails_alone(tmp_path, alone):
     trials = planned(tmp_path)
     (tmp_path / "cube.ply").write_bytes(b"ply\nnonsense")
     store = RunDirectory(tmp_path / "runs")
-    outcomes = run_together(trials, store, quiet)
+    outcomes = run_batch(trials, store, quiet)
     good, bad = trials[:4], trials[4:]
-    assert phases(outcomes) == [Phase.COMPLETE] * 4 + [Phase.FAILED] * 4
+    assert phases(outcomes) == [TrialStatus.COMPLETE] * 4 + [TrialStatus.FAILED] * 4
     assert all("cube.ply" in outcome.message for outcome in outcomes[4:])
     assert all(store.failure(one)["kind"] == "input" for one in bad)
     assert contents(store, good) == contents(alone, good)
@@ -116,15 +116,15 @@ def test_a_batch_that_fails_as_a_whole_is_run_one_by_one(tmp_path, trials, alone
 
     monkeypatch.setattr(trial, "fit_batch", fit_batch)
     store = RunDirectory(tmp_path / "runs")
-    outcomes = run_together(trials, store, quiet)
+    outcomes = run_batch(trials, store, quiet)
     assert sizes == [8] + [1] * 8
-    assert phases(outcomes) == [Phase.COMPLETE, Phase.FAILED] * 4
+    assert phases(outcomes) == [TrialStatus.COMPLETE, TrialStatus.FAILED] * 4
     assert "out of memory" in outcomes[1].message
     assert contents(store, trials[::2]) == contents(alone, trials[::2])
 
 
 def test_a_member_whose_measurement_fails_is_recorded_and_the_others_complete(tmp_path, trials, monkeypatch):
-    real = attempt.measure
+    real = trial_runner.measure
 
     def measure(result, *args):
         if len(result.verts) == trials_verts:
@@ -132,12 +132,12 @@ def test_a_member_whose_measurement_fails_is_recorded_and_the_others_complete(tm
         return real(result, *args)
 
     store = RunDirectory(tmp_path / "probe")
-    run_together(trials[2:3], store, quiet)
+    run_batch(trials[2:3], store, quiet)
     trials_verts = store.result(trials[2])["quality"]["verts"]
-    monkeypatch.setattr(attempt, "measure", measure)
+    monkeypatch.setattr(trial_runner, "measure", measure)
     store = RunDirectory(tmp_path / "runs")
-    outcomes = run_together(trials, store, quiet)
-    assert phases(outcomes) == [Phase.COMPLETE, Phase.COMPLETE, Phase.FAILED, Phase.FAILED] * 2
+    outcomes = run_batch(trials, store, quiet)
+    assert phases(outcomes) == [TrialStatus.COMPLETE, TrialStatus.COMPLETE, TrialStatus.FAILED, TrialStatus.FAILED] * 2
     assert store.failure(trials[2])["kind"] == "error"
 
 
@@ -145,13 +145,13 @@ def test_a_member_that_diverges_is_recorded_and_the_others_complete(tmp_path, tr
     save_mesh(Mesh(1e30 * cube().verts, cube().faces), tmp_path / "far.ply")
     wild = plan([experiment(tmp_path, targets=[str(tmp_path / "far.ply")], normalise="none")])
     store = RunDirectory(tmp_path / "runs")
-    outcomes = run_together([*trials[:2], *wild, *trials[2:]], store, quiet)
-    assert outcomes[2].phase is Phase.FAILED
+    outcomes = run_batch([*trials[:2], *wild, *trials[2:]], store, quiet)
+    assert outcomes[2].status is TrialStatus.FAILED
     assert store.failure(wild[0])["term"] == "chamfer"
     assert contents(store, trials) == contents(alone, trials)
 
 
 def test_every_member_of_a_batch_has_an_equal_share_of_the_fit_and_none_of_what_follows(tmp_path, trials):
     store = RunDirectory(tmp_path / "runs")
-    run_together(trials, store, quiet)
+    run_batch(trials, store, quiet)
     assert len({store.result(one)["seconds"]["fit"] for one in trials}) == 1

@@ -1,7 +1,8 @@
-"""Workers that are no children of this process: any executor, with what has to be known of it besides."""
+"""Backends that run trials: processes of this machine, or remote workers behind any executor."""
 
+import time
 import uuid
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
@@ -11,58 +12,97 @@ from typing import Any, Literal, Protocol
 
 from meshfit.errors import ClusterError, DeviceError
 from meshfit.experiment.plan import Trial
-from meshfit.experiment.running.device_assignment import Batch, place, workers_and_threads
-from meshfit.experiment.running.process_pool import LocalExecutor
-from meshfit.experiment.running.progress import Board, FileBoard
-from meshfit.experiment.running.worker import Done, Errand, Job, parcel_for, work
-from meshfit.experiment.storage.run_directory import RunDirectory, make_folder, write_atomically
-from meshfit.experiment.trial_status import Phase
-from meshfit.fitting.callbacks import Step
+from meshfit.experiment.running.device_assignment import Batch, assign_devices, workers_and_threads
+from meshfit.experiment.running.process_pool import ProcessPool
+from meshfit.experiment.running.shared_progress import SharedProgress
+from meshfit.experiment.running.worker import CancellationFlag, Job, JobResult, RemoteOptions, pack_inputs, run_job
+from meshfit.experiment.storage.run_directory import PROGRESS, RunDirectory, make_folder, write_atomically
+from meshfit.experiment.storage.trial_log import read_progress
+from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
 
 Transfer = Literal["auto", "shared", "returned"]
-"""How files travel: workers write to a `shared` directory, or they are `returned` to the one who sent the trial."""
+"""How files travel: workers write to a `shared` directory, or files are `returned` to the sender of the trial."""
+
+_SECONDS_BETWEEN_READS = 2.0
 
 
-class StopSign(Protocol):
-    """What workers look at to see whether they should write checkpoints and stop; it travels with each job."""
+class ProgressReader(Protocol):
+    """Progress of trials, by number."""
 
-    def set(self) -> None:
-        """Ask them to."""
+    def __getitem__(self, trial: int) -> Progress:
+        """The progress of a trial."""
 
-    def is_set(self) -> bool:
-        """Whether they are asked to."""
-
-    def clear(self) -> None:
-        """Take the sign away."""
+    def reset(self, trial: int) -> None:
+        """Set a trial back to waiting."""
 
 
-@dataclass(frozen=True)
-class FileStopSign:
-    """A stop sign that stands as a file in the run directory: seen by those who share it."""
+class Backend(Protocol):
+    """A set of workers that run batches of trials."""
 
-    path: Path
+    @property
+    def progress(self) -> ProgressReader:
+        """The progress of each trial."""
 
-    def set(self) -> None:
-        """Ask workers to stop."""
-        write_atomically(self.path, "", lasting=False)
+    @property
+    def workers(self) -> int:
+        """How many trials run side by side on the CPU."""
 
-    def is_set(self) -> bool:
-        """Whether they are asked to."""
-        return self.path.exists()
+    @property
+    def is_local(self) -> bool:
+        """Whether workers share the memory of this machine, so that one may cause the death of another."""
 
-    def clear(self) -> None:
-        """Take the sign away."""
-        self.path.unlink(missing_ok=True)
+    def batches(self, trials: Mapping[int, Trial]) -> list[Batch]:
+        """Divide trials into batches, each for a device."""
+
+    def submit(self, trials: Mapping[int, Trial], device: str) -> Future[JobResult]:
+        """Hand a batch to a worker."""
+
+    def cancel(self) -> None:
+        """Ask workers to write checkpoints and stop."""
+
+    def close(self) -> None:
+        """Wait for running batches to end."""
+
+
+class LocalBackend:
+    """Processes of this machine: several on the CPU, one for each GPU."""
+
+    is_local = True
+
+    def __init__(
+        self, trials: Sequence[Trial], pending: Sequence[int], store: RunDirectory, jobs: int | None, *, force: bool
+    ) -> None:
+        self._store, self._force = store, force
+        self.workers, self._threads = workers_and_threads([trials[i] for i in pending], jobs)
+        self.progress = SharedProgress.of(len(trials))
+        self._pool = ProcessPool(self.workers, self.progress)
+
+    def batches(self, trials: Mapping[int, Trial]) -> list[Batch]:
+        """Divide trials into batches: single trials on the CPU."""
+        may_use_gpu = any(trial.settings.device in ("auto", "cuda") for trial in trials.values())
+        return assign_devices(trials, [f"cuda:{i}" for i in range(self._pool.count_gpus() if may_use_gpu else 0)])
+
+    def submit(self, trials: Mapping[int, Trial], device: str) -> Future[JobResult]:
+        """Hand a batch to a worker of its device."""
+        return self._pool.submit(device, run_job, Job(trials, self._store, device, self._threads, self._force))
+
+    def cancel(self) -> None:
+        """Ask workers to write checkpoints and stop."""
+        self.progress.cancel()
+
+    def close(self) -> None:
+        """Drop batches that have not started, and wait for the others."""
+        self._pool.close(cancel=True)
 
 
 class Remote:
-    """Workers elsewhere.
+    """Workers elsewhere, reached through an executor.
 
     Attributes:
-        executor: takes calls; anything with the interface of `concurrent.futures.Executor`. Of two jobs in threads of
-            one process the second waits for the first.
-        gpus: how many trials can have a GPU of their own at a time.
-        transfer: how files travel; `auto` looks whether workers see the run directory.
+        executor: anything with the interface of `concurrent.futures.Executor`. If it runs two jobs in threads of one
+            process, the second waits for the first.
+        gpus: how many trials can each have a GPU at the same time.
+        transfer: how files travel; `auto` checks whether workers see the run directory.
         workers: how many there are, as far as is known.
     """
 
@@ -71,20 +111,20 @@ class Remote:
     def __init__(self, executor: Executor, *, gpus: int = 0, transfer: Transfer = "auto") -> None:
         self.executor, self.gpus, self.transfer = executor, gpus, transfer
 
-    def stop_sign(self, root: Path) -> StopSign:
-        """A new stop sign for trials under a run directory."""
-        return FileStopSign(root / f".stop-{uuid.uuid4().hex}")
+    def cancellation_flag(self, root: Path) -> CancellationFlag:
+        """Return a new cancellation flag for trials in a run directory."""
+        return CancellationFile(root / f".stop-{uuid.uuid4().hex}")
 
     def on_workers(self, function: Callable[..., Any], *args: object) -> list[Any]:
-        """What some workers return for a call: all of them if that can be had, else one."""
+        """Call a function on all workers, or on one where not all can be reached, and return the results."""
         return [self.executor.submit(function, *args).result()]
 
     def shares(self, root: Path) -> bool:
-        """Whether workers see this run directory.
+        """Whether workers see a run directory.
 
         Raises:
             StoreError: it cannot be written to.
-            ClusterError: workers have to see it, and do not.
+            ClusterError: workers have to see it, but do not.
         """
         if self.transfer == "returned":
             return False
@@ -100,7 +140,7 @@ class Remote:
         return seen
 
     def close(self) -> None:
-        """Let go of the executor, which belongs to whoever made it."""
+        """Release the connection; the executor belongs to its creator."""
 
 
 def _sees(path: str, content: str) -> bool:
@@ -109,134 +149,105 @@ def _sees(path: str, content: str) -> bool:
     return False
 
 
-class ProgressBoard(Protocol):
-    """Where each trial is, by its number, for whoever shows it."""
+@dataclass(frozen=True)
+class CancellationFile:
+    """A cancellation flag as a file in the run directory, for workers that share it."""
 
-    def phase(self, trial: int) -> Phase:
-        """Where a trial is."""
+    path: Path
 
-    def step(self, trial: int) -> Step:
-        """The steps of a trial so far."""
+    def set(self) -> None:
+        """Ask workers to stop."""
+        write_atomically(self.path, "", lasting=False)
 
-    def reset(self, trial: int) -> None:
-        """Put a trial back to where it waits."""
+    def is_set(self) -> bool:
+        """Whether workers are asked to stop."""
+        return self.path.exists()
 
-
-class Crew(Protocol):
-    """Those who run trials."""
-
-    @property
-    def board(self) -> ProgressBoard:
-        """Where each trial is."""
-
-    @property
-    def workers(self) -> int:
-        """How many trials run side by side on the CPU."""
-
-    @property
-    def on_this_machine(self) -> bool:
-        """Whether its workers share the memory of this machine, and their deaths may be due to each other."""
-
-    def batches(self, trials: Mapping[int, Trial]) -> list[Batch]:
-        """Divide trials into batches, each for a device."""
-
-    def submit(self, trials: Mapping[int, Trial], device: str) -> Future[Done]:
-        """Hand a batch to a worker."""
-
-    def stop(self) -> None:
-        """Ask workers to write checkpoints and stop."""
-
-    def close(self) -> None:
-        """Wait for what runs."""
+    def clear(self) -> None:
+        """Remove the flag."""
+        self.path.unlink(missing_ok=True)
 
 
-class LocalCrew:
-    """Processes of this machine: side by side on the CPU, one for each GPU."""
+class RemoteBackend:
+    """Remote workers, which write to a directory that they share with this machine, or return files."""
 
-    on_this_machine = True
+    is_local = False
 
-    def __init__(self, store: RunDirectory, board: Board, workers: int, threads: int, *, force: bool) -> None:
-        self._store, self._threads, self._force = store, threads, force
-        self.board, self.workers = board, workers
-        self._executor = LocalExecutor(workers, board)
-
-    @classmethod
-    def of(
-        cls, trials: Sequence[Trial], left: Sequence[int], store: RunDirectory, jobs: int | None, *, force: bool
-    ) -> "LocalCrew":
-        """As many as the trials that are left keep busy."""
-        workers, threads = workers_and_threads([trials[i] for i in left], jobs)
-        return cls(store, Board.of(len(trials)), workers, threads, force=force)
-
-    def batches(self, trials: Mapping[int, Trial]) -> list[Batch]:
-        """Divide trials into batches: on the CPU each is by itself."""
-        may_be_gpu = any(trial.settings.device in ("auto", "cuda") for trial in trials.values())
-        return place(trials, [f"cuda:{i}" for i in range(self._executor.count_gpus() if may_be_gpu else 0)])
-
-    def submit(self, trials: Mapping[int, Trial], device: str) -> Future[Done]:
-        """Hand a batch to a worker of its device."""
-        return self._executor.submit(work, Job(trials, self._store, device, self._threads, self._force))
-
-    def stop(self) -> None:
-        """Ask workers to write checkpoints and stop."""
-        self.board.stop()
-
-    def close(self) -> None:
-        """Drop what does not run yet, and wait for what does."""
-        self._executor.shutdown(wait=True, cancel_futures=True)
-
-
-class RemoteCrew:
-    """Workers elsewhere, who write to a directory that they share, or give files back."""
-
-    on_this_machine = False
-
-    def __init__(self, remote: Remote, store: RunDirectory, board: FileBoard, *, force: bool) -> None:
+    def __init__(
+        self,
+        remote: Remote,
+        trials: Sequence[Trial],
+        store: RunDirectory,
+        outcomes: Mapping[int, Outcome],
+        *,
+        force: bool,
+    ) -> None:
         self._remote, self._force = remote, force
-        self.board, self.workers = board, remote.workers
+        self.progress, self.workers = FileProgress(trials, store, outcomes), remote.workers
         self._shared = remote.shares(store.root)
         self._store = RunDirectory(store.root.resolve()) if self._shared else store
-        self._stop = remote.stop_sign(store.root.resolve())
-        self._futures: list[Future[Done]] = []
+        self._cancellation = remote.cancellation_flag(store.root.resolve())
+        self._futures: list[Future[JobResult]] = []
 
     def batches(self, trials: Mapping[int, Trial]) -> list[Batch]:
-        """Divide trials into batches: each by itself, but where there are GPUs for them.
+        """Divide trials into batches: single trials, except where there are GPUs for them.
 
         Raises:
-            DeviceError: trials need a GPU, and no worker has one.
+            DeviceError: trials require a GPU, and no worker has one.
         """
-        needing = [trial for trial in trials.values() if trial.settings.device.startswith("cuda")]
-        if needing and not self._remote.gpus:
+        on_gpu = [trial for trial in trials.values() if trial.settings.device.startswith("cuda")]
+        if on_gpu and not self._remote.gpus:
             raise DeviceError(
-                f"{needing[0].label} needs a GPU, and no worker offers one; start workers with --resources 'GPU=1', "
+                f"{on_gpu[0].label} needs a GPU, and no worker offers one; start workers with --resources 'GPU=1', "
                 "or set device: cpu"
             )
-        return place(trials, ["cuda"] * self._remote.gpus)
+        return assign_devices(trials, ["cuda"] * self._remote.gpus)
 
-    def submit(self, trials: Mapping[int, Trial], device: str) -> Future[Done]:
-        """Hand a batch to a worker, which has a resource called GPU if the batch needs one."""
-        parcels = None if self._shared else {i: parcel_for(trial, self._store) for i, trial in trials.items()}
-        job = Job(trials, self._store, device, _threads(trials.values()), self._force, Errand(self._stop, parcels))
-        self._futures.append(self._remote.executor.submit(work, job))
+    def submit(self, trials: Mapping[int, Trial], device: str) -> Future[JobResult]:
+        """Hand a batch to a worker, which has a resource called GPU if the batch requires one."""
+        inputs = None if self._shared else {i: pack_inputs(trial, self._store) for i, trial in trials.items()}
+        threads_set = [trial.settings.threads for trial in trials.values() if trial.settings.threads != "auto"]
+        threads = min(threads_set, default=1)
+        job = Job(trials, self._store, device, threads, self._force, RemoteOptions(self._cancellation, inputs))
+        self._futures.append(self._remote.executor.submit(run_job, job))
         return self._futures[-1]
 
-    def stop(self) -> None:
+    def cancel(self) -> None:
         """Ask workers to write checkpoints and stop, if they can be reached."""
         with suppress(OSError, RuntimeError, TimeoutError):
-            self._stop.set()
+            self._cancellation.set()
 
     def close(self) -> None:
-        """Drop what does not run yet, and wait for what does."""
-        # Nothing is cancelled: Dask would forget a running trial's files, and one that waits sees the sign and ends.
+        """Wait for all batches; those that have not started see the flag and end."""
+        # Futures are not cancelled: Dask would forget the files of a running trial.
         wait(self._futures)
         with suppress(OSError, RuntimeError, TimeoutError):
-            self._stop.clear()
+            self._cancellation.clear()
 
 
-def _threads(trials: Iterable[Trial]) -> int:
-    return min((trial.settings.threads for trial in trials if trial.settings.threads != "auto"), default=1)
+class FileProgress:
+    """Progress of each trial, read from the `progress.json` in its folder; a trial without one is waiting."""
+
+    def __init__(self, trials: Sequence[Trial], store: RunDirectory, outcomes: Mapping[int, Outcome]) -> None:
+        self._folders = [store.folder(trial) for trial in trials]
+        self._outcomes = outcomes
+        self._read: dict[int, Progress] = {}
+        self._due = 0.0
+
+    def __getitem__(self, trial: int) -> Progress:
+        if time.monotonic() >= self._due:
+            self._due = time.monotonic() + _SECONDS_BETWEEN_READS
+            unfinished = (i for i in range(len(self._folders)) if i not in self._outcomes)
+            latest = {i: read_progress(self._folders[i]) for i in unfinished}
+            self._read = {i: progress for i, progress in latest.items() if progress is not None}
+        return self._read.get(trial, Progress(TrialStatus.WAITING))
+
+    def reset(self, trial: int) -> None:
+        """Set a trial back to waiting."""
+        (self._folders[trial] / PROGRESS).unlink(missing_ok=True)
+        self._read.pop(trial, None)
 
 
 def is_death(error: BaseException) -> bool:
-    """Whether an exception in place of a result says that a worker died: of ours, of loky's, or of Dask's."""
+    """Whether an exception in place of a result means that a worker died: of this package, of loky or of Dask."""
     return isinstance(error, BrokenProcessPool) or type(error).__name__ in ("KilledWorker", "TerminatedWorkerError")

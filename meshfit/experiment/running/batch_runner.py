@@ -1,4 +1,4 @@
-"""Run trials in one process, alone or as one batch: what is complete is left, what fails is recorded."""
+"""Run a batch of trials in one process: complete ones are skipped, failures are recorded."""
 
 import math
 import time
@@ -10,9 +10,9 @@ from filelock import FileLock, Timeout
 
 from meshfit.errors import StoreError
 from meshfit.experiment.plan import Trial
-from meshfit.experiment.running.trial_runner import Attempt
+from meshfit.experiment.running.trial_runner import TrialRunner
 from meshfit.experiment.storage.run_directory import CHECKPOINT, RESULT, RunDirectory
-from meshfit.experiment.trial_status import Outcome, Phase, Progress
+from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
 from meshfit.fitting.callbacks import Interrupted
 from meshfit.fitting.fit import fit_batch
 from meshfit.fitting.problem import Diverged, Problem
@@ -20,7 +20,7 @@ from meshfit.fitting.problem import Diverged, Problem
 _LOCK_SECONDS = 0.5
 
 
-def run_together(
+def run_batch(
     trials: Sequence[Trial],
     store: RunDirectory,
     on_progress: Callable[[int, Progress], None],
@@ -29,90 +29,75 @@ def run_together(
     threads: int = 1,
     force: bool = False,
 ) -> list[Outcome]:
-    """Run those of some trials that are not complete yet, from their last checkpoints if there are such.
+    """Run the trials of a batch that are not complete, from their last checkpoints if there are any.
 
     A lock on each folder keeps two processes from running a trial at once; the second waits, and finds it complete.
 
     Args:
-        trials: what to run; of the same settings of fit, device and dtype.
-        store: where their files go.
-        on_progress: called at every step with the place of a trial; it may raise `Interrupted`, upon which checkpoints
+        trials: trials of the same fit settings, device and dtype.
+        store: the run directory.
+        on_progress: called at every step with the index of a trial; it may raise `Interrupted`, upon which checkpoints
             are written.
-        device: in place of the one in the settings.
-        threads: as `fit` takes it.
-        force: run them anew, whatever is there.
+        device: the device in place of that of the settings.
+        threads: as in `fit`.
+        force: rerun complete trials, and ignore checkpoints.
 
     Returns:
-        The outcome of each; a failure is recorded in the folder and returned, not raised.
+        The outcome of each trial; a failure is recorded in the folder and returned, not raised.
 
     Raises:
         StoreError: the run directory cannot be written to.
     """
-    attempts = [Attempt(trial, store, partial(on_progress, place)) for place, trial in enumerate(trials)]
+    runners = [TrialRunner(trial, store, partial(on_progress, index)) for index, trial in enumerate(trials)]
     try:
         with ExitStack() as locks:
-            # In the same order everywhere: two processes that wait for each other would wait for ever.
-            for attempt in sorted(attempts, key=lambda attempt: attempt.trial.folder):
-                locks.enter_context(_held(store.lock(attempt.trial), attempt.on_progress))
+            # All processes take locks in the same order; otherwise two could wait for each other forever.
+            for runner in sorted(runners, key=lambda runner: runner.trial.folder):
+                locks.enter_context(_locked(store.lock(runner.trial), runner.on_progress))
                 if force:
-                    store.remove(attempt.trial, RESULT, CHECKPOINT)
-                elif store.is_complete(attempt.trial):
-                    attempt.outcome = Outcome(Phase.COMPLETE)
-            _run_unless_stopped([attempt for attempt in attempts if attempt.outcome is None], device, threads)
+                    store.remove(runner.trial, RESULT, CHECKPOINT)
+                elif store.is_complete(runner.trial):
+                    runner.outcome = Outcome(TrialStatus.COMPLETE)
+            _run_locked([runner for runner in runners if runner.outcome is None], device, threads)
     except Interrupted:
         pass
-    return [attempt.outcome or Outcome(Phase.INTERRUPTED) for attempt in attempts]
+    return [runner.outcome or Outcome(TrialStatus.INTERRUPTED) for runner in runners]
 
 
 @contextmanager
-def _held(lock: FileLock, on_progress: Callable[[Progress], None]) -> Iterator[None]:
+def _locked(lock: FileLock, on_progress: Callable[[Progress], None]) -> Iterator[None]:
     while not lock.is_locked:
         try:
             lock.acquire(timeout=_LOCK_SECONDS)
         except Timeout:
-            on_progress(Progress(Phase.WAITING))
+            on_progress(Progress(TrialStatus.WAITING))
     try:
         yield
     finally:
         lock.release()
 
 
-class _Clock:
-    """The seconds of a fit: those of the batch, shared out among its members."""
-
-    def start(self, members: int) -> None:
-        """Begin to count."""
-        self._start, self._end, self._members = time.perf_counter(), math.inf, members
-
-    def stop(self) -> None:
-        """Count no further: what follows is no part of the fit."""
-        self._end = time.perf_counter()
-
-    def __call__(self) -> float:
-        return (min(time.perf_counter(), self._end) - self._start) / self._members
-
-
-def _run_unless_stopped(attempts: Sequence[Attempt], device: str | None, threads: int) -> None:
-    """Run trials whose locks are held; what is stopped says so while they still are."""
+def _run_locked(runners: Sequence[TrialRunner], device: str | None, threads: int) -> None:
+    """Run trials whose locks are held; interrupted ones close their logs while they still are."""
     try:
-        for attempt in attempts:
-            attempt.start()
-        _run(attempts, device, threads)
+        for runner in runners:
+            runner.start()
+        _run(runners, device, threads)
     except Interrupted:
-        for attempt in attempts:
-            if attempt.outcome is None:
-                attempt.stop()
+        for runner in runners:
+            if runner.outcome is None:
+                runner.stop()
         raise
 
 
-def _run(attempts: Sequence[Attempt], device: str | None, threads: int) -> None:
-    clock, problems = _Clock(), dict[Attempt, Problem]()
-    for attempt in attempts:
-        with _failures_recorded(attempt):
-            problems[attempt] = attempt.prepare(clock)
+def _run(runners: Sequence[TrialRunner], device: str | None, threads: int) -> None:
+    clock, problems = _Clock(), dict[TrialRunner, Problem]()
+    for runner in runners:
+        with _failures_recorded(runner):
+            problems[runner] = runner.prepare(clock)
     if not problems:
         return
-    settings = attempts[0].trial.settings
+    settings = runners[0].trial.settings
     clock.start(len(problems))
     try:
         outcomes = fit_batch(
@@ -124,31 +109,46 @@ def _run(attempts: Sequence[Attempt], device: str | None, threads: int) -> None:
         )
     except (Interrupted, StoreError):
         raise
-    except Exception as error:  # noqa: BLE001  whatever it is, it concerns one of them
-        _settle(list(problems), error, device, threads)
+    except Exception as error:  # noqa: BLE001  any error, of any trial of the batch
+        _run_singly(list(problems), error, device, threads)
         return
     clock.stop()
-    for attempt, outcome in zip(problems, outcomes, strict=True):
-        with _failures_recorded(attempt):
+    for runner, outcome in zip(problems, outcomes, strict=True):
+        with _failures_recorded(runner):
             if isinstance(outcome, Diverged):
                 raise outcome
-            attempt.finish(outcome)
+            runner.finish(outcome)
 
 
-def _settle(attempts: Sequence[Attempt], error: Exception, device: str | None, threads: int) -> None:
-    """A batch that failed as a whole is run again one by one, so that the others get through."""
-    if len(attempts) == 1:
-        attempts[0].fail(error)
+def _run_singly(runners: Sequence[TrialRunner], error: Exception, device: str | None, threads: int) -> None:
+    """Run the trials of a batch that failed as a whole one by one, so that the other trials get through."""
+    if len(runners) == 1:
+        runners[0].fail(error)
         return
-    for attempt in attempts:
-        _run([attempt], device, threads)
+    for runner in runners:
+        _run([runner], device, threads)
 
 
 @contextmanager
-def _failures_recorded(attempt: Attempt) -> Iterator[None]:
+def _failures_recorded(runner: TrialRunner) -> Iterator[None]:
     try:
         yield
     except (Interrupted, StoreError):
         raise
     except Exception as error:  # noqa: BLE001  whatever a trial raises, the others go on
-        attempt.fail(error)
+        runner.fail(error)
+
+
+class _Clock:
+    """Seconds of a fit: those of the batch, divided by its size."""
+
+    def start(self, size: int) -> None:
+        """Start to count."""
+        self._start, self._end, self._size = time.perf_counter(), math.inf, size
+
+    def stop(self) -> None:
+        """Stop: the following work is not part of the fit."""
+        self._end = time.perf_counter()
+
+    def __call__(self) -> float:
+        return (min(time.perf_counter(), self._end) - self._start) / self._size

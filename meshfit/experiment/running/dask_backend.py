@@ -1,4 +1,4 @@
-"""Workers of a Dask cluster that is there already, however it was started (the extra `dask`)."""
+"""Workers of an existing Dask cluster (the extra `dask`)."""
 
 import importlib
 import logging
@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from meshfit.errors import ClusterError, ConfigError, MeshfitWarning
-from meshfit.experiment.plan import SCHEMA_VERSION
-from meshfit.experiment.running.backends import Remote, StopSign, Transfer
+from meshfit.experiment.plan import RESULTS_VERSION
+from meshfit.experiment.running.backends import Remote, Transfer
+from meshfit.experiment.running.worker import CancellationFlag
 
 _CONNECT_SECONDS = 8
 _WORKER_SECONDS = 300
@@ -23,19 +24,19 @@ _Result = TypeVar("_Result")
 
 
 @dataclass(frozen=True)
-class EventStopSign:
-    """A stop sign that the cluster's scheduler holds.
+class CancellationEvent:
+    """A cancellation flag that the scheduler of the cluster holds.
 
     Attributes:
-        name: what workers ask for.
-        client: of the one who sends trials; it does not travel.
+        name: its name on the scheduler.
+        client: the client of the sender; it does not travel.
     """
 
     name: str
     client: Any = field(default=None, compare=False)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """What travels is the name."""
+        """Send the name only."""
         return type(self), (self.name,)
 
     def set(self) -> None:
@@ -43,11 +44,11 @@ class EventStopSign:
         self._event().set()
 
     def is_set(self) -> bool:
-        """Whether they are asked to."""
+        """Whether workers are asked to stop."""
         return bool(self._event().is_set())
 
     def clear(self) -> None:
-        """Take the sign away."""
+        """Remove the flag."""
         self._event().clear()
 
     def _event(self) -> Any:  # noqa: ANN401  distributed is optional
@@ -55,18 +56,18 @@ class EventStopSign:
 
 
 class DaskRemote(Remote):
-    """Workers of a Dask cluster. Dask hands a trial whose worker is lost to another one."""
+    """Workers of a Dask cluster; Dask passes a trial whose worker is lost to another one."""
 
     def __init__(self, address: str, *, transfer: Transfer = "auto") -> None:
         """Connect to a scheduler, and wait until it has a worker.
 
         Args:
-            address: such as `tcp://scheduler:8786`, or the path of the scheduler's JSON file.
-            transfer: as `Remote` has it.
+            address: an address such as `tcp://scheduler:8786`, or the path of the scheduler's JSON file.
+            transfer: as in `Remote`.
 
         Raises:
             ConfigError: distributed is not installed.
-            ClusterError: no scheduler, no worker, or workers without this version of meshfit.
+            ClusterError: no scheduler, no worker, or a worker without this version of meshfit.
         """
         self._client = _connected(address)
         workers = _workers(self._client, address)
@@ -79,21 +80,21 @@ class DaskRemote(Remote):
         super().__init__(_DaskExecutor(self._client), gpus=gpus, transfer=transfer)
         self.workers = len(workers)
 
-    def stop_sign(self, root: Path) -> StopSign:  # noqa: ARG002  it needs no place
-        """A new stop sign."""
-        return EventStopSign(f"meshfit-{uuid.uuid4().hex}", self._client)
+    def cancellation_flag(self, root: Path) -> CancellationFlag:  # noqa: ARG002  it is not a file
+        """Return a new cancellation flag."""
+        return CancellationEvent(f"meshfit-{uuid.uuid4().hex}", self._client)
 
     def on_workers(self, function: Callable[..., Any], *args: object) -> list[Any]:
-        """What every worker returns for a call."""
+        """Call a function on every worker, and return the results."""
         return list(self._client.run(function, *args).values())
 
     def close(self) -> None:
-        """Leave the cluster, which goes on."""
+        """Disconnect from the cluster, which goes on."""
         self._client.close()
 
 
 class _DaskExecutor(Executor):
-    """Dask's executor, with a GPU set aside for jobs that need one."""
+    """Dask's executor, with a GPU reserved for each job that requires one."""
 
     def __init__(self, client: Any) -> None:  # noqa: ANN401  distributed is optional
         self._plain = client.get_executor(pure=False)
@@ -118,20 +119,18 @@ def _connected(address: str) -> Any:  # noqa: ANN401  distributed is optional
         distributed = importlib.import_module("distributed")
     except ImportError:
         raise ConfigError("--cluster needs Dask, which is not installed: pip install 'meshfit[dask]'") from None
-    # What goes wrong reaches us as an exception; its own logs would be written over the progress bars.
+    # Errors arrive as exceptions; Dask's own logs would break the progress bars.
     for name in [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]:
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     if ":" not in address and not Path(address).is_file():
-        raise ClusterError(
-            f"{address}: no such file; the file of a scheduler, or its address tcp://HOST:PORT, is needed"
-        )
+        raise ClusterError(f"{address}: no such file; expected the file of a scheduler, or its address tcp://HOST:PORT")
     where = {"scheduler_file": address} if Path(address).is_file() else {"address": address}
     try:
         return distributed.Client(**where, timeout=_CONNECT_SECONDS, set_as_default=False, name="meshfit")
     except (OSError, ValueError, TypeError) as error:
         reason = str(error).partition("\n")[0]
         raise ClusterError(
-            f"{address}: no Dask scheduler to be reached there: {reason}; `dask scheduler` starts one"
+            f"{address}: no Dask scheduler can be reached there: {reason}; `dask scheduler` starts one"
         ) from None
 
 
@@ -140,19 +139,19 @@ def _workers(client: Any, address: str) -> Mapping[str, Any]:  # noqa: ANN401  d
         client.wait_for_workers(1, timeout=_WORKER_SECONDS)
     except TimeoutError:
         raise ClusterError(
-            f"{address}: no worker came within {_WORKER_SECONDS} s; start some: dask worker {address} --nthreads 1"
+            f"{address}: no worker connected within {_WORKER_SECONDS} s; start some: dask worker {address} --nthreads 1"
         ) from None
-    found: Mapping[str, Any] = client.scheduler_info(n_workers=-1)["workers"]
-    return found
+    workers: Mapping[str, Any] = client.scheduler_info(n_workers=-1)["workers"]
+    return workers
 
 
 def _check_versions(client: Any) -> None:  # noqa: ANN401  distributed is optional
-    for worker, found in client.run(_schema_version, on_error="return").items():
-        if isinstance(found, BaseException):
-            raise ClusterError(f"worker {worker} cannot load meshfit ({found}); install it there")
-        if found != SCHEMA_VERSION:
+    for worker, answer in client.run(_results_version, on_error="return").items():
+        if isinstance(answer, BaseException):
+            raise ClusterError(f"worker {worker} cannot load meshfit ({answer}); install it there")
+        if answer != RESULTS_VERSION:
             raise ClusterError(f"worker {worker} has another version of meshfit; install the same one everywhere")
 
 
-def _schema_version() -> int:
-    return SCHEMA_VERSION
+def _results_version() -> int:
+    return RESULTS_VERSION

@@ -1,4 +1,4 @@
-"""Where trials run: how many side by side, with how many threads, on which devices, and which of them in one batch."""
+"""Assignment of trials to devices, batches, processes and threads."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -9,67 +9,67 @@ from typing import NamedTuple
 
 from meshfit.experiment.plan import Trial
 
-_MOST_TOGETHER = 64
-_MOST_THREADS = 2
-_MEMORY_OF_TRIAL = 600e6
-_SHARE_OF_MEMORY = 0.8
+_MAX_BATCH = 64
+_MAX_THREADS = 2
+_BYTES_PER_TRIAL = 600e6
+_USABLE_MEMORY = 0.8
 _QUOTA = Path("/sys/fs/cgroup/cpu.max")
 
 
 class Batch(NamedTuple):
-    """Trials that are fitted in one go, by their numbers, and the device for it."""
+    """Trials that are fitted together, by number, and their device."""
 
     device: str
     numbers: tuple[int, ...]
 
 
-def place(trials: Mapping[int, Trial], gpus: Sequence[str]) -> list[Batch]:
-    """Divide trials into batches.
+def assign_devices(trials: Mapping[int, Trial], gpus: Sequence[str]) -> list[Batch]:
+    """Divide trials into batches, each for a device.
 
-    On the CPU each trial is by itself, so that workers share them evenly and one that dies takes no other with it. On
-    other devices those of the same settings go together: a step there costs about the same for one as for many.
+    On the CPU each trial is a batch of its own, so that workers share the load evenly and one that dies stops no other
+    trial. On other devices trials of the same settings share a batch: a step costs about the same for one as for many.
 
     Args:
-        trials: what to run, by number.
-        gpus: the CUDA devices there are, each by the name that its worker calls it.
+        trials: trials by number.
+        gpus: names of the CUDA devices, as their workers call them.
     """
-    alike: dict[tuple[str, ...], list[int]] = {}
+    groups: dict[tuple[str, ...], list[int]] = {}
     for number, trial in trials.items():
-        alike.setdefault(_likeness(trial, number, gpus=bool(gpus)), []).append(number)
-    shares, batches = max(len(gpus), 1), list[Batch]()
+        groups.setdefault(_batch_key(trial, number, gpus=bool(gpus)), []).append(number)
+    batches = list[Batch]()
     devices = cycle(gpus or ["cuda:0"])
-    for (device, *_), numbers in alike.items():
-        fair = ceil(len(numbers) / shares) if device == "cuda" else len(numbers)
-        most = min(_MOST_TOGETHER, fair)
-        for start in range(0, len(numbers), most):
-            chosen = next(devices) if device == "cuda" else device
-            batches.append(Batch(chosen, tuple(numbers[start : start + most])))
+    for (device, *_), numbers in groups.items():
+        per_gpu = ceil(len(numbers) / max(len(gpus), 1)) if device == "cuda" else len(numbers)
+        size = min(_MAX_BATCH, per_gpu)
+        for start in range(0, len(numbers), size):
+            assigned = next(devices) if device == "cuda" else device
+            batches.append(Batch(assigned, tuple(numbers[start : start + size])))
     return batches
 
 
-def _likeness(trial: Trial, number: int, *, gpus: bool) -> tuple[str, ...]:
+def _batch_key(trial: Trial, number: int, *, gpus: bool) -> tuple[str, ...]:
     settings = trial.settings
     device = settings.device if settings.device != "auto" else "cuda" if gpus else "cpu"
     return (device, str(number)) if device == "cpu" else (device, settings.dtype, settings.fit.model_dump_json())
 
 
 def workers_and_threads(trials: Sequence[Trial], jobs: int | None) -> tuple[int, int]:
-    """How many processes on the CPU, and how many threads in each, so that the cores are full and none is asked twice.
+    """Choose the number of processes on the CPU and of threads in each, so that each core has about one thread.
 
     Args:
-        trials: what to run.
-        jobs: how many processes; None leaves it to the trials' settings.
+        trials: the trials to run.
+        jobs: the number of processes; None leaves it to the settings.
     """
     cores = available_cores()
-    asked = [trial.settings.jobs for trial in trials if trial.settings.jobs != "auto"]
-    workers = jobs or min(asked, default=min(cores, _trials_in_memory()))
+    jobs_set = [trial.settings.jobs for trial in trials if trial.settings.jobs != "auto"]
+    workers = jobs or min(jobs_set, default=min(cores, _trials_in_memory()))
     workers = max(1, min(workers, len(trials)))
-    wanted = [trial.settings.threads for trial in trials if trial.settings.threads != "auto"]
-    return workers, min(wanted, default=max(1, min(_MOST_THREADS, cores // workers)))
+    threads_set = [trial.settings.threads for trial in trials if trial.settings.threads != "auto"]
+    return workers, min(threads_set, default=max(1, min(_MAX_THREADS, cores // workers)))
 
 
 def available_cores() -> int:
-    """The cores that this process may use: those it is bound to, and no more than a container's quota."""
+    """The number of cores that this process may use: those it is bound to, up to the quota of its container."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     try:
         quota, period = _QUOTA.read_text().split()
@@ -83,4 +83,4 @@ def _trials_in_memory() -> int:
         memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, ValueError, OSError):  # Windows
         return os.cpu_count() or 1
-    return max(1, int(_SHARE_OF_MEMORY * memory / _MEMORY_OF_TRIAL))
+    return max(1, int(_USABLE_MEMORY * memory / _BYTES_PER_TRIAL))

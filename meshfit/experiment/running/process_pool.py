@@ -1,82 +1,77 @@
-"""Worker processes on this machine, each by itself: one that dies takes no other with it, and is replaced."""
+"""Worker processes of this machine, and the environment that they inherit."""
 
 import multiprocessing
 import os
 import queue
 import signal
 import threading
-from collections.abc import Callable
-from concurrent.futures import Executor, Future
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool, ProcessPoolExecutor
-from typing import Any, ParamSpec, TypeVar
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
+from typing import Any, TypeVar
 
-from meshfit.experiment.running.environment import interrupts_held
-from meshfit.experiment.running.progress import Board
+from meshfit.experiment.running.shared_progress import SharedProgress
 
-_Parameters = ParamSpec("_Parameters")
 _Result = TypeVar("_Result")
-_Call = tuple[Future[Any], Callable[..., Any], tuple[Any, ...], dict[str, Any]]
+_Call = tuple[Future[Any], Callable[..., Any], tuple[Any, ...]]
+
+# Threads of numerical libraries spin while they wait for each other, which costs much where workers share cores.
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "IGL_NUM_THREADS"), "1")
 
 
-class LocalExecutor(Executor):
-    """Processes of this machine: `workers` of them for the CPU, one for each other device; started when first needed.
+class ProcessPool:
+    """A pool of `workers` processes for the CPU and one for each other device, each started when it is first needed.
 
-    A call whose process dies ends with `BrokenProcessPool`; the calls beside it and after it are not concerned.
+    A call whose process dies ends with `BrokenProcessPool`; other calls go on, and the process is replaced.
     """
 
-    def __init__(self, workers: int, board: Board) -> None:
-        self._workers, self._board = workers, board
+    def __init__(self, workers: int, progress: SharedProgress) -> None:
+        self._workers, self._progress = workers, progress
         self._queues: dict[str, queue.SimpleQueue[_Call | None]] = {}
         self._threads: list[threading.Thread] = []
 
-    def submit(
-        self,
-        fn: Callable[_Parameters, _Result],
-        /,
-        *args: _Parameters.args,
-        **kwargs: _Parameters.kwargs,
-    ) -> Future[_Result]:
-        """Have a worker call a function; that of a device, if the first argument has one as its `device`."""
-        device = getattr(args[0], "device", "cpu") if args else "cpu"
+    def submit(self, device: str, function: Callable[..., _Result], *args: object) -> Future[_Result]:
+        """Have a worker of a device call a function."""
         if device not in self._queues:
             self._queues[device] = queue.SimpleQueue()
             for _ in range(self._workers if device == "cpu" else 1):
-                thread = threading.Thread(target=self._attend, args=(self._queues[device],), daemon=True)
+                thread = threading.Thread(target=self._serve, args=(self._queues[device],), daemon=True)
                 self._threads.append(thread)
                 thread.start()
         future: Future[_Result] = Future()
-        self._queues[device].put((future, fn, args, kwargs))
+        self._queues[device].put((future, function, args))
         return future
 
     def count_gpus(self) -> int:
-        """Ask the CPU's workers, all of which load torch for it, as they have to in any case."""
-        first, *_ = [self.submit(_count_gpus) for _ in range(self._workers)]
+        """Count the GPUs in the CPU's workers; all of them load torch for that, as they must in any case."""
+        first, *_ = [self.submit("cpu", _count_gpus) for _ in range(self._workers)]
         return first.result()
 
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:  # noqa: FBT001, FBT002  as declared
-        """Take no more calls, and end the workers when they are done with those there are."""
+    def close(self, *, cancel: bool = False) -> None:
+        """Wait for the calls to end, and end the workers; `cancel` drops the calls that have not started."""
         for calls in self._queues.values():
-            if cancel_futures:
+            if cancel:
                 _cancel_all(calls)
             for _ in self._threads:
                 calls.put(None)
-        if wait:
-            for thread in self._threads:
-                thread.join()
+        for thread in self._threads:
+            thread.join()
 
-    def _attend(self, calls: "queue.SimpleQueue[_Call | None]") -> None:
-        """Hand calls to one process after the other, until there are no more."""
+    def _serve(self, calls: "queue.SimpleQueue[_Call | None]") -> None:
+        """Pass calls to one process, one after the other, until there are no more."""
         process: ProcessPoolExecutor | None = None
         while (call := calls.get()) is not None:
-            future, function, args, kwargs = call
+            future, function, args = call
             if not future.set_running_or_notify_cancel():
                 continue
             try:
-                with interrupts_held():
+                with interrupts_blocked():
                     process = process or self._new_process()
-                    running = process.submit(function, *args, **kwargs)
+                    running = process.submit(function, *args)
                 future.set_result(running.result())
-            except BaseException as error:  # noqa: BLE001  whatever it is, it belongs to the call
+            except BaseException as error:  # noqa: BLE001  any error belongs to the call
                 if isinstance(error, BrokenProcessPool) and process is not None:
                     process.shutdown()
                     process = None
@@ -86,7 +81,7 @@ class LocalExecutor(Executor):
 
     def _new_process(self) -> ProcessPoolExecutor:
         context = multiprocessing.get_context("spawn")
-        return ProcessPoolExecutor(1, context, _start_worker, (self._board.shared,))
+        return ProcessPoolExecutor(1, context, _start_worker, (self._progress.shared,))
 
 
 def _cancel_all(calls: "queue.SimpleQueue[_Call | None]") -> None:
@@ -100,18 +95,24 @@ def _cancel_all(calls: "queue.SimpleQueue[_Call | None]") -> None:
             call[0].set_running_or_notify_cancel()
 
 
-_board: Board | None = None
+_worker_progress: SharedProgress | None = None
 
 
-def board_of_worker() -> Board | None:
-    """The board that this process posts to, if it is a worker of a `LocalExecutor`."""
-    return _board
+def worker_progress() -> SharedProgress:
+    """The progress that this process shares with its parent.
+
+    Raises:
+        RuntimeError: this process is not a worker of a `ProcessPool`.
+    """
+    if _worker_progress is None:
+        raise RuntimeError("this process was not started by a ProcessPool")
+    return _worker_progress
 
 
 def _start_worker(shared: Any) -> None:  # noqa: ANN401  a ctypes array, which has no public type
-    """Leave Ctrl-C to the parent, which asks for checkpoints; and do not outlive it."""
-    global _board  # noqa: PLW0603  the one thing that a worker is given once and keeps
-    _board = Board(shared)
+    """Ignore Ctrl-C, on which the parent asks for checkpoints, and end with the parent."""
+    global _worker_progress  # noqa: PLW0603  set once in each worker
+    _worker_progress = SharedProgress(shared)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_exit_with_parent, daemon=True).start()
 
@@ -124,6 +125,35 @@ def _exit_with_parent() -> None:
 
 
 def _count_gpus() -> int:
-    import torch  # the parent process does without it, which saves it two seconds
+    import torch  # not in the parent process, which saves it two seconds
 
     return torch.cuda.device_count()
+
+
+@contextmanager
+def interrupts_blocked() -> Iterator[None]:
+    """Block Ctrl-C while processes start: they inherit that, so that from the first instant only the parent gets it."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    resource_tracker.ensure_running()  # it unblocks the signal when it starts, so it has to start before
+    previous = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, previous)
+
+
+@contextmanager
+def environment(variables: Mapping[str, str]) -> Iterator[None]:
+    """Set environment variables for the duration of a block."""
+    previous = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name, value in previous.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

@@ -1,4 +1,4 @@
-"""Clean a run directory of what failed or was interrupted; what is complete or runs is left as it is."""
+"""Remove failed and interrupted trials, and half-written files, from a run directory."""
 
 import os
 import re
@@ -12,89 +12,91 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from meshfit.errors import StoreError
-from meshfit.experiment.status.scan import ExperimentOverview, Standing, State, TrialFolder, look_at, state_at_rest
+from meshfit.experiment.status.scan import ScannedExperiment, ScannedTrial, TrialFolder, status_at_rest, trial_folder
 from meshfit.experiment.storage.run_directory import LOCK
+from meshfit.experiment.trial_status import TrialStatus
 
-# As `write_atomically` calls a file that it has not put in its place yet.
+# The temporary names that `write_atomically` uses.
 _HALF_WRITTEN = re.compile(r"\..+\.[a-z0-9_]{8}")
 
 
 @dataclass(frozen=True)
 class Removed:
-    """What was removed, or would be: a trial's folder, or half-written files in the folder of a complete trial.
+    """A removal, done or planned: a trial's whole folder, or half-written files of a complete trial.
 
     Attributes:
-        trial: of which it was.
-        names: the half-written files; none where the whole folder went.
+        trial: the trial.
+        names: the half-written files; empty where the whole folder goes.
         size: in bytes.
     """
 
-    trial: Standing
+    trial: ScannedTrial
     names: tuple[str, ...]
     size: int
 
 
 @dataclass(frozen=True)
 class Cleaned:
-    """What a cleaning did: what went, and which trials were left because they run."""
+    """The outcome of a cleaning: what was removed, and the trials that were left because they are running."""
 
     removed: tuple[Removed, ...]
-    running: tuple[Standing, ...]
+    running: tuple[ScannedTrial, ...]
 
 
 def is_half_written(name: str) -> bool:
-    """Whether a file is one that was being written when its process was killed."""
+    """Whether a file was being written when its process was killed."""
     return _HALF_WRITTEN.fullmatch(name) is not None
 
 
 def clean(
-    experiments: Sequence[ExperimentOverview],
-    states: Collection[State],
+    experiments: Sequence[ScannedExperiment],
+    statuses: Collection[TrialStatus],
     roots: Sequence[Path],
     *,
     dry_run: bool = False,
 ) -> Cleaned:
-    """Remove the folders of trials in some states, and the folders above them that this leaves empty.
+    """Remove the folders of trials of some statuses, and the folders above them that become empty.
 
-    With interrupted trials go the half-written files in folders of complete ones. Every folder's lock is held while
-    something in it is removed, and its state is told anew under the lock. Symbolic links are not followed.
+    Half-written files in folders of complete trials go along with interrupted trials. A trial's lock is held while
+    something in its folder is removed, and its status is checked again under the lock. Links are not followed.
 
     Args:
         experiments: where to clean.
-        states: what to remove: failed trials, interrupted ones, or both.
-        roots: folders that are not removed, even if they become empty, nor any above them.
-        dry_run: remove nothing, only say what would be.
+        statuses: failed, interrupted, or both.
+        roots: folders to keep, even if they become empty, with all above them.
+        dry_run: remove nothing, only report what would be.
 
     Raises:
         StoreError: something cannot be removed.
     """
-    removed, running = list[Removed](), list[Standing]()
+    removed, running = list[Removed](), list[ScannedTrial]()
     for trial in (trial for experiment in experiments for trial in experiment.trials if trial.folder.is_named):
-        found = _removable(trial, trial.folder, states)
-        if trial.state is State.RUNNING:
+        removable = _removable(trial, trial.folder, statuses)
+        if trial.status is TrialStatus.RUNNING:
             running.append(trial)
-        elif found is not None:
+        elif removable is not None:
             try:
-                removed += [found] if dry_run else _remove(trial, states)
+                removed += [removable] if dry_run else _remove(trial, statuses)
             except Timeout:
                 running.append(trial)
     if not dry_run:
-        _remove_empty((found.trial.path for found in removed if not found.names), roots)
+        _remove_empty((removal.trial.path for removal in removed if not removal.names), roots)
     return Cleaned(tuple(removed), tuple(running))
 
 
-def _removable(trial: Standing, folder: TrialFolder, states: Collection[State]) -> Removed | None:
-    """What of a trial that does not run is to go."""
-    state = state_at_rest(folder)
-    if state is State.COMPLETE and State.INTERRUPTED in states:
+def _removable(trial: ScannedTrial, folder: TrialFolder, statuses: Collection[TrialStatus]) -> Removed | None:
+    """The part of a trial to remove, if it is not running."""
+    status = status_at_rest(folder)
+    if status is TrialStatus.COMPLETE and TrialStatus.INTERRUPTED in statuses:
         names = tuple(sorted(filter(is_half_written, folder.files)))
         return Removed(trial, names, sum(map(_size, (folder.path / name for name in names)))) if names else None
-    wanted = state is not State.COMPLETE and state in states
-    return Removed(trial, (), sum(map(_size, folder.path.rglob("*")))) if wanted else None
+    if status is TrialStatus.COMPLETE or status not in statuses:
+        return None
+    return Removed(trial, (), sum(map(_size, folder.path.rglob("*"))))
 
 
-def _remove(trial: Standing, states: Collection[State]) -> list[Removed]:
-    """Remove what is to go of a trial while its lock is held; what that is, is told anew.
+def _remove(trial: ScannedTrial, statuses: Collection[TrialStatus]) -> list[Removed]:
+    """Remove the part of a trial to remove, determined again while its lock is held.
 
     Raises:
         Timeout: another process holds the lock.
@@ -103,30 +105,30 @@ def _remove(trial: Standing, states: Collection[State]) -> list[Removed]:
     lock = FileLock(trial.path / LOCK)
     try:
         with lock.acquire(timeout=0):
-            found = _removable(trial, look_at(trial.path), states)
-            if found is None:
+            removable = _removable(trial, trial_folder(trial.path), statuses)
+            if removable is None:
                 return []
-            for name in found.names or sorted(look_at(trial.path).files - {LOCK}):
+            for name in removable.names or sorted(trial_folder(trial.path).files - {LOCK}):
                 _remove_file_or_folder(trial.path / name)
-            if not found.names:
+            if not removable.names:
                 _remove_lock(trial.path / LOCK)
-        if not found.names:
+        if not removable.names:
             _remove_folder(trial.path)
     except Timeout:
         raise
     except OSError as error:
         raise StoreError(f"{error.filename or trial.path}: cannot be removed: {error.strerror}") from error
-    return [found]
+    return [removable]
 
 
 def _remove_lock(path: Path) -> None:
-    """While it is held, so that who waits for it sees that it is gone; Windows lets nobody, and gets to it later."""
+    """Remove a lock while it is held, so that a process that waits for it sees that; Windows forbids it until later."""
     with suppress(PermissionError):
         path.unlink()
 
 
 def _remove_folder(path: Path) -> None:
-    """The folder itself, and a lock that was left in it; unless another process has begun in it by now."""
+    """Remove a folder and a lock left in it, unless another process has begun to use it."""
     with suppress(OSError):
         if os.name == "nt":
             (path / LOCK).unlink(missing_ok=True)
@@ -141,8 +143,8 @@ def _remove_file_or_folder(path: Path) -> None:
 
 
 def _remove_empty(folders: Iterable[Path], roots: Sequence[Path]) -> None:
-    """Remove the folders of schemes, targets and experiments that are empty now."""
-    kept = {Path(os.path.abspath(root)) for root in roots}  # noqa: PTH100  as written: a run directory may be a link
+    """Remove the folders of schemes, targets and experiments that have become empty."""
+    kept = {Path(os.path.abspath(root)) for root in roots}  # noqa: PTH100  links stay links: a run directory may be one
     for folder in folders:
         for above in Path(os.path.abspath(folder)).parents[:3]:  # noqa: PTH100
             if above in kept or not any(above.is_relative_to(root) for root in kept):
@@ -155,7 +157,7 @@ def _remove_empty(folders: Iterable[Path], roots: Sequence[Path]) -> None:
 
 def _size(path: Path) -> int:
     try:
-        found = path.lstat()
+        status = path.lstat()
     except OSError:
         return 0
-    return found.st_size if stat.S_ISREG(found.st_mode) else 0
+    return status.st_size if stat.S_ISREG(status.st_mode) else 0

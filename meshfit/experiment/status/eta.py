@@ -1,4 +1,4 @@
-"""About how long an experiment still takes, from what its complete trials took and from how far others are."""
+"""Estimated time: until an experiment is complete, and of a run that has not started."""
 
 import time
 from collections.abc import Collection, Mapping, Sequence
@@ -8,34 +8,35 @@ from functools import cache
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from meshfit.config.experiment import SourceSettings
 from meshfit.errors import StoreError, TrialError
-from meshfit.experiment.plan import Trial
-from meshfit.experiment.running.device_assignment import workers_and_threads
-from meshfit.experiment.running.environment import ONE_THREAD, environment
-from meshfit.experiment.running.process_pool import LocalExecutor
-from meshfit.experiment.running.progress import Board
-from meshfit.experiment.status.scan import ExperimentOverview, Standing, State
+from meshfit.experiment.status.scan import ScannedExperiment, ScannedTrial
 from meshfit.experiment.storage.run_directory import RESULT, Result, RunDirectory, read_json
 from meshfit.experiment.storage.trial_log import LastProgress, read_progress
-from meshfit.experiment.trial_status import Phase, Progress
+from meshfit.experiment.trial_status import Progress, TrialStatus
 from meshfit.fitting.callbacks import Interrupted
 from meshfit.fitting.settings import FirstOrderSettings
-from meshfit.subdivision.registry import NamedScheme
 from meshfit.units import count_text
 
+if TYPE_CHECKING:  # `meshfit status` does without what only `estimate` uses
+    from meshfit.config.experiment import SourceSettings
+    from meshfit.experiment.plan import Trial
+    from meshfit.subdivision.registry import NamedScheme
+
 _Key = tuple[Path, str, int]
-"""Folder of the scheme, which lies in that of the target; variant; steps."""
+"""Folder of target and scheme, variant, steps."""
 
 _ANY: _Key = (Path(), "", 0)
-"""In place of a key: whatever the trial."""
+_PROBE_SECONDS = {"first-order": 2.0, "gauss-newton": 8.0}
+_WARM_UP_STEPS = 3
+_START_SECONDS = 3.0
+_VERTS_PER_SAMPLE = 4  # in a step, a vertex costs about a quarter of a sample: see the table of `make bench`
 
 
 @dataclass(frozen=True)
 class _Cost:
-    """What trials took in all: seconds of the fit and of the measurement, steps, and how many trials these were."""
+    """The total cost of some trials: seconds of fitting and of measuring, steps, and the number of trials."""
 
     fit: float
     measure: float
@@ -48,96 +49,90 @@ class _Cost:
         )
 
 
-_Known = dict[_Key, _Cost]
+_Costs = dict[_Key, _Cost]
 
 
-def seconds_left(experiment: ExperimentOverview) -> float | None:
-    """Seconds until every trial is done that runs, or that the plan still has to run; None where nothing is known.
+def seconds_left(experiment: ScannedExperiment) -> float | None:
+    """Estimate the seconds until every running or planned trial of an experiment is done; None if nothing is known.
 
-    A trial is taken to need what complete ones of the same target, scheme, variant and steps needed; else what any
-    needed, by their steps; else, where none is complete, what running ones need a step.
+    A trial is assumed to cost as much as complete ones of the same target, scheme, variant and steps; failing these,
+    as any complete ones, in proportion to steps; failing these, as the running ones per step.
     """
-    to_do = _to_do(experiment)
-    if not to_do:
+    unfinished = _unfinished(experiment)
+    if not unfinished:
         return 0.0
-    progress = {trial: read_progress(trial.path) for trial in to_do if trial.state is State.RUNNING}
+    progress = {trial: read_progress(trial.path) for trial in unfinished if trial.status is TrialStatus.RUNNING}
     workers = experiment.plan.workers if experiment.plan else max(1, len(progress))
-    known = _known(experiment) or _so_far(progress.values(), workers)
-    if not known:
+    costs = _costs_of_complete(experiment) or _costs_of_running(progress.values(), workers)
+    if not costs:
         return None
-    left = [_left(trial, progress.get(trial), known) for trial in to_do]
-    # The last one does not end sooner for the help of idle workers.
-    return max(sum(left) / workers, *left)
+    seconds = [_seconds_of(trial, progress.get(trial), costs) for trial in unfinished]
+    # The longest trial does not end sooner because other workers are idle.
+    return max(sum(seconds) / workers, *seconds)
 
 
-def _to_do(experiment: ExperimentOverview) -> list[Standing]:
-    """What runs, and what the plan still has to run; where there is no plan, what was begun."""
-    unfinished = (*experiment.of(State.WAITING), *experiment.of(State.INTERRUPTED))
-    planned = [trial for trial in unfinished if trial.planned or experiment.plan is None]
-    return experiment.of(State.RUNNING) + planned
+def _unfinished(experiment: ScannedExperiment) -> list[ScannedTrial]:
+    """Running trials, and those that the plan has still to run; where there is no plan, those that were begun."""
+    stopped = (*experiment.of(TrialStatus.WAITING), *experiment.of(TrialStatus.INTERRUPTED))
+    planned = [trial for trial in stopped if trial.planned or experiment.plan is None]
+    return experiment.of(TrialStatus.RUNNING) + planned
 
 
-def _known(experiment: ExperimentOverview) -> _Known:
-    """What complete trials took; those of the plan, if there are any, since others may be of other settings."""
-    complete = experiment.of(State.COMPLETE)
-    known: _Known = {}
+def _costs_of_complete(experiment: ScannedExperiment) -> _Costs:
+    """Costs of complete trials: of those in the plan, if there are any, since others may have other settings."""
+    complete = experiment.of(TrialStatus.COMPLETE)
+    costs: _Costs = {}
     for trial in [trial for trial in complete if trial.planned] or complete:
         if cost := _cost(trial):
-            _add(known, cost, (trial.path.parent, trial.variant, cost.steps))
-    return known
+            _add(costs, cost, (trial.path.parent, trial.variant, cost.steps))
+    return costs
 
 
-def _add(known: _Known, cost: _Cost, *keys: _Key) -> None:
+def _add(costs: _Costs, cost: _Cost, *keys: _Key) -> None:
     for key in (_ANY, *keys):
-        known[key] = known[key] + cost if key in known else cost
+        costs[key] = costs[key] + cost if key in costs else cost
 
 
-def _cost(trial: Standing) -> _Cost | None:
+def _cost(trial: ScannedTrial) -> _Cost | None:
     try:
-        found: Mapping[str, Any] = read_json(trial.path / RESULT)
-        seconds = found["seconds"]
-        return _Cost(float(seconds["fit"]), float(seconds["measure"]), int(found["fit"]["steps"]))
+        result: Mapping[str, Any] = read_json(trial.path / RESULT)
+        seconds = result["seconds"]
+        return _Cost(float(seconds["fit"]), float(seconds["measure"]), int(result["fit"]["steps"]))
     except (StoreError, KeyError, TypeError, ValueError):
-        return None  # an estimate can do without it; whatever needs the figures themselves will say so
+        return None  # an estimate can do without it; commands that show the result report the damage
 
 
-def _so_far(running: Collection[LastProgress | None], workers: int) -> _Known:
-    """What running trials took up to now; those of one batch share a worker, as in the figures of complete ones."""
+def _costs_of_running(running: Collection[LastProgress | None], workers: int) -> _Costs:
+    """Costs of running trials so far; trials of a batch share a worker's time, as in the costs of complete ones."""
     share = min(1.0, workers / max(1, len(running)))
-    known: _Known = {}
-    for found in running:
-        if found is not None and found.step > 0 and found.running_seconds > 0:
-            _add(known, _Cost(share * found.running_seconds, 0.0, found.step))
-    return known
+    costs: _Costs = {}
+    for progress in running:
+        if progress is not None and progress.step.done > 0 and progress.running_seconds > 0:
+            _add(costs, _Cost(share * progress.running_seconds, 0.0, progress.step.done))
+    return costs
 
 
-def _left(trial: Standing, progress: LastProgress | None, known: _Known) -> float:
-    steps = trial.planned.steps if trial.planned else progress.steps if progress else None
-    alike = known.get((trial.path.parent, trial.variant, steps or 0))
-    cost = alike or known[_ANY]
-    scale = 1.0 if alike or steps is None or not cost.steps else steps * cost.trials / cost.steps
+def _seconds_of(trial: ScannedTrial, progress: LastProgress | None, costs: _Costs) -> float:
+    steps = trial.planned.steps if trial.planned else progress.step.steps if progress else None
+    same = costs.get((trial.path.parent, trial.variant, steps or 0))
+    cost = same or costs[_ANY]
+    scale = 1.0 if same or steps is None or not cost.steps else steps * cost.trials / cost.steps
     fit, measure = scale * cost.fit / cost.trials, cost.measure / cost.trials
     if progress is None or not steps:
         return fit + measure
-    return measure + (0.0 if progress.phase == "measuring" else fit * (1 - min(progress.step / steps, 1.0)))
-
-
-_PROBE_SECONDS = {"first-order": 2.0, "gauss-newton": 8.0}
-_WARM_UP_STEPS = 3
-_START_SECONDS = 3.0
-
-# In a step, a vertex costs about a quarter of what a sample does: see the table of `make bench`.
-_VERTS_PER_SAMPLE = 4
+    if progress.status is TrialStatus.MEASURING:
+        return measure
+    return measure + fit * (1 - min(progress.step.done / steps, 1.0))
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """How long trials will take.
+    """The estimated time of a run.
 
     Attributes:
-        seconds: until all are done.
+        seconds: until all trials are done.
         workers: how many run side by side.
-        basis: what it was told from, such as `12 complete trials` or `a probe of 1 trial`.
+        basis: what the estimate rests on, such as `12 complete trials` or `a probe of 1 trial`.
     """
 
     seconds: float
@@ -147,113 +142,119 @@ class Estimate:
 
 @dataclass(frozen=True)
 class _Pace:
-    """What trials of one method take: seconds for each unit of work, and seconds besides."""
+    """The pace of trials of one fitting method: seconds per unit of work, and seconds besides the fit."""
 
     per_work: float
     besides: float
 
 
 def estimate(
-    trials: Sequence[Trial], results: Sequence[tuple[Trial, Result]], *, jobs: int | None = None
+    trials: Sequence["Trial"], results: Sequence[tuple["Trial", Result]], *, jobs: int | None = None
 ) -> Estimate | None:
-    """Estimate how long trials will take on the CPU of this machine.
+    """Estimate how long trials will take on the CPU of this machine, by a probe of one where no results tell.
 
     Args:
-        trials: those to run.
-        results: those of the same plan that are complete, with their results.
-        jobs: how many processes; None leaves it to the settings.
+        trials: the trials to run.
+        results: complete trials of the same plan, with their results.
+        jobs: the number of processes; None leaves it to the settings.
 
     Returns:
         The estimate; None where there is nothing to run, or a trial may run on a GPU.
 
     Raises:
-        TrialError: the trial that was probed fails.
+        TrialError: the probed trial fails.
     """
+    from meshfit.experiment.running.device_assignment import workers_and_threads
+
     if not trials or any(trial.settings.device not in ("cpu", "auto") for trial in trials):
         return None
     workers, threads = workers_and_threads(trials, jobs)
     paces = _paces_of(results)
     missing = dict.fromkeys(trial.settings.fit.method for trial in trials if trial.settings.fit.method not in paces)
     for method in missing:
-        alike = sorted((trial for trial in trials if trial.settings.fit.method == method), key=_work)
-        pace = _probed(alike[len(alike) // 2], threads)
+        by_work = sorted((trial for trial in trials if trial.settings.fit.method == method), key=_work)
+        pace = _probed_pace(by_work[len(by_work) // 2], threads)
         if pace is None:
             return None
         paces[method] = pace
-    each = [paces[trial.settings.fit.method] for trial in trials]
-    seconds = [pace.besides + pace.per_work * _work(trial) for pace, trial in zip(each, trials, strict=True)]
-    wall = max(sum(seconds) / workers, *seconds) + _START_SECONDS
-    told = [count_text(len(results), "complete trial")] if results else []
-    probed = [f"a probe of {count_text(len(missing), 'trial')}"] if missing else []
-    return Estimate(wall, workers, " and ".join(told + probed))
+    pace_of_trial = [(paces[trial.settings.fit.method], trial) for trial in trials]
+    seconds = [pace.besides + pace.per_work * _work(trial) for pace, trial in pace_of_trial]
+    total = max(sum(seconds) / workers, *seconds) + _START_SECONDS
+    basis = [count_text(len(results), "complete trial")] if results else []
+    basis += [f"a probe of {count_text(len(missing), 'trial')}"] if missing else []
+    return Estimate(total, workers, " and ".join(basis))
 
 
-def _paces_of(results: Sequence[tuple[Trial, Result]]) -> dict[str, _Pace]:
-    found: dict[str, list[_Pace]] = {}
+def _paces_of(results: Sequence[tuple["Trial", Result]]) -> dict[str, _Pace]:
+    paces: dict[str, list[_Pace]] = {}
     for trial, result in results:
         seconds = result["seconds"]
         pace = _Pace(seconds["fit"] / max(_work(trial), 1.0), seconds["measure"])
-        found.setdefault(trial.settings.fit.method, []).append(pace)
+        paces.setdefault(trial.settings.fit.method, []).append(pace)
     return {
-        method: _Pace(median(pace.per_work for pace in paces), median(pace.besides for pace in paces))
-        for method, paces in found.items()
+        method: _Pace(median(pace.per_work for pace in of_method), median(pace.besides for pace in of_method))
+        for method, of_method in paces.items()
     }
 
 
-def _work(trial: Trial) -> float:
-    """What the time of a fit is proportional to."""
+def _work(trial: "Trial") -> float:
+    """The work of a fit, to which its time is proportional."""
+    from meshfit.subdivision.refine import growth
+
     fit, verts = trial.settings.fit, _num_verts(trial.settings.source, trial.named_scheme)
     if isinstance(fit, FirstOrderSettings):
         return fit.steps * (fit.samples + verts / _VERTS_PER_SAMPLE)
     if fit.connectivity == "remeshed":
         return float(fit.steps * fit.verts)
-    from meshfit.subdivision.refine import growth
 
     return float(fit.steps * verts * growth(trial.named_scheme.resolve(), fit.levels))
 
 
 @cache
-def _num_verts(source: SourceSettings, scheme: NamedScheme) -> int:
+def _num_verts(source: "SourceSettings", scheme: "NamedScheme") -> int:
     from meshfit.experiment.source import build_source
 
     return build_source(source, scheme.resolve()).num_verts
 
 
-def _probed(trial: Trial, threads: int) -> _Pace | None:
-    """In a worker, as trials are: with the same environment, and without the wait for torch here."""
+def _probed_pace(trial: "Trial", threads: int) -> _Pace | None:
+    """Probe a trial in a worker, where trials run; None if it would run on a GPU."""
+    from meshfit.experiment.running.process_pool import ONE_THREAD, ProcessPool, environment
+    from meshfit.experiment.running.shared_progress import SharedProgress
+
     with environment(ONE_THREAD):
-        executor = LocalExecutor(1, Board.of(1))
+        pool = ProcessPool(1, SharedProgress.of(1))
         try:
-            if trial.settings.device == "auto" and executor.count_gpus():
+            if trial.settings.device == "auto" and pool.count_gpus():
                 return None
-            fit, besides = executor.submit(_probe, trial, threads).result()
+            fit, besides = pool.submit("cpu", _probe, trial, threads).result()
         except BrokenProcessPool:
             raise TrialError(f"{trial.label}: the process that probed it was killed") from None
         finally:
-            executor.shutdown()
+            pool.close()
     return _Pace(fit / max(_work(trial), 1.0), besides)
 
 
-def _probe(trial: Trial, threads: int) -> tuple[float, float]:
-    """Seconds of the whole fit, going by its first steps, and of what is done before and after."""
-    from meshfit.experiment.running.batch_runner import run_together
+def _probe(trial: "Trial", threads: int) -> tuple[float, float]:
+    """Seconds of the whole fit, extrapolated from its first steps, and seconds before and after it."""
+    from meshfit.experiment.running.batch_runner import run_batch
 
     started, steps = time.perf_counter(), list[tuple[int, float]]()
 
     def on_progress(_: int, progress: Progress) -> None:
-        if progress.phase is Phase.FITTING and progress.step is not None:
+        if progress.status is TrialStatus.FITTING and progress.step.done:
             steps.append((progress.step.done, time.perf_counter()))
             if steps[-1][1] - steps[0][1] > _PROBE_SECONDS[trial.settings.fit.method]:
                 raise Interrupted
 
     with TemporaryDirectory(prefix="meshfit-") as folder:
         store = RunDirectory(Path(folder))
-        (outcome,) = run_together([trial], store, on_progress, device="cpu", threads=threads)
+        (outcome,) = run_batch([trial], store, on_progress, device="cpu", threads=threads)
         result = store.result(trial)
     if result is not None:
         whole = time.perf_counter() - started
         return result["seconds"]["fit"], whole - result["seconds"]["fit"]
-    if outcome.phase is Phase.FAILED or len(steps) < 2:
+    if outcome.status is TrialStatus.FAILED or len(steps) < 2:
         raise TrialError(f"{trial.label}: {outcome.message or 'no steps to go by'}")
     first, last = steps[min(_WARM_UP_STEPS, len(steps) - 2)], steps[-1]
     per_step = (last[1] - first[1]) / (last[0] - first[0])
@@ -261,8 +262,8 @@ def _probe(trial: Trial, threads: int) -> tuple[float, float]:
     return per_step * trial.settings.fit.steps, before + _seconds_to_measure(trial)
 
 
-def _seconds_to_measure(trial: Trial) -> float:
-    """Of the target against itself, which a good result is like."""
+def _seconds_to_measure(trial: "Trial") -> float:
+    """Seconds to measure the target against itself, which a good result is close to."""
     from meshfit.measuring.measure import measure
     from meshfit.mesh.targets import load_target
 

@@ -1,4 +1,4 @@
-"""What a run set out to do: the `plan.json` of an experiment, which its latest run wrote when it started."""
+"""`plan.json`: the trials of an experiment, as its latest run planned them when it started."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -21,13 +21,12 @@ from meshfit.experiment.storage.run_directory import (
 if TYPE_CHECKING:
     from meshfit.experiment.plan import Trial
 
-
-SCHEMA_VERSION = 1
+PLAN_FILE_VERSION = 1
 
 
 @dataclass(frozen=True)
 class PlannedTrial:
-    """A trial that was set out to be run; `folder` is relative to the folder of the experiment."""
+    """A planned trial; `folder` is relative to the folder of the experiment."""
 
     folder: Path
     identity: str
@@ -41,7 +40,7 @@ class PlannedTrial:
 
 @dataclass(frozen=True)
 class PlanFile:
-    """The latest plan of an experiment; `workers` is how many trials are run at once."""
+    """The latest plan of an experiment; `workers` is the number of trials that run side by side."""
 
     written: str
     workers: int
@@ -49,25 +48,25 @@ class PlanFile:
 
 
 def write_plan(trials: Sequence["Trial"], store: RunDirectory, workers: int) -> None:
-    """Write the plan of each experiment among some trials, in place of the one before.
+    """Write the plan of each experiment among some trials, in place of the previous one.
 
     Args:
-        trials: in the order in which they are to run.
-        store: where they go.
+        trials: the trials, in the order in which they are to run.
+        store: the run directory.
         workers: how many run side by side.
 
     Raises:
         StoreError: it cannot be written.
     """
     for experiment in dict.fromkeys(trial.experiment for trial in trials):
-        mine = [_entry(trial) for trial in trials if trial.experiment == experiment]
-        content = {"schema_version": SCHEMA_VERSION, "written": now(), "workers": workers, "trials": mine}
+        entries = [_entry(trial) for trial in trials if trial.experiment == experiment]
+        content = {"schema_version": PLAN_FILE_VERSION, "written": now(), "workers": workers, "trials": entries}
         make_folder(store.root / experiment)
         write_atomically(store.root / experiment / PLAN, write_json(content))
 
 
 def read_plan(experiment: Path) -> PlanFile | None:
-    """The plan in an experiment's folder; None where there is none, as in runs made before plans were written.
+    """Read the plan in the folder of an experiment; None where there is none, as in runs of older versions.
 
     Raises:
         StoreError: it cannot be read, or is of another version.
@@ -76,36 +75,37 @@ def read_plan(experiment: Path) -> PlanFile | None:
     if not path.is_file():
         return None
     try:
-        found = read_json(path)
+        content = read_json(path)
     except StoreError as error:
         reason = str(error).removeprefix(f"{path}: ").partition("; delete it")[0]
-        raise StoreError(f"{path}: {reason}; the next `meshfit run` writes it anew") from None
-    if found.get("schema_version") != SCHEMA_VERSION:
-        version = found.get("schema_version")
-        raise StoreError(f"{path}: found schema_version {version}, this meshfit reads {SCHEMA_VERSION}")
+        raise StoreError(f"{path}: {reason}; the next `meshfit run` rewrites it") from None
+    if (file_version := content.get("schema_version")) != PLAN_FILE_VERSION:
+        raise StoreError(f"{path}: found schema_version {file_version}, this meshfit reads {PLAN_FILE_VERSION}")
     try:
-        trials = tuple(map(_trial, found["trials"]))
-        return PlanFile(str(found["written"]), max(1, int(found["workers"])), trials)
+        trials = tuple(map(_planned_trial, content["trials"]))
+        return PlanFile(str(content["written"]), max(1, int(content["workers"])), trials)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise StoreError(f"{path}: not a plan: {_reason(error)}; the next `meshfit run` writes it anew") from None
+        reason = f"no {error}" if isinstance(error, KeyError) else str(error)
+        raise StoreError(f"{path}: not a plan: {reason}; the next `meshfit run` rewrites it") from None
 
 
 def with_planned_names(results: Iterable[Result]) -> list[Result]:
-    """Results with the names that the latest plan has for their points of a sweep, whatever they were when they ran."""
+    """Return results with the variant names of the latest plan, whatever the names were when the trials ran."""
     names: dict[Path, dict[str, str]] = {}
-    found = []
+    renamed = []
     for result in results:
         folder = Path(result["folder"])
         experiment = folder.parents[2] if len(folder.parents) > 2 else folder
         if experiment not in names:
-            names[experiment] = _names_in(experiment)
+            names[experiment] = _variant_names(experiment)
         name = names[experiment].get(folder.relative_to(experiment).as_posix(), result.get("variant", ""))
-        found.append(result | {"variant": name})
-    return found
+        renamed.append(result | {"variant": name})
+    return renamed
 
 
-def _names_in(experiment: Path) -> dict[str, str]:
-    with suppress(StoreError):  # names are a nicety; `meshfit status` says what is wrong with a plan
+def _variant_names(experiment: Path) -> dict[str, str]:
+    """The variant of each planned trial by its folder."""
+    with suppress(StoreError):  # names are optional here; `meshfit status` reports a damaged plan
         if (plan := read_plan(experiment)) is not None:
             return {trial.folder.as_posix(): trial.variant for trial in plan.trials}
     return {}
@@ -120,21 +120,17 @@ def _entry(trial: "Trial") -> dict[str, Any]:
     }
 
 
-def _trial(found: Mapping[str, Any]) -> PlannedTrial:
-    folder = PurePath(found["folder"])
+def _planned_trial(entry: Mapping[str, Any]) -> PlannedTrial:
+    folder = PurePath(entry["folder"])
     if folder.is_absolute() or ".." in folder.parts or not folder.parts:
-        raise ValueError(f"the folder {str(folder)!r} is not one below it")
+        raise ValueError(f"the folder {str(folder)!r} is not inside the experiment's")
     return PlannedTrial(
         folder=Path(folder),
-        identity=str(found["identity"]),
-        target=str(found["target"]),
-        target_title=str(found["target_title"]),
-        scheme=str(found["scheme"]),
-        seed=int(found["seed"]),
-        variant=str(found["variant"]),
-        steps=int(found["steps"]),
+        identity=str(entry["identity"]),
+        target=str(entry["target"]),
+        target_title=str(entry["target_title"]),
+        scheme=str(entry["scheme"]),
+        seed=int(entry["seed"]),
+        variant=str(entry["variant"]),
+        steps=int(entry["steps"]),
     )
-
-
-def _reason(error: Exception) -> str:
-    return f"no {error}" if isinstance(error, KeyError) else str(error)

@@ -1,29 +1,35 @@
-"""What `result.json` says of a trial."""
+"""`result.json`: measurements, settings and provenance of a complete trial."""
 
+import os
 import platform
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict
 from datetime import UTC, datetime
 from importlib.metadata import version
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from meshfit.config.strict_yaml import parse_document
 from meshfit.errors import StoreError
-from meshfit.experiment.plan import SCHEMA_VERSION, Trial
-from meshfit.experiment.status.scan import Standing, State
-from meshfit.experiment.storage.run_directory import FAILURE, RESULT, Result, now, read_json
-from meshfit.fitting.loop import FitResult
-from meshfit.measuring.measure import Measurement
-from meshfit.mesh.normalisation import Frame
+from meshfit.experiment.storage.run_directory import CONFIG, FAILURE, RESULT, Result, now, read_json
+
+if TYPE_CHECKING:
+    from meshfit.experiment.plan import Trial
+    from meshfit.fitting.loop import FitResult
+    from meshfit.measuring.measure import Measurement
+    from meshfit.mesh.normalisation import Frame
 
 _PACKAGES = ("meshfit", "torch", "numpy", "scipy", "trimesh", "pymeshlab", "pykdtree")
 
 
-def result_of(trial: Trial, frame: Frame, fitted: FitResult, measured: Measurement, work: Result) -> Result:
-    """The record of a complete trial; `work` is what it took."""
+def result_record(trial: "Trial", frame: "Frame", fitted: "FitResult", measured: "Measurement", work: Result) -> Result:
+    """Return the record of a complete trial; `work` holds time, memory and warnings."""
+    from meshfit.experiment.plan import RESULTS_VERSION
+
     last = fitted.trace.rows[-1] if fitted.trace.rows else ()
     return {
-        "schema_version": SCHEMA_VERSION,
+        "schema_version": RESULTS_VERSION,
         "identity": trial.identity,
         "experiment": trial.experiment,
         **trial.names,
@@ -44,30 +50,28 @@ def _provenance() -> Result:
     return {"versions": {"python": platform.python_version()} | packages, "platform": machine}
 
 
-CONFIG = "config.yaml"
-
-
-def read_result(trial: Standing) -> Result | None:
-    """The result of a trial; None if it is not complete.
+def read_result(folder: Path) -> Result | None:
+    """Read the result of the trial in a folder; None if it is not complete.
 
     Raises:
         StoreError: it cannot be read.
     """
-    return read_json(trial.path / RESULT) if trial.state is State.COMPLETE else None
+    path = folder / RESULT
+    return read_json(path) if path.is_file() else None
 
 
-def read_settings(trial: Standing, result: Result | None) -> dict[str, Any]:
-    """The settings of a trial: those of its result, else those in its folder; none where it has not begun.
+def read_settings(folder: Path, result: Result | None) -> dict[str, Any]:
+    """Read the settings of a trial: those of its result, else those in its folder; empty if it has not begun.
 
     Raises:
         StoreError: they cannot be read.
-        ConfigError: they are no settings.
+        ConfigError: they are not valid settings.
     """
     if result is not None:
         return dict(result.get("settings", {}))
-    if CONFIG not in trial.folder.files:
+    path = folder / CONFIG
+    if not path.is_file():
         return {}
-    path = trial.path / CONFIG
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -75,12 +79,41 @@ def read_settings(trial: Standing, result: Result | None) -> dict[str, Any]:
     return parse_document(text, str(path)).data
 
 
-def ended(trial: Standing) -> datetime | None:
-    """When a trial became complete or failed: as its record says, else when that was written; None if it has not."""
-    for name in (RESULT, FAILURE):
-        if name in trial.folder.files:
-            path = trial.path / name
+def end_time(folder: Path) -> datetime | None:
+    """When a trial became complete or failed: as recorded, else when the record was written; None if it has not."""
+    for path in (folder / RESULT, folder / FAILURE):
+        if path.is_file():
             with suppress(StoreError, KeyError, TypeError, ValueError):
                 return datetime.fromisoformat(read_json(path)["finished"])
             return datetime.fromtimestamp(path.stat().st_mtime, UTC)
     return None
+
+
+def read_results(roots: Iterable[Path]) -> list[Result]:
+    """Read every result under some run directories, or under folders of them, in the order of their paths.
+
+    Raises:
+        StoreError: no such directory, no complete trial in any of them, or a result that cannot be read.
+    """
+    paths: list[Path] = []
+    for root in roots:
+        if not root.exists():
+            raise StoreError(f"{root}: no such run directory; `meshfit run` makes one")
+        paths += _results_below(root)
+    if not paths:
+        raise StoreError(f"no complete trial under {', '.join(map(str, roots))}; `meshfit run` makes them")
+    return [read_json(path) | {"folder": str(path.parent)} for path in dict.fromkeys(paths)]
+
+
+def _results_below(folder: Path) -> Iterator[Path]:
+    """Every result at any depth, in the order of their paths; links to folders are not followed."""
+    try:
+        with os.scandir(folder) as scanned:
+            entries = sorted(scanned, key=lambda entry: entry.name)
+    except (NotADirectoryError, PermissionError):
+        return
+    for entry in entries:
+        if entry.is_dir(follow_symlinks=False):
+            yield from _results_below(Path(entry))
+        elif entry.name == RESULT:
+            yield Path(entry)

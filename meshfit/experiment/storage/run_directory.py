@@ -1,9 +1,8 @@
-"""The run directory: one folder a trial, written so that what is there is whole."""
+"""The run directory: one folder per trial; every file in it is whole."""
 
 import json
 import os
 import tempfile
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -24,13 +23,14 @@ CHECKPOINT = "checkpoint.pt"
 LOG = "trial.log"
 PROGRESS = "progress.json"
 PLAN = "plan.json"
+CONFIG = "config.yaml"
 LOCK = ".lock"
 Result = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class RunDirectory:
-    """A run directory. `result.json` is written last in a trial's folder: where it stands, the trial is complete."""
+    """A run directory. A trial is complete once its `result.json` exists, which is written last."""
 
     root: Path
 
@@ -39,7 +39,7 @@ class RunDirectory:
         return self.root / trial.folder
 
     def result(self, trial: "Trial") -> Result | None:
-        """The result of a trial, or None if it is not complete.
+        """Read the result of a trial; None if it is not complete.
 
         Raises:
             StoreError: it cannot be read.
@@ -52,7 +52,7 @@ class RunDirectory:
         return (self.folder(trial) / RESULT).is_file()
 
     def failure(self, trial: "Trial") -> Result | None:
-        """The record of a trial's failure, or None if there is none.
+        """Read the record of a trial's failure; None if there is none.
 
         Raises:
             StoreError: it cannot be read.
@@ -61,10 +61,10 @@ class RunDirectory:
         return read_json(path) if path.is_file() else None
 
     def lock(self, trial: "Trial") -> FileLock:
-        """A lock on a trial's folder, which the system releases when its holder dies, however it dies.
+        """Return a lock on a trial's folder; the system releases it when its holder dies, however it dies.
 
         Raises:
-            StoreError: the folder cannot be made.
+            StoreError: the folder cannot be created.
         """
         folder = self.folder(trial)
         make_folder(folder)
@@ -74,10 +74,10 @@ class RunDirectory:
         """Write a file of a trial, whole or not at all.
 
         Args:
-            trial: whose file.
-            name: of the file.
-            content: of the file.
-            lasting: wait until it would survive a loss of power.
+            trial: the trial.
+            name: name of the file.
+            content: content of the file.
+            lasting: wait until the file would survive a loss of power.
 
         Raises:
             StoreError: it cannot be written.
@@ -85,7 +85,7 @@ class RunDirectory:
         write_atomically(self.folder(trial) / name, content, lasting=lasting)
 
     def append(self, trial: "Trial", name: str, text: str) -> None:
-        """Add to the end of a text file of a trial.
+        """Append to a text file of a trial.
 
         Raises:
             StoreError: it cannot be written.
@@ -98,33 +98,33 @@ class RunDirectory:
             raise StoreError(f"{path}: {write_error_message(path, error)}") from error
 
     def remove(self, trial: "Trial", *names: str) -> None:
-        """Remove files of a trial that are no longer wanted, if they are there."""
+        """Remove files of a trial, if they exist."""
         for name in names:
             (self.folder(trial) / name).unlink(missing_ok=True)
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder and those above it.
+    """Create a folder and its parents.
 
     Raises:
-        StoreError: it cannot be made.
+        StoreError: it cannot be created.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise StoreError(f"{folder}: cannot be made: {error.strerror}; choose another place with --runs") from error
+        raise StoreError(f"{folder}: cannot be created: {error.strerror}; choose another place with --runs") from error
 
 
 def write_atomically(path: Path, content: bytes | str, *, lasting: bool = True) -> None:
-    """Write a file so that a reader, and a crash, see all of it or nothing.
+    """Write a file so that a reader sees all of it or nothing, even after a crash.
 
     Args:
-        path: of the file.
-        content: of the file.
-        lasting: wait until it would survive a loss of power.
+        path: path of the file.
+        content: content of the file.
+        lasting: wait until the file would survive a loss of power.
 
     Raises:
-        StoreError: it cannot be written; what was there before is left as it was.
+        StoreError: it cannot be written; the previous file is left as it was.
     """
     data = content.encode() if isinstance(content, str) else content
     part = None
@@ -147,7 +147,7 @@ def read_json(path: Path) -> Result:
     """Read a JSON object.
 
     Raises:
-        StoreError: it cannot be read, or is not one.
+        StoreError: the file cannot be read, or holds something else.
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -156,45 +156,19 @@ def read_json(path: Path) -> Result:
     except ValueError as error:
         raise StoreError(f"{path}: not valid JSON: {error}; delete it to have the trial run again") from None
     if not isinstance(content, dict):
-        raise StoreError(f"{path}: found a {type(content).__name__}, a JSON object is needed")
+        raise StoreError(f"{path}: expected a JSON object, got a {type(content).__name__}")
     return content
 
 
 def now() -> str:
-    """The time in UTC, to the second, as ISO 8601 has it."""
+    """The time in UTC, to the second, in ISO 8601."""
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def write_json(content: Result) -> str:
-    """The text of a JSON file; NaN and infinity, which JSON has not, are refused."""
-    return json.dumps(content, indent=2, allow_nan=False) + "\n"
-
-
-def read_results(roots: Iterable[Path]) -> list[Result]:
-    """Every complete result under some run directories, or under folders of them, in the order of their paths.
+    """Return the text of a JSON file.
 
     Raises:
-        StoreError: no such directory, nothing complete in any of them, or a result that cannot be read.
+        ValueError: a number is NaN or infinite, which JSON does not have.
     """
-    paths: list[Path] = []
-    for root in roots:
-        if not root.exists():
-            raise StoreError(f"{root}: no such run directory; `meshfit run` makes one")
-        paths += _results_below(root)
-    if not paths:
-        raise StoreError(f"no complete trial under {', '.join(map(str, roots))}; `meshfit run` makes them")
-    return [read_json(path) | {"folder": str(path.parent)} for path in dict.fromkeys(paths)]
-
-
-def _results_below(folder: Path) -> Iterator[Path]:
-    """Every result at any depth, in the order of their paths; links to folders are not followed."""
-    try:
-        with os.scandir(folder) as found:
-            entries = sorted(found, key=lambda entry: entry.name)
-    except (NotADirectoryError, PermissionError):
-        return
-    for entry in entries:
-        if entry.is_dir(follow_symlinks=False):
-            yield from _results_below(Path(entry))
-        elif entry.name == RESULT:
-            yield Path(entry)
+    return json.dumps(content, indent=2, allow_nan=False) + "\n"

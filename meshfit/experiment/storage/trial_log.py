@@ -1,5 +1,6 @@
-"""The last sign of life of a running trial: its `progress.json`, as whoever looks on from outside reads it."""
+"""`trial.log` and `progress.json`: the log of a trial, and its latest progress while it runs."""
 
+import math
 import os
 import socket
 import time
@@ -7,102 +8,30 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from meshfit.errors import StoreError
-from meshfit.experiment.plan import Trial
 from meshfit.experiment.storage.run_directory import LOG, PROGRESS, RunDirectory, now, read_json, write_json
-from meshfit.experiment.trial_status import Phase, Progress
+from meshfit.experiment.trial_status import Progress, TrialStatus
 from meshfit.fitting.callbacks import Step
 
-FRESH_SECONDS = 60.0
-"""Progress is written about once a second: after so long without, something is wrong."""
+if TYPE_CHECKING:
+    from meshfit.experiment.plan import Trial
 
-
-@dataclass(frozen=True)
-class LastProgress:
-    """What a trial last said of itself.
-
-    Attributes:
-        phase: `fitting`, `measuring` or `waiting`.
-        step: steps done.
-        steps: of how many.
-        loss: after them, if there is one.
-        host: the machine that it runs on.
-        pid: its process there.
-        started: when this attempt began.
-        updated: when this was written.
-    """
-
-    phase: str
-    step: int
-    steps: int
-    loss: float | None
-    host: str
-    pid: int
-    started: datetime
-    updated: datetime
-
-    def silent_seconds(self, now: datetime) -> float:
-        """Seconds since this was written; none where the clocks of two machines differ that way."""
-        return max(0.0, (now - self.updated).total_seconds())
-
-    @property
-    def running_seconds(self) -> float:
-        """Seconds from its start to its last sign of life."""
-        return max(0.0, (self.updated - self.started).total_seconds())
-
-    def to_dict(self) -> dict[str, Any]:
-        """As it stands in the file."""
-        return vars(self) | {"started": self.started.isoformat(), "updated": self.updated.isoformat()}
-
-
-def read_progress(folder: Path) -> LastProgress | None:
-    """A trial's last sign of life; None where there is none, or none that can be read."""
-    try:
-        found = read_json(folder / PROGRESS)
-        loss = found["loss"]
-        return LastProgress(
-            phase=str(found["phase"]),
-            step=int(found["step"]),
-            steps=int(found["steps"]),
-            loss=None if loss is None else float(loss),
-            host=str(found["host"]),
-            pid=int(found["pid"]),
-            started=_time(found["started"]),
-            updated=_time(found["updated"]),
-        )
-    except (StoreError, KeyError, TypeError, ValueError):
-        return None
-
-
-def this_host() -> str:
-    """The name that this machine goes by in such a file."""
-    return socket.gethostname()
-
-
-def _time(text: str) -> datetime:
-    time = datetime.fromisoformat(text)
-    return time if time.tzinfo is not None else time.replace(tzinfo=UTC)
-
-
+# Progress is written about once a second: when it is older than this, something is wrong.
+_STALE_SECONDS = 60.0
 _SECONDS_BETWEEN_FILES = 1.0
 _SECONDS_BETWEEN_LINES = 10.0
 
 
-class Journal:
-    """The log and the progress of one attempt at a trial; whoever keeps it holds the trial's lock.
+class TrialLog:
+    """Writer of the log and the progress of one attempt at a trial, whose lock has to be held."""
 
-    Attributes:
-        step: the last step that was told of.
-    """
-
-    def __init__(self, trial: Trial, store: RunDirectory) -> None:
+    def __init__(self, trial: "Trial", store: RunDirectory) -> None:
         self._trial, self._store = trial, store
-        self._started, self._phase = now(), Phase.WAITING
+        self._started, self._status = now(), TrialStatus.WAITING
         self._file_due = self._line_due = 0.0
-        self.step: Step | None = None
-        self.note(f"started on {socket.gethostname()}, process {os.getpid()}, meshfit {version('meshfit')}")
+        self.note(f"started on {this_host()}, process {os.getpid()}, meshfit {version('meshfit')}")
 
     def note(self, text: str) -> None:
         """Add a line to the log.
@@ -112,39 +41,102 @@ class Journal:
         """
         self._store.append(self._trial, LOG, f"{now()}  {text}\n")
 
-    def tell(self, progress: Progress) -> None:
-        """Take note of where the trial is: at once in a new phase, else as often as is of use.
+    def update(self, progress: Progress) -> None:
+        """Write the progress: at once if the status changes, else every few seconds.
 
         Raises:
             StoreError: it cannot be written.
         """
-        time_now, new = time.monotonic(), progress.phase is not self._phase
-        self._phase, self.step = progress.phase, progress.step or self.step
-        if new:
-            self.note(progress.phase.name.lower())
+        time_now, changed, step = time.monotonic(), progress.status is not self._status, progress.step
+        self._status = progress.status
+        if changed:
+            self.note(progress.status)
             self._line_due = time_now + _SECONDS_BETWEEN_LINES
-        elif time_now >= self._line_due and self.step is not None:
-            self.note(f"step {self.step.done} of {self.step.steps}, loss {self.step.loss:.6g}")
+        elif time_now >= self._line_due and step.done:
+            self.note(f"step {step.done} of {step.steps}, loss {step.loss:.6g}")
             self._line_due = time_now + _SECONDS_BETWEEN_LINES
-        if new or time_now >= self._file_due:
-            self._write()
+        if changed or time_now >= self._file_due:
+            self._write(progress)
             self._file_due = time_now + _SECONDS_BETWEEN_FILES
 
     def close(self, text: str) -> None:
-        """The last line of an attempt, which is over."""
+        """Write the last line of this attempt, and remove its progress."""
         self.note(text)
         self._store.remove(self._trial, PROGRESS)
 
-    def _write(self) -> None:
-        step = self.step or Step(0, self._trial.settings.fit.steps, float("nan"))
-        content = {
-            "phase": self._phase.name.lower(),
-            "step": step.done,
-            "steps": step.steps,
-            "loss": step.loss if abs(step.loss) < float("inf") else None,
-            "host": socket.gethostname(),
+    def _write(self, progress: Progress) -> None:
+        content = _plain(progress) | {
+            "host": this_host(),
             "pid": os.getpid(),
             "started": self._started,
             "updated": now(),
         }
         self._store.write(self._trial, PROGRESS, write_json(content), lasting=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LastProgress(Progress):
+    """The content of a `progress.json`.
+
+    Attributes:
+        host: the machine that the trial runs on.
+        pid: its process there.
+        started: when this attempt began.
+        updated: when this was written.
+    """
+
+    host: str
+    pid: int
+    started: datetime
+    updated: datetime
+
+    def age_seconds(self, now: datetime) -> float:
+        """Seconds since this was written; 0 where the clocks of two machines make them negative."""
+        return max(0.0, (now - self.updated).total_seconds())
+
+    def is_stale(self, now: datetime) -> bool:
+        """Whether this is so old that the trial has presumably stopped."""
+        return self.age_seconds(now) >= _STALE_SECONDS
+
+    @property
+    def running_seconds(self) -> float:
+        """Seconds from the start of the attempt until this was written."""
+        return max(0.0, (self.updated - self.started).total_seconds())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of the file as plain data."""
+        times = {"started": self.started.isoformat(), "updated": self.updated.isoformat()}
+        return _plain(self) | {"host": self.host, "pid": self.pid} | times
+
+
+def read_progress(folder: Path) -> LastProgress | None:
+    """Read the progress of a trial; None where there is none, or none that can be read."""
+    try:
+        content = read_json(folder / PROGRESS)
+        loss = math.nan if content["loss"] is None else float(content["loss"])
+        return LastProgress(
+            status=TrialStatus(content["phase"]),
+            step=Step(int(content["step"]), int(content["steps"]), loss),
+            host=str(content["host"]),
+            pid=int(content["pid"]),
+            started=_time(content["started"]),
+            updated=_time(content["updated"]),
+        )
+    except (StoreError, KeyError, TypeError, ValueError, OverflowError):
+        return None
+
+
+def this_host() -> str:
+    """The name of this machine in a `progress.json`."""
+    return socket.gethostname()
+
+
+def _plain(progress: Progress) -> dict[str, Any]:
+    step = progress.step
+    loss = step.loss if math.isfinite(step.loss) else None
+    return {"phase": progress.status.value, "step": step.done, "steps": step.steps, "loss": loss}
+
+
+def _time(text: str) -> datetime:
+    time = datetime.fromisoformat(text)
+    return time if time.tzinfo is not None else time.replace(tzinfo=UTC)

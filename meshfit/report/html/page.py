@@ -10,7 +10,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from meshfit.experiment.status.scan import ExperimentOverview, overview
+from meshfit.experiment.status.scan import ScannedExperiment, scan_experiments
 from meshfit.experiment.storage.plan_file import with_planned_names
 from meshfit.experiment.storage.result import read_result
 from meshfit.experiment.storage.run_directory import Result
@@ -75,7 +75,7 @@ class Exhibition:
 class Content:
     """What a page is made of: experiments as they stand, complete results, the sheets of their tables."""
 
-    experiments: Sequence[ExperimentOverview]
+    experiments: Sequence[ScannedExperiment]
     results: Sequence[Result]
     sheets: Sequence[Sheet]
 
@@ -98,12 +98,12 @@ def read_content(roots: Sequence[Path], metrics: Sequence[str], baseline: str | 
         ConfigError: no such metric, or a baseline without results.
         SchemeError: the baseline is not a scheme.
     """
-    experiments = overview(roots, now)
+    experiments = scan_experiments(roots, now)
     complete = [
         result | {"folder": str(trial.path)}
         for experiment in experiments
         for trial in experiment.trials
-        if (result := read_result(trial)) is not None
+        if (result := read_result(trial.path)) is not None
     ]
     results = distinguish_definitions(with_planned_names(complete))
     wanted = list(dict.fromkeys(metrics))

@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from meshfit.experiment.status.scan import ExperimentOverview, State
+from meshfit.experiment.status.scan import SCANNED_STATUSES, ScannedExperiment
 from meshfit.experiment.storage.failure import read_failure
 from meshfit.experiment.storage.run_directory import Result
+from meshfit.experiment.trial_status import TrialStatus
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.html.charts import Whisker, whiskers
 from meshfit.report.html.target_section import Keyed, row_title, trials_on
@@ -194,25 +195,25 @@ def trials_grid(sheets: Sequence[Sheet], trials: Sequence[Keyed]) -> Grid:
     return Grid(("target", "row", "seed", *titles, "seconds of the fit", "folder"), tuple(rows))
 
 
-def failures_grid(experiments: Sequence[ExperimentOverview]) -> Grid:
+def failures_grid(experiments: Sequence[ScannedExperiment]) -> Grid:
     """The trials that failed, and why."""
-    found = [read_failure(trial) for experiment in experiments for trial in experiment.of(State.FAILED)]
+    failed = [trial for experiment in experiments for trial in experiment.of(TrialStatus.FAILED)]
     rows = [
         (
-            failure.trial.label,
+            trial.label,
             failure.kind,
             "" if failure.step is None else f"{failure.step:,}",
             failure.message,
-            str(failure.where),
+            str(failure.path),
         )
-        for failure in found
+        for trial, failure in ((trial, read_failure(trial.path)) for trial in failed)
     ]
     return Grid(("trial", "kind", "step", "message", "look into"), tuple(rows))
 
 
-def states_grid(experiments: Sequence[ExperimentOverview]) -> Grid:
+def states_grid(experiments: Sequence[ScannedExperiment]) -> Grid:
     """How many trials of each experiment are in each state that some trial is in."""
-    states = [state for state in State if any(experiment.counts[state] for experiment in experiments)]
+    states = [state for state in SCANNED_STATUSES if any(experiment.counts[state] for experiment in experiments)]
     rows = [(experiment.name, *(f"{experiment.counts[state]:,}" for state in states)) for experiment in experiments]
     return Grid(("experiment", *states), tuple(rows))
 

@@ -11,10 +11,11 @@ from typing import Any
 
 from meshfit.config.experiment import default_settings
 from meshfit.errors import ConfigError
-from meshfit.experiment.status.scan import ExperimentOverview, Standing, State
+from meshfit.experiment.status.scan import ScannedExperiment, ScannedTrial
 from meshfit.experiment.storage.failure import read_failure
 from meshfit.experiment.storage.result import read_result, read_settings
 from meshfit.experiment.storage.run_directory import Result, write_atomically
+from meshfit.experiment.trial_status import TrialStatus
 from meshfit.fitting.settings import METHODS
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.tables.grouping import flatten
@@ -29,16 +30,16 @@ _AFTER = ("fit.", "seconds.", "peak_memory_mb", "warnings", "frame.", "versions.
 _NOT_SHOWN = {*HEAD, "settings", "traceback", "log"}
 
 
-def rows_of(experiments: Sequence[ExperimentOverview]) -> list[Row]:
+def rows_of(experiments: Sequence[ScannedExperiment]) -> list[Row]:
     """A row for each trial that is complete or failed, in the order of their folders.
 
     Raises:
         StoreError: a file of one cannot be read.
         ConfigError: the settings of one are no settings.
     """
-    ended = (State.COMPLETE, State.FAILED)
+    ended = (TrialStatus.COMPLETE, TrialStatus.FAILED)
     return [
-        _row(experiment, trial) for experiment in experiments for trial in experiment.trials if trial.state in ended
+        _row(experiment, trial) for experiment in experiments for trial in experiment.trials if trial.status in ended
     ]
 
 
@@ -53,9 +54,9 @@ def columns_of(rows: Sequence[Row]) -> list[str]:
     return [*first, *after, *FAILURE_HEAD, *failure]
 
 
-def _row(experiment: ExperimentOverview, trial: Standing) -> Row:
-    result = read_result(trial)
-    settings = read_settings(trial, result)
+def _row(experiment: ScannedExperiment, trial: ScannedTrial) -> Row:
+    result = read_result(trial.path)
+    settings = read_settings(trial.path, result)
     record = _failure_record(trial) if result is None else result
     head = {
         "experiment": record.get("experiment", experiment.name),
@@ -64,7 +65,7 @@ def _row(experiment: ExperimentOverview, trial: Standing) -> Row:
         "scheme": record.get("scheme", next(iter(settings.get("schemes", ())), trial.scheme)),
         "seed": record.get("seed", trial.seed),
         "variant": record.get("variant", trial.variant),
-        "state": trial.state.value,
+        "state": trial.status.value,
         "identity": record.get("identity", trial.identity),
         "folder": str(trial.path),
     }
@@ -73,9 +74,9 @@ def _row(experiment: ExperimentOverview, trial: Standing) -> Row:
     return {key: _cell(value) for key, value in (head | facts | flatten(settings)).items()}
 
 
-def _failure_record(trial: Standing) -> Result:
+def _failure_record(trial: ScannedTrial) -> Result:
     """What is known of a failure, even where its record is damaged."""
-    failure = read_failure(trial)
+    failure = read_failure(trial.path)
     return failure.record | {"kind": failure.kind, "message": failure.message}
 
 
