@@ -8,20 +8,29 @@ from unittest import mock
 
 from meshfit.cli import console
 from meshfit.cli.main import main
+from meshfit.experiment.running.backends import Remote
+from tests.inline import Inline
 
 WIDTH = 160
 
 
 class Ran(NamedTuple):
-    """What a command left behind."""
+    """Exit code and output of a command."""
 
     code: int
     out: str
     err: str
 
 
+@contextlib.contextmanager
+def trials_in_this_process():
+    """Run trials here instead of in worker processes, each of which would import torch first."""
+    with mock.patch("meshfit.cli.experiments._remote", return_value=contextlib.nullcontext(Remote(Inline()))):
+        yield
+
+
 def invoke(*arguments: object) -> Ran:
-    """Run a command line; whatever is not foreseen is raised, as it would be a traceback to the user."""
+    """Run a command line in this process; unexpected errors are raised, as they would be a traceback to the user."""
     out, err = io.StringIO(), io.StringIO()
     with (
         mock.patch.object(sys, "argv", ["meshfit", *map(str, arguments)]),
@@ -40,14 +49,14 @@ def invoke(*arguments: object) -> Ran:
 
 
 def answered(*arguments: object) -> str:
-    """What is printed by a command line that is done as it was asked."""
+    """Run a command line that has to succeed, and return its output."""
     ran = invoke(*arguments)
     assert (ran.code, ran.err) == (0, "")
     return ran.out
 
 
 def refused(*arguments: object) -> str:
-    """What is said of a command line that is refused: one line on stderr, nothing on stdout, exit code 2."""
+    """Run a command line that has to be refused with exit code 2 in one line on stderr, and return that line."""
     ran = invoke(*arguments)
     assert (ran.code, ran.out) == (2, "")
     assert ran.err.count("\n") == 1, ran.err

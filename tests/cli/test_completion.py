@@ -1,4 +1,4 @@
-"""Completion in shells: as they ask for it, through environment variables."""
+"""Shell completion, as shells ask for it: through environment variables."""
 
 import os
 import subprocess
@@ -11,30 +11,28 @@ from meshfit.config.loading import bundled_configs
 from meshfit.measuring.metrics import METRICS
 from meshfit.mesh.targets import NAMED_TARGETS
 from meshfit.subdivision.registry import SCHEMES
+from tests.cli import answered
 from tests.runs import complete
-
-RUN = "import sys; sys.argv[0] = 'meshfit'; from meshfit.cli.main import main; main()"
-
-
-def completed(line, shell="bash", folder="."):
-    """What a shell offers for the last word of a line."""
-    words = line.split(" ")
-    asked = {"COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)}
-    asked |= {"_TYPER_COMPLETE_ARGS": line, "_TYPER_COMPLETE_FISH_ACTION": "get-args"}
-    done = subprocess.run(
-        [sys.executable, "-c", RUN],
-        env=os.environ | asked | {"_MESHFIT_COMPLETE": f"complete_{shell}"},
-        cwd=folder,
-        capture_output=True,
-        encoding="utf-8",
-        check=False,
-    )
-    assert done.stderr == ""
-    return done.stdout.splitlines()
 
 
 @pytest.fixture
-def folder(tmp_path):
+def completed(monkeypatch):
+    """A function that returns what a shell offers for the last word of a line."""
+
+    def complete_line(line, shell="bash"):
+        monkeypatch.setenv("COMP_WORDS", line)
+        monkeypatch.setenv("COMP_CWORD", str(len(line.split(" ")) - 1))
+        monkeypatch.setenv("_TYPER_COMPLETE_ARGS", line)
+        monkeypatch.setenv("_TYPER_COMPLETE_FISH_ACTION", "get-args")
+        monkeypatch.setenv("_MESHFIT_COMPLETE", f"complete_{shell}")
+        return answered().splitlines()
+
+    return complete_line
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.yaml").touch()
     (tmp_path / "head.obj").touch()
     (tmp_path / "notes.txt").touch()
@@ -42,8 +40,16 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_commands_and_options_are_completed():
-    assert completed("meshfit sch") == ["schemes", "schema"]
+def test_a_shell_asks_through_the_environment():
+    asked = {"COMP_WORDS": "meshfit sch", "COMP_CWORD": "1", "_MESHFIT_COMPLETE": "complete_bash"}
+    code = "import sys; sys.argv = ['meshfit']; from meshfit.cli.main import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | asked, capture_output=True, text=True, check=False
+    )
+    assert (done.stdout.splitlines(), done.stderr) == (["schemes", "schema"], "")
+
+
+def test_options_are_completed(completed):
     assert completed("meshfit run x --me") == ["--metric"]
 
 
@@ -60,34 +66,33 @@ NAMES = {
 
 
 @pytest.mark.parametrize("line", NAMES)
-def test_values_are_completed(line, folder):
-    assert {value for value in completed(line, folder=folder) if not value.endswith(os.sep)} == NAMES[line]
+def test_values_are_completed(line, completed, folder):
+    assert {value for value in completed(line) if not value.endswith(os.sep)} == NAMES[line]
 
 
-def test_the_keys_of_settings_are_completed_of_both_engines():
+def test_the_keys_of_settings_are_completed_of_both_engines(completed):
     assert completed("meshfit run x --set fit.optimizer.m") == ["fit.optimizer.momentum="]
     assert completed("meshfit run x --set fit.conn") == ["fit.connectivity="]
 
 
-def test_the_folder_of_a_trial_is_found_where_there_is_no_choice(folder):
-    (found,) = completed("meshfit show ru", folder=folder)
+def test_the_folder_of_a_trial_is_found_where_there_is_no_choice(completed, folder):
+    (found,) = completed("meshfit show ru")
     assert (folder / found / "result.json").is_file()
     complete(folder / "runs", target="cow")
-    assert completed("meshfit show ru", folder=folder) == ["runs/small/bunny", "runs/small/cow"]
+    assert completed("meshfit show ru") == ["runs/small/bunny", "runs/small/cow"]
 
 
 @pytest.mark.parametrize("shell", ["zsh", "fish"])
-def test_other_shells_are_told_what_values_mean(shell):
+def test_other_shells_get_the_meaning_of_values(completed, shell):
     (line,) = completed("meshfit schemes butter", shell)
     assert "butterfly" in line
     assert SCHEMES["butterfly"].title in line
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_each_shell_has_a_script_to_install(shell):
-    environment = os.environ | {"_MESHFIT_COMPLETE": f"source_{shell}"}
-    done = subprocess.run([sys.executable, "-c", RUN], env=environment, capture_output=True, text=True, check=False)
-    assert f"_MESHFIT_COMPLETE=complete_{shell}" in done.stdout
+def test_each_shell_has_a_script_to_install(monkeypatch, shell):
+    monkeypatch.setenv("_MESHFIT_COMPLETE", f"source_{shell}")
+    assert f"_MESHFIT_COMPLETE=complete_{shell}" in answered()
 
 
 def test_what_is_not_there_completes_to_nothing():

@@ -1,3 +1,5 @@
+"""`meshfit run`, `compare`, `table` and `expect` on small experiments."""
+
 import csv
 import io
 import json
@@ -6,62 +8,63 @@ import shutil
 
 import pytest
 
-from tests.cli import refused
-from tests.cli.processes import contents, meshfit
+from tests.cli import answered, invoke, refused, trials_in_this_process
+from tests.cli.processes import contents
 from tests.small import config_file
-
-
-@pytest.fixture(scope="module")
-def complete(tmp_path_factory):
-    """A folder in which the small experiment was run, and what that printed."""
-    folder = tmp_path_factory.mktemp("complete")
-    return folder, meshfit("run", config_file(folder), folder=folder)
-
 
 SMALL = ("--config", "small.yaml")
 
 
 @pytest.fixture
-def copied(complete, tmp_path):
-    shutil.copytree(complete[0], tmp_path, dirs_exist_ok=True)
+def complete(small_run, monkeypatch):
+    """The folder of the complete experiment, which must not be changed."""
+    monkeypatch.chdir(small_run[0])
+    return small_run[0]
+
+
+@pytest.fixture
+def copied(small_run, tmp_path, monkeypatch):
+    shutil.copytree(small_run[0], tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-def test_run_ends_in_a_table_and_a_second_run_does_nothing(complete):
-    folder, (out, err) = complete
+def test_run_ends_in_a_table_and_a_second_run_does_nothing(small_run, complete, monkeypatch):
+    out, err = small_run[1]
     assert "Hausdorff distance" in out
     assert "interp-loop" in out
     assert "[4/4]" in err
     assert "Results: runs/small" in out
-    before = contents(folder / "runs", "result.json")
+    before = contents(complete / "runs", "result.json")
     assert len(before) == 4
-    again, _ = meshfit("run", "small.yaml", folder=folder)
-    assert again == out
-    assert contents(folder / "runs", "result.json") == before
+    monkeypatch.setattr("tests.cli.WIDTH", 120)
+    assert invoke("run", "small.yaml").out == out
+    assert contents(complete / "runs", "result.json") == before
+
+
+def test_dry_run_prints_what_is_complete_and_writes_nothing(complete):
+    out = invoke("run", "small.yaml", "--dry-run", "--json", "--set", "seeds=[1, 2]", "--cluster", "tcp://none:1").out
+    assert [row["complete"] for row in json.loads(out)["trials"]] == [True, False, True, False]
+    out = invoke("run", "small.yaml", "--dry-run", "--runs", "elsewhere", "--cluster", "tcp://none:1").out
+    assert "4 trials: 0 complete, 4 to run" in out
+    assert not (complete / "elsewhere").exists()
 
 
 @pytest.mark.slow
-def test_dry_run_tells_what_is_complete_and_writes_nothing(complete):
-    folder, _ = complete
-    out, _ = meshfit("run", "small.yaml", "--dry-run", "--runs", "elsewhere", folder=folder)
-    assert "4 trials: 0 complete, 4 to run" in out
-    assert not (folder / "elsewhere").exists()
-    out, _ = meshfit("run", "small.yaml", "--dry-run", "--json", "--set", "seeds=[1, 2]", folder=folder)
-    assert [row["complete"] for row in json.loads(out)["trials"]] == [True, False, True, False]
+def test_dry_run_estimates_the_time(complete):
+    assert re.search(r"about .* on \d+ workers?, estimated from ", invoke("run", "small.yaml", "--dry-run").out)
 
 
 def test_json_goes_to_stdout_alone(complete):
-    out, _ = meshfit("run", "small.yaml", "--json", folder=complete[0])
-    results = json.loads(out)
+    results = json.loads(invoke("run", "small.yaml", "--json").out)
     assert [result["scheme"] for result in results] == ["loop", "loop", "interp-loop", "interp-loop"]
     assert all(result["hausdorff"]["symmetric"] > 0 for result in results)
 
 
-@pytest.mark.slow
 def test_compare_runs_what_is_missing_and_pairs_by_seed(copied):
     before = contents(copied / "runs", "result.json")
-    arguments = ("compare", "loop", "butterfly:tension=0.05", "--config", "small.yaml", "--seeds", "2")
-    out, err = meshfit(*arguments, folder=copied)
+    with trials_in_this_process():
+        out, err = invoke("compare", "loop", "butterfly:tension=0.05", *SMALL, "--seeds", "2")[1:]
     assert "butterfly:tension=0.05" in out
     assert "paired by seed" in out
     assert "significant" in out
@@ -72,53 +75,49 @@ def test_compare_runs_what_is_missing_and_pairs_by_seed(copied):
 
 
 def test_a_failing_trial_is_named_the_others_go_on_and_the_exit_code_is_1(copied):
-    arguments = ("run", "small.yaml", "-q", "--set", "seeds=[0]", "--set", "schemes=[loop]")
-    _, err = meshfit(*arguments, "--set", "fit.optimizer.lr=1e30", folder=copied, code=1)
-    assert "1 of 1 trials failed\ndiverged: the fit diverged at step" in err
-    assert "  ellipsoid · loop · seed 0  runs" in err
-    assert "failure.json" in err
+    with trials_in_this_process():
+        ran = invoke("run", "small.yaml", "-q", "--set", "schemes=[loop]", "--set", "fit.optimizer.lr=1e30")
+    assert ran.code == 1
+    assert "2 of 2 trials failed\ndiverged: the fit diverged at step" in ran.err
+    assert "  ellipsoid · loop · seed 0  runs" in ran.err
+    assert "failure.json" in ran.err
     assert len(contents(copied / "runs", "result.json")) == 4
 
 
 def test_table_is_made_from_the_files_alone(copied):
     (copied / "ellipsoid.ply").unlink()
     (copied / "small.yaml").unlink()
-    out, _ = meshfit("table", "runs", "--format", "csv", folder=copied)
-    rows = list(csv.DictReader(io.StringIO(out)))
+    rows = list(csv.DictReader(io.StringIO(answered("table", "runs", "--format", "csv"))))
     assert {row["scheme"] for row in rows} == {"loop", "interp-loop"}
     for text in ("md", "latex", "json", "rich"):
-        out, _ = meshfit("table", "runs/small", "--format", text, "--metric", "distance.mean", folder=copied)
-        assert "interp-loop" in out
+        assert "interp-loop" in answered("table", "runs/small", "--format", text, "--metric", "distance.mean")
 
 
 def test_several_metrics_stand_in_one_table(complete):
     metrics = ("--metric", "hausdorff.symmetric", "--metric", "f_score.f1")
     for command in (("table", "runs"), ("run", "small.yaml")):
-        out, _ = meshfit(*command, *metrics, folder=complete[0])
+        out = invoke(*command, *metrics).out
         assert out.count("Cells: mean (median)") == 1
         assert "Hausdorff distance (smaller is better); F-score (larger is better)" in out
-    out, _ = meshfit("table", "runs", "--format", "csv", *metrics, "--metric", "f_score.f1", folder=complete[0])
+    out = answered("table", "runs", "--format", "csv", *metrics, "--metric", "f_score.f1")
     rows = list(csv.DictReader(io.StringIO(out)))
     assert [row["metric"] for row in rows] == ["hausdorff.symmetric"] * 2 + ["f_score.f1"] * 2
 
 
-@pytest.mark.slow
 def test_differences_are_from_the_baseline(complete):
     for command in (("table", "runs"), ("run", "small.yaml"), ("compare", "loop", "interp-loop", *SMALL)):
-        out, _ = meshfit(*command, folder=complete[0])
-        assert "Difference from loop" in out
-        out, _ = meshfit(*command, "--baseline", "interp-loop:alpha=1", folder=complete[0])
-        assert "Difference from interp-loop" in out
+        assert "Difference from loop" in invoke(*command).out
+        assert "Difference from interp-loop" in invoke(*command, "--baseline", "interp-loop:alpha=1").out
 
 
-@pytest.mark.slow
 def test_variations_of_an_experiment_are_rows_of_one_table(copied):
-    before, _ = meshfit("table", "runs", "--format", "json", folder=copied)
-    meshfit("run", "small.yaml", "-q", "--set", "fit.steps=10", folder=copied)
-    out, _ = meshfit("table", "runs", folder=copied)
+    before = answered("table", "runs", "--format", "json")
+    with trials_in_this_process():
+        assert invoke("run", "small.yaml", "-q", "--set", "fit.steps=10").code == 0
+    out = answered("table", "runs")
     assert out.count("Cells: ") == 1
     assert [line.strip() for line in out.splitlines() if re.fullmatch(r"steps=\d+ *", line)] == ["steps=10", "steps=20"]
-    after, _ = meshfit("table", "runs", "--format", "json", folder=copied)
+    after = answered("table", "runs", "--format", "json")
     (alone,), both = json.loads(before)["tables"], json.loads(after)["tables"]
     assert [table["settings"]["fit.steps"] for table in both] == [10, 20]
     assert both[1]["cells"] == alone["cells"]
@@ -126,15 +125,15 @@ def test_variations_of_an_experiment_are_rows_of_one_table(copied):
 
 
 def test_check_is_green_on_its_own_numbers_and_red_on_others(copied):
-    meshfit("expect", "runs", "-o", "expected.json", folder=copied)
-    out, _ = meshfit("table", "runs", "--check", "expected.json", folder=copied)
-    assert "all 2 cells are as expected.json expects" in out
+    answered("expect", "runs", "-o", "expected.json")
+    assert "all 2 cells are as expected.json expects" in answered("table", "runs", "--check", "expected.json")
     expected = json.loads((copied / "expected.json").read_text())
     expected["tables"][0]["cells"][0]["mean"] *= 3
     (copied / "expected.json").write_text(json.dumps(expected))
-    _, err = meshfit("table", "runs", "--check", "expected.json", folder=copied, code=1)
-    assert "ellipsoid" in err
-    assert "give or take" in err
+    ran = invoke("table", "runs", "--check", "expected.json")
+    assert ran.code == 1
+    assert "ellipsoid" in ran.err
+    assert "give or take" in ran.err
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
-"""Looking after runs on the command line: status, show, export and clean after real runs, and what they refuse."""
+"""Run management on the command line: status, show, export and clean after real runs, and their refusals."""
 
+import contextlib
 import csv
 import json
 import re
@@ -12,8 +13,8 @@ from pathlib import Path
 import pyarrow.parquet
 import pytest
 
-from tests.cli import answered, refused
-from tests.cli.processes import contents, meshfit, start, wait_until
+from tests.cli import answered, invoke, refused, trials_in_this_process
+from tests.cli.processes import contents, start, wait_until
 from tests.runs import begun, complete, write_plan
 from tests.small import CONFIG, config_file
 
@@ -21,17 +22,18 @@ BAD_LR = ("--set", "seeds=[0]", "--set", "schemes=[loop]", "--set", "fit.optimiz
 
 
 @pytest.fixture(scope="module")
-def ran(tmp_path_factory):
-    """A folder in which the small experiment was run, and one trial more, which failed."""
+def failed_too(small_run, tmp_path_factory):
+    """A folder in which the small experiment was run, and one more trial, which failed."""
     folder = tmp_path_factory.mktemp("ran")
-    meshfit("run", config_file(folder), "-q", folder=folder)
-    meshfit("run", "small.yaml", "-q", *BAD_LR, folder=folder, code=1)
+    shutil.copytree(small_run[0], folder, dirs_exist_ok=True)
+    with trials_in_this_process(), contextlib.chdir(folder):
+        assert invoke("run", "small.yaml", "-q", *BAD_LR).code == 1
     return folder
 
 
 @pytest.fixture
-def copied(ran, tmp_path, monkeypatch):
-    shutil.copytree(ran, tmp_path, dirs_exist_ok=True)
+def copied(failed_too, tmp_path, monkeypatch):
+    shutil.copytree(failed_too, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
