@@ -6,9 +6,10 @@ _HOURS = 48 * 3600
 _SIZES = ("B", "kB", "MB", "GB", "TB")
 
 
-def count_text(number: int, noun: str) -> str:
-    """Return `1 trial`, `2 trials` or `1,200 trials`."""
-    return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}s"
+def count_text(number: int | str, noun: str) -> str:
+    """Return `1 trial`, `2 trials` or `1,200 trials`; a number given as text stays as it is."""
+    text = number if isinstance(number, str) else f"{number:,}"
+    return f"{text} {noun}" if text == "1" else f"{text} {noun}s"
 
 
 def duration_text(seconds: float) -> str:

@@ -8,10 +8,11 @@ import typer
 
 from meshfit.cli import completions
 from meshfit.cli.console import out
-from meshfit.cli.options import DEFAULT_METRIC, RunDirs
+from meshfit.cli.options import RunDirs
+from meshfit.measuring.metrics import DEFAULT_METRIC
 
 if TYPE_CHECKING:
-    from meshfit.report.tables.table import ResultTable
+    from meshfit.report.tables.table import Table
 
 
 def chart(
@@ -49,22 +50,22 @@ def chart(
     return 0
 
 
-def _print_means(tables: "Sequence[ResultTable]") -> None:
+def _print_means(tables: "Sequence[Table]") -> None:
     """What the bars stand for, in numbers."""
-    from rich.table import Table
+    from rich.table import Table as Grid
 
     from meshfit.measuring.metrics import METRICS
     from meshfit.report.figures.chart import geometric_means
 
-    columns = [(table.variant or table.title, geometric_means(table)) for table in tables]
+    columns = [(table.variations[0].variant or table.title, geometric_means(table)) for table in tables]
     schemes = list(dict.fromkeys(scheme for _, means in columns for scheme in means))
     if not schemes:
         return
-    shown = Table(box=None, pad_edge=False)
+    shown = Grid(box=None, pad_edge=False)
     shown.add_column("scheme")
     for name, _ in columns:
         shown.add_column(name, justify="right")
     for scheme in schemes:
         shown.add_row(scheme, *(f"{means[scheme]:.4g}" if scheme in means else "" for _, means in columns))
-    out.print(f"{METRICS[tables[0].metric].title}: geometric means over the targets")
+    out.print(f"{METRICS[tables[0].metrics[0]].title}: geometric means over the targets")
     out.print(shown)

@@ -8,7 +8,8 @@ import typer
 
 from meshfit.cli import completions
 from meshfit.cli.console import out
-from meshfit.cli.options import DEFAULT_METRIC, RunDirs
+from meshfit.cli.options import RunDirs
+from meshfit.measuring.metrics import DEFAULT_METRIC
 
 
 def figure(

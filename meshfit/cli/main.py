@@ -22,7 +22,7 @@ COMMANDS = {
         "figure": "figure",
         "chart": "chart",
         "report": "report",
-        "expect": "table",
+        "expect": "expect",
         "init": "config",
     },
     "Run management": {"status": "status", "show": "show", "animate": "animate", "export": "export", "clean": "clean"},

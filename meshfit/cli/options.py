@@ -10,10 +10,10 @@ from typing import Annotated, Any, Literal
 import typer
 
 from meshfit.cli import completions
+from meshfit.measuring.metrics import DEFAULT_METRIC
 
 SELECTION, EXECUTION, OUTPUT = "Selection", "Execution", "Output"
 DEFAULT_RUNS = Path("runs")
-DEFAULT_METRIC = "hausdorff.symmetric"
 
 Runs = Annotated[
     Path,

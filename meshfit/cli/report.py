@@ -7,8 +7,9 @@ from typing import Annotated
 import typer
 
 from meshfit.cli.console import out
-from meshfit.cli.options import DEFAULT_METRIC, Baseline, Metrics, Quiet, RunDirs
+from meshfit.cli.options import Baseline, Metrics, Quiet, RunDirs
 from meshfit.cli.progress import show_parts
+from meshfit.measuring.metrics import DEFAULT_METRIC
 
 
 def report(

@@ -1,23 +1,31 @@
-"""The table of metrics: how each figure of a result is titled, ranked and printed. Imports nothing heavy."""
+"""The metrics of a result: their titles, which direction is better, and how they are printed."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from meshfit.errors import ConfigError
+from meshfit.specs import suggest
+
 
 @dataclass(frozen=True)
 class Metric:
-    """One figure of a measurement.
+    """A metric.
 
     Attributes:
-        title: how tables and captions call it.
-        smaller_is_better: whether the smaller value is the better one; None where neither is.
-        format: the format spec that prints it.
+        title: its name in tables and captions.
+        smaller_is_better: whether smaller values are better; None where neither direction is.
+        format: format spec of its values.
     """
 
     title: str
     smaller_is_better: bool | None
     format: str
+
+    @property
+    def whole(self) -> bool:
+        """Whether values are counts, or true or false."""
+        return self.format in ("d", "")
 
 
 def _less(title: str, spec: str) -> Metric:
@@ -67,7 +75,7 @@ MEASURED: Mapping[str, Metric] = MappingProxyType(
         "quality.faces": _neutral("faces", _COUNT),
     }
 )
-"""The figures of a `Measurement`."""
+"""The metrics of a `Measurement`, by dotted name."""
 
 METRICS: Mapping[str, Metric] = MappingProxyType(
     {
@@ -77,4 +85,16 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
         "source.faces": _neutral("faces of the source", _COUNT),
     }
 )
-"""All figures that a result has: those of its measurement, and of the source, in which no seed has a part."""
+"""All metrics of a result: those of its measurement, and those of the source, which no seed affects."""
+
+DEFAULT_METRIC = "hausdorff.symmetric"
+
+
+def require_metric(name: str) -> None:
+    """Refuse an unknown metric.
+
+    Raises:
+        ConfigError: there is no such metric; the message suggests the nearest.
+    """
+    if name not in METRICS:
+        raise ConfigError(f"'{name}' is not a metric: {suggest(name, METRICS)}")

@@ -55,12 +55,12 @@ def test_a_scheme_without_results_in_one_setting_leaves_its_line_free(tmp_path):
 def test_geometric_means_are_over_all_targets_or_none():
     some = [one for one in results() if (one["target"], one["scheme"]) != ("cow", "midpoint")]
     for table in build_tables(some):
-        doubled = replace(
-            table,
-            cells={
-                key: replace(cell, mean=cell.mean * (4 if key[0] == "cow" else 1)) for key, cell in table.cells.items()
-            },
-        )
+        (variation,) = table.variations
+        samples = {
+            key: {seed: value * (4 if key[1] == "cow" else 1) for seed, value in sample.items()}
+            for key, sample in variation.samples.items()
+        }
+        doubled = replace(table, variations=(replace(variation, samples=samples),))
         assert geometric_means(doubled) == pytest.approx(
             {"loop": 0.02, "interp-loop": 0.04, "interp-loop:alpha=0.5": 0.06}
         )

@@ -113,7 +113,7 @@ def test_a_definition_goes_with_its_scheme_and_not_with_the_settings(tmp_path):
     results = distinguish_definitions([result(trial, 1 + trial.seed / 9) for trial in found])
     (table,) = build_tables(results, baseline="softer:alpha=0.5")
     assert table.schemes == ("loop", "mine", "softer")
-    assert (table.baseline, len(table.differences)) == ("softer", 2)
+    assert (table.variations[0].baseline, len(table.comparisons)) == ("softer", 2)
 
 
 def test_definitions_of_one_name_are_told_apart(tmp_path):

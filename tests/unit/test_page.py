@@ -25,8 +25,7 @@ from meshfit.report.html.charts import (
 from meshfit.report.html.page import packed_json
 from meshfit.report.html.target_section import keyed, trials_on, walls_of
 from meshfit.report.html.viewer import Scene, View, quantised
-from meshfit.report.tables.sheet import arrange
-from meshfit.report.tables.table import build_tables
+from meshfit.report.tables.table import build_tables, merge_tables
 from meshfit.statistics import PairedDifference
 from meshfit.subdivision.refine import subdivide
 from tests.runs import result_of
@@ -39,7 +38,7 @@ def results_of(*names, **fit):
 
 
 def sheets_of(results):
-    return arrange(build_tables(results))
+    return merge_tables(build_tables(results))
 
 
 def test_a_row_is_shown_by_the_trial_of_its_median():

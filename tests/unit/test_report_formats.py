@@ -11,20 +11,20 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from meshfit.report.tables.differences import difference_lines
+from meshfit.measuring.metrics import DEFAULT_METRIC
+from meshfit.report.tables.comparisons import Row
 from meshfit.report.tables.formats import FORMATS
-from meshfit.report.tables.formats.csv_text import FIELDS
+from meshfit.report.tables.formats.data import FIELDS
 from meshfit.report.tables.formats.latex import to_latex
 from meshfit.report.tables.formats.markdown import to_markdown
-from meshfit.report.tables.formats.terminal import SheetsView, to_text
-from meshfit.report.tables.sheet import arrange
-from meshfit.report.tables.table import DEFAULT_METRIC, build_tables
+from meshfit.report.tables.formats.terminal import TablesView, to_text
+from meshfit.report.tables.notes import comparison_lines
+from meshfit.report.tables.table import build_tables, merge_tables
 from tests.unit.test_table import CLEAR, grid, result
 
 
 def sheets(results, *metrics, **options):
-    tables = [table for metric in metrics or [DEFAULT_METRIC] for table in build_tables(results, metric)]
-    return arrange(tables, **options)
+    return merge_tables(build_tables(results, *metrics), **options)
 
 
 SHEETS = sheets(grid(CLEAR))
@@ -83,7 +83,7 @@ def test_a_missing_cell_is_a_dash_and_fewer_seeds_are_noted(name):
 def test_text_fits_its_width_with_no_cell_broken(width, shown):
     lines = to_text(shown, width).splitlines()
     assert max(map(len, lines)) <= width
-    (table,) = shown[0].all_tables
+    (table,) = shown[0].split()
     for whole in (r"\d\.\d+ \(\d\.\d+\)", r"(?<=  )\[−?\d\.\d+, \d\.\d+\]"):
         assert sum(len(re.findall(whole, line)) for line in lines) == len(table.cells)
     assert not any("…" in line for line in lines)
@@ -109,13 +109,13 @@ def test_text_states_each_difference():
 
 def test_differences_of_single_runs_are_summed_up_in_a_line():
     found = [result(target, scheme) for target in ("bunny", "cow") for scheme in ("loop", "interp-loop")]
-    assert "one seed, so no interval" in to_markdown(sheets(found))
+    assert "one seed only, so no intervals" in to_markdown(sheets(found))
 
 
 def test_colour_is_left_to_the_console(monkeypatch):
     def printed(**options):
         console = Console(file=StringIO(), force_terminal=True, color_system="standard", width=80, **options)
-        console.print(SheetsView(SHEETS))
+        console.print(TablesView(SHEETS))
         return console.file.getvalue()
 
     green = re.compile(r"\x1b\[[\d;]*32m")
@@ -148,9 +148,9 @@ def test_csv_is_tidy():
         ("", "interp-loop"),
     ]
     first, second, *_, gap, over = rows
-    (table,) = WITH_A_GAP[0].all_tables
-    assert float(first["mean"]) == table.cells["bunny", "loop"].mean
-    assert (float(first["mean_low"]), float(first["mean_high"])) == table.cells["bunny", "loop"].interval
+    (table,) = WITH_A_GAP[0].split()
+    cell = table.cells[DEFAULT_METRIC, "bunny", Row(0, "loop")]
+    assert (float(first["mean"]), float(first["mean_low"]), float(first["mean_high"])) == (cell.mean, *cell.interval)
     assert (first["seeds"], first["paper"], first["baseline"]) == ("0 1 2", "0.025621", "")
     assert (second["baseline"], second["significant"], second["best"]) == ("loop", "true", "true")
     assert float(second["low"]) < float(second["difference"]) < float(second["high"]) < 0
@@ -173,18 +173,18 @@ def test_json_holds_everything():
 
 
 def latex_body(text):
-    return text[text.index(r"\toprule") : text.index(r"\bottomrule")]
+    return text[text.index(r"\endfirsthead") : text.index(r"\end{longtable}")]
 
 
 def test_latex_is_a_booktabs_table_with_caption_and_label():
     text = to_latex(SHEETS)
-    rows = [line for line in latex_body(text).splitlines() if line.endswith(r"\\")]
-    assert r"\begin{tabular}{lrrrr}" in text
+    rows = [line for line in latex_body(text).splitlines() if line.endswith((r"\\", r"\\*"))]
+    assert r"\begin{longtable}{lrrrr}" in text
     assert [row.count("&") for row in rows] == [4] * 6  # headings, means and intervals, in two lines each
     assert re.search(r"\\textbf\{0\.210 \(0\.211\)\} .*\n.*\\textbf\{\{\[\}0\.1\d+, 0\.2\d+\{\]\}\}", text)
     assert text.isascii() or not re.search(r"[^\x00-\x7f]", re.sub(r"%.*", "", text))
     begun = re.findall(r"\\begin\{(\w+)\}", text)
-    assert sorted(begun) == sorted(re.findall(r"\\end\{(\w+)\}", text)) == ["table", "tabular"]
+    assert sorted(begun) == sorted(re.findall(r"\\end\{(\w+)\}", text)) == ["longtable"]
     assert r"\label{tab:table1-hausdorff-symmetric-1}" in text
 
 
@@ -202,7 +202,7 @@ def test_latex_compiles(tmp_path):
     many = grid({(target, scheme): [0.3123, 0.3145, 0.35] for target in ("bunny", *"abcd") for scheme in names})
     long = [one for weight in range(1, 40) for one in grid(CLEAR, fit__losses__edge=weight / 10)]
     tables = to_latex([*WITH_A_GAP, *SWEEP, *sheets([result(experiment=AWKWARD)]), *sheets(many), *sheets(long)])
-    text = "\\documentclass{article}\\usepackage{booktabs}\\begin{document}\n" + tables + "\\end{document}\n"
+    text = "\\documentclass{article}\\usepackage{booktabs,longtable}\\begin{document}\n" + tables + "\\end{document}\n"
     (tmp_path / "t.tex").write_text(text, encoding="utf-8")
     done = subprocess.run(
         ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "t.tex"],
@@ -232,7 +232,7 @@ def test_variations_are_rows_and_a_setting_that_is_varied_says_so(name):
 @pytest.mark.parametrize("name", ["rich", "md", "latex"])
 def test_beside_variations_the_papers_numbers_are_in_a_note_alone(name):
     text = squeezed(FORMATS[name](ONE_SCHEME))
-    assert "by column, the likelier, they are bunny loop 0.025621" in text
+    assert "by column, the likelier: bunny loop 0.025621" in text
     assert text.count("0.025621") == 2
 
 
@@ -253,13 +253,13 @@ def test_cells_that_do_not_differ_are_marked_and_the_mark_is_explained():
     text = to_text(SHEETS)
     assert [line.split()[0] for line in text.splitlines() if ") ≈" in line] == ["interp-loop"]
     assert "≈ not significantly different from loop" in text
-    assert "≈ not significantly different from what it is compared with" in to_text(SWEEP)
+    assert "≈ not significantly different from the row it is compared with" in to_text(SWEEP)
     clear = sheets(grid({cell: sample for cell, sample in CLEAR.items() if cell[0] == "bunny"}))
     assert "≈" not in to_text(clear)
 
 
 def test_a_difference_is_stated_in_full_in_a_line():
-    lines = difference_lines(SHEETS[0])
+    lines = comparison_lines(SHEETS[0])
     bounds = r"\[[−+]0\.\d+, [−+]0\.\d+\]"
     patterns = [
         rf"interp-loop vs loop on bunny: −0\.1000 {bounds}, significant, P\(better\) 1\.00, 2 seeds needed",
@@ -271,7 +271,7 @@ def test_a_difference_is_stated_in_full_in_a_line():
 
 
 def test_differences_of_variations_name_what_is_held_against_what():
-    starts = {line.partition(" on ")[0].partition(" over ")[0] for line in difference_lines(SWEEP[0])}
+    starts = {line.partition(" on ")[0].partition(" over ")[0] for line in comparison_lines(SWEEP[0])}
     assert starts == {
         f"{metric}: {rivals}"
         for metric in ("Hausdorff distance", "F-score")
@@ -281,14 +281,14 @@ def test_differences_of_variations_name_what_is_held_against_what():
             "edge=1.0 vs edge=0.1 with loop",
         )
     }
-    assert difference_lines(ONE_SCHEME[0])[0].startswith("steps=10 vs steps=9 on bunny: ")
+    assert comparison_lines(ONE_SCHEME[0])[0].startswith("steps=10 vs steps=9 on bunny: ")
 
 
 def test_more_seeds_than_anyone_has_are_said_so_and_no_difference_needs_none():
     noisy = {("bunny", "loop"): [0.1, 0.2, 0.3], ("bunny", "interp-loop"): [0.2, 0.3, 0.1003]}
-    assert difference_lines(sheets(grid(noisy))[0])[0].endswith("more than 10,000 seeds needed")
+    assert comparison_lines(sheets(grid(noisy))[0])[0].endswith("more than 10,000 seeds needed")
     equal = {("bunny", "loop"): [0.1, 0.2], ("bunny", "interp-loop"): [0.1, 0.2]}
-    assert difference_lines(sheets(grid(equal))[0])[0].endswith("not significant, P(better) 0.50")
+    assert comparison_lines(sheets(grid(equal))[0])[0].endswith("not significant, P(better) 0.50")
 
 
 def test_where_neither_direction_is_better_nothing_is_said_of_it():
@@ -302,13 +302,13 @@ def test_markdown_has_columns_for_variation_and_scheme():
 
 
 def test_latex_has_targets_above_metrics_and_variations_above_schemes():
-    bodies = re.findall(r"\\toprule(.*?)\\bottomrule", to_latex(SWEEP), flags=re.DOTALL)
+    bodies = re.findall(r"\\begin\{longtable\}(.*?)\\end\{longtable\}", to_latex(SWEEP), flags=re.DOTALL)
     for target, body in zip(("bunny", "mousehead (stand-in)"), bodies, strict=True):
         lines = [line.strip() for line in body.splitlines()]
         assert rf"& \multicolumn{{2}}{{c}}{{{target}}} \\" in lines
         assert r"\cmidrule(lr){2-3}" in lines
-        assert r"\multicolumn{3}{l}{\emph{edge=0.1}} \\" in lines
-        rows = [line for line in lines if line.endswith(r"\\") and "multicolumn" not in line]
+        assert r"\multicolumn{3}{l}{\emph{edge=0.1}} \\*" in lines
+        rows = [line for line in lines if re.search(r"\\\\\*?$", line) and not re.search("multicolumn|caption", line)]
         assert {row.count("&") for row in rows} == {2}
 
 

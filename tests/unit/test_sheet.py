@@ -3,8 +3,7 @@
 import pytest
 
 from meshfit.report.tables.comparisons import Row
-from meshfit.report.tables.sheet import VARIED, arrange
-from meshfit.report.tables.table import build_tables
+from meshfit.report.tables.table import VARIED, build_tables, merge_tables
 from meshfit.statistics import mean_difference, paired_difference
 from tests.unit.test_table import CLEAR, grid, result
 
@@ -16,6 +15,10 @@ def scaled(factor, values=CLEAR):
     return {cell: [factor * value for value in sample] for cell, sample in values.items()}
 
 
+def names(sheet):
+    return tuple(variation.name for variation in sheet.variations)
+
+
 def sweep(values=CLEAR, **changes):
     """The same experiment with three weights, the numbers of each larger than those before."""
     found = enumerate(EDGES, start=1)
@@ -23,18 +26,14 @@ def sweep(values=CLEAR, **changes):
 
 
 def sheets(results, *metrics, planned=False, **options):
-    tables = [table for metric in metrics or [DEFAULT] for table in build_tables(results, metric, **options)]
-    return arrange(tables, planned=planned)
+    return merge_tables(build_tables(results, *metrics, **options), planned=planned)
 
 
 def test_one_table_is_a_sheet_of_its_own_and_needs_no_name():
     (sheet,) = sheets(grid(CLEAR))
-    (table,) = sheet.all_tables
-    assert (sheet.title, sheet.variations, sheet.metrics) == ("table1", ("",), (DEFAULT,))
-    assert (sheet.targets, sheet.seeds, sheet.settings) == (table.targets, table.seeds, table.settings)
+    assert (sheet.title, names(sheet), sheet.metrics) == ("table1", ("",), (DEFAULT,))
     assert sheet.rows == (Row(0, "loop"), Row(0, "interp-loop"))
-    assert {target: row.scheme for (_, target), row in sheet.best.items()} == table.best
-    assert [one.paired for one in sheet.contrasts] == [one.paired for one in (*table.differences, *table.over_targets)]
+    assert build_tables(grid(CLEAR)) == sheet.split() == [sheet]
 
 
 def test_metrics_of_the_same_settings_stand_side_by_side():
@@ -42,13 +41,13 @@ def test_metrics_of_the_same_settings_stand_side_by_side():
     assert sheet.metrics == ("f_score.f1", DEFAULT)
     assert len(sheet.rows) == 2
     assert sheet.best == {(DEFAULT, "bunny"): Row(0, "interp-loop"), ("f_score.f1", "bunny"): Row(0, "loop")}
-    assert [one.metric for one in sheet.contrasts] == ["f_score.f1"] * 3 + [DEFAULT] * 3
+    assert [one.metric for one in sheet.comparisons] == ["f_score.f1"] * 3 + [DEFAULT] * 3
 
 
 def test_variations_of_an_experiment_stand_below_each_other_and_the_setting_is_varied():
     (sheet,) = sheets(sweep())
     assert sheet.title == "table1"
-    assert sheet.variations == ("edge=0.1", "edge=1.0", "edge=10.0")
+    assert names(sheet) == ("edge=0.1", "edge=1.0", "edge=10.0")
     assert sheet.settings["fit.losses.edge"] == VARIED
     assert sheet.settings["fit.steps"] == 2000
     assert len(sheet.rows) == 6
@@ -56,27 +55,28 @@ def test_variations_of_an_experiment_stand_below_each_other_and_the_setting_is_v
 
 def test_a_planned_order_is_kept():
     (sheet,) = sheets(sweep(), planned=True)
-    assert sheet.variations == ("edge=10.0", "edge=0.1", "edge=1.0")
+    assert names(sheet) == ("edge=10.0", "edge=0.1", "edge=1.0")
 
 
 def test_every_cell_of_a_merged_sheet_is_that_of_its_own_table():
     (sheet,) = sheets(sweep())
     for place, edge in enumerate(sorted(EDGES)):
         (alone,) = build_tables(grid(scaled(EDGES.index(edge) + 1), fit__losses__edge=edge))
-        for (target, scheme), cell in alone.cells.items():
-            assert sheet.summary(DEFAULT, target, Row(place, scheme)) == cell
-            assert sheet.sample(DEFAULT, target, Row(place, scheme)) == alone.samples[target, scheme]
-        within = [one.paired for one in sheet.contrasts if one.row.variation == one.against.variation == place]
-        assert within == [one.paired for one in (*alone.differences, *alone.over_targets)]
+        for (_, target, row), summary in alone.cells.items():
+            cell = (DEFAULT, target, Row(place, row.scheme))
+            assert sheet.cells[cell] == summary
+            assert sheet.samples[cell] == alone.samples[DEFAULT, target, row]
+        within = [one.difference for one in sheet.comparisons if one.row.variation == one.against.variation == place]
+        assert within == [one.difference for one in alone.comparisons]
 
 
 def test_the_baseline_is_compared_with_what_it_was_in_the_first_variation():
     (sheet,) = sheets(sweep(), baseline="interp-loop")
-    across = [one for one in sheet.contrasts if one.row.variation != one.against.variation]
+    across = [one for one in sheet.comparisons if one.row.variation != one.against.variation]
     assert {(one.row.scheme, one.against) for one in across} == {("interp-loop", Row(0, "interp-loop"))}
-    at = {(one.target, one.row.variation): one.paired for one in across}
+    at = {(one.target, one.row.variation): one.difference for one in across}
     pairs = {
-        target: [sheet.sample(DEFAULT, target, Row(place, "interp-loop")) for place in (1, 0)]
+        target: [sheet.samples[DEFAULT, target, Row(place, "interp-loop")] for place in (1, 0)]
         for target in ("bunny", "mousehead")
     }
     assert at["bunny", 1] == paired_difference(*pairs["bunny"], smaller_is_better=True)
@@ -112,25 +112,25 @@ def test_source_files_of_other_content_are_variations():
     there = result(source__mesh="ball.ply")
     found = [there | {"inputs": {"source": "a" * 64}}, there | {"inputs": {"source": "b" * 64}}]
     (sheet,) = sheets(found)
-    assert sheet.variations == ("sha256=aaaaaaaaaaaa", "sha256=bbbbbbbbbbbb")
+    assert names(sheet) == ("sha256=aaaaaaaaaaaa", "sha256=bbbbbbbbbbbb")
 
 
 def test_variants_are_taken_over_from_results_that_agree_on_them():
     weak, strong = ([result(seed=seed, fit__losses__edge=edge) for seed in (0, 1)] for edge in (0.1, 1.0))
     named = [one | {"variant": "weak"} for one in weak] + [one | {"variant": "strong"} for one in strong]
     (sheet,) = sheets(named)
-    assert sheet.variations == ("weak", "strong")
+    assert names(sheet) == ("weak", "strong")
     (sheet,) = sheets([named[0], weak[1], *named[2:]])
-    assert sheet.variations == ("edge=0.1", "strong")
+    assert names(sheet) == ("edge=0.1", "strong")
 
 
 def test_targets_and_schemes_that_some_variations_lack_are_gaps():
     (sheet,) = sheets([result("bunny", "loop", fit__steps=1), result("cow", "midpoint", fit__steps=2)])
     assert list(sheet.targets) == ["bunny", "cow"]
     assert sheet.rows == (Row(0, "loop"), Row(1, "midpoint"))
-    assert sheet.summary(DEFAULT, "cow", Row(0, "loop")) is None
-    assert sheet.contrasts == ()
+    assert (DEFAULT, "cow", Row(0, "loop")) not in sheet.cells
+    assert sheet.comparisons == ()
 
 
 def test_no_tables_make_no_sheet():
-    assert arrange([]) == []
+    assert merge_tables([]) == []

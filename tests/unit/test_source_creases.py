@@ -18,7 +18,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, octahedron
 from meshfit.mesh.topology import Topology
 from meshfit.report.tables.grouping import shared_settings
-from meshfit.report.tables.notes import _tags
+from meshfit.report.tables.notes import _creases_and_alphas
 from meshfit.settings import build
 from meshfit.subdivision.creases import Creases, creases_by_angle
 from meshfit.subdivision.refine import subdivide
@@ -240,7 +240,7 @@ TAGS = [
 @pytest.mark.parametrize(("given", "said"), TAGS)
 def test_tables_tell_what_a_source_is_tagged_with(given, said):
     plain = {"source": settings(**given).model_dump(mode="json")}
-    assert list(_tags(shared_settings({"settings": plain, "schema_version": 2}))) == said
+    assert list(_creases_and_alphas(shared_settings({"settings": plain, "schema_version": 2}))) == said
 
 
 def test_results_share_a_table_by_what_is_in_their_files_not_by_where_these_lie(tmp_path, edges, alphas):

@@ -3,8 +3,7 @@
 import pytest
 
 from meshfit.report.tables.notes import setting_lines
-from meshfit.report.tables.sheet import arrange
-from meshfit.report.tables.table import build_tables
+from meshfit.report.tables.table import build_tables, merge_tables
 from meshfit.settings import deep_merge
 from tests.runs import result_of
 
@@ -14,7 +13,7 @@ def source_line(*sources):
     for place, source in enumerate(sources):
         one = result_of(seed=place, steps=100 + place)
         results.append(one | {"variant": str(place), "settings": deep_merge(one["settings"], {"source": source})})
-    (sheet,) = arrange(build_tables(results))
+    (sheet,) = merge_tables(build_tables(results))
     return setting_lines(sheet)[-1]
 
 
@@ -22,7 +21,7 @@ def source_line(*sources):
     ("source", "said"),
     [
         ({"levels": 1}, "Source: icosahedron, 1 level"),
-        ({"wanted_verts": 2562}, "Source: icosahedron, refined to about 2562 verts"),
+        ({"wanted_verts": 2562}, "Source: icosahedron, refined to about 2562 vertices"),
         ({"decimate": 500, "mesh": "bunny"}, "Source: bunny, decimated to 500 faces, 4 levels"),
         ({"project": "sphere"}, "Source: icosahedron, 4 levels, projected to the sphere"),
     ],

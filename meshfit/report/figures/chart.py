@@ -13,7 +13,7 @@ from meshfit.measuring.metrics import METRICS
 from meshfit.report.extra import needed
 from meshfit.report.figures.colours import INK
 from meshfit.report.figures.layout import DPI, STYLE, write_drawing
-from meshfit.report.tables.table import ResultTable
+from meshfit.report.tables.table import Table
 from meshfit.specs import parse_spec
 from meshfit.subdivision.registry import SCHEMES
 
@@ -33,7 +33,7 @@ class _Line:
     scheme: str | None
 
 
-def write_chart(tables: Sequence[ResultTable], path: Path) -> None:
+def write_chart(tables: Sequence[Table], path: Path) -> None:
     """Draw the chart and write it.
 
     Means over the seeds are drawn, and over them, as bars, geometric means over the targets, which weigh a factor on
@@ -48,7 +48,7 @@ def write_chart(tables: Sequence[ResultTable], path: Path) -> None:
             cannot be written.
     """
     matplotlib, figures = needed("matplotlib"), needed("matplotlib.figure")
-    metric = tables[0].metric
+    metric = tables[0].metrics[0]
     if not all(value > 0 and isfinite(value) for table in tables for value in _means(table).values()):
         raise ConfigError(f"{metric}: a chart has a logarithmic scale, and some of the values are not above 0")
     lines = _lines(tables)
@@ -69,7 +69,7 @@ def write_chart(tables: Sequence[ResultTable], path: Path) -> None:
         write_drawing(figure, path, DPI[path.suffix.lower()])
 
 
-def geometric_means(table: ResultTable) -> dict[str, float]:
+def geometric_means(table: Table) -> dict[str, float]:
     """Over the targets, of each scheme that has results on all of them, where these are several."""
     means = _means(table)
     found = {scheme: [means.get((target, scheme)) for target in table.targets] for scheme in table.schemes}
@@ -81,7 +81,7 @@ def geometric_means(table: ResultTable) -> dict[str, float]:
     }
 
 
-def _lines(tables: Sequence[ResultTable]) -> list[_Line]:
+def _lines(tables: Sequence[Table]) -> list[_Line]:
     """Schemes by their kind, each under its heading; in one table the order of the other."""
     schemes = list(dict.fromkeys(scheme for table in tables for scheme in table.schemes))
     lines = []
@@ -100,11 +100,11 @@ def _kind(scheme: str) -> str:
     return SCHEMES[spec.name].kind if alpha == 1 else "approximating"
 
 
-def _means(table: ResultTable) -> Mapping[tuple[str, str], float]:
-    return {cell: summary.mean for cell, summary in table.cells.items()}
+def _means(table: Table) -> Mapping[tuple[str, str], float]:
+    return {(target, row.scheme): summary.mean for (_, target, row), summary in table.cells.items()}
 
 
-def _draw_panel(axes: Any, table: ResultTable, lines: Sequence[_Line], *, names: bool) -> None:  # noqa: ANN401
+def _draw_panel(axes: Any, table: Table, lines: Sequence[_Line], *, names: bool) -> None:  # noqa: ANN401
     means, middles = _means(table), geometric_means(table)
     for row, line in enumerate(lines):
         values = {
@@ -127,8 +127,8 @@ def _draw_panel(axes: Any, table: ResultTable, lines: Sequence[_Line], *, names:
         label.set_fontstyle("normal" if line.scheme else "italic")
     axes.tick_params(axis="y", length=0)
     axes.tick_params(axis="x", which="both", labelsize=_FONT, length=2, width=0.5, colors=INK)
-    axes.set_xlabel(METRICS[table.metric].title, fontsize=_FONT, color=INK, labelpad=2)
-    axes.set_title(table.variant or table.title, fontsize=_FONT + 1, color=INK, pad=4)
+    axes.set_xlabel(METRICS[table.metrics[0]].title, fontsize=_FONT, color=INK, labelpad=2)
+    axes.set_title(table.variations[0].variant or table.title, fontsize=_FONT + 1, color=INK, pad=4)
     for side in ("top", "right", "left"):
         axes.spines[side].set_visible(False)
 
@@ -148,7 +148,7 @@ def _mark(place: int) -> dict[str, object]:
     return {"color": colour, "marker": shape, "markersize": 4, "linestyle": "none", "markeredgewidth": 0}
 
 
-def _add_legend(figure: Any, tables: Sequence[ResultTable]) -> None:  # noqa: ANN401  matplotlib is optional
+def _add_legend(figure: Any, tables: Sequence[Table]) -> None:  # noqa: ANN401  matplotlib is optional
     line = needed("matplotlib.lines").Line2D
     titles = tables[0].targets
     handles = [line([], [], label=title, **_mark(place)) for place, title in enumerate(titles.values())]

@@ -6,8 +6,9 @@ from pathlib import Path
 
 from meshfit.errors import ConfigError
 from meshfit.experiment.storage.run_directory import Result
+from meshfit.report.tables.comparisons import Row
 from meshfit.report.tables.grouping import resolve_scheme, shared_settings, target_key, variation_names
-from meshfit.report.tables.table import ResultTable, build_tables
+from meshfit.report.tables.table import Table, build_tables
 from meshfit.specs import suggest
 from meshfit.statistics import median_seed
 
@@ -86,22 +87,24 @@ def pick_trials(
     return shown
 
 
-def _names(tables: Sequence[ResultTable]) -> list[str]:
+def _names(tables: Sequence[Table]) -> list[str]:
     """What tells tables apart: the experiment where that does, and else what their settings differ in."""
     if len(tables) == 1:
         return [""]
     experiments = [table.experiment for table in tables]
     if len(set(experiments)) == len(tables):
         return experiments
-    variations = variation_names([table.settings for table in tables], [table.variant for table in tables])
+    variations = variation_names(
+        [table.settings for table in tables], [table.variations[0].variant for table in tables]
+    )
     if len(set(experiments)) == 1:
         return variations
     return [f"{table.experiment}, {name}" for table, name in zip(tables, variations, strict=True)]
 
 
-def _picks(table: ResultTable, target: str, results: Sequence[Result]) -> Iterable[Pick]:
+def _picks(table: Table, target: str, results: Sequence[Result]) -> Iterable[Pick]:
     for scheme in table.schemes:
-        sample = table.samples.get((target, scheme), {})
+        sample = table.samples.get((table.metrics[0], target, Row(0, scheme)))
         if not sample:
             continue
         seed = median_seed(sample)

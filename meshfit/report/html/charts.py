@@ -226,7 +226,7 @@ def _ends(wall: Wall, by_row: Mapping[int, Mapping[int, Result]]) -> list[dict[s
     """The seconds that each fit took, and the value of the first metric that it came to."""
     sheet, found = wall.sheet, []
     for place, by_seed in by_row.items():
-        sample = sheet.sample(sheet.metrics[0], wall.target, sheet.rows[place])
+        sample = sheet.samples.get((sheet.metrics[0], wall.target, sheet.rows[place]), {})
         for seed, result in by_seed.items():
             seconds = result.get("seconds", {}).get("fit")
             if seed in sample and isinstance(seconds, int | float):

@@ -24,8 +24,7 @@ from meshfit.report.html.images import Gallery, gallery_of, pictures_in
 from meshfit.report.html.target_section import Keyed, Subjects, Wall, keyed, subjects_of, trials_on, walls_of
 from meshfit.report.html.viewer import MOST_FACES, Scene, scene_of
 from meshfit.report.tables.grouping import distinguish_definitions
-from meshfit.report.tables.sheet import Sheet, arrange
-from meshfit.report.tables.table import build_tables
+from meshfit.report.tables.table import Table, build_tables, merge_tables
 
 
 def packed(content: bytes) -> str:
@@ -77,7 +76,7 @@ class Content:
 
     experiments: Sequence[ScannedExperiment]
     results: Sequence[Result]
-    sheets: Sequence[Sheet]
+    sheets: Sequence[Table]
 
 
 def require_extra() -> None:
@@ -106,9 +105,8 @@ def read_content(roots: Sequence[Path], metrics: Sequence[str], baseline: str | 
         if (result := read_result(trial.path)) is not None
     ]
     results = distinguish_definitions(with_planned_names(complete))
-    wanted = list(dict.fromkeys(metrics))
-    tables = [table for metric in wanted for table in build_tables(results, metric, baseline=baseline)]
-    return Content(experiments, results, arrange(tables))
+    tables = merge_tables(build_tables(results, *metrics, baseline=baseline))
+    return Content(experiments, results, tables)
 
 
 def page_text(content: Content, now: datetime, progress: Progress) -> str:

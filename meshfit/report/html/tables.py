@@ -11,20 +11,25 @@ from meshfit.measuring.metrics import METRICS
 from meshfit.report.html.charts import Whisker, whiskers
 from meshfit.report.html.target_section import Keyed, row_title, trials_on
 from meshfit.report.tables.comparisons import Comparison, Row
-from meshfit.report.tables.differences import (
+from meshfit.report.tables.grouping import describe_definitions, differing_keys, setting_text
+from meshfit.report.tables.layout import TextCell, columns_of, row_groups, row_names
+from meshfit.report.tables.notes import (
     Section,
-    difference_lines,
+    best_note,
+    cell_line,
+    comparison_lines,
     improvement_text,
-    sections,
+    metric_line,
+    not_significant_note,
+    notes,
+    sections_of,
     seeds_text,
+    setting_lines,
     verdict,
     without_intervals,
 )
-from meshfit.report.tables.grouping import describe_definitions, differing_keys, setting_text
-from meshfit.report.tables.layout import TextCell, columns, entries, row_groups, row_names
-from meshfit.report.tables.notes import best_note, cell_line, metric_line, not_significant_note, notes, setting_lines
 from meshfit.report.tables.numbers import format_difference, format_number
-from meshfit.report.tables.sheet import VARIED, Sheet
+from meshfit.report.tables.table import VARIED, Table
 from meshfit.units import duration_text, size_text
 
 
@@ -89,10 +94,10 @@ class ShownSheet:
     notes: tuple[str, ...]
 
 
-def shown_sheet(sheet: Sheet) -> ShownSheet:
+def shown_sheet(sheet: Table) -> ShownSheet:
     """A sheet in text."""
-    shown = columns(sheet)
-    cells = list(zip(*(entries(sheet, column) for column in shown), strict=True))
+    shown = columns_of(sheet)
+    cells = list(zip(*(column.cells for column in shown), strict=True))
     groups = tuple(
         (heading, tuple(ShownRow(place, label, cells[place]) for place, label in rows))
         for heading, rows in row_groups(sheet)
@@ -106,20 +111,20 @@ def shown_sheet(sheet: Sheet) -> ShownSheet:
         heads=tuple((column.heading, column.paper) for column in shown),
         groups=groups,
         sections=() if alone else tuple(_sections(sheet)),
-        lines=tuple(difference_lines(sheet)) if alone else (),
+        lines=tuple(comparison_lines(sheet)) if alone else (),
         best=best_note(sheet),
         alike=not_significant_note(sheet),
         notes=tuple(notes(sheet)),
     )
 
 
-def _sections(sheet: Sheet) -> list[ShownSection]:
-    return [_section(sheet, section) for section in sections(sheet)]
+def _sections(sheet: Table) -> list[ShownSection]:
+    return [_section(sheet, section) for section in sections_of(sheet)]
 
 
-def _section(sheet: Sheet, section: Section) -> ShownSection:
+def _section(sheet: Table, section: Section) -> ShownSection:
     """A section; all of its whiskers lie along one axis."""
-    drawn = iter(whiskers([contrast.paired for found in section.places.values() for _, contrast in found]))
+    drawn = iter(whiskers([contrast.difference for found in section.places.values() for _, contrast in found]))
     places = tuple(
         (place, tuple(_difference(sheet, label, contrast, next(drawn)) for label, contrast in found))
         for place, found in section.places.items()
@@ -127,8 +132,8 @@ def _section(sheet: Sheet, section: Section) -> ShownSection:
     return ShownSection(section.title, places)
 
 
-def _difference(sheet: Sheet, label: str, contrast: Comparison, whisker: Whisker | None) -> ShownDifference:
-    paired = contrast.paired
+def _difference(sheet: Table, label: str, contrast: Comparison, whisker: Whisker | None) -> ShownDifference:
+    paired = contrast.difference
     return ShownDifference(
         label,
         format_difference(paired),
@@ -148,20 +153,20 @@ class Grid:
     rows: tuple[tuple[str, ...], ...]
 
 
-def differing_settings(sheets: Sequence[Sheet]) -> Grid:
+def differing_settings(sheets: Sequence[Table]) -> Grid:
     """The settings in which some results differ, for each variation of each sheet; no rows where all are alike."""
-    settings = [same[0].settings for sheet in sheets for same in sheet.tables]
+    settings = [variation.settings for sheet in sheets for variation in sheet.variations]
     names = [
-        " · ".join(filter(None, (sheet.title if len(sheets) > 1 else "", name)))
+        " · ".join(filter(None, (sheet.title if len(sheets) > 1 else "", variation.name)))
         for sheet in sheets
-        for name in sheet.variations
+        for variation in sheet.variations
     ]
     keys = differing_keys(settings)
     rows = tuple((key, *(setting_text(some[key]) if key in some else "" for some in settings)) for key in keys)
     return Grid(("setting", *names), rows)
 
 
-def shared_by_all(sheets: Sequence[Sheet]) -> Grid:
+def shared_by_all(sheets: Sequence[Table]) -> Grid:
     """The settings that all results have in common."""
     settings = [sheet.settings for sheet in sheets]
     differing = {*differing_keys(settings), *(key for some in settings for key in some if some[key] == VARIED)}
@@ -174,7 +179,7 @@ def definitions_grid(results: Sequence[Result]) -> Grid:
     return Grid(("scheme", "definition"), tuple(describe_definitions(results).items()))
 
 
-def trials_grid(sheets: Sequence[Sheet], trials: Sequence[Keyed]) -> Grid:
+def trials_grid(sheets: Sequence[Table], trials: Sequence[Keyed]) -> Grid:
     """Every value of every trial, by experiment, target, row and seed."""
     metrics = dict.fromkeys(metric for sheet in sheets for metric in sheet.metrics)
     rows = [
@@ -241,8 +246,8 @@ def warnings_of(results: Sequence[Result]) -> list[str]:
     return [f"{text} ({count} trials)" if count > 1 else text for text, count in counted.items()]
 
 
-def _value(sheet: Sheet, metric: str, target: str, row: Row, seed: int) -> str:
-    value = sheet.sample(metric, target, row).get(seed) if metric in sheet.metrics else None
+def _value(sheet: Table, metric: str, target: str, row: Row, seed: int) -> str:
+    value = sheet.samples.get((metric, target, row), {}).get(seed) if metric in sheet.metrics else None
     return "" if value is None else format_number(value, whole=METRICS[metric].format in ("d", ""))
 
 

@@ -20,7 +20,7 @@ from meshfit.report.tables.comparisons import Row
 from meshfit.report.tables.grouping import shared_settings, target_key
 from meshfit.report.tables.layout import row_labels
 from meshfit.report.tables.numbers import format_number
-from meshfit.report.tables.sheet import Sheet
+from meshfit.report.tables.table import Table
 from meshfit.statistics import median_seed
 
 _UNITS = {
@@ -78,7 +78,7 @@ class Wall:
     """
 
     key: str
-    sheet: Sheet
+    sheet: Table
     target: str
     title: str
     exhibits: tuple[Exhibit, ...]
@@ -95,7 +95,7 @@ class Wall:
         return _UNITS.get(str(self.sheet.settings.get("normalise")), "in the unit of its frame")
 
 
-def walls_of(sheets: Sequence[Sheet], trials: Sequence[Keyed], most: int) -> list[Wall]:
+def walls_of(sheets: Sequence[Table], trials: Sequence[Keyed], most: int) -> list[Wall]:
     """The walls of all targets of all sheets, sharing the room that there is.
 
     Args:
@@ -119,14 +119,14 @@ def walls_of(sheets: Sequence[Sheet], trials: Sequence[Keyed], most: int) -> lis
     ]
 
 
-def row_title(sheet: Sheet, row: Row) -> str:
+def row_title(sheet: Table, row: Row) -> str:
     """What a row is called in one text."""
     return " · ".join(row_labels(sheet, row))
 
 
-def trials_on(sheet: Sheet, target: str, trials: Sequence[Keyed]) -> dict[int, dict[int, Result]]:
+def trials_on(sheet: Table, target: str, trials: Sequence[Keyed]) -> dict[int, dict[int, Result]]:
     """The results of a sheet on a target by place of the row, then by seed; of equal ones the first."""
-    rows = {(_key(sheet.tables[row.variation][0].settings), row.scheme): at for at, row in enumerate(sheet.rows)}
+    rows = {(_key(sheet.variations[row.variation].settings), row.scheme): at for at, row in enumerate(sheet.rows)}
     found: dict[int, dict[int, Result]] = {}
     for trial in trials:
         place = rows.get((trial.key, trial.result["scheme"]))
@@ -144,10 +144,10 @@ def _key(settings: Mapping[str, object]) -> str:
     return json.dumps(settings, sort_keys=True)
 
 
-def _exhibits(sheet: Sheet, target: str, trials: Sequence[Keyed]) -> Iterator[Exhibit]:
+def _exhibits(sheet: Table, target: str, trials: Sequence[Keyed]) -> Iterator[Exhibit]:
     metric = sheet.metrics[0]
     for place, there in trials_on(sheet, target, trials).items():
-        sample = sheet.sample(metric, target, sheet.rows[place])
+        sample = sheet.samples.get((metric, target, sheet.rows[place]), {})
         seed = median_seed(sample) if sample else min(there)
         figure = format_number(sample[seed], whole=METRICS[metric].format == "d") if sample else ""
         yield Exhibit(place, row_title(sheet, sheet.rows[place]), seed, len(there), figure, there[seed])

@@ -1,103 +1,111 @@
-"""What a sheet compares: schemes within a variation, variations with the first one, and the best of each column."""
+"""Comparisons between the rows of a table: schemes with the baseline, variations with the first, the best row."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from meshfit.measuring.metrics import METRICS
-from meshfit.report.tables.table import ResultTable, best_of, comparable, over_targets
-from meshfit.statistics import BySeed, PairedDifference, paired_difference
-
-Tables = Sequence[Sequence[ResultTable]]
-"""For each variation, a table for each metric."""
+from meshfit.statistics import BySeed, PairedDifference, differ, mean_difference
 
 
 @dataclass(frozen=True)
 class Row:
-    """A row of a sheet: a scheme, and the place of the variation that it was run with."""
+    """A row of a table: a scheme, and the index of the variation that it was run with."""
 
     variation: int
     scheme: str
 
 
+Samples = Mapping[tuple[str, str, Row], BySeed]
+"""Values by metric, target and row, then by seed; only where there are values."""
+
+
 @dataclass(frozen=True)
 class Comparison:
-    """A comparison of two rows: the first one's value minus that of the one it is held against.
+    """The difference between two rows: the first one's value minus that of the one that it is compared with.
 
     Attributes:
         metric: dotted name of the metric.
-        target: the target; None for the mean over targets.
+        target: the target; None for the mean over all targets on which the rows can be compared.
         row: the first row.
-        against: the other: the baseline of the same variation; for the baseline itself, that of the first variation.
-        paired: the difference.
+        against: the other row.
+        difference: paired by seed.
     """
 
     metric: str
     target: str | None
     row: Row
     against: Row
-    paired: PairedDifference
+    difference: PairedDifference
+
+    @property
+    def across_variations(self) -> bool:
+        """Whether variations are compared, and not schemes."""
+        return self.row.variation != self.against.variation
 
 
-def rows_of(tables: Tables) -> tuple[Row, ...]:
-    """The rows from top to bottom."""
-    return tuple(Row(place, scheme) for place, found in enumerate(tables) for scheme in found[0].schemes)
+def compare(
+    samples: Samples, metrics: Sequence[str], targets: Sequence[str], rows: Sequence[Row], baselines: Sequence[str]
+) -> tuple[Comparison, ...]:
+    """Compare each scheme with the baseline of its variation, and the first baseline with itself in other variations.
+
+    Args:
+        samples: of the table.
+        metrics: of the table.
+        targets: of the table.
+        rows: of the table.
+        baselines: the scheme that others are compared with, for each variation.
+
+    Returns:
+        All comparisons of rows with a seed in common, by metric, then target, then row. The mean over targets, if there
+        are several, follows those on each target.
+    """
+    return tuple(
+        Comparison(metric, target, row, against, mean_difference(pairs, smaller_is_better=_smaller_is_better(metric)))
+        for metric in metrics
+        for target in (*targets, None)
+        for row in rows
+        for against in _compared_with(row, baselines)
+        if len(pairs := _pairs(samples, metric, targets if target is None else [target], row, against))
+        > (1 if target is None else 0)
+    )
 
 
-def targets_of(tables: Tables) -> dict[str, str]:
-    """Every target that some variation has, with its title."""
-    found: dict[str, str] = {}
-    for table in (table for same in tables for table in same):
-        found = {**found, **{target: title for target, title in table.targets.items() if target not in found}}
-    return found
+def best_rows(
+    samples: Samples, metrics: Sequence[str], targets: Sequence[str], rows: Sequence[Row]
+) -> dict[tuple[str, str], Row]:
+    """Return, by metric and target, the row that is significantly better than every other row, where there is one."""
+    best = {}
+    for metric in metrics:
+        for target in targets:
+            column = {row: samples[metric, target, row] for row in rows if (metric, target, row) in samples}
+            if (row := _best(column, metric)) is not None:
+                best[metric, target] = row
+    return best
 
 
-def contrasts_of(tables: Tables) -> tuple[Comparison, ...]:
-    """All comparisons, by metric, then target, then row; those over all targets follow those on each."""
-    found: list[Comparison] = []
-    rows, targets = rows_of(tables), [*targets_of(tables), None]
-    for place in range(len(tables[0])):
-        of_metric = [
-            contrast
-            for variation, same in enumerate(tables)
-            for contrast in (*_within(variation, same[place]), *_across(variation, same[place], tables[0][place]))
-        ]
-        found += sorted(of_metric, key=lambda found: (targets.index(found.target), rows.index(found.row)))
-    return tuple(found)
+def _compared_with(row: Row, baselines: Sequence[str]) -> Iterator[Row]:
+    if row.scheme != baselines[row.variation]:
+        yield Row(row.variation, baselines[row.variation])
+    if row.variation > 0 and row.scheme == baselines[0]:
+        yield Row(0, row.scheme)
 
 
-def best_rows(tables: Tables) -> dict[tuple[str, str], Row]:
-    """By metric and target, the row that differs significantly from every other one, for the better."""
-    if len(tables) == 1:
-        return {(table.metric, target): Row(0, best) for table in tables[0] for target, best in table.best.items()}
-    found = {}
-    for place, metric in enumerate(table.metric for table in tables[0]):
-        for target in targets_of(tables):
-            samples = {row: _sample(tables[row.variation][place], target, row.scheme) for row in rows_of(tables)}
-            if (best := best_of(samples, metric)) is not None:
-                found[metric, target] = best
-    return found
+def _pairs(
+    samples: Samples, metric: str, targets: Sequence[str], row: Row, against: Row
+) -> list[tuple[BySeed, BySeed]]:
+    """Return the samples of two rows on each target on which they have a seed in common."""
+    pairs = [(samples.get((metric, target, row), {}), samples.get((metric, target, against), {})) for target in targets]
+    return [(first, second) for first, second in pairs if first.keys() & second.keys()]
 
 
-def _within(variation: int, table: ResultTable) -> Iterator[Comparison]:
-    for found in (*table.differences, *table.over_targets):
-        rows = Row(variation, found.scheme), Row(variation, found.baseline)
-        yield Comparison(table.metric, found.target, *rows, found.paired)
+def _best(samples: Mapping[Row, BySeed], metric: str) -> Row | None:
+    smaller_is_better = _smaller_is_better(metric)
+    if smaller_is_better is None or len(samples) < 2:
+        return None
+    means = {row: sum(sample.values()) / len(sample) for row, sample in samples.items()}
+    best = (min if smaller_is_better else max)(means, key=means.__getitem__)
+    return best if all(differ(samples[best], samples[row]) for row in samples if row != best) else None
 
 
-def _across(variation: int, table: ResultTable, first: ResultTable) -> Iterator[Comparison]:
-    """The baseline, with what it was in the first variation."""
-    if variation == 0:
-        return
-    scheme = first.baseline
-    better = METRICS[table.metric].smaller_is_better
-    rows = Row(variation, scheme), Row(0, scheme)
-    pairs = {target: (_sample(table, target, scheme), _sample(first, target, scheme)) for target in first.targets}
-    for target, pair in pairs.items():
-        if comparable(pair):
-            yield Comparison(table.metric, target, *rows, paired_difference(*pair, smaller_is_better=better))
-    if (paired := over_targets(list(pairs.values()), table.metric)) is not None:
-        yield Comparison(table.metric, None, *rows, paired)
-
-
-def _sample(table: ResultTable, target: str, scheme: str) -> BySeed:
-    return table.samples.get((target, scheme), {})
+def _smaller_is_better(metric: str) -> bool | None:
+    return METRICS[metric].smaller_is_better

@@ -1,4 +1,4 @@
-"""The expected file: the numbers that a reproduction is checked against, as JSON with strict keys."""
+"""Expected values: a JSON file of numbers that a reproduction is checked against."""
 
 import json
 import math
@@ -10,12 +10,19 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, JsonValue
 
 from meshfit.errors import ConfigError
+from meshfit.report.tables.comparisons import Row
 from meshfit.report.tables.numbers import format_number
-from meshfit.report.tables.table import ResultTable
+from meshfit.report.tables.table import Table
 from meshfit.settings import Settings, build
 from meshfit.statistics import Summary
 
 SCHEMA_VERSION = 1
+
+# Tolerances, of which `tolerance` gives the reasons.
+_SPREADS = 4
+_LEAST = 0.02
+_ONE_SEED = 0.2
+_ROUNDING = 1e-6
 
 
 class ExpectedCell(Settings):
@@ -31,7 +38,7 @@ class ExpectedCell(Settings):
 
 
 class ExpectedTable(Settings):
-    """The cells of one table, and the metric and settings that they are for."""
+    """The cells of one metric and variation of the settings."""
 
     metric: str
     experiment: str
@@ -40,17 +47,17 @@ class ExpectedTable(Settings):
 
 
 class Expected(Settings):
-    """The content of an expected file."""
+    """The content of a file of expected values."""
 
     schema_version: Literal[1]
     tables: Annotated[tuple[ExpectedTable, ...], Field(min_length=1)]
 
 
 def read_expected(path: Path) -> Expected:
-    """Read an expected file.
+    """Read a file of expected values.
 
     Raises:
-        ConfigError: it cannot be read, or a key in it is not as it should be.
+        ConfigError: it cannot be read, or a key is invalid.
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -62,25 +69,19 @@ def read_expected(path: Path) -> Expected:
 
 
 def parse_expected(content: object, where: str = "") -> Expected:
-    """The content of an expected file, checked.
+    """Validate the content of a file of expected values.
 
     Raises:
-        ConfigError: a key in it is not as it should be; the message starts with `where`.
+        ConfigError: a key is invalid; the message starts with `where`.
     """
     if not isinstance(content, Mapping):
-        raise ConfigError(f"{where}found a {type(content).__name__}, a JSON object is needed")
+        raise ConfigError(f"{where}expected a JSON object, got a {type(content).__name__}")
     return build(Expected, content, lambda _: where)
-
-
-_SPREADS = 4
-_LEAST = 0.02
-_ONE_SEED = 0.2
-_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
 class Deviation:
-    """A cell, or a whole table where target and scheme are None, that is not as expected.
+    """A cell that is not as expected, or a whole table, for which target and scheme are None.
 
     Attributes:
         metric: dotted name of the metric.
@@ -88,8 +89,8 @@ class Deviation:
         scheme: the scheme.
         found: the mean found, if there is one.
         expected: the mean expected.
-        tolerance: how far apart they may be.
-        sentence: what is wrong, for a person to read.
+        tolerance: largest allowed difference of the means.
+        message: states the deviation.
     """
 
     metric: str
@@ -98,26 +99,32 @@ class Deviation:
     found: float | None
     expected: float | None
     tolerance: float | None
-    sentence: str
+    message: str
 
     def __str__(self) -> str:
-        """The sentence."""
-        return self.sentence
+        """Return the message."""
+        return self.message
 
 
-def expectation(tables: Sequence[ResultTable]) -> dict[str, Any]:
-    """What to write to an expected file, so that these tables pass and the same run elsewhere does too."""
-    return {"schema_version": SCHEMA_VERSION, "tables": [_expected_table(table) for table in tables]}
+def expectation(tables: Sequence[Table]) -> dict[str, Any]:
+    """Return the content of a file of expected values that these tables, and reruns on other machines, meet.
+
+    Args:
+        tables: as `build_tables` returns them.
+    """
+    metrics = dict.fromkeys(metric for table in tables for metric in table.metrics)
+    expected = [_expected_table(table, metric) for metric in metrics for table in tables]
+    return {"schema_version": SCHEMA_VERSION, "tables": expected}
 
 
 def tolerance(summary: Summary, noise: float) -> float:
-    """How far the mean of a rerun with the same seeds may be from this mean.
+    """Return how far the mean of a rerun with the same seeds may be from this mean.
 
     Rounding differs between processors, and thousands of steps let it grow until, at worst, a rerun is a draw of its
-    own. The difference of two means of n draws has a standard deviation of spread · sqrt(2/n), and four of these are
-    allowed. A spread over few seeds can be small by luck, so the one taken is at least `noise` times the mean. Below
-    2 % of the mean, differences say more about libraries than about schemes. One seed has no spread: 20 % are allowed.
-    Where no cell of the table has any spread, seeds have no part in its figures, and only rounding may move them.
+    own. The difference of two means of n draws has a standard deviation of spread · sqrt(2/n); four of these are
+    allowed. A spread over few seeds can be small by chance, so at least `noise` times the mean is taken. Differences
+    below 2 % of the mean tell more about libraries than about schemes, and are allowed. One seed has no spread: 20 %
+    are allowed. If no cell of the table has any spread, seeds do not affect it, and only rounding may.
 
     Args:
         summary: of the cell.
@@ -132,66 +139,73 @@ def tolerance(summary: Summary, noise: float) -> float:
     return max(_SPREADS * spread * math.sqrt(2 / summary.count), _LEAST * mean)
 
 
-def check(tables: Sequence[ResultTable], expected: Expected | Mapping[str, Any]) -> list[Deviation]:
-    """How tables deviate from what is expected; results that nothing is expected of are left alone.
+def check(tables: Sequence[Table], expected: Expected | Mapping[str, Any]) -> list[Deviation]:
+    """Return all deviations of tables from expected values; results without expected values are ignored.
 
     Args:
-        tables: of every metric that is expected; see `Expected.tables`.
-        expected: what `read_expected` or `expectation` gives.
+        tables: as `build_tables` returns them, with every expected metric.
+        expected: as `read_expected` or `expectation` returns it.
 
     Raises:
-        ConfigError: the expected content is malformed.
+        ConfigError: the expected values are malformed.
     """
-    wanted = expected if isinstance(expected, Expected) else parse_expected(expected)
-    return [deviation for table in wanted.tables for deviation in _check_table(tables, table)]
+    checked = expected if isinstance(expected, Expected) else parse_expected(expected)
+    return [deviation for table in checked.tables for deviation in _check_table(tables, table)]
 
 
-def _expected_table(table: ResultTable) -> dict[str, Any]:
-    relative = [cell.spread / cell.mean for cell in table.cells.values() if cell.spread is not None and cell.mean]
+def _expected_table(table: Table, metric: str) -> dict[str, Any]:
+    (variation,) = table.variations
+    cells = {
+        (target, scheme): table.cells[metric, target, Row(0, scheme)]
+        for of, target, scheme in variation.samples
+        if of == metric
+    }
+    relative = [cell.spread / cell.mean for cell in cells.values() if cell.spread is not None and cell.mean]
     noise = math.sqrt(sum(value**2 for value in relative) / len(relative)) if relative else 0.0
-    cells = [
-        {
-            "target": target,
-            "target_title": table.targets[target],
-            "scheme": scheme,
-            "mean": cell.mean,
-            "spread": cell.spread,
-            "seeds": sorted(table.samples[target, scheme]),
-            "tolerance": tolerance(cell, noise),
-        }
-        for (target, scheme), cell in table.cells.items()
-    ]
     return {
-        "metric": table.metric,
+        "metric": metric,
         "experiment": table.experiment,
         "settings": dict(table.settings),
-        "cells": cells,
+        "cells": [
+            {
+                "target": target,
+                "target_title": table.targets[target],
+                "scheme": scheme,
+                "mean": cell.mean,
+                "spread": cell.spread,
+                "seeds": sorted(variation.samples[metric, target, scheme]),
+                "tolerance": tolerance(cell, noise),
+            }
+            for (target, scheme), cell in cells.items()
+        ],
     }
 
 
-def _check_table(tables: Sequence[ResultTable], wanted: ExpectedTable) -> Iterator[Deviation]:
-    candidates = [table for table in tables if table.metric == wanted.metric]
+def _check_table(tables: Sequence[Table], expected: ExpectedTable) -> Iterator[Deviation]:
+    metric = expected.metric
+    candidates = [table for table in tables if metric in table.metrics]
     if not candidates:
-        yield _of_table(wanted, "there are no results")
+        yield _of_table(expected, "there are no results")
         return
-    nearest = min(candidates, key=lambda table: len(_differing(table, wanted)))
-    if differing := _differing(nearest, wanted):
-        yield _of_table(wanted, f"no results have the settings expected; the nearest have {', '.join(differing)}")
+    nearest = min(candidates, key=lambda table: len(_differing(table, expected)))
+    if differing := _differing(nearest, expected):
+        yield _of_table(expected, f"no results have the expected settings; the nearest have {', '.join(differing)}")
         return
-    for cell in wanted.cells:
-        if (problem := _problem(nearest, cell)) is not None:
-            found = nearest.cells.get((cell.target, cell.scheme))
-            sentence = f"{cell.target_title}, {cell.scheme}, {wanted.metric}: {problem}"
+    for cell in expected.cells:
+        if (problem := _problem(nearest, metric, cell)) is not None:
+            found = nearest.cells.get((metric, cell.target, Row(0, cell.scheme)))
+            message = f"{cell.target_title}, {cell.scheme}, {metric}: {problem}"
             mean = found.mean if found else None
-            yield Deviation(wanted.metric, cell.target, cell.scheme, mean, cell.mean, cell.tolerance, sentence)
+            yield Deviation(metric, cell.target, cell.scheme, mean, cell.mean, cell.tolerance, message)
 
 
-def _problem(table: ResultTable, cell: ExpectedCell) -> str | None:
-    found = table.cells.get((cell.target, cell.scheme))
-    allowed = f"expected {format_number(cell.mean)}, give or take {format_number(cell.tolerance)}"
+def _problem(table: Table, metric: str, cell: ExpectedCell) -> str | None:
+    place = metric, cell.target, Row(0, cell.scheme)
+    found = table.cells.get(place)
+    allowed = f"expected {format_number(cell.mean)} ± {format_number(cell.tolerance)}"
     if found is None:
         return f"found no result, {allowed}"
-    seeds = sorted(table.samples[cell.target, cell.scheme])
+    seeds = sorted(table.samples[place])
     if seeds != sorted(cell.seeds):
         return f"found seeds {seeds}, expected {sorted(cell.seeds)}; means over other seeds are not compared"
     if not abs(found.mean - cell.mean) <= cell.tolerance:
@@ -199,14 +213,15 @@ def _problem(table: ResultTable, cell: ExpectedCell) -> str | None:
     return None
 
 
-def _of_table(wanted: ExpectedTable, problem: str) -> Deviation:
-    return Deviation(wanted.metric, None, None, None, None, None, f"{wanted.experiment}, {wanted.metric}: {problem}")
+def _of_table(expected: ExpectedTable, problem: str) -> Deviation:
+    message = f"{expected.experiment}, {expected.metric}: {problem}"
+    return Deviation(expected.metric, None, None, None, None, None, message)
 
 
-def _differing(table: ResultTable, wanted: ExpectedTable) -> list[str]:
-    keys = dict.fromkeys([*wanted.settings, *table.settings])
+def _differing(table: Table, expected: ExpectedTable) -> list[str]:
+    keys = dict.fromkeys([*expected.settings, *table.settings])
     return [
-        f"{key} {json.dumps(table.settings.get(key))} instead of {json.dumps(wanted.settings.get(key))}"
+        f"{key} {json.dumps(table.settings.get(key))} instead of {json.dumps(expected.settings.get(key))}"
         for key in keys
-        if table.settings.get(key) != wanted.settings.get(key)
+        if table.settings.get(key) != expected.settings.get(key)
     ]

@@ -1,10 +1,10 @@
-"""From loose results to groups that may share a table: all settings alike but for target, scheme and seed."""
+"""Results grouped into variations, which share all settings except target, scheme and seed; and names for them."""
 
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,109 +12,112 @@ from meshfit.config.experiment import SOURCE_FILE_KEYS
 from meshfit.config.scheme_files import scheme_name_for
 from meshfit.errors import StoreError
 from meshfit.experiment.storage.run_directory import Result
+from meshfit.report.tables.paper_numbers import PAPER_TARGETS
 from meshfit.settings import build
+from meshfit.statistics import BySeed
 from meshfit.subdivision.registry import SCHEMES, UserSchemes, canonical, registry_with, spec_of
 
-Cell = tuple[str, str]
-"""Target and scheme."""
+Settings = Mapping[str, Any]
+"""Settings by dotted key."""
 
-# Definitions go with the schemes that they are of.
-_VARIED = ("targets", "schemes", "define", "seeds")
+# Definitions vary with the schemes that they define.
+_NOT_SHARED = ("targets", "schemes", "define", "seeds")
 
-# Settings that change what is written beside the numbers, and not the numbers.
+# Settings that change which files are written, and no number.
 _WITHOUT_EFFECT = ("write_frame", "fit.trace_every")
 _PATHS = {".".join(path) for path in SOURCE_FILE_KEYS}
 
 
-@dataclass
-class Group:
-    """Results that may share a table.
+@dataclass(frozen=True)
+class Variation:
+    """Results that share all settings except target, scheme and seed.
 
     Attributes:
-        settings: the settings they have in common, by dotted key.
-        experiments: names of the experiments they come from.
-        variants: what the results call their settings; empty for one that has no word for them.
-        titles: how each target is called.
-        samples: values by target and scheme, then by seed; a result without a value has an entry without that seed.
+        title: the experiment, and the settings in which this variation differs from others.
+        experiment: names of the experiments that the results come from.
+        variant: name that the results give to these settings; empty if they give none, or several.
+        settings: the shared settings.
+        targets: title of each target, in the order of columns.
+        schemes: in the order of rows.
+        baseline: the scheme that others are compared with.
+        samples: values by metric, target and scheme, then by seed; only where there are values.
+        name: name among the variations of a table; empty for a single one.
     """
 
-    settings: dict[str, Any]
-    experiments: list[str] = field(default_factory=list)
-    variants: set[str] = field(default_factory=set)
-    titles: dict[str, str] = field(default_factory=dict)
-    samples: dict[Cell, dict[int, float]] = field(default_factory=dict)
+    title: str
+    experiment: str
+    variant: str
+    settings: Settings
+    targets: Mapping[str, str]
+    schemes: tuple[str, ...]
+    baseline: str
+    samples: Mapping[tuple[str, str, str], BySeed]
+    name: str = ""
 
 
-def group_results(results: Sequence[Result], metric: str) -> list[Group]:
-    """Group results by their settings, in the order in which the groups first appear.
+def group_results(
+    results: Sequence[Result],
+    metrics: Sequence[str],
+    *,
+    baseline: str | None = None,
+    schemes: Sequence[str] = (),
+    targets: Sequence[str] = (),
+) -> list[Variation]:
+    """Group results by their shared settings, in the order in which these first appear.
+
+    Args:
+        results: the contents of `result.json` files.
+        metrics: names of `METRICS`.
+        baseline: the scheme that others are compared with; by default the first of each variation.
+        schemes: schemes that come first, in this order; others follow in the order of `SCHEMES`, then alphabetically.
+        targets: targets that come first, in this order; others follow, those of the paper first, then alphabetically.
 
     Raises:
         StoreError: two results of one trial disagree, or a value is not a finite number.
     """
-    groups: dict[str, Group] = {}
-    kept: dict[tuple[str, Cell, int], tuple[Result, float | None]] = {}
-    settings_of = _SharedSettings()
+    shared: dict[str, Settings] = {}
+    groups: dict[str, list[Result]] = {}
     for result in results:
-        key, settings = settings_of(result)
-        cell, seed, value = (target_key(result), result["scheme"]), result["seed"], _value(result, metric)
-        earlier, known = kept.setdefault((key, cell, seed), (result, value))
-        if known != value:
-            raise StoreError(_disagreement(metric, (earlier, known), (result, value)))
-        group = groups.setdefault(key, Group(settings))
-        group.variants.add(result.get("variant") or "")
-        if result["experiment"] not in group.experiments:
-            group.experiments.append(result["experiment"])
-        group.titles.setdefault(cell[0], result["target_title"])
-        sample = group.samples.setdefault(cell, {})
+        settings = shared_settings(result)
+        key = json.dumps(settings, sort_keys=True)
+        shared.setdefault(key, settings)
+        groups.setdefault(key, []).append(result)
+    differing = differing_keys(list(shared.values()))
+    scheme_rank, target_rank = _rank(schemes, list(SCHEMES)), _rank(targets, PAPER_TARGETS)
+    variations = []
+    for key, group in groups.items():
+        experiment = " + ".join(dict.fromkeys(result["experiment"] for result in group))
+        variants = {result.get("variant") or "" for result in group}
+        rows = sorted({result["scheme"] for result in group}, key=scheme_rank)
+        variations.append(
+            Variation(
+                title=title_of(experiment, shared[key], differing),
+                experiment=experiment,
+                variant=variants.pop() if len(variants) == 1 else "",
+                settings=shared[key],
+                targets=_titles(group, target_rank),
+                schemes=tuple(rows),
+                baseline=baseline or rows[0],
+                samples={cell: sample for metric in metrics for cell, sample in _samples(group, metric).items()},
+            )
+        )
+    return variations
+
+
+def _samples(results: Sequence[Result], metric: str) -> dict[tuple[str, str, str], dict[int, float]]:
+    samples: dict[tuple[str, str, str], dict[int, float]] = {}
+    first: dict[tuple[str, str, int], tuple[Result, float | None]] = {}
+    for result in results:
+        target, scheme, seed, value = target_key(result), result["scheme"], result["seed"], _value(result, metric)
+        earlier, expected = first.setdefault((target, scheme, seed), (result, value))
+        if value != expected:
+            values = " and ".join(f"{number} ({_origin(of)})" for of, number in ((earlier, expected), (result, value)))
+            raise StoreError(
+                f"{_trial(result)}: two results with the same settings differ in {metric}: {values}; leave one out"
+            )
         if value is not None:
-            sample[seed] = value
-    return list(groups.values())
-
-
-class _SharedSettings:
-    """The shared settings of one result after another; those of the same text, which is quick to make, only once."""
-
-    def __init__(self) -> None:
-        self._known: dict[str, tuple[str, dict[str, Any]]] = {}
-
-    def __call__(self, result: Result) -> tuple[str, dict[str, Any]]:
-        """A key that is the same for the same settings, and these."""
-        own = {key: value for key, value in result["settings"].items() if key not in _VARIED}
-        text = json.dumps([own, result["schema_version"], sorted(_source_hashes(result).items())])
-        if text not in self._known:
-            settings = shared_settings(result)
-            self._known[text] = json.dumps(settings, sort_keys=True), settings
-        return self._known[text]
-
-
-def shared_settings(result: Result) -> dict[str, Any]:
-    """Every setting of a result but target, scheme and seed, by dotted key, and what else its numbers hang on."""
-    settings = flatten({key: value for key, value in result["settings"].items() if key not in _VARIED})
-    settings = {key: value for key, value in settings.items() if key not in _WITHOUT_EFFECT}
-    settings["schema_version"] = result["schema_version"]
-    for key in sorted(settings.keys() & _PATHS):
-        # Where a file lies does not enter, as in a trial's identity; what is in it does.
-        settings[key] = settings[key] and Path(settings[key]).stem
-    return settings | _source_hashes(result)
-
-
-def _source_hashes(result: Result) -> dict[str, str]:
-    """By dotted key, the first digits of those of the files that the source is made from."""
-    found = {role: value[:12] for role, value in result.get("inputs", {}).items() if role != "target"}
-    return {"source.sha256" if role == "source" else f"source.{role}.sha256": value for role, value in found.items()}
-
-
-def target_key(result: Result) -> str:
-    """The column of a result: the target's name, or its file's, since a user's `bunny.ply` is not the named bunny."""
-    return Path(result["settings"]["targets"][0]).name
-
-
-def flatten(nested: Mapping[str, Any], above: str = "") -> dict[str, Any]:
-    """Nested mappings as one, by dotted key."""
-    found: dict[str, Any] = {}
-    for key, value in nested.items():
-        found |= flatten(value, f"{above}{key}.") if isinstance(value, Mapping) else {f"{above}{key}": value}
-    return found
+            samples.setdefault((metric, target, scheme), {})[seed] = value
+    return samples
 
 
 def _value(result: Result, metric: str) -> float | None:
@@ -124,7 +127,7 @@ def _value(result: Result, metric: str) -> float | None:
     if value is None:
         return None
     if not isinstance(value, int | float) or not math.isfinite(value):
-        raise StoreError(f"{_trial(result)}: {metric} is {value}; a finite number is needed")
+        raise StoreError(f"{_trial(result)}: {metric} is {value}, expected a finite number")
     return float(value)
 
 
@@ -132,57 +135,112 @@ def _trial(result: Result) -> str:
     return f"{result['target_title']}, {result['scheme']}, seed {result['seed']}"
 
 
-def _disagreement(metric: str, first: tuple[Result, float | None], second: tuple[Result, float | None]) -> str:
-    values = " and ".join(f"{value} ({_origin(result)})" for result, value in (first, second))
-    return f"{_trial(first[0])}: two results with the same settings differ in {metric}: {values}; leave one of them out"
-
-
 def _origin(result: Result) -> str:
-    """Where a result comes from: its folder, if the one who loaded it said so, else its experiment and identity."""
+    """Return the folder of a result, or if it is not known, its experiment and identity."""
     return str(result.get("folder") or f"{result['experiment']}, trial {result['identity'][:10]}")
 
 
-Settings = Mapping[str, Any]
+_Rank = Callable[[str], tuple[int, int, str]]
+
+
+def _rank(first: Sequence[str], known: Sequence[str]) -> _Rank:
+    """Return a sort key: names in `first`, then specs whose name is in `known`, then alphabetically."""
+
+    def rank(spec: str) -> tuple[int, int, str]:
+        name = spec.partition(":")[0]
+        place = first.index(spec) if spec in first else len(first)
+        return place, known.index(name) if name in known else len(known), spec
+
+    return rank
+
+
+def _titles(results: Sequence[Result], rank: _Rank) -> dict[str, str]:
+    """Return the title of each target; to a title that several targets share, the target is added."""
+    titles = {target_key(result): result["target_title"] for result in reversed(results)}
+    every = list(titles.values())
+    return {
+        target: f"{titles[target]} [{target}]" if every.count(titles[target]) > 1 else titles[target]
+        for target in sorted(titles, key=rank)
+    }
+
+
+def shared_settings(result: Result) -> dict[str, Any]:
+    """Return all settings of a result that affect its numbers, except target, scheme and seed, by dotted key.
+
+    The schema version and the hashes of the files that the source is made from are among them.
+    """
+    settings = flatten({key: value for key, value in result["settings"].items() if key not in _NOT_SHARED})
+    settings = {key: value for key, value in settings.items() if key not in _WITHOUT_EFFECT}
+    settings["schema_version"] = result["schema_version"]
+    for key in sorted(settings.keys() & _PATHS):
+        # As in a trial's identity, the content of a file counts, and its folder does not.
+        settings[key] = settings[key] and Path(settings[key]).stem
+    for role, sha256 in result.get("inputs", {}).items():
+        if role != "target":
+            settings["source.sha256" if role == "source" else f"source.{role}.sha256"] = sha256[:12]
+    return settings
+
+
+def target_key(result: Result) -> str:
+    """Return the target's name, or the name of its file: a user's `bunny.ply` is not the target `bunny`."""
+    return Path(result["settings"]["targets"][0]).name
+
+
+def flatten(nested: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+    """Flatten nested mappings to one, by dotted key."""
+    flat: dict[str, Any] = {}
+    for key, value in nested.items():
+        flat |= flatten(value, f"{above}{key}.") if isinstance(value, Mapping) else {f"{above}{key}": value}
+    return flat
+
+
+# Names of variations.
+
+
+def title_of(experiment: str, settings: Settings, keys: Sequence[str]) -> str:
+    """Return an experiment's name with the values of some settings: `table1 · fit.steps=100`."""
+    values = ", ".join(f"{key}={setting_text(settings.get(key))}" for key in keys)
+    return f"{experiment} · {values}" if values else experiment
 
 
 def differing_keys(settings: Sequence[Settings]) -> list[str]:
-    """The keys in which some settings differ, in the order of the settings."""
-    keys = dict.fromkeys(key for some in settings for key in some)
-    return [key for key in keys if len({json.dumps(some.get(key)) for some in settings}) > 1]
+    """Return the keys whose values are not the same in all settings, in the order of the settings."""
+    keys = dict.fromkeys(key for each in settings for key in each)
+    return [key for key in keys if len({json.dumps(each.get(key)) for each in settings}) > 1]
 
 
 def variation_names(settings: Sequence[Settings], variants: Sequence[str]) -> list[str]:
-    """What to call each of several settings: its variant, or without one what sets it apart, `edge=0.1, levels=3`.
+    """Name several settings: by their variant, or else by the values in which they differ, `edge=0.1, levels=3`.
 
-    Keys are shortened to their last part where that is clear. Variants that do not tell settings apart are not used.
+    Keys are shortened to their last part where that is unambiguous. Variants are used only if they make names unique.
 
     Args:
         settings: all different.
-        variants: for each of them, what it was called when it was run; empty if it was not.
+        variants: for each of them, the name under which it was run; empty if it had none.
     """
     keys = differing_keys(settings)
-    short = {key: key.rpartition(".")[2] for key in keys}
-    clear = {key: name if list(short.values()).count(name) == 1 else key for key, name in short.items()}
+    last = {key: key.rpartition(".")[2] for key in keys}
+    short = {key: name if list(last.values()).count(name) == 1 else key for key, name in last.items()}
     by_settings = [
-        ", ".join(f"{name}={setting_text(some[key])}" for key, name in clear.items() if key in some)
-        for some in settings
+        ", ".join(f"{name}={setting_text(each[key])}" for key, name in short.items() if key in each)
+        for each in settings
     ]
-    named = [variant or name for variant, name in zip(variants, by_settings, strict=True)]
-    return named if len(set(named)) == len(named) else by_settings
+    names = [variant or name for variant, name in zip(variants, by_settings, strict=True)]
+    return names if len(set(names)) == len(names) else by_settings
 
 
 def natural_order(settings: Sequence[Settings]) -> list[int]:
-    """The places of some settings, ordered by the values in which they differ: numbers by size, texts naturally."""
+    """Order settings by the values in which they differ, numbers by size and texts naturally; return their indices."""
     keys = differing_keys(settings)
-    return sorted(range(len(settings)), key=lambda place: [_rank(settings[place].get(key)) for key in keys])
+    return sorted(range(len(settings)), key=lambda place: [_natural(settings[place].get(key)) for key in keys])
 
 
 def setting_text(value: object) -> str:
-    """A setting's value as titles have it."""
+    """Return the value of a setting as text."""
     return value if isinstance(value, str) else json.dumps(value)
 
 
-def _rank(value: object) -> tuple[int, float, list[tuple[int, float, str]]]:
+def _natural(value: object) -> tuple[int, float, list[tuple[int, float, str]]]:
     if value is None:
         return 0, 0.0, []
     if isinstance(value, int | float):
@@ -191,80 +249,85 @@ def _rank(value: object) -> tuple[int, float, list[tuple[int, float, str]]]:
     return 2, 0.0, [(1, 0.0, part) if not part[0].isdigit() else (0, float(part), "") for part in parts]
 
 
-def distinguish_definitions(results: Sequence[Result]) -> list[Result]:
-    """Results, with what tells definitions apart added to a scheme's name: `mine [edge.end=3/8]`.
+# Schemes that users define. A result names its scheme by its spec, and has the definitions among its settings.
 
-    Only where some results have one definition under a name and others another: a definition that was changed between
-    two runs, or that is swept.
+
+def distinguish_definitions(results: Sequence[Result]) -> list[Result]:
+    """Add to the name of a scheme in which way its definition differs from others of that name: `mine [edge.end=3/8]`.
+
+    One name has several definitions where a definition was changed between two runs, or is swept. All other results
+    stay as they are.
     """
-    forms: dict[str, dict[str, Mapping[str, Any]]] = {}
+    definitions: dict[str, dict[str, Mapping[str, Any]]] = {}
     for result in results:
-        own = _definitions(result)
-        forms.setdefault(_name(result), {})[_text(own)] = own
-    added = {name: _differences(name, list(some.values())) for name, some in forms.items() if len(some) > 1}
-    return [_renamed(result, added.get(_name(result), {})) for result in results]
+        definition = _definitions(result)
+        definitions.setdefault(_scheme_name(result), {})[_key(definition)] = definition
+    suffixes = {name: _suffixes(name, by_key) for name, by_key in definitions.items() if len(by_key) > 1}
+    return [
+        {**result, "scheme": _spec(result) + suffixes[name][_key(_definitions(result))]}
+        if (name := _scheme_name(result)) in suffixes
+        else result
+        for result in results
+    ]
 
 
 def resolve_scheme(results: Sequence[Mapping[str, Any]], text: str) -> str:
-    """A scheme as results have it: their own word for it, or the canonical form of a spec of theirs or of the table.
+    """Return the name under which results have a scheme: their own, or the canonical form of a spec.
 
     Raises:
-        SchemeError: it is no scheme.
-        ConfigError: it is one that a result defines in a way that is not understood.
+        SchemeError: the text is no scheme.
+        ConfigError: a result has an invalid definition of it.
     """
     text = scheme_name_for(text)
     if any(result["scheme"] == text for result in results):
         return text
     if spec_of(text).name in SCHEMES:
         return canonical(text)
-    define = {name: one for result in results for name, one in _definitions(result).items()}
+    define = {name: definition for result in results for name, definition in _definitions(result).items()}
     return canonical(text, registry_with(build(UserSchemes, {"define": define}).define))
 
 
 def describe_definitions(results: Sequence[Mapping[str, Any]]) -> dict[str, str]:
-    """What the user's own schemes among some results are, in a line for each of them as results call it."""
-    found: dict[str, str] = {}
+    """Return the definition of each scheme among the results that users define, in one line each, by scheme."""
+    lines: dict[str, str] = {}
     for result in results:
-        if result["scheme"] not in found and (own := _definitions(result)):
-            entries = {key: one for key, one in _in_order(_name(result), own).items() if one is not None}
-            found[result["scheme"]] = "; ".join(f"{key}: {_in_words(one)}" for key, one in entries.items())
-    return found
+        if result["scheme"] not in lines and (definitions := _definitions(result)):
+            entries = _entries(_scheme_name(result), definitions)
+            lines[result["scheme"]] = "; ".join(
+                f"{key}: {_entry_text(value)}" for key, value in entries.items() if value is not None
+            )
+    return lines
 
 
-def _in_words(value: object) -> str:
+def _entry_text(value: object) -> str:
     return f"[{', '.join(map(setting_text, value))}]" if isinstance(value, list) else setting_text(value)
 
 
-def _name(result: Mapping[str, Any]) -> str:
-    """Of its scheme, whatever it has been called since."""
+def _scheme_name(result: Mapping[str, Any]) -> str:
     return _spec(result).partition(":")[0]
 
 
 def _spec(result: Mapping[str, Any]) -> str:
+    """Return the scheme as the settings have it, even where the result was renamed."""
     return str(result["settings"].get("schemes", [result["scheme"]])[0])
 
 
 def _definitions(result: Mapping[str, Any]) -> Mapping[str, Any]:
-    found = result["settings"].get("define", {})
-    return found if isinstance(found, Mapping) else {}
+    define = result["settings"].get("define", {})
+    return define if isinstance(define, Mapping) else {}
 
 
-def _text(own: Mapping[str, Any]) -> str:
-    return json.dumps(own, sort_keys=True)
+def _key(definitions: Mapping[str, Any]) -> str:
+    return json.dumps(definitions, sort_keys=True)
 
 
-def _differences(name: str, forms: Sequence[Mapping[str, Any]]) -> dict[str, str]:
-    """What is added to the name of a scheme, by the text of its definitions."""
-    names = variation_names([_in_order(name, own) for own in forms], [""] * len(forms))
-    return {_text(own): f" [{told}]" if told else "" for own, told in zip(forms, names, strict=True)}
+def _suffixes(name: str, by_key: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
+    """Return what to add to a scheme's name, by the key of its definitions."""
+    names = variation_names([_entries(name, definitions) for definitions in by_key.values()], [""] * len(by_key))
+    return {key: f" [{differences}]" if differences else "" for key, differences in zip(by_key, names, strict=True)}
 
 
-def _in_order(name: str, own: Mapping[str, Any]) -> dict[str, Any]:
-    """A scheme's own entries by dotted key, and those of its base, with the base's name before them."""
-    return flatten(own.get(name, {})) | flatten({key: one for key, one in own.items() if key != name})
-
-
-def _renamed(result: Result, added: Mapping[str, str]) -> Result:
-    if not added:
-        return result
-    return {**result, "scheme": _spec(result) + added[_text(_definitions(result))]}
+def _entries(name: str, definitions: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the entries of a scheme's definition, then those of its base below the base's name, by dotted key."""
+    base = {key: definition for key, definition in definitions.items() if key != name}
+    return flatten(definitions.get(name, {})) | flatten(base)

@@ -1,6 +1,6 @@
-"""A sheet laid out in cells of text, the same for every format that people read."""
+"""The layout of a table as text: columns of cells, and blocks of columns that fit a width."""
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from itertools import groupby
 from textwrap import wrap
@@ -9,221 +9,203 @@ from meshfit.measuring.metrics import METRICS
 from meshfit.report.tables.comparisons import Row
 from meshfit.report.tables.numbers import format_mean
 from meshfit.report.tables.paper_numbers import value_beside
-from meshfit.report.tables.sheet import Sheet
+from meshfit.report.tables.table import Table
 
 MISSING = "–"
-
-
-@dataclass(frozen=True)
-class Column:
-    """A column: our figures of a metric on a target, or the paper's.
-
-    Attributes:
-        metric: dotted name of the metric.
-        target: the target.
-        heading: what stands above it: the target, and the metric where the sheet has several.
-        below: what stands above it where the target's title stands above all its columns.
-        paper: whether the figures are the paper's.
-    """
-
-    metric: str
-    target: str
-    heading: str
-    below: str
-    paper: bool = False
-
-
-@dataclass(frozen=True)
-class TextCell:
-    """The text of one place in the table.
-
-    Attributes:
-        text: mean and median, or what there is in their place.
-        interval: the interval of the mean; empty where there is none.
-        best: whether it is the best of its column.
-        alike: whether it does not differ significantly from what it is compared with.
-    """
-
-    text: str
-    interval: str = ""
-    best: bool = False
-    alike: bool = False
-
-
-def columns(sheet: Sheet) -> list[Column]:
-    """The columns: each metric on each target, and the paper's numbers beside it where the paper has some."""
-    found = []
-    several = len(sheet.metrics) > 1
-    for target, title in sheet.targets.items():
-        for metric in sheet.metrics:
-            name = METRICS[metric].title
-            found.append(Column(metric, target, f"{title}: {name}" if several else title, name))
-            if any(shown_paper_value(sheet, metric, target, row.scheme) is not None for row in sheet.rows):
-                found.append(Column(metric, target, f"paper's {target}", "paper's", paper=True))
-    return found
-
-
-def entries(sheet: Sheet, column: Column) -> list[TextCell]:
-    """What stands in a column, row by row."""
-    if column.paper:
-        values = [shown_paper_value(sheet, column.metric, column.target, row.scheme) for row in sheet.rows]
-        return [TextCell("" if value is None else f"{value}") for value in values]
-    place = (column.metric, column.target)
-    alike = {
-        contrast.row
-        for contrast in sheet.contrasts
-        if (contrast.metric, contrast.target) == place and contrast.paired.significant is False
-    }
-    return [_entry(sheet, column, row, alike=row in alike) for row in sheet.rows]
-
-
-def row_names(sheet: Sheet) -> tuple[str, ...]:
-    """What it takes to name a row: its scheme, its variation, or both where the sheet has several of both."""
-    if len(sheet.variations) == 1:
-        return ("scheme",)
-    return ("variation",) if len(sheet.schemes) == 1 else ("variation", "scheme")
-
-
-def row_labels(sheet: Sheet, row: Row) -> tuple[str, ...]:
-    """The name of a row, in as many parts as `row_names` has."""
-    parts = {"variation": sheet.variations[row.variation], "scheme": row.scheme}
-    return tuple(parts[name] for name in row_names(sheet))
-
-
-def row_groups(sheet: Sheet) -> list[tuple[str, list[tuple[int, str]]]]:
-    """Places and labels of rows, below the variation that they share; below no heading where one label names them."""
-    labels = [(place, row_labels(sheet, row)) for place, row in enumerate(sheet.rows)]
-    found: dict[str, list[tuple[int, str]]] = {}
-    for place, (*above, label) in labels:
-        found.setdefault("".join(above), []).append((place, label))
-    return list(found.items())
-
-
-def shown_paper_value(sheet: Sheet, metric: str, target: str, scheme: str) -> float | None:
-    """The paper's number that stands beside a cell; none where settings vary, since it would stand beside each."""
-    return value_beside(metric, target, scheme) if len(sheet.variations) == 1 else None
-
-
-def _entry(sheet: Sheet, column: Column, row: Row, *, alike: bool) -> TextCell:
-    summary = sheet.summary(column.metric, column.target, row)
-    if summary is None:
-        return TextCell(MISSING)
-    text, interval = format_mean(summary, whole=METRICS[column.metric].format in ("d", ""))
-    return TextCell(text, interval, best=sheet.best.get((column.metric, column.target)) == row, alike=alike)
-
-
 GAP = 2
 """Blanks between two columns."""
 _LEAST_FOR_LABELS = 20
 
 
 @dataclass(frozen=True)
+class TextCell:
+    """The text of a cell.
+
+    Attributes:
+        text: mean and median.
+        interval: confidence interval of the mean; empty if there is none.
+        best: whether the row is the best of its column.
+        not_significant: whether a comparison of the row in this column is not significant.
+    """
+
+    text: str
+    interval: str = ""
+    best: bool = False
+    not_significant: bool = False
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of text: our values of a metric on a target, or those of the paper.
+
+    Attributes:
+        metric: dotted name of the metric.
+        target: the target.
+        heading: full heading.
+        group: heading shared with neighbouring columns: the target's title if there are several metrics, else empty.
+        subheading: heading below that of the group.
+        paper: whether the values are those of the paper.
+        cells: from top to bottom.
+    """
+
+    metric: str
+    target: str
+    heading: str
+    group: str
+    subheading: str
+    paper: bool
+    cells: tuple[TextCell, ...]
+
+    def cell_width(self, mark: int) -> int:
+        """Return the width of the cells, in which a mark takes so many characters."""
+        marked = any(cell.best or cell.not_significant for cell in self.cells)
+        return max(len(line) for cell in self.cells for line in (cell.text, cell.interval)) + mark * marked
+
+    def heading_lines(self, mark: int) -> list[str]:
+        """Wrap the heading to the width of the cells, or of its longest word, if that is longer."""
+        parts = list(filter(None, (self.group, self.subheading)))
+        width = max(self.cell_width(mark), *(len(word) for part in parts for word in part.split()))
+        return [line for part in parts for line in wrap(part, width, break_on_hyphens=False)]
+
+    def width(self, mark: int) -> int:
+        """Return the width of the column."""
+        return max(self.cell_width(mark), *map(len, self.heading_lines(mark)))
+
+
+def columns_of(table: Table) -> list[Column]:
+    """Lay out each metric on each target, followed by the paper's numbers where there are any."""
+    several = len(table.metrics) > 1
+    # With several variations, each of the paper's numbers would be repeated.
+    with_paper = len(table.variations) == 1
+    not_significant = {
+        (comparison.metric, comparison.target, comparison.row)
+        for comparison in table.comparisons
+        if comparison.difference.significant is False
+    }
+    columns = []
+    for target, title in table.targets.items():
+        group = title if several else ""
+        for metric in table.metrics:
+            name = METRICS[metric].title
+            heading, subheading = (f"{title}: {name}", name) if several else (title, title)
+            cells = tuple(_cell(table, metric, target, row, not_significant) for row in table.rows)
+            columns.append(Column(metric, target, heading, group, subheading, paper=False, cells=cells))
+            paper = [value_beside(metric, target, row.scheme) if with_paper else None for row in table.rows]
+            if any(value is not None for value in paper):
+                cells = tuple(TextCell("" if value is None else f"{value}") for value in paper)
+                heading = f"paper's {target}"
+                subheading = "paper's" if several else heading
+                columns.append(Column(metric, target, heading, group, subheading, paper=True, cells=cells))
+    return columns
+
+
+def _cell(table: Table, metric: str, target: str, row: Row, not_significant: Container[object]) -> TextCell:
+    place = metric, target, row
+    if place not in table.cells:
+        return TextCell(MISSING)
+    text, interval = format_mean(table.cells[place], whole=METRICS[metric].whole)
+    best = table.best.get((metric, target)) == row
+    return TextCell(text, interval, best=best, not_significant=place in not_significant)
+
+
+def row_names(table: Table) -> tuple[str, ...]:
+    """Return what names a row: its scheme, its variation, or both where the table has several of both."""
+    if len(table.variations) == 1:
+        return ("scheme",)
+    return ("variation",) if len(table.schemes) == 1 else ("variation", "scheme")
+
+
+def row_labels(table: Table, row: Row) -> tuple[str, ...]:
+    """Return the name of a row, in as many parts as `row_names` has."""
+    parts = {"variation": table.variations[row.variation].name, "scheme": row.scheme}
+    return tuple(parts[name] for name in row_names(table))
+
+
+def row_groups(table: Table) -> list[tuple[str, list[tuple[int, str]]]]:
+    """Group rows by their variation: its name, and the index and label of each row.
+
+    The name is empty where one label is enough for a row.
+    """
+    groups: dict[str, list[tuple[int, str]]] = {}
+    for index, row in enumerate(table.rows):
+        *above, label = row_labels(table, row)
+        groups.setdefault("".join(above), []).append((index, label))
+    return list(groups.items())
+
+
+@dataclass(frozen=True)
 class Label:
-    """The first of a row: the scheme or variation that it is of, or the variation that rows below it are of.
+    """The label of a row, or the name of the variation of the rows below.
 
     Attributes:
         lines: its text.
-        place: of the row among the entries of a column; None for a heading of rows.
+        row: index of the row; None for the name of a variation.
     """
 
     lines: tuple[str, ...]
-    place: int | None
-
-
-@dataclass(frozen=True)
-class Labels:
-    """The first column."""
-
-    heading: str
-    labels: tuple[Label, ...]
-    width: int
-
-
-@dataclass(frozen=True)
-class Figures:
-    """Another column.
-
-    Attributes:
-        column: what it is of.
-        heading: what stands above it, in lines.
-        entries: row by row.
-        numbers: how wide its texts are.
-        width: how wide the column is, with marks and heading.
-    """
-
-    column: Column
-    heading: tuple[str, ...]
-    entries: tuple[TextCell, ...]
-    numbers: int
-    width: int
+    row: int | None
 
 
 @dataclass(frozen=True)
 class Block:
-    """Columns that fit side by side."""
+    """Columns that fit side by side, with the labels of their rows.
 
-    labels: Labels
-    figures: tuple[Figures, ...]
+    Attributes:
+        heading: heading of the labels.
+        labels: from top to bottom.
+        columns: from left to right.
+        mark: width of the mark of a cell.
+    """
+
+    heading: str
+    labels: tuple[Label, ...]
+    columns: tuple[Column, ...]
+    mark: int
+
+    @property
+    def label_width(self) -> int:
+        """Width of the labels."""
+        return max(len(self.heading), *(len(line) for label in self.labels for line in label.lines))
 
     @property
     def width(self) -> int:
-        """How wide it is."""
-        return self.labels.width + sum(GAP + figures.width for figures in self.figures)
+        """Width of the block."""
+        return self.label_width + sum(GAP + column.width(self.mark) for column in self.columns)
 
 
-def blocks(sheet: Sheet, width: int, mark: int = GAP) -> Iterator[Block]:
-    """Break a sheet into blocks.
+def blocks_of(table: Table, width: int, mark: int = GAP) -> Iterator[Block]:
+    """Break a table into blocks; the columns of a target, or at least of a metric on it, stay together.
 
     Args:
-        sheet: what to lay out.
+        table: the table to lay out.
         width: characters that fit side by side.
-        mark: those that the mark of a cell takes.
+        mark: width of the mark of a cell.
     """
-    labels = _labels(sheet, max(_LEAST_FOR_LABELS, width // 3))
-    shown: list[Figures] = []
-    for more in _kept_together(sheet, labels, width, mark):
-        if shown and Block(labels, (*shown, *more)).width > width:
-            yield Block(labels, tuple(shown))
-            shown = []
-        shown += more
-    yield Block(labels, tuple(shown))
+    heading, labels = row_names(table)[-1], tuple(_labels(table, max(_LEAST_FOR_LABELS, width // 3)))
 
+    def block(columns: list[Column]) -> Block:
+        return Block(heading, labels, tuple(columns), mark)
 
-def _kept_together(sheet: Sheet, labels: Labels, width: int, mark: int) -> Iterator[list[Figures]]:
-    """The columns of a target, if they fit side by side; else those of each metric on it."""
-    for _, group in groupby(columns(sheet), key=lambda column: column.target):
-        found = [_figures(sheet, column, mark) for column in group]
-        if Block(labels, tuple(found)).width <= width:
-            yield found
+    together: list[list[Column]] = []
+    for _, on_target in groupby(columns_of(table), key=lambda column: column.target):
+        columns = list(on_target)
+        if block(columns).width <= width:
+            together.append(columns)
         else:
-            yield from (list(same) for _, same in groupby(found, key=lambda figures: figures.column.metric))
+            together += [list(of_metric) for _, of_metric in groupby(columns, key=lambda column: column.metric)]
+    shown: list[Column] = []
+    for columns in together:
+        if shown and block(shown + columns).width > width:
+            yield block(shown)
+            shown = []
+        shown = shown + columns
+    yield block(shown)
 
 
-def _labels(sheet: Sheet, most: int) -> Labels:
-    """The first column, its labels below the variation that they belong to."""
-    found = []
-    for heading, rows in row_groups(sheet):
-        if heading:
-            found.append(Label(tuple(wrap(heading, most)), None))
-        indent = " " * GAP if heading else ""
-        found += [
-            Label(tuple(wrap(label, most, initial_indent=indent, subsequent_indent=indent)), place)
-            for place, label in rows
-        ]
-    name = row_names(sheet)[-1]
-    return Labels(name, tuple(found), max(len(name), *(len(line) for label in found for line in label.lines)))
-
-
-def _figures(sheet: Sheet, column: Column, mark: int) -> Figures:
-    found = entries(sheet, column)
-    numbers = max(len(line) for entry in found for line in (entry.text, entry.interval))
-    marked = numbers + mark * any(entry.best or entry.alike for entry in found)
-    heading = _heading(sheet, column, marked)
-    return Figures(column, tuple(heading), tuple(found), numbers, max(marked, *map(len, heading)))
-
-
-def _heading(sheet: Sheet, column: Column, width: int) -> list[str]:
-    """What stands above a column, broken where its cells end, or where a word of it does, if that is farther right."""
-    parts = [sheet.targets[column.target], column.below] if len(sheet.metrics) > 1 else [column.heading]
-    longest = max(len(word) for part in parts for word in part.split())
-    return [line for part in parts for line in wrap(part, max(width, longest), break_on_hyphens=False)]
+def _labels(table: Table, width: int) -> Iterator[Label]:
+    for name, rows in row_groups(table):
+        if name:
+            yield Label(tuple(wrap(name, width)), None)
+        indent = " " * GAP if name else ""
+        for index, label in rows:
+            yield Label(tuple(wrap(label, width, initial_indent=indent, subsequent_indent=indent)), index)

@@ -1,78 +1,83 @@
-"""What is said above and below a table: what its numbers are, and what to bear in mind."""
+"""The sentences of a table: its head, its comparisons, and notes on how to read its numbers."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
 from typing import Any
 
 from meshfit.measuring.metrics import METRICS
-from meshfit.report.tables.layout import columns, row_names
+from meshfit.report.tables.comparisons import Comparison
+from meshfit.report.tables.layout import columns_of, row_names
+from meshfit.report.tables.numbers import format_difference
 from meshfit.report.tables.paper_numbers import LIKELIER, OTHER, PAPER_METRIC, paper_value
-from meshfit.report.tables.sheet import VARIED, Sheet
+from meshfit.report.tables.table import VARIED, Table
+from meshfit.statistics import MOST_SEEDS, PairedDifference
+from meshfit.units import count_text
 
 FRAMES = {
-    "tutorial": "the target's tutorial frame (mean of verts 0, largest |coordinate| 1)",
-    "box": "the box frame (centre of the target's bounding box at 0, its diagonal 1)",
+    "tutorial": "the target's tutorial frame (vertex mean 0, largest |coordinate| 1)",
+    "box": "the box frame (centre of the target's bounding box 0, its diagonal 1)",
     "none": "the unit of the target's file",
 }
+"""The frame that lengths are stated in, by the setting `normalise`."""
 _STAND_IN = "stand-in"
 
 
-def best_note(sheet: Sheet) -> str:
-    """What follows the mark of the best, whichever mark a format has for it; nothing where none is marked."""
-    other = "scheme" if len(sheet.variations) == 1 else "row"
-    return f"best of its column, and significantly so against each other {other}" if sheet.best else ""
+# The head of a table.
 
 
-def not_significant_note(sheet: Sheet) -> str:
-    """What follows the mark of cells that do not differ significantly; nothing where none is marked."""
-    alike = [one for one in sheet.contrasts if one.paired.significant is False and one.target is not None]
-    if not alike:
-        return ""
-    against = {one.against for one in alike}
-    rival = alike[0].against.scheme if len(against) == 1 and len(sheet.variations) == 1 else "what it is compared with"
-    return f"not significantly different from {rival}"
+def metric_line(table: Table) -> str:
+    """Name the metrics and the better direction: `Hausdorff distance (smaller is better); Components`."""
+    direction = {True: " (smaller is better)", False: " (larger is better)", None: ""}
+    metrics = [METRICS[name] for name in table.metrics]
+    return "; ".join(f"{_capitalised(metric.title)}{direction[metric.smaller_is_better]}" for metric in metrics)
 
 
-def metric_line(sheet: Sheet) -> str:
-    """The metrics, and which way is better: `Hausdorff distance (smaller is better); F-score (larger is better)`."""
-    words = {True: " (smaller is better)", False: " (larger is better)", None: ""}
-    found = [METRICS[name] for name in sheet.metrics]
-    return "; ".join(f"{_capital(metric.title)}{words[metric.smaller_is_better]}" for metric in found)
-
-
-def cell_line(sheet: Sheet) -> str:
-    """What a cell is."""
-    seeds = sheet.seeds
+def cell_line(table: Table) -> str:
+    """Explain the numbers of a cell."""
+    seeds = table.seeds
     if len(seeds) == 1:
         return f"Cells: one run with seed {seeds[0]}"
-    return f"Cells: mean (median) [95 % bootstrap interval of the mean] over {len(seeds)} seeds ({_listed(seeds)})"
+    return f"Cells: mean (median) [95 % confidence interval of the mean] over {len(seeds)} seeds ({_listed(seeds)})"
 
 
-def setting_lines(sheet: Sheet) -> list[str]:
-    """The frame of lengths, the fit, the measurement and the source."""
-    found = {key: "?" if value is None else value for key, value in sheet.settings.items()}
+def setting_lines(table: Table) -> list[str]:
+    """State the frame of lengths, the fit, the measurement and the source."""
+    settings = table.settings
 
     def get(key: str) -> str:
-        return str(found.get(key, "?"))
+        value = settings.get(key)
+        return "?" if value is None else str(value)
 
-    wanted = sheet.settings.get("source.wanted_verts")
-    size = _count(get("source.levels"), "level") if wanted is None else f"refined to about {wanted} verts"
-    source = [get("source.mesh"), size]
-    if sheet.settings.get("source.decimate"):
-        source.insert(1, f"decimated to {get('source.decimate')} faces")
-    if sheet.settings.get("source.project", "none") != "none":
-        project = get("source.project")
-        source.append(f"projection {VARIED}" if project == VARIED else f"projected to the {project}")
-    source += _tags(sheet.settings)
-    scheme = f"; scheme {sheet.schemes[0]}" if row_names(sheet) == ("variation",) else ""
+    scheme = f"; scheme {table.schemes[0]}" if row_names(table) == ("variation",) else ""
     return [
         f"Lengths in {FRAMES.get(get('normalise'), get('normalise'))}",
         f"Fit: {_fit(get)}; measured on {get('measure.samples')} samples",
-        f"Source: {', '.join(source)}{scheme}",
+        f"Source: {', '.join(_source(settings, get))}{scheme}",
     ]
 
 
-def _tags(settings: Mapping[str, Any]) -> Iterator[str]:
-    """The creases of a source, and the alphas of its verts, where it has such."""
+def _fit(get: Callable[[str], str]) -> str:
+    if get("fit.method") == VARIED:
+        return "by several methods"
+    if get("fit.method") == "gauss-newton":
+        return f"gauss-newton, {count_text(get('fit.levels'), 'level')}, connectivity {get('fit.connectivity')}"
+    return f"{count_text(get('fit.steps'), 'step')} of {get('fit.optimizer.name')}, {get('fit.samples')} samples a step"
+
+
+def _source(settings: Mapping[str, Any], get: Callable[[str], str]) -> Iterator[str]:
+    yield get("source.mesh")
+    if settings.get("source.decimate"):
+        yield f"decimated to {get('source.decimate')} faces"
+    vertices = settings.get("source.wanted_verts")
+    yield count_text(get("source.levels"), "level") if vertices is None else f"refined to about {vertices} vertices"
+    project = settings.get("source.project", "none")
+    if project != "none":
+        yield f"projection {VARIED}" if project == VARIED else f"projected to the {project}"
+    yield from _creases_and_alphas(settings)
+
+
+def _creases_and_alphas(settings: Mapping[str, Any]) -> Iterator[str]:
     angle, file, sharpness = (settings.get(f"source.creases.{key}") for key in ("angle", "file", "sharpness"))
     if angle is not None or file is not None:
         varied = VARIED in (angle, file)
@@ -83,89 +88,198 @@ def _tags(settings: Mapping[str, Any]) -> Iterator[str]:
         yield f"alpha {VARIED}" if alpha == VARIED else f"alpha of each vertex from {alpha}"
 
 
-def _fit(get: Callable[[str], str]) -> str:
-    if get("fit.method") == VARIED:
-        return "by several methods"
-    if get("fit.method") == "gauss-newton":
-        return f"gauss-newton, {_count(get('fit.levels'), 'level')}, connectivity {get('fit.connectivity')}"
-    return f"{_count(get('fit.steps'), 'step')} of {get('fit.optimizer.name')}, {get('fit.samples')} samples a step"
+# Comparisons.
 
 
-def notes(sheet: Sheet) -> list[str]:
-    """What a reader has to know to read the numbers rightly."""
-    found = [few_seeds(sheet), *_differences(sheet), *_stand_ins(sheet), _paper(sheet)]
-    return [note for note in found if note]
+@dataclass(frozen=True)
+class Section:
+    """Comparisons with the same row, or the same kind of row.
+
+    Attributes:
+        title: states what is compared, and with what.
+        places: labelled comparisons by place: each target, and all targets together.
+    """
+
+    title: str
+    places: dict[str, list[tuple[str, Comparison]]]
 
 
-def few_seeds(sheet: Sheet) -> str:
-    """Which cells have fewer seeds than others; nothing where none has."""
-    short = [
-        f"{row.scheme}{' at ' if sheet.variations[row.variation] else ''}{sheet.variations[row.variation]} on {title}: "
-        f"{_count(str(len(sample)), 'seed')} ({_listed(sorted(sample))})"
-        for row in sheet.rows
-        for target, title in sheet.targets.items()
-        for sample in [sheet.sample(metric, target, row) for metric in sheet.metrics]
-        if sample and len(sample) < len(sheet.seeds)
-    ]
-    return f"Fewer seeds: {'; '.join(dict.fromkeys(short))}" if short else ""
+def comparison_lines(table: Table) -> list[str]:
+    """Return one line for each comparison, or a single line if none has an interval."""
+    if without_intervals(table):
+        return ["Differences: one seed only, so no intervals; run several seeds to compare"]
+    lines = []
+    for comparison in table.comparisons:
+        difference = comparison.difference
+        metric = f"{METRICS[comparison.metric].title}: " if len(table.metrics) > 1 else ""
+        place = _place(table, comparison) if comparison.target is None else f"on {_place(table, comparison)}"
+        better, seeds = improvement_text(difference), seeds_text(difference).replace("> ", "more than ")
+        parts = [format_difference(difference), verdict(table, difference)]
+        parts += [f"P(better) {better}"] * bool(better) + [f"{seeds} seeds needed"] * bool(seeds)
+        lines.append(f"{metric}{_rivals(table, comparison)} {place}: {', '.join(parts)}")
+    return lines
 
 
-def _differences(sheet: Sheet) -> Iterator[str]:
-    found = [contrast for contrast in sheet.contrasts if contrast.paired.interval is not None]
-    if not found:
+def without_intervals(table: Table) -> bool:
+    """Whether there are several comparisons, and none has an interval."""
+    return len(table.comparisons) > 1 and not any(comparison.difference.interval for comparison in table.comparisons)
+
+
+def sections_of(table: Table) -> list[Section]:
+    """Arrange the comparisons in sections: for each metric, schemes with the baseline, then variations."""
+    sections = []
+    for metric, of_metric in groupby(table.comparisons, key=lambda comparison: comparison.metric):
+        prefix = f"{_capitalised(METRICS[metric].title)}: difference" if len(table.metrics) > 1 else "Difference"
+        comparisons = list(of_metric)
+        for across in (False, True):
+            alike = [comparison for comparison in comparisons if comparison.across_variations is across]
+            if alike:
+                ending, label = _ending_and_labels(table, alike)
+                places: dict[str, list[tuple[str, Comparison]]] = {}
+                for comparison in alike:
+                    places.setdefault(_place(table, comparison), []).append((label(comparison), comparison))
+                sections.append(Section(prefix + ending, places))
+    return sections
+
+
+def verdict(table: Table, difference: PairedDifference) -> str:
+    """Return whether a difference is significant, and for how many seeds if not all."""
+    if difference.significant is None:
+        return "one seed: no interval"
+    text = "significant" if difference.significant else "not significant"
+    return f"{text} ({difference.count} seeds)" if difference.count < len(table.seeds) else text
+
+
+def improvement_text(difference: PairedDifference) -> str:
+    """Return the probability of improvement, `0.92`; empty for single runs, or if neither direction is better."""
+    return "" if difference.improvement is None or difference.interval is None else f"{difference.improvement:.2f}"
+
+
+def seeds_text(difference: PairedDifference) -> str:
+    """Return the number of seeds needed, `3` or `> 10,000`; empty without an interval or a difference."""
+    if difference.interval is None or difference.mean == 0:
+        return ""
+    return f"> {MOST_SEEDS:,}" if difference.seeds_needed is None else f"{difference.seeds_needed:,}"
+
+
+def _rivals(table: Table, comparison: Comparison) -> str:
+    """Name both rows: `interp-loop vs loop`, `edge=0.2 vs edge=0.1 with loop`."""
+    first, second = comparison.row, comparison.against
+    names = [table.variations[row.variation].name for row in (first, second)]
+    if comparison.across_variations:
+        scheme = "" if row_names(table) == ("variation",) else f" with {first.scheme}"
+        return f"{names[0]} vs {names[1]}{scheme}"
+    return f"{first.scheme} vs {second.scheme}" + (f" at {names[0]}" if names[0] else "")
+
+
+def _place(table: Table, comparison: Comparison) -> str:
+    """Return a target's title, `over 5 targets`, or `over 4 of 5 targets`."""
+    if comparison.target is not None:
+        return table.targets[comparison.target]
+    every, compared = len(table.targets), comparison.difference.targets
+    return f"over {every} targets" if compared == every else f"over {compared} of {every} targets"
+
+
+def _ending_and_labels(table: Table, comparisons: Sequence[Comparison]) -> tuple[str, Callable[[Comparison], str]]:
+    """Return the end of a section's title, and a function that labels each comparison by the rest."""
+    first = comparisons[0]
+    if first.across_variations:
+        scheme = f" of {first.row.scheme}" if len(table.schemes) > 1 else ""
+        return f"{scheme} from {table.variations[first.against.variation].name}", lambda each: _variation(table, each)
+    if len({each.against.scheme for each in comparisons}) > 1:
+        return " from the baseline", lambda each: _rivals(table, each)
+    if len(table.variations) == 1:
+        return f" from {first.against.scheme}", lambda each: each.row.scheme
+    ending = f" from {first.against.scheme} at the same settings"
+    if len({each.row.scheme for each in comparisons}) == 1:
+        return f" of {first.row.scheme}{ending}", lambda each: _variation(table, each)
+    return ending, lambda each: f"{_variation(table, each)} · {each.row.scheme}"
+
+
+def _variation(table: Table, comparison: Comparison) -> str:
+    return table.variations[comparison.row.variation].name
+
+
+# Notes below a table.
+
+
+def best_note(table: Table) -> str:
+    """Explain the mark of the best cell, whatever it is in a format; empty if no cell has it."""
+    other = "scheme" if len(table.variations) == 1 else "row"
+    return f"best of its column, significantly better than every other {other}" if table.best else ""
+
+
+def not_significant_note(table: Table) -> str:
+    """Explain the mark of cells without a significant difference; empty if no cell has it."""
+    against = {
+        comparison.against
+        for comparison in table.comparisons
+        if comparison.difference.significant is False and comparison.target is not None
+    }
+    if not against:
+        return ""
+    single = len(against) == 1 and len(table.variations) == 1
+    return f"not significantly different from {against.pop().scheme if single else 'the row it is compared with'}"
+
+
+def notes(table: Table) -> list[str]:
+    """Return what a reader has to know to interpret the numbers."""
+    return [*_few_seeds(table), *_about_comparisons(table), *_stand_ins(table), *_about_paper(table)]
+
+
+def _few_seeds(table: Table) -> Iterator[str]:
+    few: dict[str, None] = {}
+    for row in table.rows:
+        variation = table.variations[row.variation].name
+        for target, title in table.targets.items():
+            for metric in table.metrics:
+                seeds = sorted(table.samples.get((metric, target, row), {}))
+                if seeds and len(seeds) < len(table.seeds):
+                    name = f"{row.scheme} at {variation}" if variation else row.scheme
+                    few[f"{name} on {title}: {count_text(len(seeds), 'seed')} ({_listed(seeds)})"] = None
+    if few:
+        yield f"Fewer seeds: {'; '.join(few)}"
+
+
+def _about_comparisons(table: Table) -> Iterator[str]:
+    comparisons = [comparison for comparison in table.comparisons if comparison.difference.interval is not None]
+    if not comparisons:
         return
     yield (
-        "Differences are paired by seed, with 95 % bootstrap intervals; one whose interval holds 0 is not significant. "
-        "Each is taken by itself: of twenty pairs of equal schemes, one is expected to seem different"
+        "Differences are paired by seed. Significant: the 95 % confidence interval excludes 0, as it does by chance "
+        "for 1 in 20 pairs of equal schemes"
     )
-    if any(contrast.target is None for contrast in found):
-        yield (
-            "Over targets: the mean of the differences on each, which count alike; its interval is for other seeds on "
-            "the same targets, and not for other targets"
+    if any(comparison.target is None for comparison in comparisons):
+        yield "Over targets: mean of the differences on each; its interval is for other seeds, not for other targets"
+    if any(comparison.difference.improvement is not None for comparison in comparisons):
+        yield "P(better): share of pairs of runs in which the first is better; ties count half"
+    yield "Seeds needed: on each target, for significance in 4 of 5 experiments"
+
+
+def _stand_ins(table: Table) -> Iterator[str]:
+    for title in table.targets.values():
+        if _STAND_IN in title:
+            yield f"{title}: replaces the paper's model, which is not public; not comparable with the paper's numbers"
+
+
+def _about_paper(table: Table) -> Iterator[str]:
+    if PAPER_METRIC not in table.metrics:
+        return
+    likelier, other = (
+        "; ".join(
+            f"{target} {scheme} {value}"
+            for target in table.targets
+            for scheme in table.schemes
+            if (value := paper_value(target, scheme, reading)) is not None
         )
-    better = "P(better): share of all pairs of runs in which the one named first is better, a tie counting a half. "
-    yield (
-        f"{better if any(contrast.paired.improvement is not None for contrast in found) else ''}"
-        "Seeds needed: with so many on each target, such a difference is found significant in 4 of 5 experiments"
+        for reading in (LIKELIER, OTHER)
     )
-
-
-def _stand_ins(sheet: Sheet) -> list[str]:
-    return [
-        f"{title}: made by this project in place of the paper's model, which is not public; "
-        "its numbers cannot be compared with the paper's"
-        for title in stand_ins(sheet)
-    ]
-
-
-def stand_ins(sheet: Sheet) -> list[str]:
-    """The titles of targets that stand in for the paper's."""
-    return [title for title in sheet.targets.values() if _STAND_IN in title]
-
-
-def paper_numbers(sheet: Sheet, reading: str) -> str:
-    """The paper's numbers for what is in a sheet, in one reading of its table; nothing where it has none."""
-    if PAPER_METRIC not in sheet.metrics:
-        return ""
-    found = [
-        f"{target} {scheme} {value}"
-        for target in sheet.targets
-        for scheme in sheet.schemes
-        if (value := paper_value(target, scheme, reading)) is not None
-    ]
-    return "; ".join(found)
-
-
-def _paper(sheet: Sheet) -> str:
-    likelier, other = (paper_numbers(sheet, reading) for reading in (LIKELIER, OTHER))
-    if not likelier:
-        return ""
-    beside = any(column.paper for column in columns(sheet))
-    first = f"shown {LIKELIER}, the likelier" if beside else f"{LIKELIER}, the likelier, they are {likelier}"
-    return (
-        "The paper's numbers are those of its Table 1, one run each, its settings not all known. Its columns can be "
-        f"read in two ways: {first}; {OTHER} they are {other}"
-    )
+    if likelier:
+        shown = "shown" if any(column.paper for column in columns_of(table)) else likelier
+        yield (
+            "The paper's numbers are those of its Table 1, one run each, settings not all known. Its columns can be "
+            f"read in two ways: {LIKELIER}, the likelier: {shown}; {OTHER}: {other}"
+        )
 
 
 def _listed(seeds: Sequence[int]) -> str:
@@ -174,45 +288,5 @@ def _listed(seeds: Sequence[int]) -> str:
     return ", ".join(map(str, seeds))
 
 
-def _count(number: str, noun: str) -> str:
-    return f"{number} {noun}" if number == "1" else f"{number} {noun}s"
-
-
-def _capital(text: str) -> str:
+def _capitalised(text: str) -> str:
     return text[:1].upper() + text[1:]
-
-
-def brief_notes(sheet: Sheet) -> list[str]:
-    """What a reader has to know to read the numbers rightly, a line or two each."""
-    return [
-        note
-        for note in (few_seeds(sheet), *_differences_brief(sheet), *_stand_ins_brief(sheet), _paper_brief(sheet))
-        if note
-    ]
-
-
-def _differences_brief(sheet: Sheet) -> Iterator[str]:
-    found = [contrast for contrast in sheet.contrasts if contrast.paired.interval is not None]
-    if not found:
-        return
-    yield "significant: the interval is clear of 0; so is that of 1 in 20 equal pairs"
-    if any(contrast.target is None for contrast in found):
-        yield "over targets: the mean; its interval is for other seeds, not other targets"
-    if any(contrast.paired.improvement is not None for contrast in found):
-        yield "P(better): share of pairs of runs in which the one named is better, ties half"
-    yield "seeds needed: to find such a difference significant in 4 of 5 experiments"
-
-
-def _stand_ins_brief(sheet: Sheet) -> list[str]:
-    return [f"{title}: not the paper's model, nor comparable with its numbers" for title in stand_ins(sheet)]
-
-
-def _paper_brief(sheet: Sheet) -> str:
-    likelier, other = (paper_numbers(sheet, reading) for reading in (LIKELIER, OTHER))
-    if not likelier:
-        return ""
-    said = "shown" if any(column.paper for column in columns(sheet)) else f"they are {likelier}"
-    return (
-        "paper's: its Table 1, one run each, settings not all known; read "
-        f"{LIKELIER}, the likelier, {said}; {OTHER} {other}"
-    )

@@ -3,49 +3,52 @@
 import re
 from collections.abc import Sequence
 
-from meshfit.report.tables.differences import difference_lines
-from meshfit.report.tables.layout import TextCell, columns, entries, row_labels, row_names
-from meshfit.report.tables.notes import best_note, cell_line, metric_line, not_significant_note, notes, setting_lines
-from meshfit.report.tables.sheet import Sheet
+from meshfit.report.tables.layout import TextCell, columns_of, row_labels, row_names
+from meshfit.report.tables.notes import (
+    best_note,
+    cell_line,
+    comparison_lines,
+    metric_line,
+    not_significant_note,
+    notes,
+    setting_lines,
+)
+from meshfit.report.tables.table import Table
 
-_ALIKE = "≈"
+_NOT_SIGNIFICANT = "≈"
 _SPECIAL = re.compile(r"([\\`*_\[\]<>|~#])")
 
 
-def to_markdown(sheets: Sequence[Sheet]) -> str:
-    """A heading, the table, the differences and the notes of each."""
-    return "\n".join(_section(sheet) for sheet in sheets)
+def to_markdown(tables: Sequence[Table]) -> str:
+    """Write each table with a heading, its comparisons and its notes."""
+    return "\n".join(_section(table) for table in tables)
 
 
-def _section(sheet: Sheet) -> str:
-    shown, names = columns(sheet), row_names(sheet)
-    head = [*names, *(escape(column.heading) for column in shown)]
-    body = zip(*(entries(sheet, column) for column in shown), strict=True)
+def _section(table: Table) -> str:
+    columns, names = columns_of(table), row_names(table)
+    head = [*names, *(escape(column.heading) for column in columns)]
     rows = [
-        [*map(escape, row_labels(sheet, row)), *map(_cell, found)] for row, found in zip(sheet.rows, body, strict=True)
+        [*map(escape, row_labels(table, row)), *(_cell(column.cells[index]) for column in columns)]
+        for index, row in enumerate(table.rows)
     ]
-    marks = [("Bold", best_note(sheet)), (_ALIKE, not_significant_note(sheet))]
+    marks = [("Bold", best_note(table)), (_NOT_SIGNIFICANT, not_significant_note(table))]
     parts = [
-        f"### {escape(sheet.title)}",
-        escape(". ".join([metric_line(sheet), cell_line(sheet), *setting_lines(sheet)]) + "."),
-        "\n".join(f"| {' | '.join(row)} |" for row in (head, ["---"] * len(names) + ["---:"] * len(shown), *rows)),
-        _items(difference_lines(sheet)),
-        # Paragraphs, since two lists in a row would run into one.
+        f"### {escape(table.title)}",
+        escape(". ".join([metric_line(table), cell_line(table), *setting_lines(table)]) + "."),
+        "\n".join(f"| {' | '.join(row)} |" for row in (head, ["---"] * len(names) + ["---:"] * len(columns), *rows)),
+        "\n".join(f"- {escape(line)}" for line in comparison_lines(table)),
+        # Paragraphs, since Markdown would join them to the list above.
         *(f"{mark}: {escape(note)}" for mark, note in marks if note),
-        *(escape(note) for note in notes(sheet)),
+        *(escape(note) for note in notes(table)),
     ]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def _cell(entry: TextCell) -> str:
-    text = escape(" ".join(filter(None, (entry.text, entry.interval))))
-    return f"**{text}**" if entry.best else f"{text} {_ALIKE}" if entry.alike else text
+def _cell(cell: TextCell) -> str:
+    text = escape(" ".join(filter(None, (cell.text, cell.interval))))
+    return f"**{text}**" if cell.best else f"{text} {_NOT_SIGNIFICANT}" if cell.not_significant else text
 
 
 def escape(text: str) -> str:
-    """Text in which nothing is taken for markup."""
+    """Escape characters that Markdown would take for markup."""
     return _SPECIAL.sub(r"\\\1", text)
-
-
-def _items(lines: Sequence[str]) -> str:
-    return "\n".join(f"- {escape(line)}" for line in lines)

@@ -1,215 +1,183 @@
-"""The differences of a sheet for a terminal: a line each, below the name of the target."""
+"""Tables for a terminal: blocks of columns, then the comparisons and notes."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from io import StringIO
 
 from rich.console import Console, ConsoleOptions, RenderableType
-from rich.table import Table
+from rich.table import Table as RichTable
 from rich.text import Text
 
-from meshfit.report.tables.comparisons import Comparison
-from meshfit.report.tables.differences import (
+from meshfit.report.tables.layout import GAP, Block, Column, blocks_of
+from meshfit.report.tables.notes import (
     Section,
-    difference_lines,
+    best_note,
+    cell_line,
+    comparison_lines,
     improvement_text,
-    sections,
+    metric_line,
+    not_significant_note,
+    notes,
+    sections_of,
     seeds_text,
+    setting_lines,
     verdict,
     without_intervals,
 )
-from meshfit.report.tables.layout import GAP, Block, Figures, TextCell, blocks
-from meshfit.report.tables.notes import (
-    best_note,
-    brief_notes,
-    cell_line,
-    metric_line,
-    not_significant_note,
-    setting_lines,
-)
 from meshfit.report.tables.numbers import format_difference
-from meshfit.report.tables.sheet import Sheet
+from meshfit.report.tables.table import Table
 
-_GAP = "  "
-_HEADS = ("", "", "P(better)", "needed")
-_ABOVE_LAST = "seeds"
-_SIDES = ("<", "<", ">", ">")
+_BEST, _NOT_SIGNIFICANT = "*", "≈"
+_GAP = " " * GAP
 
 
-@dataclass(frozen=True)
-class _Line:
-    """A difference in text: difference and interval, verdict, P(better) and seeds needed."""
-
-    label: str
-    figures: tuple[str, str, str, str]
-    doubtful: bool
+def to_text(tables: Sequence[Table], width: int = 80) -> str:
+    """Write tables as plain text, without colour."""
+    file = StringIO()
+    Console(file=file, width=width, color_system=None, force_terminal=False).print(TablesView(tables))
+    return "\n".join(line.rstrip() for line in file.getvalue().splitlines()) + "\n"
 
 
 @dataclass(frozen=True)
-class _Layout:
-    """How wide what is.
-
-    Attributes:
-        heads: what stands above the figures, as far as there are some.
-        widths: of the figures.
-        indent: what is left of them; the labels, unless these are stacked.
-        stacked: whether labels have lines of their own, since lines would be too long with them.
-    """
-
-    heads: tuple[str, ...]
-    widths: tuple[int, ...]
-    indent: int
-    stacked: bool
-
-    @property
-    def width(self) -> int:
-        return self.indent + sum(len(_GAP) + width for width in self.widths)
-
-
-def differences_view(sheet: Sheet, width: int) -> Iterator[Text]:
-    """The lines to print of the differences, in so many columns; or why there are none to compare."""
-    if without_intervals(sheet):
-        yield from map(Text, [*difference_lines(sheet), ""])
-        return
-    for section in sections(sheet):
-        yield from _section(sheet, section, width)
-        yield Text()
-
-
-def _section(sheet: Sheet, section: Section, width: int) -> Iterator[Text]:
-    places = {place: [_line(sheet, *one) for one in found] for place, found in section.places.items()}
-    layout = _layout([line for lines in places.values() for line in lines], width)
-    title = f"{section.title}, paired by seed, with 95 % interval"
-    title = title if len(title) <= width else section.title
-    yield _with_heading(title, _ABOVE_LAST if layout.heads[-1] else "", layout.width)
-    heading = _GAP.join(head.rjust(one) for head, one in zip(layout.heads[2:], layout.widths[2:], strict=True)).strip()
-    for place, lines in places.items():
-        yield _with_heading(place, heading, layout.width)
-        heading = ""
-        for line in lines:
-            yield from _printed(line, layout)
-
-
-def _line(sheet: Sheet, label: str, contrast: Comparison) -> _Line:
-    paired = contrast.paired
-    figures = format_difference(paired), verdict(sheet, paired), improvement_text(paired), seeds_text(paired)
-    return _Line(_GAP + label, figures, doubtful=paired.significant is False)
-
-
-def _layout(lines: Sequence[_Line], width: int) -> _Layout:
-    columns = list(zip(*(line.figures for line in lines), strict=True))
-    heads = tuple(head if any(column) else "" for head, column in zip(_HEADS, columns, strict=True))
-    widths = tuple(max(map(len, (head, *column))) for head, column in zip(heads, columns, strict=True))
-    beside = _Layout(heads, widths, max(len(line.label) for line in lines), stacked=False)
-    return beside if beside.width <= width else _Layout(heads, widths, 2 * len(_GAP), stacked=True)
-
-
-def _printed(line: _Line, layout: _Layout) -> Iterator[Text]:
-    if layout.stacked:
-        yield Text(line.label)
-    parts = (f"{text:{side}{one}}" for text, side, one in zip(line.figures, _SIDES, layout.widths, strict=True))
-    label = "" if layout.stacked else line.label
-    yield Text(_GAP.join([label.ljust(layout.indent), *parts]).rstrip(), "magenta" if line.doubtful else "")
-
-
-def _with_heading(text: str, heading: str, width: int) -> Text:
-    """A text, with a heading of the columns at its right, or below it where it is too long for that."""
-    if not heading:
-        return Text(text)
-    room = width - len(text) - len(heading)
-    if room < len(_GAP):
-        return Text(f"{text}\n{heading.rjust(width)}")
-    return Text(f"{text}{' ' * room}{heading}")
-
-
-BEST, ALIKE = "*", "≈"
-
-Styled = tuple[str, str]
-"""Text and its style."""
-
-
-def grid_view(sheet: Sheet, width: int) -> Iterator[Text]:
-    """The lines to print, in so many columns; below each block an empty one."""
-    for block in blocks(sheet, width):
-        yield from _block(block)
-        yield Text()
-
-
-def _block(block: Block) -> Iterator[Text]:
-    widths = [block.labels.width, *(figures.width for figures in block.figures)]
-    height = max(len(figures.heading) for figures in block.figures)
-    first = [("", "")] * (height - 1) + [(block.labels.heading, "bold")]
-    yield from _lines([first, *(_heading(figures, height) for figures in block.figures)], widths)
-    yield Text("─" * block.width)
-    for label in block.labels.labels:
-        style = "bold" if label.place is None else ""
-        cells = [] if label.place is None else [_cell(figures, label.place) for figures in block.figures]
-        yield from _lines([[(line, style) for line in label.lines], *cells], widths)
-
-
-def _lines(cells: Sequence[Sequence[Styled]], widths: Sequence[int]) -> Iterator[Text]:
-    """A row: as many lines as its tallest cell has."""
-    for place in range(max(map(len, cells))):
-        line = [cell[place] if place < len(cell) else ("", "") for cell in cells]
-        padded = [(text.ljust(width), style) for (text, style), width in zip(line, widths, strict=False)]
-        text = Text(" " * GAP).join(Text(text, style) for text, style in padded)
-        text.rstrip()
-        yield text
-
-
-def _heading(figures: Figures, height: int) -> list[Styled]:
-    lines = [*[""] * (height - len(figures.heading)), *figures.heading]
-    return [(line.rjust(figures.width), "bold") for line in lines]
-
-
-def _cell(figures: Figures, place: int) -> list[Styled]:
-    entry = figures.entries[place]
-    room = figures.width - GAP * any(one.best or one.alike for one in figures.entries)
-    style, other = ("bold green", "green") if entry.best else ("italic", "") if figures.column.paper else ("", "")
-    first = (entry.text.rjust(room) + _mark(entry), style)
-    return [first, (entry.interval.rjust(room), other)] if entry.interval else [first]
-
-
-def _mark(entry: TextCell) -> str:
-    return f" {BEST}" if entry.best else f" {ALIKE}" if entry.alike else ""
-
-
-@dataclass(frozen=True)
-class SheetsView:
-    """What to hand to `Console.print`: each sheet with its heading, differences and notes.
+class TablesView:
+    """Tables for `Console.print`, each with its head, comparisons and notes.
 
     A table that is wider than the console is broken into blocks of as many columns as fit side by side.
     """
 
-    sheets: Sequence[Sheet]
+    tables: Sequence[Table]
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
-        """The parts in the order of their printing."""
-        for place, sheet in enumerate(self.sheets):
+        """Yield the parts in the order in which they are printed."""
+        for place, table in enumerate(self.tables):
             if place:
                 yield Text()
-            yield Text(sheet.title, "bold")
-            yield Text(metric_line(sheet))
-            yield Text(cell_line(sheet))
-            yield from map(Text, setting_lines(sheet))
-            yield Text()
-            yield from grid_view(sheet, options.max_width)
-            yield from differences_view(sheet, options.max_width)
-            yield _notes(sheet)
+            yield Text(table.title, "bold")
+            yield from map(Text, [metric_line(table), cell_line(table), *setting_lines(table), ""])
+            for block in blocks_of(table, options.max_width):
+                yield from _block(block)
+                yield Text()
+            if without_intervals(table):
+                yield from map(Text, [*comparison_lines(table), ""])
+            else:
+                for section in sections_of(table):
+                    yield from _section(table, section, options.max_width)
+                    yield Text()
+            yield _notes(table)
 
 
-def to_text(sheets: Sequence[Sheet], width: int = 80) -> str:
-    """The sheets as plain text, without colour."""
-    file = StringIO()
-    Console(file=file, width=width, color_system=None, force_terminal=False).print(SheetsView(sheets))
-    return "\n".join(line.rstrip() for line in file.getvalue().splitlines()) + "\n"
+# Blocks of columns.
+
+_Styled = tuple[str, str]
+"""Text and its style."""
 
 
-def _notes(sheet: Sheet) -> Table:
-    grid = Table.grid(padding=(0, 1, 0, 0))
-    for mark, note in ((BEST, best_note(sheet)), (ALIKE, not_significant_note(sheet))):
+def _block(block: Block) -> Iterator[Text]:
+    headings = [column.heading_lines(block.mark) for column in block.columns]
+    widths = [block.label_width, *(column.width(block.mark) for column in block.columns)]
+    height = max(map(len, headings))
+    cells = [[("", "")] * (height - 1) + [(block.heading, "bold")]]
+    for lines, width in zip(headings, widths[1:], strict=True):
+        cells.append([(line.rjust(width), "bold") for line in [*[""] * (height - len(lines)), *lines]])
+    yield from _lines(cells, widths)
+    yield Text("─" * block.width)
+    for label in block.labels:
+        row = label.row
+        first = [(line, "bold" if row is None else "") for line in label.lines]
+        others = [] if row is None else [_cell(column, row, block.mark) for column in block.columns]
+        yield from _lines([first, *others], widths)
+
+
+def _lines(cells: Sequence[Sequence[_Styled]], widths: Sequence[int]) -> Iterator[Text]:
+    """Yield the lines of a row, as many as its tallest cell has."""
+    for place in range(max(map(len, cells))):
+        line = [cell[place] if place < len(cell) else ("", "") for cell in cells]
+        padded = [Text(text.ljust(width), style) for (text, style), width in zip(line, widths, strict=False)]
+        text = Text(_GAP).join(padded)
+        text.rstrip()
+        yield text
+
+
+def _cell(column: Column, row: int, mark: int) -> list[_Styled]:
+    cell = column.cells[row]
+    width = column.width(mark) - mark * any(other.best or other.not_significant for other in column.cells)
+    style, below = ("bold green", "green") if cell.best else ("italic", "") if column.paper else ("", "")
+    sign = f" {_BEST}" if cell.best else f" {_NOT_SIGNIFICANT}" if cell.not_significant else ""
+    first = (cell.text.rjust(width) + sign, style)
+    return [first, (cell.interval.rjust(width), below)] if cell.interval else [first]
+
+
+# Comparisons: one line each, below the name of the target.
+
+
+@dataclass(frozen=True)
+class _Line:
+    """A comparison in text: its label; difference with interval, verdict, P(better) and seeds needed."""
+
+    label: str
+    texts: tuple[str, str, str, str]
+    significant: bool | None
+
+
+_HEADINGS = ("", "", "P(better)", "needed")
+_ABOVE_LAST = "seeds"
+_ALIGNMENT = ("<", "<", ">", ">")
+
+
+def _section(table: Table, section: Section, available: int) -> Iterator[Text]:
+    places = {
+        place: [
+            _Line(
+                _GAP + label,
+                (
+                    format_difference(comparison.difference),
+                    verdict(table, comparison.difference),
+                    improvement_text(comparison.difference),
+                    seeds_text(comparison.difference),
+                ),
+                comparison.difference.significant,
+            )
+            for label, comparison in comparisons
+        ]
+        for place, comparisons in section.places.items()
+    }
+    every = [line for lines in places.values() for line in lines]
+    columns = list(zip(*(line.texts for line in every), strict=True))
+    headings = [heading if any(column) else "" for heading, column in zip(_HEADINGS, columns, strict=True)]
+    widths = [max(map(len, (heading, *column))) for heading, column in zip(headings, columns, strict=True)]
+    # Labels that leave too little room for the rest get lines of their own.
+    indent, rest = max(len(line.label) for line in every), sum(GAP + width for width in widths)
+    stacked = indent + rest > available
+    indent = 2 * GAP if stacked else indent
+
+    title = f"{section.title}, paired by seed, with 95 % interval"
+    title = title if len(title) <= available else section.title
+    yield _with_heading(title, _ABOVE_LAST if headings[-1] else "", indent + rest)
+    heading = _GAP.join(text.rjust(width) for text, width in zip(headings[2:], widths[2:], strict=True)).strip()
+    for place, lines in places.items():
+        yield _with_heading(place, heading, indent + rest)
+        heading = ""
+        for line in lines:
+            if stacked:
+                yield Text(line.label)
+            texts = (f"{text:{side}{width}}" for text, side, width in zip(line.texts, _ALIGNMENT, widths, strict=True))
+            label = "" if stacked else line.label
+            style = "magenta" if line.significant is False else ""
+            yield Text(_GAP.join([label.ljust(indent), *texts]).rstrip(), style)
+
+
+def _with_heading(text: str, heading: str, width: int) -> Text:
+    """Return a text with a heading at its right, or below it if there is too little room."""
+    if not heading:
+        return Text(text)
+    room = width - len(text) - len(heading)
+    return Text(f"{text}{' ' * room}{heading}" if room >= GAP else f"{text}\n{heading.rjust(width)}")
+
+
+def _notes(table: Table) -> RichTable:
+    grid = RichTable.grid(padding=(0, 1, 0, 0))
+    marked = [(_BEST, best_note(table)), (_NOT_SIGNIFICANT, not_significant_note(table))]
+    for mark, note in [*marked, *(("-", note) for note in notes(table))]:
         if note:
             grid.add_row(Text(mark), Text(note))
-    for note in brief_notes(sheet):
-        grid.add_row(Text("-"), Text(note))
     return grid
