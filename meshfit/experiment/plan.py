@@ -12,7 +12,6 @@ from typing import Any
 from meshfit.config.experiment import NO_EFFECT_ON_RESULTS, ExperimentSettings, SourceSettings
 from meshfit.config.loading import Experiment
 from meshfit.config.sweeps import Variant, variants_of
-from meshfit.experiment.source import build_source, source_files
 from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path, target_title
 from meshfit.subdivision.registry import NamedScheme
 
@@ -63,6 +62,8 @@ class Trial:
     @property
     def files(self) -> dict[str, str]:
         """The files of the user's that it reads, by role."""
+        from meshfit.experiment.source import source_files  # with torch, which plans and their readers do not wait for
+
         names = {"target": self.target, **source_files(self.settings.source)}
         return {role: names[role] for role, _ in self.inputs if names[role] not in NAMED_TARGETS}
 
@@ -153,6 +154,8 @@ def _check_target(target: str) -> str:
 
 @cache
 def _check_source(settings: SourceSettings, schemes: tuple[NamedScheme, ...]) -> tuple[tuple[str, str], ...]:
+    from meshfit.experiment.source import build_source, source_files
+
     files = source_files(settings)
     for scheme in schemes:
         short = settings.model_copy(update={"levels": min(settings.levels, 1), "wanted_verts": None})

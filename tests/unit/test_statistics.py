@@ -105,7 +105,7 @@ def test_no_size_of_numbers_is_too_small_or_too_large(scale):
 
 
 def test_an_interval_does_not_depend_on_what_was_computed_before():
-    code = "from meshfit.experiment.bootstrap import mean_interval; {}print(mean_interval([1.0, 2.0, 5.0]))"
+    code = "from meshfit.statistics import mean_interval; {}print(mean_interval([1.0, 2.0, 5.0]))"
     before = "[mean_interval(range(n), range(n)) for n in range(2, 40)]; "
     printed = [
         subprocess.run([sys.executable, "-c", code.format(more)], capture_output=True, text=True, check=True).stdout
