@@ -1,4 +1,4 @@
-"""The plan: from an experiment's settings to its trials, each with an identity of its own."""
+"""The plan: the trials of an experiment, each with an identity derived from its settings and input files."""
 
 import hashlib
 import json
@@ -15,22 +15,26 @@ from meshfit.config.sweeps import Variant, variants_of
 from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path, target_title
 from meshfit.subdivision.registry import NamedScheme
 
-# Raised whenever the same settings would give other numbers, so that older results are not taken for newer ones.
 RESULTS_VERSION = 2
-_WITH_FILES = ("creases", "alpha")
-_LATER = (*_WITH_FILES, "wanted_verts")
+"""Increased whenever the same settings would give other numbers, so that older results are not taken for newer ones.
+
+It is the `schema_version` of a `result.json`, and part of each trial's identity.
+"""
+
+_KEYS_WITH_FILES = ("creases", "alpha")
+_KEYS_OMITTED_IF_NULL = (*_KEYS_WITH_FILES, "wanted_verts")
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One cell of an experiment.
+    """One fit of an experiment: one target, one scheme, one seed.
 
     Attributes:
-        experiment: the name it is filed under.
-        settings: the experiment's settings, narrowed to one target, one scheme and one seed.
+        experiment: name of the experiment.
+        settings: settings of the experiment, narrowed to one target, one scheme and one seed.
         inputs: SHA-256 of every file that is read, by role.
-        variant: what its point of a sweep is called; empty where nothing is swept. Part of no identity.
-        copies: where files lie now, if not where the settings say. Part of no identity.
+        variant: name of its point in a sweep; empty where nothing is swept. Not part of the identity.
+        copies: current paths of files that are not where the settings say. Not part of the identity.
     """
 
     experiment: str
@@ -46,12 +50,12 @@ class Trial:
 
     @property
     def scheme(self) -> str:
-        """The scheme's spec."""
+        """The spec of the scheme."""
         return self.settings.schemes[0]
 
     @property
     def named_scheme(self) -> NamedScheme:
-        """The scheme's spec, with what it hangs on of what the settings define."""
+        """The spec of the scheme, with the definitions that it depends on."""
         return NamedScheme.of(self.scheme, self.settings.define)
 
     @property
@@ -61,66 +65,66 @@ class Trial:
 
     @property
     def files(self) -> dict[str, str]:
-        """The files of the user's that it reads, by role."""
-        from meshfit.experiment.source import source_files  # with torch, which plans and their readers do not wait for
+        """The user's files that it reads, by role."""
+        from meshfit.experiment.source import source_files  # loads torch, which readers of plans do without
 
         names = {"target": self.target, **source_files(self.settings.source)}
         return {role: names[role] for role, _ in self.inputs if names[role] not in NAMED_TARGETS}
 
     def where(self, name: str) -> str:
-        """Where a file lies now that the settings name."""
+        """The current path of a file that the settings name."""
         return dict(self.copies).get(name, name)
 
     @property
     def plain_settings(self) -> dict[str, Any]:
-        """The settings as plain data, without those that no result depends on.
+        """The settings as plain data, without those that have no effect on results.
 
-        Definitions, creases and alphas are left out where there are none, as there were none before: older trials
-        keep their identities.
+        Definitions, creases, alphas and `wanted_verts` are left out where they are not set: older versions did not have
+        them, so that their trials keep their identities.
         """
-        unused = {key for key in _LATER if getattr(self.settings.source, key) is None}
-        plain = self.settings.model_dump(mode="json", exclude=NO_EFFECT_ON_RESULTS | {"source": unused})
+        unset = {key for key in _KEYS_OMITTED_IF_NULL if getattr(self.settings.source, key) is None}
+        plain = self.settings.model_dump(mode="json", exclude=NO_EFFECT_ON_RESULTS | {"source": unset})
         return plain if plain["define"] else {key: value for key, value in plain.items() if key != "define"}
 
     @cached_property
     def identity(self) -> str:
-        """SHA-256 over the settings, the inputs and the schema version; where a file lies does not enter."""
+        """SHA-256 over settings, inputs and `RESULTS_VERSION`; independent of the paths of files."""
         settings = _without_paths(self.plain_settings)
         content = {"settings": settings, "inputs": dict(self.inputs), "schema_version": RESULTS_VERSION}
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     @property
     def names(self) -> dict[str, Any]:
-        """What it is called in records: target, its title, scheme, seed and variant."""
+        """Its names in records: target, title of the target, scheme, seed and variant."""
         target = {"target": target_label(self.target), "target_title": target_title(self.target)}
         return target | {"scheme": self.scheme, "seed": self.seed, "variant": self.variant}
 
     @property
     def label(self) -> str:
-        """Target, scheme, variant and seed, for a person to read."""
+        """Target, scheme, variant and seed, to be read by a person."""
         parts = [target_label(self.target), self.scheme, self.variant, f"seed {self.seed}"]
         return " · ".join(part for part in parts if part)
 
     @property
     def folder(self) -> Path:
-        """Where it is kept, relative to the run directory."""
+        """Its folder, relative to the run directory."""
         scheme = self.scheme.replace(":", "-").replace("=", "-").replace(",", "-")
         return Path(self.experiment, target_label(self.target), scheme, f"seed-{self.seed}-{self.identity[:10]}")
 
 
 def target_label(target: str) -> str:
-    """A short name: that of a named target, or the stem of a file."""
+    """The short name of a target: that of a named one, or the stem of a file."""
     return target if target in NAMED_TARGETS else Path(target).stem
 
 
 def plan(experiments: Sequence[Experiment], *, elsewhere: bool = False) -> list[Trial]:
-    """The trials of some experiments: variants × targets × schemes × seeds of each, in this order.
+    """List the trials of experiments: variants × targets × schemes × seeds of each, in this order.
 
-    Every target and every source is loaded once here, so that bad input is refused before the first trial starts.
+    Every target and every source is loaded once, so that bad input is refused before the first trial starts.
 
     Args:
-        experiments: what to plan.
-        elsewhere: they will run on other machines, so that this one needs not have their device.
+        experiments: the experiments.
+        elsewhere: whether they will run on other machines, so that this one does not have to have their device.
 
     Raises:
         MeshfitError: a sweep, a target, a source or the device cannot be used.
@@ -138,22 +142,24 @@ def plan(experiments: Sequence[Experiment], *, elsewhere: bool = False) -> list[
 def _trials_of(experiment: str, variant: Variant) -> Iterator[Trial]:
     settings = variant.settings
     schemes = tuple(NamedScheme.of(scheme, settings.define) for scheme in settings.schemes)
-    source_input = _check_source(settings.source, schemes)
+    source_inputs = _check_source(settings.source, schemes)
     for target in settings.targets:
-        inputs = (("target", _check_target(target)), *source_input)
+        inputs = (("target", _check_target(target)), *source_inputs)
         for scheme, seed in product(schemes, settings.seeds):
-            one = {"targets": (target,), "schemes": (scheme.spec,), "seeds": (seed,), "define": dict(scheme.own)}
-            yield Trial(experiment, settings.model_copy(update=one), inputs, variant.name)
+            narrowed = {"targets": (target,), "schemes": (scheme.spec,), "seeds": (seed,), "define": dict(scheme.own)}
+            yield Trial(experiment, settings.model_copy(update=narrowed), inputs, variant.name)
 
 
 @cache
 def _check_target(target: str) -> str:
+    """Load a target, and return the SHA-256 of its file."""
     load_target(target)
     return file_sha256(target_path(target))
 
 
 @cache
 def _check_source(settings: SourceSettings, schemes: tuple[NamedScheme, ...]) -> tuple[tuple[str, str], ...]:
+    """Build the first level of a source with each scheme, and return the SHA-256 of its files, by role."""
     from meshfit.experiment.source import build_source, source_files
 
     files = source_files(settings)
@@ -165,14 +171,14 @@ def _check_source(settings: SourceSettings, schemes: tuple[NamedScheme, ...]) ->
 
 def _check_device(settings: ExperimentSettings) -> None:
     if settings.device not in ("auto", "cpu"):
-        from meshfit.fitting.device import resolve_device  # torch takes a second, which other plans need not wait
+        from meshfit.fitting.device import resolve_device  # loads torch, which other plans do without
 
         resolve_device(settings.device, settings.dtype)
 
 
 def _without_paths(settings: dict[str, Any]) -> dict[str, Any]:
     source = settings["source"] | {"mesh": target_label(settings["source"]["mesh"])}
-    for key in _WITH_FILES:
+    for key in _KEYS_WITH_FILES:
         if source.get(key) and source[key]["file"]:
             source[key] = source[key] | {"file": Path(source[key]["file"]).stem}
     return settings | {"targets": [target_label(name) for name in settings["targets"]], "source": source}
