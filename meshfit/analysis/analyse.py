@@ -7,7 +7,6 @@ from math import ceil
 
 import numpy as np
 
-from meshfit.analysis.curve_meshes import stencil_meshes
 from meshfit.analysis.extraordinary_vertex import (
     BoundaryVertex,
     ExtraordinaryVertex,
@@ -25,9 +24,9 @@ from meshfit.analysis.regular_lattice import (
     support_of,
 )
 from meshfit.analysis.regularity import continuity, holder_bound, regularity_of
-from meshfit.analysis.stencil_meshes import StencilMeshes
+from meshfit.analysis.stencil_meshes import StencilMeshes, stencil_meshes
 from meshfit.errors import MeshError, SchemeError
-from meshfit.subdivision.scheme import Scheme
+from meshfit.subdivision.registry import Scheme
 
 VALENCES = tuple(range(3, 13))
 NEIGHBOURS = tuple(range(2, 9))
@@ -93,7 +92,7 @@ def analyse(scheme: Scheme, valences: Sequence[int] = VALENCES) -> Analysis:
     Raises:
         SchemeError: its refined lattice is no lattice, its stencils are too wide, or it has an alpha for each vertex.
     """
-    if np.ndim(getattr(getattr(scheme, "push_back", None), "alpha", 0.0)):
+    if np.ndim(scheme.alpha if scheme.alpha is not None else 0.0):
         raise SchemeError("a scheme is analysed for one alpha, not for one at each vertex")
     meshes = stencil_meshes(scheme)
     mask = regular_mask(meshes)
@@ -106,8 +105,8 @@ def analyse(scheme: Scheme, valences: Sequence[int] = VALENCES) -> Analysis:
     alphas = {each.valence: largest_alpha(scheme, mask.steps, each) for each in places if each.fault}
     neighbours = NEIGHBOURS if odd and meshes.fan is not None else ()
     return Analysis(
-        domain=meshes.name,
-        odd=meshes.odd,
+        domain=meshes.domain,
+        odd=meshes.irregular,
         regular=meshes.regular,
         dilation=mask.dilation,
         steps=mask.steps,

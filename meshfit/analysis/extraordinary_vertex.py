@@ -11,14 +11,13 @@ import numpy as np
 from jaxtyping import Complex128
 from scipy.optimize import brentq
 
-from meshfit.analysis.curve_meshes import stencil_meshes
 from meshfit.analysis.local_matrix import MOST_RINGS, PAD, LocalMatrix, invariant_matrix, map_fan
 from meshfit.analysis.regular_lattice import RegularMask
 from meshfit.analysis.spectrum import TIE, Spectrum, eigenvalues, spectrum_of
-from meshfit.analysis.stencil_meshes import StencilMeshes, Wheel
+from meshfit.analysis.stencil_meshes import StencilMeshes, Wheel, stencil_meshes
 from meshfit.errors import SchemeError
 from meshfit.mesh.topology import PolygonTopology
-from meshfit.subdivision.scheme import Scheme
+from meshfit.subdivision.registry import Scheme
 
 _REFINED = 8
 _FLAT = 1e-9
@@ -117,7 +116,7 @@ def wheels(meshes: StencilMeshes, valence: int) -> Callable[[int], Wheel]:
     """
     make = meshes.wheel
     if make is None or valence < _LEAST:
-        raise SchemeError(f"{meshes.name} have nothing of valence {valence} to analyse: 3 or more is, off curves")
+        raise SchemeError(f"{meshes.domain} have nothing of valence {valence} to analyse: 3 or more is, off curves")
     return lambda rings: make(valence, rings)
 
 
@@ -132,8 +131,7 @@ def largest_alpha(scheme: Scheme, steps: int, place: ExtraordinaryVertex) -> flo
         steps: of the scheme, that make one scalar dilation.
         place: what it does at that valence.
     """
-    push_back = getattr(scheme, "push_back", None)
-    if push_back is None or place.spectrum.gap > TIE * place.spectrum.leading.modulus:
+    if scheme.alpha is None or place.spectrum.gap > TIE * place.spectrum.leading.modulus:
         return None
 
     def gap(alpha: float) -> float:
@@ -141,7 +139,7 @@ def largest_alpha(scheme: Scheme, steps: int, place: ExtraordinaryVertex) -> flo
         matrix = invariant_matrix(wheels(stencil_meshes(blend), place.valence), steps, place.rings)
         return spectrum_of(matrix).gap
 
-    given = float(push_back.alpha)
+    given = float(scheme.alpha)
     if gap(0.0) <= TIE:
         return None
     return float(brentq(gap, 0.0, given, xtol=_EXACT)) if gap(given) < 0 else given
@@ -183,7 +181,7 @@ def analyse_boundary(meshes: StencilMeshes, steps: int, dilation: int, rings: in
         SchemeError: no number of rings follows from itself, or there are no such verts.
     """
     if meshes.fan is None or neighbours < 2:
-        raise SchemeError(f"{meshes.name} have no boundary verts of {neighbours} neighbours to analyse: 2 or more is")
+        raise SchemeError(f"{meshes.domain} have no boundary verts of {neighbours} neighbours to analyse: 2 or more is")
     for number in range(rings, MOST_RINGS + 1):
         fan = meshes.fan(neighbours, number + PAD)
         finer = fan.refine(steps)

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 from meshfit.analysis.analyse import Analysis, verdict
-from meshfit.analysis.curve_meshes import stencil_meshes
 from meshfit.analysis.panels import (
     Basis,
     basis_of,
@@ -16,12 +15,13 @@ from meshfit.analysis.panels import (
     draw_surface,
     range_of,
 )
+from meshfit.analysis.stencil_meshes import stencil_meshes
 from meshfit.report.extra import needed
 from meshfit.report.figures.colours import INK
 from meshfit.report.figures.drawing import Image
 from meshfit.report.figures.layout import DPI, STYLE, write_drawing
 from meshfit.subdivision.curves.scheme import CurveScheme
-from meshfit.subdivision.scheme import Scheme
+from meshfit.subdivision.registry import Scheme
 
 # Blue and vermilion of Okabe and Ito (2008), which the colour-blind can tell apart; shapes differ too.
 _LEADING, _REST, _SQUARE = "#0072b2", "#d55e00", "#7d8a96"

@@ -19,7 +19,7 @@ from meshfit.report.figures.drawing import Image, draw
 from meshfit.subdivision.curves.scheme import CurveScheme
 from meshfit.subdivision.polygons.scheme import PolygonScheme
 from meshfit.subdivision.refine import subdivide
-from meshfit.subdivision.scheme import Scheme
+from meshfit.subdivision.registry import Scheme
 
 _FINENESS = 24
 _MARGIN = 0.35

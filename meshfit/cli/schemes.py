@@ -13,14 +13,12 @@ from rich.table import Table
 from meshfit.cli import completions
 from meshfit.cli.console import out
 from meshfit.cli.options import AsJson, SchemeConfig
-from meshfit.subdivision.scheme import SchemeEntry
 
 if TYPE_CHECKING:
     from meshfit.analysis.analyse import Analysis
     from meshfit.analysis.spectrum import Eigenvalue
     from meshfit.subdivision.describe import MaskRow
-    from meshfit.subdivision.registry import Registry
-    from meshfit.subdivision.scheme import Scheme
+    from meshfit.subdivision.registry import Entry, Registry, Scheme
 
 
 _DIGITS = 12  # more of an eigenvalue is rounding
@@ -264,7 +262,7 @@ def _analysis(scheme: "Scheme", title: str, plot: Path | None) -> "Analysis":
     return analysis
 
 
-def _print_masks(title: str, entry: SchemeEntry, scheme: "Scheme", rows: "list[MaskRow]") -> None:
+def _print_masks(title: str, entry: "Entry", scheme: "Scheme", rows: "list[MaskRow]") -> None:
     out.print(f"[bold]{escape(title)}[/]  {entry.title}, {entry.kind}")
     facts = Table(box=None, pad_edge=False, show_header=False)
     facts.add_column(style="bold")
@@ -296,11 +294,11 @@ def _stay_on_one_thread() -> None:
         os.environ.setdefault(name, count)
 
 
-def _with_parameters(name: str, entry: SchemeEntry) -> str:
+def _with_parameters(name: str, entry: "Entry") -> str:
     return name + (f"\n  [not bold]:{', '.join(entry.parameters)}[/]" if entry.parameters else "")
 
 
-def _plain(name: str, entry: SchemeEntry) -> dict[str, object]:
+def _plain(name: str, entry: "Entry") -> dict[str, object]:
     parameters = {
         key: {"default": parameter.default, "allowed": list(parameter.allowed), "meaning": parameter.meaning}
         for key, parameter in entry.parameters.items()

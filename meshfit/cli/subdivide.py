@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from meshfit.mesh.mesh import Mesh
     from meshfit.mesh.topology import Indices, Topology
     from meshfit.subdivision.creases import Creases
-    from meshfit.subdivision.scheme import Scheme
+    from meshfit.subdivision.registry import Scheme
 
 
 @dataclass(frozen=True)
@@ -138,8 +138,7 @@ def _alphas(text: str, mesh_path: Path, numbering: "Indices") -> "Values":
 
 def _creases(text: str, sharpness: float, mesh: "Mesh", numbering: "Indices") -> "Creases":
     from meshfit.mesh.topology import Topology
-    from meshfit.subdivision.crease_files import read_creases
-    from meshfit.subdivision.creases import creases_by_angle
+    from meshfit.subdivision.creases import creases_by_angle, read_creases
 
     if not sharpness >= 0:
         raise ConfigError(f"--sharpness: {sharpness:g} is not allowed: 0 or more is")

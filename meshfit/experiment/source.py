@@ -23,14 +23,12 @@ from meshfit.mesh.targets import (
 )
 from meshfit.mesh.topology import Indices, PolygonTopology, Topology
 from meshfit.specs import parse_spec, suggest
-from meshfit.subdivision.crease_files import read_creases
-from meshfit.subdivision.creases import Creases, creases_by_angle
+from meshfit.subdivision.creases import Creases, creases_by_angle, read_creases
 from meshfit.subdivision.polygons.scheme import PolygonScheme
 from meshfit.subdivision.refine import refine, require_takes_creases
 from meshfit.subdivision.refinement import PolygonRefinement, Refinement
-from meshfit.subdivision.registry import resolve
-from meshfit.subdivision.scheme import Scheme
-from meshfit.subdivision.triangles.table import MIDPOINT
+from meshfit.subdivision.registry import Scheme, resolve
+from meshfit.subdivision.triangles.scheme import MIDPOINT
 
 _ICOSPHERE_LEVEL = 2
 _MAX_ICOSPHERE_LEVEL = 8

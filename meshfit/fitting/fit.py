@@ -20,7 +20,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.settings import build, override
 from meshfit.specs import suggest
-from meshfit.subdivision.scheme import Scheme
+from meshfit.subdivision.registry import Scheme
 
 # For each face, vertex and sample: twice what is held on the CPU, as other allocators leave gaps.
 _BYTES_PER_ROW = 600

@@ -8,7 +8,7 @@ from meshfit.errors import TrialError
 from meshfit.fitting.callbacks import Step
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh
-from meshfit.subdivision.scheme import Scheme
+from meshfit.subdivision.registry import Scheme
 
 COLUMNS = ("step", "loss", "chamfer", "normal", "edge", "laplacian", "consistency", "lr")
 

@@ -1,12 +1,13 @@
-"""Creases: edges that stay sharp for some levels or for ever, and verts that are corners.
+"""Creases, edges that stay sharp for some levels or permanently, and corners, vertices that stay where they are.
 
 The rules are those of Hoppe et al. 1994, Piecewise smooth surface reconstruction, with the midpoint at every sharp
-edge; sharpness that wears off is that of DeRose, Kass and Truong 1998, Subdivision surfaces in character animation.
+edge; finite sharpness is that of DeRose, Kass and Truong 1998, Subdivision surfaces in character animation.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from meshfit.errors import MeshError, SchemeError
 from meshfit.mesh.geometry import face_normals
+from meshfit.mesh.io.text import read_word_lines
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import NONE, Indices, Mask, Topology
 
@@ -26,14 +28,14 @@ _CREASED = 2
 
 @dataclass(frozen=True, eq=False)
 class SharpRules:
-    """How much of each rule holds in the refinement of one level; at every vertex the three shares sum to one.
+    """Shares of the smooth, crease and corner rules in one level of refinement; at each vertex they sum to one.
 
     Attributes:
         edge: (E,) share of the sharp rule of an edge.
-        smooth: (V,) share of the rule of smooth verts and of darts, at which one crease ends.
+        smooth: (V,) share of the rule of smooth vertices and of darts, at which a single crease ends.
         crease: (V,) share of the rule along a curve.
-        corner: (V,) share of staying.
-        pair: (V, 2) the neighbours along the curve, by number; `NONE` where there is no share of its rule.
+        corner: (V,) share of staying in place.
+        pair: (V, 2) the neighbours along the curve; `NONE` where the crease rule has no share.
     """
 
     edge: Shares
@@ -45,12 +47,12 @@ class SharpRules:
 
 @dataclass(frozen=True, eq=False)
 class Creases:
-    """The sharp edges and the corners of one topology. Boundary edges are sharp for ever, whatever is said of them.
+    """Sharp edges and corners of one topology. Boundary edges are always permanently sharp.
 
     Attributes:
-        sharpness: (E,) levels that each edge stays sharp for, in the order of the topology's edges: 0 is smooth, `inf`
-            sharp for ever; of 1.3, the second level's rule is three tenths sharp.
-        corners: (V,) which verts stay where they are. Those at which three sharp edges meet do so anyway.
+        sharpness: (E,) number of levels for which each edge stays sharp, in the order of the topology's edges: 0 is
+            smooth, `inf` permanently sharp; at 1.3, the rule of the second level is three tenths sharp.
+        corners: (V,) vertices that stay where they are. Vertices at which three sharp edges meet stay as well.
     """
 
     sharpness: Shares
@@ -67,44 +69,43 @@ class Creases:
         sharpness: Numbers | int | float = inf,
         corners: Numbers = (),
     ) -> "Creases":
-        """Tag edges by their ends, and corners.
+        """Tag edges, given by their ends, and corners.
 
         Args:
-            topology: whose edges and verts they are.
+            topology: the mesh's connectivity.
             edges: (K, 2) vertex numbers, in any order.
-            sharpness: of all of them, or (K,) of each.
+            sharpness: one for all these edges, or (K,) one for each.
             corners: vertex numbers.
 
         Raises:
-            MeshError: no such vertex, verts that no edge joins, or another number of sharpnesses than of edges.
-            SchemeError: a sharpness below 0, or no number.
+            MeshError: no such vertex, vertices that no edge joins, or a wrong number of sharpness values.
+            SchemeError: a sharpness below 0 or NaN.
         """
         marked, tagged = np.array(corners, dtype=np.int64), np.zeros(topology.num_verts, dtype=bool)
         if len(marked) and not ((marked >= 0) & (marked < topology.num_verts)).all():
             bad = marked[(marked < 0) | (marked >= topology.num_verts)][0]
-            raise MeshError(f"corner {bad}: verts are numbered 0 to {topology.num_verts - 1}")
+            raise MeshError(f"corner {bad}: vertices are numbered 0 to {topology.num_verts - 1}")
         tagged[marked] = True
         ends = np.array(edges, dtype=np.int64).reshape(-1, 2)
-        each = np.zeros(topology.num_edges)
-        own = np.asarray(sharpness, dtype=np.float64)
-        if own.shape not in ((), (len(ends),)):
+        given, by_edge = np.asarray(sharpness, dtype=np.float64), np.zeros(topology.num_edges)
+        if given.shape not in ((), (len(ends),)):
             raise MeshError(
-                f"sharpness has shape {own.shape}; one number is needed, or one for each of {len(ends)} edges"
+                f"sharpness has shape {given.shape}; expected one number, or one for each of {len(ends)} edges"
             )
-        _require_sharpness(np.atleast_1d(own))
-        each[edges_between(topology, ends)] = own
-        return cls(np.where(topology.boundary_edges, inf, each), tagged)
+        _require_sharpness(np.atleast_1d(given))
+        by_edge[edges_between(topology, ends)] = given
+        return cls(np.where(topology.boundary_edges, inf, by_edge), tagged)
 
     def sharpness_on(self, topology: Topology) -> Shares:
-        """(E,) the sharpness of each edge, for ever on the boundary."""
+        """(E,) the sharpness of each edge, infinite on the boundary."""
         return np.where(topology.boundary_edges, inf, self.sharpness)
 
     def finer(self, num_fine: int, fine_edges: Int64[np.ndarray, "G 2"]) -> "Creases":
-        """The creases of the 1-to-4 refinement: halves of an edge are sharp for one level less.
+        """Return the creases after a 1-to-4 split: both halves of an edge are sharp for one level less.
 
         Args:
-            num_fine: number of verts there; the new vertex of edge e follows the old verts in place e.
-            fine_edges: (G, 2) its edges, smaller vertex first.
+            num_fine: number of fine vertices; the new vertex of edge e is number V + e.
+            fine_edges: (G, 2) the fine edges, smaller vertex first.
         """
         num_coarse = len(self.corners)
         half = fine_edges[:, 0] < num_coarse
@@ -113,11 +114,11 @@ class Creases:
         return Creases(left, np.concatenate([self.corners, np.zeros(num_fine - num_coarse, dtype=bool)]))
 
     def rules(self, topology: Topology) -> SharpRules:
-        """What holds in the refinement of this level.
+        """Return the shares of the rules in the refinement of this level.
 
-        By the number of sharp edges at a vertex: none or one, the smooth rule; two, that along a curve; more, or a
-        tagged corner: it stays. Where the sharpness of some of them ends within the level, the rule with them counts
-        by the mean of what is left of it, and the rule without them for the rest.
+        The number of sharp edges at a vertex decides: none or one, the smooth rule; two, the rule along a curve; more,
+        or a tagged corner, and it stays. Where the sharpness of some edges ends within the level, the rule with them
+        gets the mean of their remaining sharpness as its share, and the rule without them the rest.
         """
         sharpness = self.sharpness_on(topology)
         ending = (sharpness > 0) & (sharpness <= 1)
@@ -139,8 +140,8 @@ class Creases:
 
 def _require_sharpness(values: Shares) -> None:
     if not (values >= 0).all():
-        found = values[~(values >= 0)][0]
-        raise SchemeError(f"sharpness {found:g} is not allowed: 0 or more is, and inf for edges that stay sharp")
+        bad = values[~(values >= 0)][0]
+        raise SchemeError(f"sharpness {bad:g} is not allowed: 0 or more is, and inf for permanently sharp edges")
 
 
 def _sum_at_verts(topology: Topology, of_edges: Shares) -> Shares:
@@ -149,11 +150,11 @@ def _sum_at_verts(topology: Topology, of_edges: Shares) -> Shares:
 
 
 def _neighbours(verts: Mask, edges: Int64[np.ndarray, "K 2"]) -> Int64[np.ndarray, "B 2"]:
-    """Of verts at two of these edges each, the other ends of both."""
-    here, there = np.concatenate([edges, edges[:, ::-1]]).T
-    chosen = verts[here]
-    order = np.lexsort((there[chosen], here[chosen]))
-    return np.asarray(there[chosen][order]).reshape(-1, 2)
+    """For vertices at two of these edges each, return the other ends of both."""
+    tail, head = np.concatenate([edges, edges[:, ::-1]]).T
+    chosen = verts[tail]
+    order = np.lexsort((head[chosen], tail[chosen]))
+    return np.asarray(head[chosen][order]).reshape(-1, 2)
 
 
 def require_matching_creases(creases: Creases, topology: Topology) -> None:
@@ -162,18 +163,19 @@ def require_matching_creases(creases: Creases, topology: Topology) -> None:
     Raises:
         MeshError: the numbers of edges or verts differ.
     """
-    found, own = (len(creases.sharpness), len(creases.corners)), (topology.num_edges, topology.num_verts)
-    if found != own:
+    num_edges, num_verts = len(creases.sharpness), len(creases.corners)
+    if (num_edges, num_verts) != (topology.num_edges, topology.num_verts):
         raise MeshError(
-            f"creases are of {found[0]} edges and {found[1]} verts; the mesh has {own[0]} edges and {own[1]} verts"
+            f"creases are of {num_edges} edges and {num_verts} vertices; "
+            f"the mesh has {topology.num_edges} edges and {topology.num_verts} vertices"
         )
 
 
 def edges_between(topology: Topology, ends: Int64[np.ndarray, "K 2"]) -> Indices:
-    """(K,) the numbers of the edges that join these verts.
+    """Return the (K,) numbers of the edges that join these vertices.
 
     Raises:
-        MeshError: no such vertex, or verts that no edge joins.
+        MeshError: no such vertex, or vertices that no edge joins.
     """
     outside: Mask = np.asarray(((ends < 0) | (ends >= topology.num_verts)).any(axis=1))
     low, high = np.sort(ends, axis=1).T
@@ -183,17 +185,17 @@ def edges_between(topology: Topology, ends: Int64[np.ndarray, "K 2"]) -> Indices
     unknown = outside | (np.append(keys, NONE)[place] != wanted)
     if unknown.any():
         bad = int(np.flatnonzero(unknown)[0])
-        fault = f"verts are numbered 0 to {topology.num_verts - 1}" if outside[bad] else "the mesh has no such edge"
+        fault = f"vertices are numbered 0 to {topology.num_verts - 1}" if outside[bad] else "the mesh has no such edge"
         raise MeshError(f"crease ({ends[bad, 0]}, {ends[bad, 1]}): {fault}")
     return np.asarray(place)
 
 
 def creases_by_angle(mesh: Mesh, degrees: int | float, sharpness: int | float = inf) -> Creases:
-    """Creases at all edges whose faces make more than some angle.
+    """Return creases at all edges whose faces enclose more than some angle.
 
     Args:
-        mesh: whose edges they are.
-        degrees: the angle between the normals of the two faces, 0 where they lie in one plane.
+        mesh: the mesh.
+        degrees: the angle between the normals of the two faces; 0 for coplanar faces.
         sharpness: of these edges.
 
     Raises:
@@ -205,66 +207,73 @@ def creases_by_angle(mesh: Mesh, degrees: int | float, sharpness: int | float = 
     topology, normals = Topology.of(mesh), face_normals(Mesh(mesh.verts / size, mesh.faces))
     halfedge = topology.edge_halfedge
     paired = topology.twin[halfedge] != NONE
-    one, other = normals[halfedge[paired] // 3], normals[topology.twin[halfedge[paired]] // 3]
-    # In this form also exact near 0 and 180 degrees; 0 beside a face without area.
-    angle = np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), (one * other).sum(axis=1))
+    left, right = normals[halfedge[paired] // 3], normals[topology.twin[halfedge[paired]] // 3]
+    # This form is exact near 0 and 180 degrees too, and gives 0 next to a face without area.
+    angle = np.arctan2(np.linalg.norm(np.cross(left, right), axis=1), (left * right).sum(axis=1))
     sharp = topology.edges[paired][np.degrees(angle) > degrees]
     return Creases.of(topology, sharp, sharpness)
 
 
-@dataclass(frozen=True, eq=False)
-class Sectors:
-    """Sheets about as many verts, alike in size and kind.
+def read_creases(path: str | Path, topology: Topology, numbering: Indices, sharpness: int | float = inf) -> Creases:
+    """Read creases and corners from a text file, one per line.
 
-    Attributes:
-        vert: (S,) the vertex of each.
-        ring: (S, K) its neighbours counter-clockwise; the first of a dart along its crease, the first and last of an
-            open sheet along the sharp edges or the boundary that bound it.
-        is_open: whether it ends at two edges; if not, it goes once around its vertex.
-        is_dart: whether it begins and ends at the same sharp edge.
-    """
-
-    vert: Indices
-    ring: Int64[np.ndarray, "S K"]
-    is_open: bool
-    is_dart: bool
-
-
-def sectors_of(topology: Topology, sharp: Mask) -> Iterator[Sectors]:
-    """All sheets, in groups that are alike.
+    `a b` is the edge between vertices a and b, `a b sharpness` one that is sharp for so many levels, and `a` alone a
+    corner. Vertices are counted from 0 in the mesh file's order, and `#` begins a comment.
 
     Args:
-        topology: an oriented manifold.
-        sharp: (E,) which edges part its sheets, those of the boundary among them.
+        path: of the text file.
+        topology: of the mesh.
+        numbering: (N,) the mesh's vertex for each vertex of the mesh file, from `load_numbered`.
+        sharpness: of edges that are listed without one.
+
+    Raises:
+        MeshError: the file cannot be read or lists nothing, or a line has no vertex or edge of the mesh, or a bad
+            sharpness.
+        SchemeError: `sharpness` is below 0.
     """
-    starts = _starts(topology, sharp)
-    rings, size = _walked(topology, sharp, starts)
-    back = rings[np.arange(len(starts)), size - 1] == rings[:, 0]
-    dart = back & sharp[topology.edge_of[starts]]
-    length = size - back
-    for closed, of_dart, k in sorted(set(zip(back.tolist(), dart.tolist(), length.tolist(), strict=True))):
-        chosen = (back == closed) & (dart == of_dart) & (length == k)
-        yield Sectors(topology.tail[starts[chosen]], rings[chosen, :k], is_open=not closed, is_dart=of_dart)
+    corners, listed = list[int](), dict[int, float]()
+    for line, words in read_word_lines(path):
+        where = f"{path}, line {line}"
+        ends, levels = _numbers(words)
+        if not ends or len(levels) > 1:
+            raise MeshError(
+                f"{where}: found '{' '.join(words)}'; expected a crease 'a b' or 'a b sharpness', or a corner 'a'"
+            )
+        (given,) = levels or [sharpness]
+        if not given >= 0:
+            raise MeshError(f"{where}: sharpness {given:g} is not allowed: 0 or more is, and inf for permanently sharp")
+        verts = [_vertex(end, numbering, where) for end in ends]
+        if len(verts) == 1:
+            corners.append(verts[0])
+            continue
+        edge = _edge(verts, ends, topology, where)
+        if listed.setdefault(edge, given) != given:
+            raise MeshError(
+                f"{where}: edge ({ends[0]}, {ends[1]}) is a duplicate, listed before with sharpness {listed[edge]:g}"
+            )
+    if not corners and not listed:
+        raise MeshError(f"{path}: it lists no creases and no corners")
+    return Creases.of(topology, topology.edges[list(listed)], list(listed.values()), corners)
 
 
-def _starts(topology: Topology, sharp: Mask) -> Indices:
-    """The half-edges that sheets begin with: all on sharp edges, and the first out of each vertex that has none."""
-    at_sharp = np.zeros(topology.num_verts, dtype=bool)
-    at_sharp[topology.edges[sharp].reshape(-1)] = True
-    verts, first = np.unique(topology.tail, return_index=True)
-    return np.concatenate([np.flatnonzero(sharp[topology.edge_of]), first[~at_sharp[verts]]])
+def _numbers(words: list[str]) -> tuple[list[int], list[float]]:
+    """Return the vertices and the sharpness in a line; nothing where its words are not numbers."""
+    try:
+        return [int(word) for word in words[:2]], [float(word) for word in words[2:]]
+    except ValueError:
+        return [], []
 
 
-def _walked(topology: Topology, sharp: Mask, starts: Indices) -> tuple[Int64[np.ndarray, "S M"], Indices]:
-    """The neighbours from each start until a sharp edge or the start comes again, and how many these are."""
-    columns, size = [topology.head[starts]], np.ones(len(starts), dtype=np.int64)
-    at, going = starts.copy(), np.arange(len(starts))
-    while len(going):
-        column = np.full(len(starts), NONE, dtype=np.int64)
-        column[going] = topology.apex[at]
-        columns.append(column)
-        size[going] += 1
-        onward = topology.next_around_tail(at)
-        further = (onward != NONE) & (onward != starts[going]) & ~sharp[topology.edge_of[onward]]
-        at, going = onward[further], going[further]
-    return np.stack(columns, axis=1), size
+def _vertex(number: int, numbering: Indices, where: str) -> int:
+    if not 0 <= number < len(numbering):
+        raise MeshError(f"{where}: vertex {number}: the mesh file has vertices 0 to {len(numbering) - 1}")
+    if numbering[number] == NONE:
+        raise MeshError(f"{where}: vertex {number} was dropped when the mesh was read, since no valid face uses it")
+    return int(numbering[number])
+
+
+def _edge(verts: list[int], ends: list[int], topology: Topology, where: str) -> int:
+    try:
+        return int(edges_between(topology, np.array([verts]))[0])
+    except MeshError:
+        raise MeshError(f"{where}: the mesh has no edge between vertices {ends[0]} and {ends[1]}") from None

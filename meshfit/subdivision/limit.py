@@ -1,38 +1,40 @@
-"""Limit masks of Loop subdivision at one vertex: weights of itself, then of its neighbours counter-clockwise.
+"""Limit positions, tangents and normals of Loop subdivision.
 
-All are left eigenvectors of the matrix that refines a vertex and its ring: of eigenvalue 1 for the limit position, of
-the two that follow for a pair of tangents.
+A limit mask holds the weights of a vertex, then of its neighbours counter-clockwise. It is a left eigenvector of the
+matrix that refines a vertex and its ring: of eigenvalue 1 for the limit position, of the next two for a pair of
+tangents. Creases part the surface around a vertex into sectors, each with tangents of its own.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import cos, pi
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 from scipy.sparse import coo_array, csr_array, diags_array
 
 from meshfit.errors import SchemeError
 from meshfit.mesh.geometry import corner_angles, face_normals, unit_vectors
 from meshfit.mesh.manifold import require_manifold
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.topology import Indices, Mask, Topology
-from meshfit.subdivision.creases import Creases, Sectors, require_matching_creases, sectors_of
-from meshfit.subdivision.scheme import Scheme
+from meshfit.mesh.topology import NONE, Indices, Mask, Topology
+from meshfit.subdivision.creases import Creases, require_matching_creases
+from meshfit.subdivision.registry import Scheme
 from meshfit.subdivision.triangles.scheme import TriangleScheme
 from meshfit.subdivision.triangles.table import LOOP
 
 Tangents = Float64[np.ndarray, "2 K"]
+_COLLINEAR = 1e-12  # sine of the angle between unit tangents below which they span no plane
 
 
 def smooth_tangents(n: int) -> Tangents:
-    """At an inner vertex of valence n: cosines and sines of its spokes (Hoppe et al. 1994)."""
+    """Tangent masks at an inner vertex of valence n: cosines and sines of its spokes (Hoppe et al. 1994)."""
     angles = 2 * pi * np.arange(n) / n
     return np.stack([np.append(0.0, np.cos(angles)), np.append(0.0, np.sin(angles))])
 
 
 def open_tangents(k: int) -> Tangents:
-    """Along and across a boundary or crease, on the side of k neighbours of which the first and last lie on it.
+    """Tangent masks along and across a boundary or crease, of a sector of k neighbours, first and last on the curve.
 
     With θ = π / (k - 1) and the eigenvalue λ = 3/8 + cos(θ) / 4, the neighbours between have sin(iθ) across, their sum
     being s; the two on the curve have w = ((3/4 - λ) sin θ - 3/8 s) / (8 (λ - 1/2) (3/4 - λ) + 1), and the vertex
@@ -54,15 +56,14 @@ def open_tangents(k: int) -> Tangents:
 
 
 def dart_masks(n: int, ring: float) -> Float64[np.ndarray, "3 K"]:
-    """Of an inner vertex at which one crease ends, along its first spoke: limit position, and two tangents.
+    """Masks of an inner vertex at which a single crease ends, along its first spoke: limit position and two tangents.
 
-    The midpoint on the sharp edge moves the limit from where it would be if all spokes were smooth. The tangent across
-    stays that of sines; the position and the tangent along are even in the spokes, and found among the eigenvectors
-    that are.
+    The midpoint on the sharp edge moves the limit. The tangent across keeps the sines of the smooth rule; the position
+    and the tangent along are even in the spokes, so only even eigenvectors are searched.
 
     Args:
         n: its valence.
-        ring: what the vertex rule gives to the ring's mean.
+        ring: the weight of the ring's mean in the vertex rule.
     """
     even = np.zeros((n + 1, n // 2 + 2))
     even[0, 0] = 1.0
@@ -76,7 +77,7 @@ def dart_masks(n: int, ring: float) -> Float64[np.ndarray, "3 K"]:
 
 
 def _dart_matrix(n: int, ring: float) -> Float64[np.ndarray, "K K"]:
-    """What one level makes of the vertex and its ring."""
+    """Matrix that refines a dart vertex and its ring."""
     matrix = np.zeros((n + 1, n + 1))
     matrix[0] = 1 - ring, *[ring / n] * n
     for spoke in range(1, n):
@@ -87,28 +88,86 @@ def _dart_matrix(n: int, ring: float) -> Float64[np.ndarray, "K K"]:
     return matrix
 
 
+@dataclass(frozen=True, eq=False)
+class Sectors:
+    """Sectors of the surface around S vertices, all of one size and kind.
+
+    Attributes:
+        vert: (S,) the vertex of each sector.
+        ring: (S, K) its neighbours counter-clockwise. The first of a dart is on its crease; the first and last of an
+            open sector are on the sharp or boundary edges that bound it.
+        is_open: whether two edges bound the sector; if not, it goes once around its vertex.
+        is_dart: whether it begins and ends at the same sharp edge.
+    """
+
+    vert: Indices
+    ring: Int64[np.ndarray, "S K"]
+    is_open: bool
+    is_dart: bool
+
+
+def sectors_of(topology: Topology, sharp: Mask) -> Iterator[Sectors]:
+    """Group all sectors by size and kind.
+
+    Args:
+        topology: an oriented manifold.
+        sharp: (E,) edges that separate sectors, boundary edges included.
+    """
+    starts = _starts(topology, sharp)
+    rings, size = _walk(topology, sharp, starts)
+    back = rings[np.arange(len(starts)), size - 1] == rings[:, 0]
+    dart = back & sharp[topology.edge_of[starts]]
+    length = size - back
+    for closed, of_dart, k in sorted(set(zip(back.tolist(), dart.tolist(), length.tolist(), strict=True))):
+        chosen = (back == closed) & (dart == of_dart) & (length == k)
+        yield Sectors(topology.tail[starts[chosen]], rings[chosen, :k], is_open=not closed, is_dart=of_dart)
+
+
+def _starts(topology: Topology, sharp: Mask) -> Indices:
+    """Return the first half-edge of each sector: all on sharp edges, and one out of each vertex that has none."""
+    at_sharp = np.zeros(topology.num_verts, dtype=bool)
+    at_sharp[topology.edges[sharp].reshape(-1)] = True
+    verts, first = np.unique(topology.tail, return_index=True)
+    return np.concatenate([np.flatnonzero(sharp[topology.edge_of]), first[~at_sharp[verts]]])
+
+
+def _walk(topology: Topology, sharp: Mask, starts: Indices) -> tuple[Int64[np.ndarray, "S M"], Indices]:
+    """Return the neighbours from each start until a sharp edge or the start is reached, and their number."""
+    columns, size = [topology.head[starts]], np.ones(len(starts), dtype=np.int64)
+    halfedge, active = starts.copy(), np.arange(len(starts))
+    while len(active):
+        column = np.full(len(starts), NONE, dtype=np.int64)
+        column[active] = topology.apex[halfedge]
+        columns.append(column)
+        size[active] += 1
+        following = topology.next_around_tail(halfedge)
+        continues = (following != NONE) & (following != starts[active]) & ~sharp[topology.edge_of[following]]
+        halfedge, active = following[continues], active[continues]
+    return np.stack(columns, axis=1), size
+
+
 def has_loop_limit(scheme: Scheme) -> bool:
-    """Whether `loop_limit` knows the limit of a scheme: Loop's masks, with any weights of old inner verts."""
-    if not isinstance(scheme, TriangleScheme) or scheme.vert is None or scheme.push_back or scheme.spokes:
+    """Return whether `loop_limit` knows the limit of a scheme: Loop's masks, with any weights of old inner vertices."""
+    if not isinstance(scheme, TriangleScheme) or scheme.vert is None or scheme.alpha is not None or scheme.spokes:
         return False
     return (scheme.split, scheme.inserted, scheme.boundary) == (LOOP.split, LOOP.inserted, LOOP.boundary)
 
 
 def loop_limit(topology: Topology, scheme: Scheme = LOOP, creases: Creases | None = None) -> csr_array:
-    """(V, V) the operator that takes verts to their limit positions under Loop subdivision.
+    """Return the (V, V) operator that takes vertices to their limit positions under Loop subdivision.
 
-    Of an inner vertex v with n neighbours, that is (1 - n χ) v + χ Σ, χ = 1 / (n + 3 / (8 β)), where n β is what the
-    scheme gives to the ring (Loop 1987); of one on the boundary or a crease, (l + 4 v + r) / 6, the cubic B-spline's.
-    Corners stay; where a single crease ends, see `dart_masks`.
+    An inner vertex v with n neighbours of sum Σ goes to (1 - n χ) v + χ Σ, χ = 1 / (n + 3 / (8 β)), where n β is the
+    weight of the ring in the scheme (Loop 1987). A vertex on the boundary or a crease goes to (l + 4 v + r) / 6, as
+    for the cubic B-spline. Corners stay. For the end of a single crease see `dart_masks`.
 
     Args:
         topology: of the mesh.
         scheme: one that `has_loop_limit`.
-        creases: of the mesh, if it has any; all of them smooth or sharp for ever.
+        creases: of the mesh, if it has any; all edges smooth or permanently sharp.
 
     Raises:
         MeshError: the mesh is not an oriented manifold.
-        SchemeError: the scheme has another limit, or a crease is still to wear off.
+        SchemeError: the scheme has another limit, or a crease has finite sharpness left.
     """
     ring, sharp = ring_of_limit(scheme), permanently_sharp(topology, creases)
     rules = (Creases.of(topology) if creases is None else creases).rules(topology)
@@ -122,15 +181,15 @@ def loop_limit(topology: Topology, scheme: Scheme = LOOP, creases: Creases | Non
     counts = ~stays[rows] & (~on_curve[rows] | np.tile(sharp, 2))
     neighbours = coo_array((share[rows[counts]], (rows[counts], columns[counts])), shape=(n, n))
     limit = csr_array(diags_array(kept) + neighbours)
-    darts = [sheets for sheets in sectors_of(topology, sharp) if sheets.is_dart]
+    darts = [sectors for sectors in sectors_of(topology, sharp) if sectors.is_dart]
     return _with_darts(limit, darts, ring, stays) if darts else limit
 
 
 def ring_of_limit(scheme: Scheme) -> Callable[[int], float]:
-    """What a scheme gives to the ring of an old vertex, if `loop_limit` knows its limit.
+    """Return the weight of the ring of an old vertex, by valence, of a scheme that `has_loop_limit`.
 
     Raises:
-        SchemeError: it does not.
+        SchemeError: the limit is not known.
     """
     if not isinstance(scheme, TriangleScheme) or scheme.vert is None or not has_loop_limit(scheme):
         raise SchemeError("limit positions and normals are known for loop only")
@@ -138,11 +197,11 @@ def ring_of_limit(scheme: Scheme) -> Callable[[int], float]:
 
 
 def permanently_sharp(topology: Topology, creases: Creases | None) -> Mask:
-    """(E,) which edges stay sharp, those of the boundary among them.
+    """Return the (E,) mask of edges that stay sharp, boundary edges included.
 
     Raises:
-        MeshError: the mesh is not an oriented manifold, or the creases are of another one.
-        SchemeError: no limit is known, since a crease is still to wear off.
+        MeshError: the mesh is not an oriented manifold, or the creases belong to another mesh.
+        SchemeError: no limit is known, since a crease has finite sharpness left.
     """
     require_manifold(topology, "the limit surface")
     if creases is None:
@@ -153,20 +212,20 @@ def permanently_sharp(topology: Topology, creases: Creases | None) -> Mask:
     if len(left):
         more = int(np.ceil(left.max()))
         raise SchemeError(
-            f"limits are known where creases are smooth or sharp for ever: a sharpness of {left.max():g} is left; "
+            f"limits are known where creases are smooth or permanently sharp: a sharpness of {left.max():g} is left; "
             f"refine {more} {'level' if more == 1 else 'levels'} more"
         )
     return np.asarray(np.isinf(sharpness))
 
 
 def _with_darts(limit: csr_array, darts: list[Sectors], ring: Callable[[int], float], stays: Mask) -> csr_array:
-    """The limit positions with those rows replaced at which a crease ends."""
+    """Replace the rows of limit positions of vertices at which a single crease ends."""
     rows, columns, weights = [], [], []
-    for sheets in darts:
-        moved = ~stays[sheets.vert]
-        at = np.concatenate([sheets.vert[moved, None], sheets.ring[moved]], axis=1)
-        size = sheets.ring.shape[1]
-        rows.append(np.repeat(sheets.vert[moved], size + 1))
+    for sectors in darts:
+        moved = ~stays[sectors.vert]
+        at = np.concatenate([sectors.vert[moved, None], sectors.ring[moved]], axis=1)
+        size = sectors.ring.shape[1]
+        rows.append(np.repeat(sectors.vert[moved], size + 1))
         columns.append(at.reshape(-1))
         weights.append(np.tile(dart_masks(size, ring(size))[0], len(at)))
     row = np.concatenate(rows)
@@ -178,18 +237,14 @@ def _with_darts(limit: csr_array, darts: list[Sectors], ring: Callable[[int], fl
     return replaced
 
 
-# Of unit tangents; what is nearer to one line spans no plane.
-_FLAT = 1e-12
-
-
 @dataclass(frozen=True, eq=False)
 class LimitTangents:
-    """Two tangents of the limit surface for each sheet that comes to a vertex, of no particular length.
+    """Two tangents of the limit surface for each sector, of no particular length.
 
     Attributes:
-        vert: (S,) the vertex of each sheet: twice for those on a crease, once for all others but corners.
-        along: (S, V) operator from verts to one tangent, which follows the boundary or crease if there is one.
-        across: (S, V) to the other; along × across points outwards.
+        vert: (S,) the vertex of each sector: two sectors on a crease, none at corners, one elsewhere.
+        along: (S, V) operator from vertices to one tangent, which follows the boundary or crease if there is one.
+        across: (S, V) operator to the other tangent; along × across points outwards.
     """
 
     vert: Indices
@@ -198,7 +253,7 @@ class LimitTangents:
 
 
 def loop_limit_tangents(topology: Topology, scheme: Scheme = LOOP, creases: Creases | None = None) -> LimitTangents:
-    """The tangents of Loop's limit surface. Corners have none; there the surface ends in a point like a cone's.
+    """Return the tangents of Loop's limit surface. Corners have none, since the surface is pointed there.
 
     Args:
         topology: of the mesh.
@@ -212,11 +267,11 @@ def loop_limit_tangents(topology: Topology, scheme: Scheme = LOOP, creases: Crea
     stays = (Creases.of(topology) if creases is None else creases).rules(topology).corner == 1
     nothing = np.empty(0, dtype=np.int64)
     verts, entries, count = [nothing], [[nothing] * 4], 0
-    for sheets in sectors_of(topology, sharp):
-        ring, vert = sheets.ring[~stays[sheets.vert]], sheets.vert[~stays[sheets.vert]]
+    for sectors in sectors_of(topology, sharp):
+        ring, vert = sectors.ring[~stays[sectors.vert]], sectors.vert[~stays[sectors.vert]]
         if not len(vert):
             continue
-        masks = _tangent_masks(sheets, ring_weight)
+        masks = _tangent_masks(sectors, ring_weight)
         columns = np.concatenate([vert[:, None], ring], axis=1)
         rows = np.broadcast_to(count + np.arange(len(vert))[:, None], columns.shape)
         weights = (np.broadcast_to(mask, columns.shape) for mask in masks)
@@ -230,13 +285,12 @@ def loop_limit_tangents(topology: Topology, scheme: Scheme = LOOP, creases: Crea
 
 
 def loop_limit_normals(mesh: Mesh, scheme: Scheme = LOOP, creases: Creases | None = None) -> Float64[np.ndarray, "V 3"]:
-    """Unit normals of Loop's limit surface at the limit of each vertex, outwards where the faces are oriented so.
+    """Return unit normals of Loop's limit surface at the limit of each vertex, on the side that the faces point to.
 
-    Where a crease parts the surface, it has a normal on either side; the direction of their mean is returned. At a
-    corner there may be no tangent plane at all; there it is the mean of the normals of the faces around, each weighted
-    by its angle. Loop's surface is not smooth where a boundary or crease has 7 neighbours or more on one side; what is
-    returned there is the normal to the two tangents. Rows are 0 at verts without faces, and where the tangents lie on
-    one line.
+    On a crease it is the mean of the normals of both sides. At a corner, where there may be no tangent plane, it is the
+    mean of the normals of the surrounding faces, weighted by angle. Loop's surface is not smooth where a boundary or
+    crease has 7 neighbours or more on one side; there it is the normal to the two tangents. Rows are 0 at vertices
+    without faces, and where the tangents are collinear.
 
     Args:
         mesh: the control mesh.
@@ -249,10 +303,10 @@ def loop_limit_normals(mesh: Mesh, scheme: Scheme = LOOP, creases: Creases | Non
     topology = Topology.of(mesh)
     tangents = loop_limit_tangents(topology, scheme, creases)
     size = float(np.abs(mesh.verts).max(initial=0.0))
-    mesh = Mesh(mesh.verts / (size or 1.0), mesh.faces)  # so that squares neither overflow nor vanish
-    along, across = (unit_vectors(np.asarray(each @ mesh.verts)) for each in (tangents.along, tangents.across))
+    mesh = Mesh(mesh.verts / (size or 1.0), mesh.faces)  # squares must neither overflow nor underflow
+    along, across = (unit_vectors(np.asarray(tangent @ mesh.verts)) for tangent in (tangents.along, tangents.across))
     normal = np.cross(along, across)
-    normal[np.linalg.norm(normal, axis=1) < _FLAT] = 0.0
+    normal[np.linalg.norm(normal, axis=1) < _COLLINEAR] = 0.0
     total = np.zeros_like(mesh.verts)
     np.add.at(total, tangents.vert, unit_vectors(normal))
     corners = np.ones(mesh.num_verts, dtype=bool)
@@ -263,8 +317,8 @@ def loop_limit_normals(mesh: Mesh, scheme: Scheme = LOOP, creases: Creases | Non
     return unit_vectors(total)
 
 
-def _tangent_masks(sheets: Sectors, ring: Callable[[int], float]) -> Tangents:
-    size = sheets.ring.shape[1]
-    if sheets.is_open:
+def _tangent_masks(sectors: Sectors, ring: Callable[[int], float]) -> Tangents:
+    size = sectors.ring.shape[1]
+    if sectors.is_open:
         return open_tangents(size)
-    return dart_masks(size, ring(size))[1:] if sheets.is_dart else smooth_tangents(size)
+    return dart_masks(size, ring(size))[1:] if sectors.is_dart else smooth_tangents(size)

@@ -1,6 +1,6 @@
-"""Masks: the weights of a refinement rule, declared by role and checked to sum to one."""
+"""Masks of curves, the rules that schemes share along curves and boundaries, and the check that weights sum to one."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -8,86 +8,23 @@ from meshfit.errors import SchemeError
 
 Weight = Fraction | float
 """A weight: exact where it is rational."""
+CurveWeights = Mapping[int, Fraction]
+"""Weights by offset along a curve."""
 
-_TOLERANCE = 1e-12
 CHECKED_VALENCES = range(3, 13)
-"""Valences at which weights that are given by valence are tried."""
+"""Valences at which weights given by valence are checked."""
+_TOLERANCE = 1e-12
 
 
-def require_unit_sum(total: Weight, what: str) -> None:
-    """Refuse weights that do not sum to one: fractions exactly, reals but for rounding.
+def require_unit_sum(total: Weight, subject: str) -> None:
+    """Refuse weights that do not sum to one: fractions exactly, floats up to rounding.
 
     Raises:
-        SchemeError: saying what they are of.
+        SchemeError: naming the subject.
     """
-    allowed = 0.0 if isinstance(total, Fraction) else _TOLERANCE
-    if abs(float(total - 1)) > allowed:
-        raise SchemeError(f"the weights of {what} sum to {total}, not to 1")
-
-
-@dataclass(frozen=True)
-class EdgeMask:
-    """The vertex inserted at an interior edge.
-
-    Attributes:
-        end: weight of each of the 2 ends of the edge.
-        opposite: of each of the 2 vertices opposite to it in its faces.
-        wing: of each of the 4 vertices across the other edges of its faces (the butterfly's wings).
-    """
-
-    end: Weight
-    opposite: Weight = Fraction(0)
-    wing: Weight = Fraction(0)
-
-    def __post_init__(self) -> None:
-        require_unit_sum(2 * self.end + 2 * self.opposite + 4 * self.wing, "an edge mask")
-
-
-@dataclass(frozen=True)
-class FaceMask:
-    """The vertex inserted in a face.
-
-    Attributes:
-        corner: weight of each of the 3 corners.
-        across: of each of the 3 vertices across the face's edges.
-        wing: of each of the 6 vertices across the outer edges of the 3 neighbouring faces.
-    """
-
-    corner: Weight
-    across: Weight = Fraction(0)
-    wing: Weight = Fraction(0)
-
-    def __post_init__(self) -> None:
-        require_unit_sum(3 * self.corner + 3 * self.across + 6 * self.wing, "a face mask")
-
-
-@dataclass(frozen=True)
-class VertMask:
-    """The new place of an interior vertex of valence n: 1 - ring(n) of itself, ring(n) of its one-ring's mean."""
-
-    ring: Callable[[int], float]
-
-
-@dataclass(frozen=True)
-class SpokeMask:
-    """A vertex inserted next to an interior vertex v of valence n other than 6, from v and its one-ring alone.
-
-    Attributes:
-        weights: n → (centre, s_0, …, s_(n-1)), counter-clockwise. Spoke 0 leads to the other end of the edge; in a
-            face, spokes 0 and 1 lead to the two other corners.
-    """
-
-    weights: Callable[[int], tuple[float, ...]]
-
-    def __post_init__(self) -> None:
-        for valence in CHECKED_VALENCES:
-            weights = self.weights(valence)
-            if len(weights) != valence + 1:
-                raise SchemeError(f"a spoke mask has {len(weights)} weights at valence {valence}, not {valence + 1}")
-            require_unit_sum(sum(weights), f"a spoke mask at valence {valence}")
-
-
-CurveWeights = Mapping[int, Fraction]
+    tolerance = 0.0 if isinstance(total, Fraction) else _TOLERANCE
+    if abs(float(total - 1)) > tolerance:
+        raise SchemeError(f"the weights of {subject} sum to {total}, not to 1")
 
 
 @dataclass(frozen=True)
@@ -95,9 +32,9 @@ class CurveMask:
     """The rule along a curve, such as a boundary.
 
     Attributes:
-        vert: weights by offset along the curve from the vertex itself (0); -1 and 1 are the furthest.
-        inserted: for each vertex inserted in an edge, weights by offset from the edge's first end (0); its second is 1,
-            and -1 and 2 are the furthest.
+        vert: weights by offset along the curve from the vertex itself (0), from -1 to 1.
+        inserted: for each vertex inserted in an edge, weights by offset from the edge's first end (0); its second end
+            is 1. Offsets go from -1 to 2.
     """
 
     vert: CurveWeights
@@ -110,3 +47,33 @@ class CurveMask:
         for rule, furthest in ((self.vert, 1), *((weights, 2) for weights in self.inserted)):
             if beyond := [offset for offset in rule if not -1 <= offset <= furthest]:
                 raise SchemeError(f"a curve mask has a weight at offset {beyond[0]}; -1 to {furthest} are allowed")
+
+
+def mirrored(weights: CurveWeights) -> CurveWeights:
+    """Return the weights of the vertex that is inserted as far from the other end of an edge."""
+    return {1 - offset: weight for offset, weight in weights.items()}
+
+
+def _ternary(vert: CurveWeights, first: CurveWeights) -> CurveMask:
+    """Rule with two vertices in each edge, the second the mirror image of the first."""
+    return CurveMask(vert, (first, mirrored(first)))
+
+
+KEPT: CurveWeights = {0: Fraction(1)}
+"""An old vertex that stays where it is."""
+LINEAR = CurveMask(KEPT, ({0: Fraction(1, 2), 1: Fraction(1, 2)},))
+TERNARY_LINEAR = _ternary(KEPT, {0: Fraction(2, 3), 1: Fraction(1, 3)})
+CUBIC_BSPLINE = CurveMask({-1: Fraction(1, 8), 0: Fraction(6, 8), 1: Fraction(1, 8)}, LINEAR.inserted)
+TERNARY_BSPLINE = _ternary(
+    {-1: Fraction(4, 27), 0: Fraction(19, 27), 1: Fraction(4, 27)},
+    {-1: Fraction(1, 27), 0: Fraction(16, 27), 1: Fraction(10, 27)},
+)
+TERNARY_FOUR_POINT = _ternary(
+    KEPT, {-1: Fraction(-5, 81), 0: Fraction(60, 81), 1: Fraction(30, 81), 2: Fraction(-4, 81)}
+)
+
+
+def four_point(tension: Fraction) -> CurveMask:
+    """Dyn, Levin and Gregory 1987, A 4-point interpolatory subdivision scheme for curve design."""
+    near = Fraction(1, 2) + tension
+    return CurveMask(KEPT, ({-1: -tension, 0: near, 1: near, 2: -tension},))

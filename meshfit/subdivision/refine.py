@@ -1,4 +1,4 @@
-"""Refinement: some levels of a scheme laid down on a connectivity, or on a mesh."""
+"""Refinement: some levels of a scheme laid down on a connectivity, or applied to a mesh or to curves."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -9,28 +9,36 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from meshfit.errors import MeshError, SchemeError
-from meshfit.mesh.curves import Chains, Curves
+from meshfit.mesh.curves import Chains, Curves, require_chains
 from meshfit.mesh.manifold import require_manifold
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.topology import PolygonTopology, Topology
 from meshfit.specs import Value
 from meshfit.subdivision.creases import Creases, require_matching_creases
-from meshfit.subdivision.curves.assemble import refine_chains
+from meshfit.subdivision.curves.assemble import assemble_curves
+from meshfit.subdivision.curves.assemble import linear_carry as linear_carry_on_curves
 from meshfit.subdivision.curves.scheme import CurveScheme
 from meshfit.subdivision.polygons.assemble import assemble_polygons
-from meshfit.subdivision.polygons.scheme import LINEAR, PolygonScheme, PolygonSplit
-from meshfit.subdivision.polygons.splits import PolygonDivision, divide_polygons
-from meshfit.subdivision.push_back import with_carried_alpha
+from meshfit.subdivision.polygons.scheme import LINEAR_SCHEMES, PolygonScheme, PolygonSplit
+from meshfit.subdivision.polygons.splits import divide_polygons
+from meshfit.subdivision.push_back import carry_alpha
 from meshfit.subdivision.refinement import CurveRefinement, PolygonRefinement, Refinement
-from meshfit.subdivision.registry import resolve, wrong_domain
-from meshfit.subdivision.scheme import Scheme
-from meshfit.subdivision.triangles.assemble import assemble, vertex_attribute_carry
-from meshfit.subdivision.triangles.scheme import Split, TriangleScheme
+from meshfit.subdivision.registry import Scheme, resolve, wrong_domain
+from meshfit.subdivision.triangles.assemble import assemble, linear_carry
+from meshfit.subdivision.triangles.scheme import MIDPOINT, Split, TriangleScheme
 from meshfit.subdivision.triangles.splits import divide
-from meshfit.subdivision.triangles.table import MIDPOINT
 
 ParameterValue = Value | NDArray[Any]
+
+# Vertices for each old one on a large closed triangle mesh, which has three edges and two faces for each vertex: after
+# the first level, and after each later one, on the polygons that the first leaves.
+_GROWTH_ON_TRIANGLES: dict[PolygonSplit, tuple[float, float]] = {
+    PolygonSplit.QUADS: (6.0, 4.0),
+    PolygonSplit.SQRT2: (3.0, 2.0),
+    PolygonSplit.TERNARY: (13.0, 9.0),
+    PolygonSplit.DUAL: (6.0, 4.0),
+}
 
 
 @overload
@@ -48,18 +56,18 @@ def refine(topology: Chains, scheme: Scheme, levels: int = 1) -> CurveRefinement
 def refine(
     topology: Topology | PolygonTopology | Chains, scheme: Scheme, levels: int = 1, creases: Creases | None = None
 ) -> Refinement | PolygonRefinement | CurveRefinement:
-    """Lay down `levels` levels of a scheme.
+    """Lay down some levels of a scheme on a connectivity.
 
     Args:
-        topology: triangles or polygons, where a scheme on polygons takes triangles as such; or the chains of curves.
-        scheme: one on what is refined.
-        levels: how many times.
+        topology: triangles, polygons, or the chains of curves. A scheme on polygons also takes triangles.
+        scheme: a scheme of that domain.
+        levels: 0 or more.
         creases: sharp edges and corners of this topology, for loop, interp-loop and midpoint.
 
     Raises:
-        SchemeError: levels is negative, the scheme refines something else, or it takes no creases.
-        MeshError: the mesh is not an oriented manifold, or has a place that the scheme has no rule for; a face, edge or
-            vertex at fault is named. Or the curves branch.
+        SchemeError: levels is negative, the scheme refines another domain, or it takes no creases.
+        MeshError: the mesh is not an oriented manifold, the scheme has no rule for one of its faces, edges or vertices,
+            which is named, or the curves branch.
     """
     if levels < 0:
         raise SchemeError(f"levels={levels} is not allowed: 0 or more is")
@@ -70,7 +78,7 @@ def refine(
     if isinstance(topology, Chains):
         if not isinstance(scheme, CurveScheme):
             raise wrong_domain(scheme, "curves")
-        return refine_chains(topology, scheme, levels)
+        return _refine_curves(topology, scheme, levels)
     if isinstance(scheme, CurveScheme):
         raise wrong_domain(scheme, "triangles" if isinstance(topology, Topology) else "polygons")
     return _refine_surface(topology, scheme, levels, creases)
@@ -99,7 +107,7 @@ def _refine_triangles(topology: Topology, scheme: TriangleScheme, levels: int, c
     for step in range(levels):
         division = divide(topology, scheme.split, step)
         operators.append(assemble(topology, scheme, division, creases))
-        scheme = with_carried_alpha(scheme, partial(vertex_attribute_carry, topology, division))
+        scheme = carry_alpha(scheme, partial(linear_carry, topology, division))
         topology = Topology(topology.num_verts + division.num_new, division.faces)
         creases = None if creases is None else creases.finer(topology.num_verts, topology.edges)
     return Refinement(num_coarse, tuple(operators), topology.faces, creases)
@@ -110,13 +118,21 @@ def _refine_polygons(topology: PolygonTopology, scheme: PolygonScheme, levels: i
     for step in range(levels):
         division = divide_polygons(topology, scheme.split, step)
         operators.append(assemble_polygons(topology, scheme, division))
-        scheme = with_carried_alpha(scheme, partial(_linear_carry, topology, scheme, division))
+        if scheme.alpha is not None:
+            scheme = carry_alpha(scheme, partial(assemble_polygons, topology, LINEAR_SCHEMES[scheme.split], division))
         topology = division.finer
     return PolygonRefinement(num_coarse, tuple(operators), topology)
 
 
-def _linear_carry(topology: PolygonTopology, scheme: PolygonScheme, division: PolygonDivision) -> csr_array:
-    return assemble_polygons(topology, LINEAR[scheme.split], division)
+def _refine_curves(chains: Chains, scheme: CurveScheme, levels: int) -> CurveRefinement:
+    if levels:
+        require_chains(chains, "subdivision")
+    num_coarse, operators = chains.num_verts, list[csr_array]()
+    for _ in range(levels):
+        operators.append(assemble_curves(chains, scheme))
+        scheme = carry_alpha(scheme, partial(linear_carry_on_curves, chains, scheme))
+        chains = chains.split(len(scheme.mask.inserted))
+    return CurveRefinement(num_coarse, tuple(operators), chains)
 
 
 @overload
@@ -156,14 +172,15 @@ def subdivide(
     """Refine a mesh, or curves, by some levels of a subdivision scheme.
 
     Args:
-        mesh: an oriented manifold, closed or with boundary; of triangles, or of polygons for a scheme on these. Or
+        mesh: an oriented manifold, closed or with boundary: of triangles, or of polygons for a scheme on polygons. Or
             curves, for a scheme on curves.
         scheme: a spec such as `loop` or `interp-loop:alpha=0.5`, or a declared scheme.
-        levels: how many times; each makes 4 faces of one (√3 schemes: 3, √2 schemes: 2, and both refine the boundary at
-            every second level, so that two levels at once differ from one and one more where there is a boundary), or 2
-            segments of one (ternary schemes: 3). The ends of open curves stay where they are.
-        creases: sharp edges and corners, for loop, interp-loop and midpoint; as `creases_by_angle` finds them.
-        **parameters: of the scheme, in place of those in the spec. `alpha` may be a (V,) array of one value a vertex.
+        levels: 0 or more. Each level splits a face in 4, or a segment in 2 (ternary schemes: in 3). √3 schemes split a
+            face in 3 and √2 schemes in 2; both refine the boundary at every second level, so that on a mesh with
+            boundary two levels at once differ from one level twice. The ends of open curves stay where they are.
+        creases: sharp edges and corners, for loop, interp-loop and midpoint; see `creases_by_angle`.
+        **parameters: of the scheme; they take precedence over those in the spec. `alpha` may be a (V,) array, one value
+            for each vertex.
 
     Example:
         >>> from meshfit.mesh.solids import icosahedron
@@ -174,10 +191,10 @@ def subdivide(
         16
 
     Returns:
-        A mesh of triangles from a scheme on triangles, one of polygons from a scheme on polygons, and curves of curves.
+        Triangles from a scheme on triangles, polygons from a scheme on polygons, curves from curves.
 
     Raises:
-        SchemeError: no such scheme or parameter, a value that is not allowed, or a scheme that refines something else
+        SchemeError: no such scheme or parameter, a value that is not allowed, or a scheme that refines another domain
             or takes no creases.
         MeshError: the mesh or the curves cannot be refined; an edge or vertex at fault is named.
     """
@@ -196,60 +213,52 @@ def subdivide(
 
 
 def _declared(scheme: str | Scheme, parameters: Mapping[str, ParameterValue]) -> Scheme:
-    lists = {key: value for key, value in parameters.items() if np.ndim(value)}
-    plain = {key: _plain(value) for key, value in parameters.items() if key not in lists}
-    declared = resolve(scheme, **plain)
-    for key, value in lists.items():
+    arrays = {key: value for key, value in parameters.items() if np.ndim(value)}
+    declared = resolve(scheme, **{key: _scalar(value) for key, value in parameters.items() if key not in arrays})
+    for key, values in arrays.items():
         if key != "alpha":
             raise SchemeError(f"parameter '{key}' takes one value, not an array")
-        declared = declared.with_alpha(np.asarray(value, dtype=np.float64))
+        declared = declared.with_alpha(np.asarray(values, dtype=np.float64))
     return declared
 
 
-def _plain(value: ParameterValue) -> Value:
+def _scalar(value: ParameterValue) -> Value:
     return value.item() if isinstance(value, np.ndarray | np.generic) else value
 
 
 def require_takes_creases(scheme: Scheme, name: str = "this scheme") -> None:
-    """Refuse a scheme whose rule along a curve is no rule for creases.
+    """Refuse a scheme whose boundary rule does not serve along creases.
 
     Args:
-        scheme: which.
-        name: what to call it.
+        scheme: any scheme.
+        name: its name in the message.
 
     Raises:
-        SchemeError: it takes none.
+        SchemeError: it takes no creases.
     """
     if not (isinstance(scheme, TriangleScheme) and scheme.takes_creases):
         raise SchemeError(f"{name} takes no creases; loop, interp-loop and midpoint do")
 
 
 def _require_alphas(scheme: Scheme, num_verts: int) -> None:
-    alpha = scheme.push_back.alpha if scheme.push_back is not None else 0.0
-    if np.ndim(alpha) and np.shape(alpha) != (num_verts,):
-        raise MeshError(f"alpha has shape {np.shape(alpha)}; one value for each of {num_verts} verts is needed")
+    shape = np.shape(scheme.alpha) if scheme.alpha is not None else ()
+    if shape not in ((), (num_verts,)):
+        raise MeshError(f"alpha has shape {shape}; expected one value for each of {num_verts} vertices")
 
 
 def linear_scheme(scheme: Scheme) -> Scheme | None:
-    """The scheme that keeps old verts and puts those of the same split between them; None where old edges are lost."""
+    """Return linear interpolation on the same split; None where the split drops old vertices, and for √3."""
     if isinstance(scheme, PolygonScheme):
-        return LINEAR.get(scheme.split)
+        return LINEAR_SCHEMES.get(scheme.split)
     return MIDPOINT if scheme.split is Split.QUADRISECT else None
 
 
-# On a large closed surface of triangles, which has three edges and two faces for each vertex, the first level, and any
-# that follows it on the polygons that it leaves.
-_ON_TRIANGLES: dict[PolygonSplit, tuple[float, float]] = {
-    PolygonSplit.QUADS: (6.0, 4.0),
-    PolygonSplit.SQRT2: (3.0, 2.0),
-    PolygonSplit.TERNARY: (13.0, 9.0),
-    PolygonSplit.DUAL: (6.0, 4.0),
-}
-
-
 def growth(scheme: Scheme, levels: int) -> float:
-    """About how many verts come of each by some levels on triangles; four at each for any scheme on triangles."""
+    """Return about how many vertices replace each one after some levels on triangles.
+
+    For schemes on triangles it is 4 for each level, an upper bound for √3.
+    """
     if not isinstance(scheme, PolygonScheme):
         return 4.0**levels
-    first, later = _ON_TRIANGLES[scheme.split]
+    first, later = _GROWTH_ON_TRIANGLES[scheme.split]
     return first * later ** (levels - 1) if levels else 1.0

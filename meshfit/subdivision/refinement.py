@@ -1,10 +1,9 @@
-"""Refinement operators on torch tensors."""
+"""Refinements: the operators of some levels, which act on numpy arrays and torch tensors, and the finest mesh."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from math import prod
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -19,12 +18,11 @@ from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.topology import PolygonTopology
 from meshfit.subdivision.creases import Creases
 
-if TYPE_CHECKING:
-    import torch
+Values = TypeVar("Values", np.ndarray, Tensor)
 
 
 def sparse_tensor(operator: csr_array, dtype: torch.dtype, device: torch.device | str) -> Tensor:
-    """A sparse COO tensor of the operator, which products differentiate through on every device that has them."""
+    """Return the operator as a sparse COO tensor; its products are differentiable on every device."""
     entries = coo_array(operator)
     indices = torch.stack([torch.as_tensor(entries.row.astype("int64")), torch.as_tensor(entries.col.astype("int64"))])
     values = torch.as_tensor(entries.data, dtype=dtype)
@@ -33,24 +31,12 @@ def sparse_tensor(operator: csr_array, dtype: torch.dtype, device: torch.device 
     ).to(device)
 
 
-def apply_to_tensor(operators: Iterable[csr_array], values: Tensor) -> Tensor:
-    """Apply each operator in turn to a (V, …) tensor, in its dtype and on its device."""
-    values = values if values.is_floating_point() else values.double()
-    flat = values.reshape(len(values), prod(values.shape[1:]))
-    for operator in operators:
-        flat = torch.sparse.mm(sparse_tensor(operator, values.dtype, values.device), flat)
-    return flat.reshape(-1, *values.shape[1:])
-
-
-Values = TypeVar("Values", np.ndarray, "torch.Tensor")
-
-
 @dataclass(frozen=True, eq=False)
 class Operators:
-    """The operators of some levels.
+    """Operators of some levels.
 
     Attributes:
-        num_coarse: V, the number of vertices refined.
+        num_coarse: V, the number of coarse vertices.
         operators: one sparse operator for each level, coarsest first.
     """
 
@@ -64,17 +50,17 @@ class Operators:
 
     @cached_property
     def matrix(self) -> csr_array:
-        """All levels in one: sparse (V', V), verts_fine = matrix @ verts_coarse."""
+        """Product of all levels: sparse (V', V), verts_fine = matrix @ verts_coarse."""
         product = csr_array(eye_array(self.num_coarse, format="csr"))
         for operator in self.operators:
             product = csr_array(operator @ product)
         return product
 
     def __call__(self, values: Values) -> Values:
-        """Refine values given at the coarse vertices, positions or any other attribute.
+        """Refine positions or any other values given at the coarse vertices.
 
         Args:
-            values: (V, …) numpy array or torch tensor. The map is linear, so gradients flow through it.
+            values: (V, …) numpy array or torch tensor. The map is linear and differentiable.
 
         Returns:
             (V', …) of the same kind, dtype and device; integers come back as float64.
@@ -83,24 +69,28 @@ class Operators:
             MeshError: the number of rows is not the number of coarse vertices.
         """
         if len(values) != self.num_coarse:
-            raise MeshError(f"found {len(values)} values; one for each of {self.num_coarse} coarse verts is needed")
+            raise MeshError(f"found {len(values)} values; expected one for each of {self.num_coarse} coarse vertices")
+        rest = values.shape[1:]
         if isinstance(values, np.ndarray):
-            flat = values.reshape(self.num_coarse, prod(values.shape[1:]))
+            rows = values.reshape(self.num_coarse, prod(rest))
             for operator in self.operators:
-                flat = operator @ flat
-            fine = flat.reshape(-1, *values.shape[1:])
+                rows = operator @ rows
+            fine = rows.reshape(-1, *rest)
             return fine.astype(values.dtype) if np.issubdtype(values.dtype, np.floating) else fine
-
-        return apply_to_tensor(self.operators, values)
+        tensor = values if values.is_floating_point() else values.double()
+        flat = tensor.reshape(self.num_coarse, prod(rest))
+        for operator in self.operators:
+            flat = torch.sparse.mm(sparse_tensor(operator, tensor.dtype, tensor.device), flat)
+        return flat.reshape(-1, *rest)
 
 
 @dataclass(frozen=True, eq=False)
 class Refinement(Operators):
-    """What some levels of a scheme make of triangles.
+    """Some levels of a scheme on triangles.
 
     Attributes:
         faces: (F', 3) the finest faces.
-        creases: what is left of the creases on the finest level, if there were any.
+        creases: the creases that remain on the finest level; None if there were none.
     """
 
     faces: Faces
@@ -109,7 +99,7 @@ class Refinement(Operators):
 
 @dataclass(frozen=True, eq=False)
 class CurveRefinement(Operators):
-    """What some levels of a scheme make of curves.
+    """Some levels of a scheme on curves.
 
     Attributes:
         chains: the finest chains.
@@ -120,7 +110,7 @@ class CurveRefinement(Operators):
 
 @dataclass(frozen=True, eq=False)
 class PolygonRefinement(Operators):
-    """What some levels of a scheme make of polygons.
+    """Some levels of a scheme on polygons.
 
     Attributes:
         finest: the finest connectivity.
@@ -129,16 +119,16 @@ class PolygonRefinement(Operators):
     finest: PolygonTopology
 
     def mesh(self, verts: Verts) -> PolygonMesh:
-        """The finest faces with their verts at these places."""
+        """Return the finest faces with their vertices at these positions."""
         return PolygonMesh(verts, self.finest.corners, self.finest.sizes)
 
 
 def finest_triangles(
     refinement: Refinement | PolygonRefinement, verts: Verts
 ) -> tuple[Int64[np.ndarray, "G 3"], PolygonTopology | None]:
-    """The finest faces as triangles, and the polygons whose fans they are, if they are any.
+    """Return the finest faces as triangles, and the polygons that were triangulated, if any.
 
-    Polygons are cut by their shortest diagonals, with their verts at these places.
+    Polygons are cut along their shortest diagonals, with their vertices at these positions.
     """
     if isinstance(refinement, Refinement):
         return refinement.faces, None

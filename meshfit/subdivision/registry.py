@@ -18,11 +18,14 @@ from meshfit.subdivision.custom.formulas import error_at
 from meshfit.subdivision.masks import CHECKED_VALENCES
 from meshfit.subdivision.polygons.scheme import PolygonScheme
 from meshfit.subdivision.polygons.table import POLYGON_SCHEMES
-from meshfit.subdivision.scheme import Domain, Kind, Parameter, Scheme, SchemeEntry
-from meshfit.subdivision.triangles.scheme import PushBack, TriangleScheme
+from meshfit.subdivision.scheme import Domain, Kind, Parameter, SchemeEntry
+from meshfit.subdivision.triangles.scheme import TriangleScheme
 from meshfit.subdivision.triangles.table import TRIANGLE_SCHEMES
 
-Registry = Mapping[str, SchemeEntry]
+Scheme = TriangleScheme | PolygonScheme | CurveScheme
+"""A scheme on any domain, every parameter fixed."""
+Entry = SchemeEntry[Scheme]
+Registry = Mapping[str, Entry]
 """Schemes by name."""
 
 SCHEMES: Registry = {**TRIANGLE_SCHEMES, **POLYGON_SCHEMES, **CURVE_SCHEMES}
@@ -55,7 +58,7 @@ def resolve(scheme: str | Scheme, registry: Registry = SCHEMES, /, **parameters:
     return registry[name].declare(**values)
 
 
-def entry_of(name: str, registry: Registry = SCHEMES) -> SchemeEntry:
+def entry_of(name: str, registry: Registry = SCHEMES) -> Entry:
     """Return the entry of that name.
 
     Raises:
@@ -152,12 +155,12 @@ class UserSchemes(Settings):
 
 
 @dataclass(frozen=True, eq=False)
-class _ExtendedRegistry(Mapping[str, SchemeEntry]):
+class _ExtendedRegistry(Mapping[str, Entry]):
     """The built-in schemes and some definitions, whose entries are made on demand."""
 
     definitions: Mapping[str, Definition]
 
-    def __getitem__(self, name: str) -> SchemeEntry:
+    def __getitem__(self, name: str) -> Entry:
         return SCHEMES[name] if name in SCHEMES else _entry(name, self.definitions[name], self.definitions)
 
     def __iter__(self) -> Iterator[str]:
@@ -205,20 +208,20 @@ class NamedScheme:
         return resolve(self.spec, registry_with(dict(self.own)))
 
 
-def _entry(name: str, definition: Definition, definitions: Mapping[str, Definition]) -> SchemeEntry:
+def _entry(name: str, definition: Definition, definitions: Mapping[str, Definition]) -> Entry:
     kind: Kind
     if not isinstance(definition, PushBackDefinition):
         kind = "interpolatory" if _keeps_old_verts(definition.scheme()) else "approximating"
         declare = partial(definition.scheme, name)
-        return SchemeEntry(name, "triangles", kind, _CONTINUITY, _SOURCE, declare, {})
+        return Entry(name, "triangles", kind, _CONTINUITY, _SOURCE, declare, {})
     base, entry = _base(name, definition.base, definitions)
     kind = "interpolatory" if definition.alpha == 1 else entry.kind
     alpha = Parameter(definition.alpha, (0.0, 1.0), f"from {definition.base} (0) to interpolatory (1)")
     source = f"{_SOURCE}, a push-back of {definition.base}"
-    return SchemeEntry(name, entry.domain, kind, _CONTINUITY, source, partial(_push_back, base), {"alpha": alpha})
+    return Entry(name, entry.domain, kind, _CONTINUITY, source, partial(_pushed_back, base), {"alpha": alpha})
 
 
-def _base(name: str, base: str, definitions: Mapping[str, Definition]) -> tuple[Scheme, SchemeEntry]:
+def _base(name: str, base: str, definitions: Mapping[str, Definition]) -> tuple[Scheme, Entry]:
     """Return the scheme that is pushed back, and its entry."""
     base_name = spec_of(base).name
     registry = SCHEMES
@@ -228,13 +231,13 @@ def _base(name: str, base: str, definitions: Mapping[str, Definition]) -> tuple[
             raise SchemeError(f"'{base}' is {fault}; expected a scheme defined by masks alone")
         registry = {**SCHEMES, base_name: _entry(base_name, definitions[base_name], definitions)}
     scheme, entry = resolve(base, registry), entry_of(base_name, registry)
-    if scheme.push_back is not None:
+    if scheme.alpha is not None:
         raise SchemeError(f"'{base}' is pushed back already; expected a scheme defined by masks alone")
     return scheme, entry
 
 
-def _push_back(base: Scheme, alpha: float) -> Scheme:
-    return replace(base, push_back=PushBack(alpha))
+def _pushed_back(base: Scheme, alpha: float) -> Scheme:
+    return replace(base, alpha=alpha)
 
 
 def _keeps_old_verts(scheme: TriangleScheme) -> bool:

@@ -15,8 +15,8 @@ from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.paths import bundled_folder
 from meshfit.report.tables.expected import check, read_expected
 from meshfit.report.tables.table import build_tables
-from meshfit.subdivision.masks import EdgeMask
 from meshfit.subdivision.registry import SCHEMES
+from meshfit.subdivision.triangles.scheme import EdgeMask
 from tests.inline import Inline
 
 EXPECTED = read_expected(bundled_folder("configs") / "expected" / "reproduce.json")

@@ -121,7 +121,7 @@ REFUSED = {
     ("cube.ply", "out.ply", "--creases", "45", "--sharpness", "nan"): "--sharpness: nan is not allowed",
     ("cube.ply", "out.ply", "--sharpness", "2"): "--sharpness: goes with --creases",
     ("cube.ply", "out.ply", "--creases", "45", "--sharpness", "3.5", "--limit"): "limits are known where creases are "
-    "smooth or sharp for ever: a sharpness of 2.5 is left; refine 3 levels more",
+    "smooth or permanently sharp: a sharpness of 2.5 is left; refine 3 levels more",
     (
         "cube.ply",
         "out.ply",

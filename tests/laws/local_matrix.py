@@ -6,10 +6,10 @@ import numpy as np
 
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import NONE, Topology, next_in_face
-from meshfit.subdivision.masks import CurveMask, FaceMask
+from meshfit.subdivision.masks import CurveMask
 from meshfit.subdivision.refine import refine
 from meshfit.subdivision.registry import SCHEMES, resolve
-from meshfit.subdivision.triangles.scheme import Split, TriangleScheme
+from meshfit.subdivision.triangles.scheme import FaceMask, Split, TriangleScheme
 from tests.shapes import fan, wheel
 
 

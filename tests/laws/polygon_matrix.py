@@ -3,7 +3,7 @@
 import numpy as np
 
 from meshfit.mesh.topology import PolygonTopology
-from meshfit.subdivision.polygons.scheme import LINEAR, PolygonSplit
+from meshfit.subdivision.polygons.scheme import LINEAR_SCHEMES, PolygonSplit
 from meshfit.subdivision.refine import refine
 from meshfit.subdivision.registry import resolve
 from tests.quads import quad_wheel
@@ -17,7 +17,7 @@ def quad_matrix(valence: int, spec: str, rings: int = 1) -> np.ndarray:
     mesh, levels = quad_wheel(valence, rings + 3), STEPS[scheme.split]
     topology = PolygonTopology.of(mesh)
     refinement = refine(topology, scheme, levels)
-    flat = refine(topology, LINEAR[scheme.split], levels)(mesh.verts)
+    flat = refine(topology, LINEAR_SCHEMES[scheme.split], levels)(mesh.verts)
     coarse, fine = (sector_verts(t, rings, places) for t, places in ((topology, mesh.verts), (refinement.finest, flat)))
     rows = refinement.matrix.toarray()[fine]
     assert not np.delete(rows, coarse, axis=1).any(), "the rings do not suffice"

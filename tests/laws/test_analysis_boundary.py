@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from meshfit.analysis.analyse import NEIGHBOURS, analyse
-from meshfit.analysis.curve_meshes import stencil_meshes
 from meshfit.analysis.extraordinary_vertex import analyse_boundary
+from meshfit.analysis.stencil_meshes import stencil_meshes
 from meshfit.errors import SchemeError
 from meshfit.subdivision.registry import resolve
 from tests.laws.local_matrix import boundary_matrix

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from meshfit.analysis.analyse import analyse, verdict, warnings_of
-from meshfit.analysis.curve_meshes import stencil_meshes
 from meshfit.analysis.extraordinary_vertex import characteristic_net, corner_turns, wheels
 from meshfit.analysis.local_matrix import PAD, invariant_matrix
+from meshfit.analysis.stencil_meshes import stencil_meshes
 from meshfit.errors import SchemeError
-from meshfit.subdivision.masks import CurveMask, EdgeMask, SpokeMask, VertMask
+from meshfit.subdivision.masks import CurveMask
 from meshfit.subdivision.registry import resolve
-from meshfit.subdivision.triangles.scheme import Split, TriangleScheme
+from meshfit.subdivision.triangles.scheme import EdgeMask, Split, SpokeMask, TriangleScheme, VertMask
 
 BUTTERFLY = resolve("butterfly")
 HALF = Fraction(1, 2)

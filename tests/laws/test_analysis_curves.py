@@ -3,8 +3,8 @@
 import pytest
 
 from meshfit.analysis.analyse import analyse, verdict
-from meshfit.analysis.curve_meshes import stencil_meshes
 from meshfit.analysis.regular_lattice import regular_mask
+from meshfit.analysis.stencil_meshes import stencil_meshes
 from meshfit.subdivision.registry import resolve
 
 # Exponent in L2, degrees reproduced and generated, and continuity. Of four points with another tension than 1/16 only

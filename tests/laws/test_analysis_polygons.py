@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from meshfit.analysis.analyse import VALENCES, analyse, verdict
-from meshfit.analysis.curve_meshes import stencil_meshes
 from meshfit.analysis.local_matrix import map_wheel
 from meshfit.analysis.regular_lattice import regular_mask
+from meshfit.analysis.stencil_meshes import stencil_meshes
 from meshfit.subdivision.registry import SCHEMES, resolve
 
 NAMES = [name for name, entry in SCHEMES.items() if entry.domain == "polygons"]

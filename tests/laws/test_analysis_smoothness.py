@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from meshfit.analysis.analyse import analyse
-from meshfit.analysis.curve_meshes import stencil_meshes
 from meshfit.analysis.regular_lattice import RegularMask, regular_mask, sum_rule_order
 from meshfit.analysis.regularity import continuity, holder_bound, regularity_of
+from meshfit.analysis.stencil_meshes import stencil_meshes
 from meshfit.subdivision.registry import resolve
 from tests.laws.test_subdivision_polynomials import DEGREE
 from tests.laws.variants import VARIANTS

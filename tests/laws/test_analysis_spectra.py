@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from meshfit.analysis.analyse import analyse
-from meshfit.analysis.curve_meshes import stencil_meshes
 from meshfit.analysis.extraordinary_vertex import wheels
 from meshfit.analysis.local_matrix import PAD, invariant_matrix, local_matrix
 from meshfit.analysis.spectrum import spectrum_of
+from meshfit.analysis.stencil_meshes import stencil_meshes
 from meshfit.errors import SchemeError
 from meshfit.subdivision.registry import resolve
-from meshfit.subdivision.triangles.scheme import PushBack, TriangleScheme
+from meshfit.subdivision.triangles.scheme import TriangleScheme
 from tests.laws import local_matrix as own
 from tests.laws.test_subdivision_spectra import CASES, TABLES, VALENCES, mode_block, moduli
 from tests.laws.variants import VARIANTS
@@ -22,7 +22,7 @@ SQRT3 = resolve("sqrt3")
 
 def unified_sqrt3(alpha: float) -> TriangleScheme:
     """Lin and Luo 2007, as derived from its abstract."""
-    return TriangleScheme(SQRT3.split, SQRT3.inserted, SQRT3.boundary, SQRT3.vert, push_back=PushBack(alpha))
+    return TriangleScheme(SQRT3.split, SQRT3.inserted, SQRT3.boundary, SQRT3.vert, alpha=alpha)
 
 
 def places_of(scheme, valences):

@@ -8,10 +8,10 @@ from scipy.spatial import cKDTree
 
 from meshfit.mesh.curves import Chains, Curves, join_segments
 from meshfit.mesh.topology import Topology
-from meshfit.subdivision.curves.scheme import CUBIC_BSPLINE, TERNARY_BSPLINE, CurveScheme, four_point
+from meshfit.subdivision.curves.scheme import CurveScheme
+from meshfit.subdivision.masks import CUBIC_BSPLINE, TERNARY_BSPLINE, four_point
 from meshfit.subdivision.refine import refine, subdivide
 from meshfit.subdivision.registry import resolve
-from meshfit.subdivision.triangles.scheme import PushBack
 from meshfit.subdivision.triangles.table import TRIANGLE_SCHEMES
 from tests.curve_shapes import SHAPES, arity, dense, rows_along
 from tests.shapes import OPEN
@@ -110,7 +110,7 @@ def test_new_verts_of_the_blend_are_those_of_four_point_with_tension_of_a_sixtee
 def test_a_ternary_spline_pushed_back_is_the_ternary_four_point(shape):
     """New verts take two thirds of the nearer end's displacement, and one third of the other's."""
     curves = SHAPES[shape]()
-    blend = CurveScheme(TERNARY_BSPLINE, PushBack(1.0))
+    blend = CurveScheme(TERNARY_BSPLINE, alpha=1.0)
     found = refine(Chains.of(curves), blend, 3).matrix.toarray()
     np.testing.assert_allclose(found, dense(curves, "ternary-four-point", 3), rtol=0, atol=1e-14)
 

@@ -76,11 +76,11 @@ def test_every_scheme_can_be_asked_for_by_its_name(name):
 
 
 def test_parameters_given_apart_take_precedence_and_none_stands_for_not_given():
-    assert resolve("interp-loop:alpha=0.5", alpha=0.25).push_back.alpha == 0.25
-    assert resolve("interp-loop:alpha=0.5", alpha=None).push_back.alpha == 0.5
-    assert resolve("interp-loop", alpha=0.5, valence3="zorin").push_back.at_valence3 is not None
-    assert resolve("interp-loop").push_back.at_valence3 is None
-    assert resolve("interp-loop").push_back.alpha == 1
+    assert resolve("interp-loop:alpha=0.5", alpha=0.25).alpha == 0.25
+    assert resolve("interp-loop:alpha=0.5", alpha=None).alpha == 0.5
+    assert resolve("interp-loop", alpha=0.5, valence3="zorin").at_valence3 is not None
+    assert resolve("interp-loop").at_valence3 is None
+    assert resolve("interp-loop").alpha == 1
 
 
 REFUSED = {

@@ -10,8 +10,7 @@ from meshfit.mesh.io.files import load_mesh_with_vertex_map, save_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, octahedron
 from meshfit.mesh.topology import NONE, Topology
-from meshfit.subdivision.crease_files import read_creases
-from meshfit.subdivision.creases import Creases, creases_by_angle
+from meshfit.subdivision.creases import Creases, creases_by_angle, read_creases
 from meshfit.subdivision.limit import loop_limit, loop_limit_normals
 from meshfit.subdivision.refine import refine, subdivide
 from meshfit.subdivision.registry import SCHEMES, resolve
@@ -52,20 +51,20 @@ def test_numbers_are_those_of_the_mesh_file(tmp_path):
 
 
 BAD_LINES = {
-    "a b": "line 1: found 'a b'; a crease 'a b' or 'a b sharpness', or a corner 'a', is needed",
-    "0 2\n0 2 1 4": "line 2: found '0 2 1 4'; a crease",
+    "a b": "line 1: found 'a b'; expected a crease 'a b' or 'a b sharpness', or a corner 'a'",
+    "0 2\n0 2 1 4": "line 2: found '0 2 1 4'; expected a crease",
     "0.5 2": "line 1: found '0.5 2'",
     "0 2 soft": "line 1: found '0 2 soft'",
-    "0 2 -1": "line 1: sharpness -1 is not allowed: 0 or more is, and inf for ever",
+    "0 2 -1": "line 1: sharpness -1 is not allowed: 0 or more is, and inf for permanently sharp",
     "0 2 nan": "line 1: sharpness nan is not allowed",
-    "# only\n\n0 6": r"line 3: vertex 6: those of the mesh file are numbered 0 to 5",
-    "-1 0": "line 1: vertex -1: those of the mesh file",
+    "# only\n\n0 6": r"line 3: vertex 6: the mesh file has vertices 0 to 5",
+    "-1 0": "line 1: vertex -1: the mesh file",
     "6": "line 1: vertex 6",
-    "0 1": "line 1: the mesh has no edge between verts 0 and 1",
-    "2 2": "line 1: the mesh has no edge between verts 2 and 2",
-    "0 2 1\n2 0 2": r"line 2: edge \(2, 0\) is listed twice, of sharpness 1 before",
-    "": "no creases and no corners in it",
-    "# nothing\n": "no creases and no corners in it",
+    "0 1": "line 1: the mesh has no edge between vertices 0 and 1",
+    "2 2": "line 1: the mesh has no edge between vertices 2 and 2",
+    "0 2 1\n2 0 2": r"line 2: edge \(2, 0\) is a duplicate, listed before with sharpness 1",
+    "": "it lists no creases and no corners",
+    "# nothing\n": "it lists no creases and no corners",
 }
 
 
@@ -125,7 +124,7 @@ def test_schemes_take_creases_or_refuse_them_by_name_of_those_that_do(name):
 
 def test_creases_of_another_mesh():
     creases = creases_by_angle(mixed_closed(), 10)
-    with pytest.raises(MeshError, match=r"creases are of 96 edges and 34 verts; the mesh has \d+ edges and \d+ verts"):
+    with pytest.raises(MeshError, match=r"creases are of 96 edges and 34 vertices; the mesh has \d+ edges"):
         subdivide(mixed_open(), "loop", creases=creases)
 
 
@@ -143,7 +142,7 @@ def test_sharpness_out_of_range(value):
 
 def test_sharpness_of_another_number_than_the_edges():
     for given in ([1.0], [1.0, 2.0, 3.0], [[1.0, 2.0]]):
-        with pytest.raises(MeshError, match=r"one number is needed, or one for each of 2 edges"):
+        with pytest.raises(MeshError, match=r"expected one number, or one for each of 2 edges"):
             Creases.of(SOLID, [(0, 2), (0, 3)], np.array(given))
 
 
@@ -168,9 +167,9 @@ def test_angles_out_of_range(degrees):
     ("edges", "corners", "message"),
     [
         ([(0, 1)], (), r"crease \(0, 1\): the mesh has no such edge"),
-        ([(0, 6)], (), r"crease \(0, 6\): verts are numbered 0 to 5"),
-        ([(2, 0), (-1, 0)], (), r"crease \(-1, 0\): verts are numbered"),
-        ((), [6], "corner 6: verts are numbered 0 to 5"),
+        ([(0, 6)], (), r"crease \(0, 6\): vertices are numbered 0 to 5"),
+        ([(2, 0), (-1, 0)], (), r"crease \(-1, 0\): vertices are numbered"),
+        ((), [6], "corner 6: vertices are numbered 0 to 5"),
         ((), [-1], "corner -1"),
     ],
 )

@@ -13,9 +13,9 @@ from meshfit.experiment.source import build_source
 from meshfit.mesh.curves import Chains, Curves
 from meshfit.mesh.solids import octahedron
 from meshfit.mesh.topology import Topology
-from meshfit.subdivision.curves.scheme import KEPT, LINEAR, CurveScheme, CurveSplit, four_point
+from meshfit.subdivision.curves.scheme import CurveScheme, CurveSplit
 from meshfit.subdivision.curves.table import CURVE_SCHEMES
-from meshfit.subdivision.masks import CurveMask
+from meshfit.subdivision.masks import KEPT, LINEAR, CurveMask, four_point
 from meshfit.subdivision.refine import refine, subdivide
 from meshfit.subdivision.registry import SCHEMES, domain_of, resolve
 from meshfit.subdivision.triangles.table import TRIANGLE_SCHEMES
@@ -82,19 +82,23 @@ def test_level_0_changes_nothing():
         ("cubic-bspline", {"tension": 0.1}, "has no parameter 'tension': it takes none"),
         ("interp-bspline", {"alpha": 1.5}, "alpha=1.5 is not allowed: a number from 0 to 1 is"),
         ("four-pont", {}, "'four-pont' is not a scheme: did you mean 'four-point'"),
-        ("cubic-bspline", {"alpha": np.full(3, 0.5)}, "this scheme has no parameter alpha; interp-bspline has"),
+        (
+            "cubic-bspline",
+            {"alpha": np.full(3, 0.5)},
+            "this scheme has no parameter alpha; interp-loop",
+        ),
         ("interp-bspline", {"alpha": np.full(4, 0.5)}, None),
         ("interp-bspline", {"alpha": np.array([0, 0.5, 2])}, "alpha is not allowed: all its values must lie from 0"),
     ],
 )
 def test_parameters(spec, parameters, message):
-    with pytest.raises((SchemeError, MeshError), match=message or "one value for each of 3 verts is needed"):
+    with pytest.raises((SchemeError, MeshError), match=message or "expected one value for each of 3 vertices"):
         subdivide(single(3, closed=True), spec, **parameters)
 
 
 @pytest.mark.parametrize("inserted", [(), LINEAR.inserted * 3])
 def test_masks_that_divide_segments_otherwise(inserted):
-    with pytest.raises(SchemeError, match=f"a curve mask of {len(inserted)} inserted verts; 1 or 2 are allowed"):
+    with pytest.raises(SchemeError, match=f"a curve mask of {len(inserted)} inserted vertices; 1 or 2 are allowed"):
         CurveScheme(CurveMask(KEPT, inserted))
 
 
@@ -149,7 +153,7 @@ def test_refinement_carries_any_attribute_and_gradients():
     np.testing.assert_allclose(fine.detach().numpy(), refinement.matrix @ np.arange(5.0), rtol=0, atol=1e-14)
     fine.sum().backward()
     np.testing.assert_allclose(values.grad.numpy(), refinement.matrix.sum(axis=0), rtol=0, atol=1e-14)
-    with pytest.raises(MeshError, match="found 4 values; one for each of 5 coarse verts is needed"):
+    with pytest.raises(MeshError, match="found 4 values; expected one for each of 5 coarse vertices"):
         refinement(np.zeros(4))
 
 

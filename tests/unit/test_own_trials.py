@@ -60,7 +60,7 @@ def test_trials_travel_to_workers(tmp_path):
     again = pickle.loads(pickle.dumps(trial))
     assert again == trial
     assert again.identity == trial.identity
-    assert again.named_scheme.resolve().push_back.alpha == 0.25
+    assert again.named_scheme.resolve().alpha == 0.25
 
 
 @pytest.mark.parametrize(
@@ -100,7 +100,7 @@ def test_a_definition_can_be_swept(tmp_path):
         ("softer", "alpha=0.25"),
         ("softer", "alpha=0.5"),
     ]
-    assert [trial.named_scheme.resolve().push_back.alpha for trial in found[1:]] == [0.25, 0.5]
+    assert [trial.named_scheme.resolve().alpha for trial in found[1:]] == [0.25, 0.5]
 
 
 def result(trial, value):

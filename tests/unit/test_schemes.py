@@ -8,10 +8,10 @@ import pytest
 
 from meshfit.errors import SchemeError
 from meshfit.mesh.topology import Topology
-from meshfit.subdivision.masks import CurveMask, EdgeMask, FaceMask, SpokeMask, VertMask
+from meshfit.subdivision.masks import CurveMask
 from meshfit.subdivision.refine import refine
 from meshfit.subdivision.registry import resolve
-from meshfit.subdivision.triangles.scheme import PushBack, Split, TriangleScheme
+from meshfit.subdivision.triangles.scheme import EdgeMask, FaceMask, Split, SpokeMask, TriangleScheme, VertMask
 from meshfit.subdivision.triangles.table import TRIANGLE_SCHEMES
 from tests.shapes import mixed_closed, mixed_open, patch, torus
 
@@ -84,9 +84,9 @@ def test_declared_schemes_are_frozen():
 def test_with_alpha_leaves_the_scheme_it_came_from():
     scheme = resolve("interp-loop:alpha=0.5,valence3=zorin")
     other = scheme.with_alpha(0.25)
-    assert (scheme.push_back.alpha, other.push_back.alpha) == (0.5, 0.25)
-    assert other.push_back.at_valence3 is scheme.push_back.at_valence3
-    with pytest.raises(SchemeError, match="no parameter alpha; interp-loop and others have"):
+    assert (scheme.alpha, other.alpha) == (0.5, 0.25)
+    assert other.at_valence3 is scheme.at_valence3
+    with pytest.raises(SchemeError, match="no parameter alpha; interp-loop, interp"):
         resolve("loop").with_alpha(0.5)
 
 
@@ -110,7 +110,7 @@ def test_push_back_works_on_any_split():
     base, topology = resolve("sqrt3"), Topology.of(mesh)
     smooth = refine(topology, base, 1).matrix.toarray()
     for alpha in (0.0, 0.5, 1.0):
-        blend = TriangleScheme(base.split, base.inserted, base.boundary, base.vert, push_back=PushBack(alpha))
+        blend = TriangleScheme(base.split, base.inserted, base.boundary, base.vert, alpha=alpha)
         found = refine(topology, blend, 1).matrix.toarray()
         displacement = np.eye(mesh.num_verts) - smooth[: mesh.num_verts]
         expected_new = smooth[mesh.num_verts :] + alpha * displacement[mesh.faces].mean(axis=1)
@@ -121,7 +121,7 @@ def test_push_back_works_on_any_split():
 def test_unified_sqrt3_has_the_weights_derived_for_it():
     """Regular, α = 1: 11/27 at the corners, -1/27 across the edges, -1/54 at the six others."""
     mesh, base = torus(9, 8), resolve("sqrt3")
-    blend = TriangleScheme(base.split, base.inserted, base.boundary, base.vert, push_back=PushBack(1.0))
+    blend = TriangleScheme(base.split, base.inserted, base.boundary, base.vert, alpha=1.0)
     rows = refine(Topology.of(mesh), blend, 1).matrix.toarray()[mesh.num_verts :]
     expected = np.array([-1 / 27] * 3 + [-1 / 54] * 6 + [11 / 27] * 3)
     for row in rows:
@@ -131,7 +131,7 @@ def test_unified_sqrt3_has_the_weights_derived_for_it():
 def test_pushed_back_ternary_bspline_is_labsik_and_greiners_boundary_rule():
     """Two thirds and one third of the displacements turn (1, 16, 10) / 27 into (-5, 60, 30, -4) / 81."""
     mesh, base = patch(9, 6), resolve("sqrt3")
-    blend = TriangleScheme(base.split, base.inserted, base.boundary, base.vert, push_back=PushBack(1.0))
+    blend = TriangleScheme(base.split, base.inserted, base.boundary, base.vert, alpha=1.0)
     rows = refine(Topology.of(mesh), blend, 2).operators[1].toarray()
     for weights in ([-5, 60, 30, -4], [-4, 30, 60, -5]):
         expected = np.zeros(rows.shape[1])

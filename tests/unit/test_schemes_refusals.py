@@ -71,7 +71,7 @@ def test_alpha_out_of_range_at_one_vertex(value):
 
 @pytest.mark.parametrize("shape", [(5,), (7,), (6, 1), (1,), (0,), (6, 6)])
 def test_alpha_of_another_shape_than_the_verts(shape):
-    with pytest.raises(MeshError, match="one value for each of 6 verts is needed"):
+    with pytest.raises(MeshError, match="expected one value for each of 6 vertices"):
         subdivide(octahedron(), "interp-loop", alpha=np.full(shape, 0.5))
 
 

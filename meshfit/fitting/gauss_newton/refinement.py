@@ -19,8 +19,7 @@ from meshfit.subdivision.limit import loop_limit
 from meshfit.subdivision.polygons.scheme import PolygonScheme
 from meshfit.subdivision.refine import linear_scheme, refine
 from meshfit.subdivision.refinement import finest_triangles
-from meshfit.subdivision.registry import resolve
-from meshfit.subdivision.scheme import Scheme
+from meshfit.subdivision.registry import Scheme, resolve
 from meshfit.subdivision.triangles.scheme import TriangleScheme
 
 

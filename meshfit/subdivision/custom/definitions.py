@@ -10,10 +10,17 @@ from pydantic import Discriminator, Field, PlainValidator, Tag, WithJsonSchema, 
 
 from meshfit.errors import SchemeError
 from meshfit.settings import Settings
-from meshfit.subdivision.curves.scheme import CUBIC_BSPLINE, LINEAR, TERNARY_BSPLINE, TERNARY_FOUR_POINT, four_point
 from meshfit.subdivision.custom.formulas import OTHERS, Written, read_formula, read_ring, read_spokes, weight
-from meshfit.subdivision.masks import CurveMask, EdgeMask, FaceMask, SpokeMask, VertMask, Weight
-from meshfit.subdivision.triangles.scheme import Split, TriangleScheme
+from meshfit.subdivision.masks import (
+    CUBIC_BSPLINE,
+    LINEAR,
+    TERNARY_BSPLINE,
+    TERNARY_FOUR_POINT,
+    CurveMask,
+    Weight,
+    four_point,
+)
+from meshfit.subdivision.triangles.scheme import EdgeMask, FaceMask, Split, SpokeMask, TriangleScheme, VertMask
 
 BOUNDARIES: Mapping[str, CurveMask] = MappingProxyType(
     {

@@ -3,8 +3,9 @@
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
-from meshfit.mesh.topology import NONE, Indices, PolygonTopology
-from meshfit.subdivision.polygons.scheme import LINEAR, CornerMask, MeanMask, PolygonScheme, TensorProductMask
+from meshfit.mesh.topology import NONE, Indices
+from meshfit.mesh.topology import PolygonTopology
+from meshfit.subdivision.polygons.scheme import LINEAR_SCHEMES, CornerMask, MeanMask, PolygonScheme, TensorProductMask
 from meshfit.subdivision.polygons.selection import (
     boundary_rows,
     face_means,
@@ -14,7 +15,7 @@ from meshfit.subdivision.polygons.selection import (
 )
 from meshfit.subdivision.polygons.splits import PolygonDivision
 from meshfit.subdivision.polygons.tensor_product import TensorProduct
-from meshfit.subdivision.push_back import pushed_back
+from meshfit.subdivision.push_back import push_back
 
 
 def assemble_polygons(topology: PolygonTopology, scheme: PolygonScheme, division: PolygonDivision) -> csr_array:
@@ -32,9 +33,9 @@ def assemble_polygons(topology: PolygonTopology, scheme: PolygonScheme, division
         MeshError: a vertex or face that the masks have no rule for; it is named.
     """
     even, odd = _old_verts(topology, scheme, division), _new_verts(topology, scheme, division)
-    if scheme.push_back is not None:
-        between = _new_verts(topology, LINEAR[scheme.split], division)
-        even, odd = pushed_back(scheme.push_back.alpha, between, even, odd)
+    if scheme.alpha is not None:
+        linear = _new_verts(topology, LINEAR_SCHEMES[scheme.split], division)
+        even, odd = push_back(scheme.alpha, linear, even, odd)
     operator = csr_array(vstack([even, odd], format="csr"))
     operator.eliminate_zeros()
     operator.sort_indices()

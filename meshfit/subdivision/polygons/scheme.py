@@ -1,18 +1,22 @@
-"""Masks of schemes on polygons: the weights of a rule, declared by role and checked to sum to one."""
+"""Schemes on polygons: masks on a split, declared as data."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from fractions import Fraction
-from typing import TYPE_CHECKING
 
 from meshfit.errors import SchemeError
-from meshfit.subdivision.masks import CHECKED_VALENCES, CurveMask, CurveWeights, require_unit_sum
-from meshfit.subdivision.triangles.scheme import PushBack
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+from meshfit.subdivision.masks import (
+    CHECKED_VALENCES,
+    KEPT,
+    LINEAR,
+    TERNARY_LINEAR,
+    CurveMask,
+    CurveWeights,
+    mirrored,
+    require_unit_sum,
+)
+from meshfit.subdivision.scheme import BaseScheme
 
 
 @dataclass(frozen=True)
@@ -71,7 +75,7 @@ class TensorProductMask:
     def __post_init__(self) -> None:
         first, *others = self.curve.inserted
         last = others[-1] if others else first
-        if {1 - offset: weight for offset, weight in first.items()} != dict(last):
+        if mirrored(first) != dict(last):
             raise SchemeError("a net needs a curve rule that is its own mirror image")
 
     @property
@@ -83,7 +87,7 @@ class TensorProductMask:
     @property
     def moves(self) -> bool:
         """Whether old verts move, and new ones in edges with them."""
-        return dict(self.curve.vert) != {0: Fraction(1)}
+        return dict(self.curve.vert) != KEPT
 
     def vert_mask(self) -> PolygonVertMask:
         """The rule for old verts: the curve's, in one direction after the other."""
@@ -122,11 +126,6 @@ class CornerMask:
             require_unit_sum(sum(found), f"a corner mask in a face of {size} corners")
 
 
-def mirrored(first: CurveWeights) -> CurveWeights:
-    """The weights of the vertex that is inserted as far from the other end of an edge."""
-    return {1 - offset: weight for offset, weight in first.items()}
-
-
 class PolygonSplit(Enum):
     """How faces are divided."""
 
@@ -139,49 +138,33 @@ class PolygonSplit(Enum):
 
 
 @dataclass(frozen=True)
-class PolygonScheme:
-    """One subdivision scheme on polygons, every parameter fixed: declared data, which `assemble_polygons` lays down.
+class PolygonScheme(BaseScheme):
+    """A subdivision scheme on polygons.
 
     Attributes:
         split: how faces are divided.
         inserted: mask of the new verts off the boundary.
         boundary: masks along the boundary; None for masks of corners, which have their own.
         vert: mask of the old interior verts; None keeps them where they are.
-        push_back: a blend towards interpolation.
     """
 
     split: PolygonSplit
     inserted: MeanMask | TensorProductMask | CornerMask
     boundary: CurveMask | None = None
     vert: PolygonVertMask | None = None
-    push_back: PushBack | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         dual = self.split is PolygonSplit.DUAL
         if isinstance(self.inserted, CornerMask) != dual or (self.boundary is None) != dual:
             raise SchemeError("masks of corners go with the dual split, and those of curves with all others")
-        if dual and (self.vert or self.push_back):
+        if dual and (self.vert or self.alpha is not None):
             raise SchemeError("the dual split keeps no old verts that could be moved or pushed back")
 
-    def with_alpha(self, alpha: "float | NDArray[np.float64]") -> "PolygonScheme":
-        """The same scheme with another α of its push-back.
 
-        Raises:
-            SchemeError: the scheme has none.
-        """
-        if self.push_back is None:
-            raise SchemeError("this scheme has no parameter alpha; interp-catmull-clark has")
-        return replace(self, push_back=replace(self.push_back, alpha=alpha))
-
-
-_KEPT = {0: Fraction(1)}
-_HALF = {0: Fraction(1, 2), 1: Fraction(1, 2)}
-_THIRD = {0: Fraction(2, 3), 1: Fraction(1, 3)}
-_HALVED, _TRISECTED = CurveMask(_KEPT, (_HALF,)), CurveMask(_KEPT, (_THIRD, mirrored(_THIRD)))
-
-LINEAR: dict[PolygonSplit, PolygonScheme] = {
-    PolygonSplit.QUADS: PolygonScheme(PolygonSplit.QUADS, MeanMask(), _HALVED),
-    PolygonSplit.SQRT2: PolygonScheme(PolygonSplit.SQRT2, MeanMask(), _HALVED),
-    PolygonSplit.TERNARY: PolygonScheme(PolygonSplit.TERNARY, TensorProductMask(_TRISECTED), _TRISECTED),
+LINEAR_SCHEMES: dict[PolygonSplit, PolygonScheme] = {
+    PolygonSplit.QUADS: PolygonScheme(PolygonSplit.QUADS, MeanMask(), LINEAR),
+    PolygonSplit.SQRT2: PolygonScheme(PolygonSplit.SQRT2, MeanMask(), LINEAR),
+    PolygonSplit.TERNARY: PolygonScheme(PolygonSplit.TERNARY, TensorProductMask(TERNARY_LINEAR), TERNARY_LINEAR),
 }
-"""Linear interpolation on each split that keeps old verts: these stay, new ones are put between them."""
+"""Linear interpolation on each split that keeps old vertices: these stay, and new ones lie between them."""

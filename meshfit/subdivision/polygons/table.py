@@ -1,9 +1,10 @@
-"""The schemes on polygons. Adding one is adding an entry here."""
+"""Table of the schemes on polygons. To add a scheme, add an entry here."""
 
+from dataclasses import replace
 from fractions import Fraction
 from math import cos, pi
 
-from meshfit.subdivision.masks import CurveMask, CurveWeights
+from meshfit.subdivision.masks import CUBIC_BSPLINE, TERNARY_BSPLINE, TERNARY_FOUR_POINT, four_point
 from meshfit.subdivision.polygons.scheme import (
     CornerMask,
     MeanMask,
@@ -11,31 +12,10 @@ from meshfit.subdivision.polygons.scheme import (
     PolygonSplit,
     PolygonVertMask,
     TensorProductMask,
-    mirrored,
 )
 from meshfit.subdivision.scheme import Parameter, SchemeEntry
-from meshfit.subdivision.triangles.scheme import PushBack
 
-_KEPT = {0: Fraction(1)}
-
-
-def _sixteenths(*weights: int) -> CurveWeights:
-    return {offset: Fraction(weight, 16) for offset, weight in enumerate(weights, -1) if weight}
-
-
-def _ternary_curve(vert: CurveWeights, first: CurveWeights) -> CurveMask:
-    return CurveMask(vert, (first, mirrored(first)))
-
-
-_CUBIC_BSPLINE = CurveMask(_sixteenths(2, 12, 2), (_sixteenths(0, 8, 8),))
-_FOUR_POINT = CurveMask(_KEPT, (_sixteenths(-1, 9, 9, -1),))
-_TERNARY_BSPLINE = _ternary_curve(
-    {-1: Fraction(4, 27), 0: Fraction(19, 27), 1: Fraction(4, 27)},
-    {-1: Fraction(1, 27), 0: Fraction(16, 27), 1: Fraction(10, 27)},
-)
-_TERNARY_FOUR_POINT = _ternary_curve(
-    _KEPT, {-1: Fraction(-5, 81), 0: Fraction(60, 81), 1: Fraction(30, 81), 2: Fraction(-4, 81)}
-)
+_FOUR_POINT = four_point(Fraction(1, 16))
 
 
 def _catmull_clark_vert(n: int) -> tuple[Fraction, Fraction, Fraction]:
@@ -54,20 +34,19 @@ def _doo_sabin_corner(n: int) -> tuple[float, ...]:
 
 def _catmull_clark() -> PolygonScheme:
     mask = MeanMask(Fraction(1, 4), Fraction(1, 4))
-    return PolygonScheme(PolygonSplit.QUADS, mask, _CUBIC_BSPLINE, PolygonVertMask(_catmull_clark_vert))
+    return PolygonScheme(PolygonSplit.QUADS, mask, CUBIC_BSPLINE, PolygonVertMask(_catmull_clark_vert))
 
 
 def _interp_catmull_clark(alpha: float) -> PolygonScheme:
-    base = _catmull_clark()
-    return PolygonScheme(base.split, base.inserted, base.boundary, base.vert, PushBack(alpha))
+    return replace(_catmull_clark(), alpha=alpha)
 
 
 def _doo_sabin() -> PolygonScheme:
     """Towards a boundary, the biquadratic B-spline whose knots are doubled at its ends, so that corners stay."""
     mask = CornerMask(
         _doo_sabin_corner,
-        on_edge=_sixteenths(0, 12, 4),
-        beside_kept=_sixteenths(0, 8, 8),
+        on_edge={0: Fraction(3, 4), 1: Fraction(1, 4)},
+        beside_kept={0: Fraction(1, 2), 1: Fraction(1, 2)},
         beside=(Fraction(1, 4), Fraction(1, 4), Fraction(1, 2)),
     )
     return PolygonScheme(PolygonSplit.DUAL, mask)
@@ -78,24 +57,23 @@ def _kobbelt() -> PolygonScheme:
 
 
 def _sqrt2() -> PolygonScheme:
-    return PolygonScheme(PolygonSplit.SQRT2, MeanMask(), _CUBIC_BSPLINE, PolygonVertMask(_sqrt2_vert))
+    return PolygonScheme(PolygonSplit.SQRT2, MeanMask(), CUBIC_BSPLINE, PolygonVertMask(_sqrt2_vert))
 
 
 def _interp_sqrt2(alpha: float) -> PolygonScheme:
-    base = _sqrt2()
-    return PolygonScheme(base.split, base.inserted, base.boundary, base.vert, PushBack(alpha))
+    return replace(_sqrt2(), alpha=alpha)
 
 
 def _ternary() -> PolygonScheme:
-    net = TensorProductMask(_TERNARY_BSPLINE)
-    return PolygonScheme(PolygonSplit.TERNARY, net, _TERNARY_BSPLINE, net.vert_mask())
+    net = TensorProductMask(TERNARY_BSPLINE)
+    return PolygonScheme(PolygonSplit.TERNARY, net, TERNARY_BSPLINE, net.vert_mask())
 
 
 def _interp_ternary() -> PolygonScheme:
-    return PolygonScheme(PolygonSplit.TERNARY, TensorProductMask(_TERNARY_FOUR_POINT), _TERNARY_FOUR_POINT)
+    return PolygonScheme(PolygonSplit.TERNARY, TensorProductMask(TERNARY_FOUR_POINT), TERNARY_FOUR_POINT)
 
 
-POLYGON_SCHEMES: dict[str, SchemeEntry] = {
+POLYGON_SCHEMES: dict[str, SchemeEntry[PolygonScheme]] = {
     "catmull-clark": SchemeEntry(
         "Catmull–Clark",
         "polygons",

@@ -1,29 +1,75 @@
-"""The one assembler: it lays masks down on a topology as a sparse operator, and never asks which scheme they are of."""
+"""Assembler of schemes on triangles: masks laid down on a topology as a sparse operator."""
 
 import numpy as np
 from jaxtyping import Float64, Int64
 from scipy.sparse import csr_array, diags_array, eye_array, vstack
 
-from meshfit.mesh.topology import Indices, Mask, Topology, next_in_face, previous_in_face
+from meshfit.mesh.topology import NONE, Indices, Mask, Topology, next_in_face, previous_in_face
 from meshfit.subdivision.creases import Creases, SharpRules
-from meshfit.subdivision.masks import CurveMask, EdgeMask, FaceMask, VertMask
-from meshfit.subdivision.push_back import pushed_back
-from meshfit.subdivision.stencils import Stencils
-from meshfit.subdivision.triangles.scheme import PushBack, TriangleScheme
+from meshfit.subdivision.masks import CurveMask, Weight
+from meshfit.subdivision.push_back import push_back
+from meshfit.subdivision.stencils import StencilRows
+from meshfit.subdivision.triangles.scheme import EdgeMask, FaceMask, SpokeMask, TriangleScheme, VertMask
 from meshfit.subdivision.triangles.splits import Division
 
 REGULAR_VALENCE = 6
 
 
+class _Stencils(StencilRows):
+    """Entries over the vertices of one topology, by their roles around an edge or face."""
+
+    def __init__(self, topology: Topology) -> None:
+        super().__init__(topology.num_verts)
+        self.topology = topology
+
+    def add_beyond(self, rows: Indices, halfedge: Indices, weight: Weight) -> None:
+        """Add the vertex across each half-edge; beyond the boundary, the apex of its own face, mirrored in the edge.
+
+        The mirror image, tail + head - apex, completes a parallelogram, so that linear functions stay exact.
+        """
+        topology, twin = self.topology, self.topology.twin[halfedge]
+        inner = twin != NONE
+        self.add(rows[inner], topology.apex[twin[inner]], weight)
+        outer, edge = rows[~inner], halfedge[~inner]
+        self.add(outer, topology.tail[edge], weight)
+        self.add(outer, topology.head[edge], weight)
+        self.add(outer, topology.apex[edge], -weight)
+
+    def add_wings(self, rows: Indices, halfedge: Indices, weight: Weight) -> None:
+        """Add the two vertices beyond the other edges of the face across each half-edge, mirrored at the boundary."""
+        topology, twin = self.topology, self.topology.twin[halfedge]
+        inner = twin != NONE
+        for other in (next_in_face, previous_in_face):
+            self.add_beyond(rows[inner], other(twin[inner]), weight)
+        # Mirrored in the boundary edge (x, y) with apex o, the neighbour's own neighbours are 2x - o and 2y - o.
+        outer, edge = rows[~inner], halfedge[~inner]
+        for end in (topology.tail, topology.head):
+            self.add(outer, end[edge], 2 * weight)
+            self.add(outer, topology.apex[edge], -weight)
+
+    def add_spokes(self, rows: Indices, halfedge: Indices, mask: SpokeMask, share: np.ndarray) -> None:
+        """Add the interior vertex at the tail of each half-edge and its one-ring, with spoke 0 along the half-edge."""
+        topology = self.topology
+        valence = topology.valence[topology.tail[halfedge]]
+        for n in np.unique(valence):
+            chosen = valence == n
+            centre, *ring = mask.weights(int(n))
+            row, part, spoke = rows[chosen], share[chosen], halfedge[chosen]
+            self.add(row, topology.tail[spoke], centre * part)
+            for weight in ring:
+                self.add(row, topology.head[spoke], weight * part)
+                spoke = topology.next_around_tail(spoke)
+
+
 def assemble(
     topology: Topology, scheme: TriangleScheme, division: Division, creases: Creases | None = None
 ) -> csr_array:
-    """The operator S of one level: verts_fine = S verts_coarse, old vertices first.
+    """Return the operator S of one level: verts_fine = S verts_coarse, old vertices first.
 
     Args:
-        topology: the coarse connectivity, an oriented manifold; verts without faces stay where they are.
+        topology: the coarse connectivity, an oriented manifold; vertices without faces stay where they are.
         scheme: the masks.
-        division: what `divide` made of the topology.
+        division: of the topology, from `divide`.
         creases: sharp edges and corners, for schemes that take them.
 
     Returns:
@@ -34,15 +80,15 @@ def assemble(
     rules = None if creases is None else creases.rules(topology)
     if rules is not None:
         even, odd = _sharpened(topology, scheme.boundary, rules, even, odd)
-    if scheme.push_back is not None:
-        even, odd = _push_back(topology, scheme.push_back, division, rules, even, odd)
+    if scheme.alpha is not None:
+        even, odd = _push_back(topology, scheme, division, rules, even, odd)
     return csr_array(vstack([even, odd], format="csr"))
 
 
 def _old_verts(topology: Topology, scheme: TriangleScheme, division: Division) -> csr_array:
     if scheme.vert is None:
         return csr_array(eye_array(topology.num_verts, format="csr"))
-    stencils = Stencils(topology)
+    stencils = _Stencils(topology)
     on_border = topology.boundary_verts
     ring = _ring_weights(topology, scheme.vert)
     moved = on_border if division.moves_border else np.zeros_like(on_border)
@@ -58,7 +104,7 @@ def _old_verts(topology: Topology, scheme: TriangleScheme, division: Division) -
 
 
 def _ring_weights(topology: Topology, mask: VertMask) -> Float64[np.ndarray, " V"]:
-    """What the one-ring of each inner vertex gets; weights are asked for at valences that occur, and at no others."""
+    """(V,) the weight of the one-ring of each inner vertex; weights are computed only at valences that occur."""
     inner = np.flatnonzero(~topology.boundary_verts & (topology.valence > 0))
     valences, place = np.unique(topology.valence[inner], return_inverse=True)
     weights = np.zeros(topology.num_verts)
@@ -69,7 +115,7 @@ def _ring_weights(topology: Topology, mask: VertMask) -> Float64[np.ndarray, " V
 def _new_verts(
     topology: Topology, scheme: TriangleScheme, division: Division, on_curve: Mask | None = None
 ) -> csr_array:
-    stencils = Stencils(topology)
+    stencils = _Stencils(topology)
     curved = topology.boundary_verts if on_curve is None else on_curve
     rows, halfedge = division.inner_place, division.inner
     regular = np.ones(len(rows), dtype=bool)
@@ -93,7 +139,7 @@ def _tips(topology: Topology, mask: EdgeMask | FaceMask, halfedge: Indices) -> I
     return np.stack([halfedge, next_in_face(halfedge), previous_in_face(halfedge)])
 
 
-def _add_regular(stencils: Stencils, mask: EdgeMask | FaceMask, rows: Indices, halfedge: Indices) -> None:
+def _add_regular(stencils: _Stencils, mask: EdgeMask | FaceMask, rows: Indices, halfedge: Indices) -> None:
     topology = stencils.topology
     tips = _tips(topology, mask, halfedge)
     if isinstance(mask, EdgeMask):
@@ -112,7 +158,7 @@ def _add_regular(stencils: Stencils, mask: EdgeMask | FaceMask, rows: Indices, h
             stencils.add_wings(rows, tip, mask.wing)
 
 
-def _add_border(stencils: Stencils, scheme: TriangleScheme, division: Division) -> None:
+def _add_border(stencils: _Stencils, scheme: TriangleScheme, division: Division) -> None:
     topology, border = stencils.topology, division.border
     tail, head = topology.tail[border], topology.head[border]
     neighbours = topology.boundary_neighbours
@@ -124,8 +170,8 @@ def _add_border(stencils: Stencils, scheme: TriangleScheme, division: Division) 
 def _sharpened(
     topology: Topology, boundary: CurveMask, rules: SharpRules, even: csr_array, odd: csr_array
 ) -> tuple[csr_array, csr_array]:
-    """The operators of a 1-to-4 split with the rule along the boundary on every crease as well, by their shares."""
-    bent, cut = Stencils(topology), Stencils(topology)
+    """Blend the operators of a 1-to-4 split with the boundary rule along creases, by their shares."""
+    bent, cut = _Stencils(topology), _Stencils(topology)
     along = np.flatnonzero(rules.crease)
     before, after = rules.pair[along].T
     bent.add_curve(along, {-1: before, 0: along, 1: after}, boundary.vert)
@@ -141,23 +187,24 @@ def _sharpened(
 
 def _push_back(
     topology: Topology,
-    push_back: PushBack,
+    scheme: TriangleScheme,
     division: Division,
     rules: SharpRules | None,
     even: csr_array,
     odd: csr_array,
 ) -> tuple[csr_array, csr_array]:
-    between = linear_interpolation(topology, division)
-    old, pushed = pushed_back(push_back.alpha, between, even, odd)
-    if push_back.at_valence3 is not None:
+    assert scheme.alpha is not None  # noqa: S101  the caller has checked it
+    linear = linear_interpolation(topology, division)
+    old, new = push_back(scheme.alpha, linear, even, odd)
+    if scheme.at_valence3 is not None:
         smooth = ~topology.boundary_verts * 1.0 if rules is None else rules.smooth
-        safe = _new_verts(topology, push_back.at_valence3, division, smooth < 1)
+        safe = _new_verts(topology, scheme.at_valence3, division, smooth < 1)
         share = _touches_valence3(topology, division, smooth)
         share = share if rules is None else share * (1 - rules.edge)
-        alpha = np.broadcast_to(np.asarray(push_back.alpha, dtype=np.float64), (topology.num_verts,))
-        blend = share * (between @ alpha)
-        pushed = diags_array(1 - share) @ pushed + diags_array(share - blend) @ odd + diags_array(blend) @ safe
-    return old, csr_array(pushed)
+        alpha = np.broadcast_to(np.asarray(scheme.alpha, dtype=np.float64), (topology.num_verts,))
+        blend = share * (linear @ alpha)
+        new = diags_array(1 - share) @ new + diags_array(share - blend) @ odd + diags_array(blend) @ safe
+    return old, csr_array(new)
 
 
 def _touches_valence3(topology: Topology, division: Division, smooth: np.ndarray) -> np.ndarray:
@@ -169,8 +216,8 @@ def _touches_valence3(topology: Topology, division: Division, smooth: np.ndarray
 
 
 def linear_interpolation(topology: Topology, division: Division) -> csr_array:
-    """(N, V) the operator that puts each new vertex linearly between the old ones it was inserted between."""
-    stencils = Stencils(topology)
+    """Return the (N, V) operator that puts each new vertex midway between the old ones around it."""
+    stencils = _Stencils(topology)
     rows, halfedge = division.inner_place, division.inner
     sides = (topology.tail, topology.head) if len(division.border_place) == 1 else ()
     for side in sides:
@@ -185,7 +232,7 @@ def linear_interpolation(topology: Topology, division: Division) -> csr_array:
     return stencils.operator(division.num_new)
 
 
-def vertex_attribute_carry(topology: Topology, division: Division) -> csr_array:
-    """(V + N, V) the operator that keeps old values and interpolates new ones linearly, as for per-vertex α."""
+def linear_carry(topology: Topology, division: Division) -> csr_array:
+    """Return the (V + N, V) operator that keeps old values and interpolates new ones linearly."""
     kept = eye_array(topology.num_verts, format="csr")
     return csr_array(vstack([kept, linear_interpolation(topology, division)], format="csr"))

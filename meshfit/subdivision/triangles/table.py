@@ -1,12 +1,20 @@
-"""The schemes on triangles. Adding one is adding an entry here."""
+"""Table of the schemes on triangles. To add a scheme, add an entry here."""
 
+from dataclasses import replace
 from fractions import Fraction
 from math import cos, pi
 
-from meshfit.subdivision.curves.scheme import CUBIC_BSPLINE, LINEAR, TERNARY_BSPLINE, TERNARY_FOUR_POINT, four_point
-from meshfit.subdivision.masks import EdgeMask, FaceMask, SpokeMask, VertMask
+from meshfit.subdivision.masks import CUBIC_BSPLINE, TERNARY_BSPLINE, TERNARY_FOUR_POINT, four_point
 from meshfit.subdivision.scheme import Parameter, SchemeEntry
-from meshfit.subdivision.triangles.scheme import PushBack, Split, TriangleScheme
+from meshfit.subdivision.triangles.scheme import (
+    MIDPOINT,
+    EdgeMask,
+    FaceMask,
+    Split,
+    SpokeMask,
+    TriangleScheme,
+    VertMask,
+)
 
 
 def _loop_ring(n: int) -> float:
@@ -41,10 +49,6 @@ def _labsik_greiner_spokes(n: int) -> tuple[float, ...]:
     return (1 - a * a, *((a * a + 2 * a * cos(t) + 2 * a * a * cos(2 * t)) / n for t in angles))
 
 
-def _midpoint() -> TriangleScheme:
-    return TriangleScheme(Split.QUADRISECT, EdgeMask(end=Fraction(1, 2)), LINEAR)
-
-
 def _loop(weights: str) -> TriangleScheme:
     ring = _warren_ring if weights == "warren" else _loop_ring
     return TriangleScheme(
@@ -53,9 +57,8 @@ def _loop(weights: str) -> TriangleScheme:
 
 
 def _interp_loop(alpha: float, weights: str, valence3: str) -> TriangleScheme:
-    base = _loop(weights)
     safeguard = _modified_butterfly() if valence3 == "zorin" else None
-    return TriangleScheme(base.split, base.inserted, base.boundary, base.vert, push_back=PushBack(alpha, safeguard))
+    return replace(_loop(weights), alpha=alpha, at_valence3=safeguard)
 
 
 def _butterfly(tension: float) -> TriangleScheme:
@@ -64,8 +67,7 @@ def _butterfly(tension: float) -> TriangleScheme:
 
 
 def _modified_butterfly() -> TriangleScheme:
-    regular = _butterfly(1 / 16)
-    return TriangleScheme(regular.split, regular.inserted, regular.boundary, spokes=SpokeMask(_zorin_spokes))
+    return replace(_butterfly(1 / 16), spokes=SpokeMask(_zorin_spokes))
 
 
 def _sqrt3() -> TriangleScheme:
@@ -73,8 +75,7 @@ def _sqrt3() -> TriangleScheme:
 
 
 def _lin_luo_sqrt3(alpha: float) -> TriangleScheme:
-    base = _sqrt3()
-    return TriangleScheme(base.split, base.inserted, base.boundary, base.vert, push_back=PushBack(alpha))
+    return replace(_sqrt3(), alpha=alpha)
 
 
 def _interp_sqrt3() -> TriangleScheme:
@@ -82,21 +83,19 @@ def _interp_sqrt3() -> TriangleScheme:
     return TriangleScheme(Split.SQRT3, mask, TERNARY_FOUR_POINT, spokes=SpokeMask(_labsik_greiner_spokes))
 
 
-MIDPOINT = _midpoint()
-"""Each edge in halves, and nothing moves."""
 LOOP = _loop("loop")
 """Loop 1987, with its own weights."""
 
 _WEIGHTS = Parameter("loop", ("loop", "warren"), "vertex weights: Loop's own, or Warren's simpler ones")
 
-TRIANGLE_SCHEMES: dict[str, SchemeEntry] = {
+TRIANGLE_SCHEMES: dict[str, SchemeEntry[TriangleScheme]] = {
     "midpoint": SchemeEntry(
         "midpoint",
         "triangles",
         "interpolatory",
         "C0: the surface stays as it is",
         "linear interpolation",
-        _midpoint,
+        lambda: MIDPOINT,
         {},
     ),
     "loop": SchemeEntry(
