@@ -13,8 +13,7 @@ from jaxtyping import Complex128, Float64, Int64
 from scipy.sparse import csr_array
 
 from meshfit.mesh.curves import Chains
-from meshfit.mesh.topology import Indices, Mask
-from meshfit.mesh.topology import PolygonTopology, Topology
+from meshfit.mesh.topology import Indices, Mask, PolygonTopology, Topology
 from meshfit.subdivision.curves.scheme import CurveScheme
 from meshfit.subdivision.polygons.scheme import LINEAR_SCHEMES as LINEAR_POLYGON_SCHEMES
 from meshfit.subdivision.polygons.scheme import CornerMask, PolygonScheme

@@ -3,8 +3,7 @@
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
-from meshfit.mesh.topology import NONE, Indices
-from meshfit.mesh.topology import PolygonTopology
+from meshfit.mesh.topology import NONE, Indices, PolygonTopology
 from meshfit.subdivision.polygons.scheme import LINEAR_SCHEMES, CornerMask, MeanMask, PolygonScheme, TensorProductMask
 from meshfit.subdivision.polygons.selection import (
     boundary_rows,
