@@ -2,6 +2,8 @@
 
 import re
 import shlex
+import subprocess
+import sys
 
 import pytest
 import typer
@@ -95,3 +97,12 @@ def test_alone_it_says_what_to_do_next_in_one_screen(width, tmp_path, monkeypatc
 
 def test_a_wrong_option_points_to_the_help_that_lists_them():
     assert "'meshfit run --help'" in refused("run", "quickstart", "--sett", "a=1")
+
+
+def test_no_help_waits_for_a_heavy_library():
+    heavy = "{'torch', 'trimesh', 'pymeshlab', 'scipy', 'pykdtree', 'pyvista', 'igl', 'pyarrow', 'matplotlib'}"
+    code = "import sys, typer; from meshfit.cli.main import app; group = typer.main.get_command(app)\n"
+    code += "dict(group.commands)\n"
+    code += f"print(sorted({heavy} & sys.modules.keys()))"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout == "[]\n"

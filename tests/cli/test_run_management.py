@@ -113,7 +113,7 @@ def test_a_real_run_is_seen_running_then_interrupted_and_goes_on_after_a_clean(t
     (experiment,) = json.loads(answered("status", "--json"))
     assert [trial["state"] for trial in experiment["trials"]] == ["running"]
     assert "1 running" in answered("status")
-    assert answered("clean", "runs", "--failed", "--partial") == "removed 0 trials, 0 B\nleft 1 trial that runs\n"
+    assert answered("clean", "runs", "--failed", "--partial") == "removed 0 trials, 0 B\nkept 1 running trial\n"
     process.kill()
     process.communicate(timeout=60)
     wait_until_state("interrupted")
@@ -144,10 +144,10 @@ def test_where_there_is_nothing_one_line_says_so(tmp_path, monkeypatch, command)
 def test_what_is_not_allowed_is_refused(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     begun(tmp_path / "runs")
-    assert refused("clean", "runs") == "error: found neither --failed nor --partial; one of them or both are needed"
+    assert refused("clean", "runs") == "error: expected --failed, --partial or both"
     assert "allowed: .csv, .parquet" in refused("export", "runs", "-o", "out.xlsx")
     assert "no trial under runs is complete or failed" in refused("export", "runs", "-o", "out.csv")
-    assert "4 or more digits of its identity are needed; there are: " in refused("show", "abc")
+    assert "4 or more digits of its identity; there are: " in refused("show", "abc")
     assert "Missing option '--output'" in refused("export", "runs")
 
 

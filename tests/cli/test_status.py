@@ -128,7 +128,7 @@ def test_show_names_half_written_files_and_warnings(tmp_path):
     folder = complete(tmp_path, seed=1)
     (folder / ".trace.csv.abcd1234").write_text("half")
     out = answered("show", folder)
-    assert re.search(r"\.trace\.csv\.abcd1234 +4 B +half written", out)
+    assert re.search(r"\.trace\.csv\.abcd1234 +4 B +half-written", out)
     assert re.search(r"warning +one, of", out)
 
 
