@@ -1,4 +1,4 @@
-"""`meshfit export`: a row for each trial, for pandas and its like."""
+"""`meshfit export`: export trials as records, for pandas and other programs."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -9,6 +9,7 @@ import typer
 from meshfit.cli.console import out
 from meshfit.cli.options import RunDirs
 from meshfit.errors import StoreError
+from meshfit.units import count_text
 
 
 def export(
@@ -17,25 +18,24 @@ def export(
         Path, typer.Option("--output", "-o", help="The file to write: .csv or .parquet.", metavar="FILE")
     ],
 ) -> int:
-    """Write a row a trial, with every metric and every setting.
+    """Export one row per trial with all metrics and settings.
 
-    Trials that are complete or failed have one. Columns are called as in configs and tables: fit.losses.edge,
-    hausdorff.symmetric; lists are JSON. Parquet needs the extra: pip install 'meshfit[parquet]'.
+    Completed and failed trials are included. Columns are named as in configs and tables: fit.losses.edge,
+    hausdorff.symmetric; lists are JSON. Parquet requires the extra: pip install 'meshfit[parquet]'.
 
     Examples:
         meshfit export runs/table1 -o results.csv
-
         meshfit export runs -o results.parquet
     """
     from meshfit.experiment.status.scan import scan_experiments
-    from meshfit.report.tables.export import columns_of, encoder, rows_of, write_rows
-    from meshfit.units import count_text
+    from meshfit.report.tables.export import columns_of, encoder, records_of, write_records
 
-    encoder(output)  # now, and not when all has been read
-    rows = rows_of(scan_experiments(runs, datetime.now(UTC)))
-    if not rows:
+    encoder(output)  # refuse an unknown format before reading
+    records = records_of(scan_experiments(runs, datetime.now(UTC)))
+    if not records:
         raise StoreError(f"no trial under {', '.join(map(str, runs))} is complete or failed")
-    columns = columns_of(rows)
-    write_rows(rows, columns, output)
-    out.print(f"wrote {output}: {count_text(len(rows), 'trial')}, {len(columns)} columns", soft_wrap=True, markup=False)
+    columns = columns_of(records)
+    write_records(records, columns, output)
+    trials = count_text(len(records), "trial")
+    out.print(f"wrote {output}: {trials}, {len(columns)} columns", soft_wrap=True, markup=False)
     return 0

@@ -10,7 +10,7 @@ from meshfit.config.experiment import ExperimentSettings
 from meshfit.errors import ConfigError, StoreError
 from meshfit.experiment.status.scan import scan_experiments
 from meshfit.measuring.metrics import METRICS
-from meshfit.report.tables.export import HEAD, columns_of, rows_of, write_rows
+from meshfit.report.tables.export import HEAD, columns_of, records_of, write_records
 from meshfit.report.tables.grouping import flatten
 from tests.runs import NOW, begun, complete, failed, write_plan
 
@@ -27,13 +27,13 @@ def runs(tmp_path):
 
 
 def row_of(runs, seed):
-    (row,) = (row for row in rows_of(scan_experiments([runs / "small"], NOW)) if row["seed"] == seed)
+    (row,) = (row for row in records_of(scan_experiments([runs / "small"], NOW)) if row["seed"] == seed)
     return row
 
 
 def exported(runs, path):
-    rows = rows_of(scan_experiments([runs], NOW))
-    write_rows(rows, columns_of(rows), path)
+    rows = records_of(scan_experiments([runs], NOW))
+    write_records(rows, columns_of(rows), path)
     return rows, columns_of(rows)
 
 
@@ -72,7 +72,7 @@ def test_what_a_failure_says_of_its_trial_counts(runs):
 
 
 def test_columns_come_in_one_order_whichever_rows_there_are(runs):
-    rows = sorted(rows_of(scan_experiments([runs], NOW)), key=lambda row: row["experiment"], reverse=True)
+    rows = sorted(records_of(scan_experiments([runs], NOW)), key=lambda row: row["experiment"], reverse=True)
     every = columns_of(rows)
     assert len(set(every)) == len(every)
     assert tuple(every[: len(HEAD) + len(METRICS)]) == (*HEAD, *METRICS)
@@ -144,13 +144,13 @@ def test_metrics_keep_their_types_where_no_trial_has_any(tmp_path):
 
 def test_a_whole_number_among_fractions_is_a_fraction(tmp_path):
     rows = [{"fit.new": 1, "seed": 0}, {"fit.new": 0.5, "seed": 1}, {"fit.new": None, "seed": 2}]
-    write_rows(rows, ["seed", "fit.new"], tmp_path / "out.parquet")
+    write_records(rows, ["seed", "fit.new"], tmp_path / "out.parquet")
     assert pyarrow.parquet.read_table(tmp_path / "out.parquet")["fit.new"].to_pylist() == [1.0, 0.5, None]
 
 
 def test_values_of_several_kinds_become_texts(tmp_path):
     rows = [{"new": 1}, {"new": "auto"}, {"new": True}]
-    write_rows(rows, ["new"], tmp_path / "out.parquet")
+    write_records(rows, ["new"], tmp_path / "out.parquet")
     assert pyarrow.parquet.read_table(tmp_path / "out.parquet")["new"].to_pylist() == ["1", "auto", "true"]
 
 
@@ -167,16 +167,16 @@ def test_damaged_files_are_named(runs):
     assert str(path) in row["failure.message"]
     path.with_name("config.yaml").write_text("[")
     with pytest.raises(ConfigError, match=r"config\.yaml: line 1: not valid YAML"):
-        rows_of(scan_experiments([runs], NOW))
+        records_of(scan_experiments([runs], NOW))
     next(runs.glob("small/*/*/seed-0-*/result.json")).write_text("{")
     with pytest.raises(StoreError, match=r"result\.json: not valid JSON"):
-        rows_of(scan_experiments([runs], NOW))
+        records_of(scan_experiments([runs], NOW))
 
 
 @pytest.mark.parametrize(("name", "found"), [("out.xlsx", "'.xlsx'"), ("out", "no suffix"), ("out.CSV", "'.CSV'")])
 def test_other_suffixes_are_refused(tmp_path, name, found):
-    with pytest.raises(ConfigError, match=rf"{name}: {found} is not a format .*; allowed: \.csv, \.parquet"):
-        write_rows([], [], tmp_path / name)
+    with pytest.raises(ConfigError, match=rf"{name}: {found} is not a known format; allowed: \.csv, \.parquet"):
+        write_records([], [], tmp_path / name)
 
 
 def test_without_pyarrow_the_extra_is_named_and_csv_is_written(runs, tmp_path, monkeypatch):
@@ -185,7 +185,7 @@ def test_without_pyarrow_the_extra_is_named_and_csv_is_written(runs, tmp_path, m
 
     monkeypatch.setattr(importlib, "import_module", missing)
     with pytest.raises(ConfigError, match=r"pip install 'meshfit\[parquet\]'"):
-        write_rows([], [], tmp_path / "out.parquet")
+        write_records([], [], tmp_path / "out.parquet")
     exported(runs, tmp_path / "out.csv")
     assert len(read_csv(tmp_path / "out.csv")) == 4
 
