@@ -1,4 +1,4 @@
-"""Specs: a name with its parameters, `interp-loop:alpha=0.5`, written alike in YAML, on command lines and in tables."""
+"""Specs: a name with parameters, such as `interp-loop:alpha=0.5`, in YAML, on command lines and in tables."""
 
 import difflib
 import re
@@ -14,38 +14,38 @@ _SPEC = re.compile(r"(?P<name>[^:=,\s]+)(?::(?P<parameters>.*))?", re.DOTALL)
 
 @dataclass(frozen=True)
 class Spec:
-    """A name and its parameters, as written by the user."""
+    """A name and its parameters, in the order given."""
 
     name: str
     parameters: tuple[tuple[str, Value], ...] = ()
 
     def __str__(self) -> str:
-        """The spec in its written form, parameters in the order given."""
+        """Return the spec as text."""
         if not self.parameters:
             return self.name
         return f"{self.name}:" + ",".join(f"{key}={value}" for key, value in self.parameters)
 
 
 def parse_spec(text: str) -> Spec:
-    """Read `name` or `name:key=value,key=value`.
+    """Parse `name` or `name:key=value,key=value`.
 
     Raises:
-        ConfigError: the text does not have that form.
+        ConfigError: the text has another form.
     """
-    found = _SPEC.fullmatch(text.strip())
-    if found is None:
-        raise ConfigError(f"'{text}' is not a name or 'name:key=value,key=value'")
-    parameters = found["parameters"]
+    match = _SPEC.fullmatch(text.strip())
+    if match is None:
+        raise ConfigError(f"'{text}': expected a name or 'name:key=value,key=value'")
+    parameters = match["parameters"]
     pairs = [_parse_pair(pair, text) for pair in parameters.split(",")] if parameters is not None else []
     if len(dict(pairs)) < len(pairs):
-        raise ConfigError(f"'{text}': a parameter stands twice")
-    return Spec(found["name"], tuple(pairs))
+        raise ConfigError(f"'{text}': duplicate parameter")
+    return Spec(match["name"], tuple(pairs))
 
 
 def _parse_pair(pair: str, text: str) -> tuple[str, Value]:
     key, equals, value = (part.strip() for part in pair.partition("="))
     if not (key and equals and value):
-        raise ConfigError(f"'{text}': '{pair}' is not 'key=value'")
+        raise ConfigError(f"'{text}': expected 'key=value', got '{pair}'")
     return key, _parse_value(value)
 
 
@@ -59,8 +59,8 @@ def _parse_value(text: str) -> Value:
 
 
 def suggest(word: str, allowed: Iterable[str]) -> str:
-    """A phrase for an error message: the nearest allowed word, if one is near, and all that are allowed."""
+    """Return the end of an error message: the most similar allowed word, if there is one, and all allowed words."""
     words = list(allowed)
-    near = difflib.get_close_matches(word, words, n=1) or [other for other in words if word and word in other]
-    hint = f"did you mean '{near[0]}'? " if near else ""
+    similar = difflib.get_close_matches(word, words, n=1) or [other for other in words if word and word in other]
+    hint = f"did you mean '{similar[0]}'? " if similar else ""
     return f"{hint}allowed: {', '.join(words)}"

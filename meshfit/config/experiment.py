@@ -1,4 +1,4 @@
-"""The settings of an experiment: targets × schemes × seeds over one set of everything else."""
+"""The settings of an experiment: every target with every scheme and every seed, all else equal."""
 
 import json
 from collections.abc import Mapping
@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
+    BeforeValidator,
     Field,
     ValidationError,
     ValidationInfo,
@@ -17,27 +18,46 @@ from pydantic import (
 from meshfit.errors import SchemeError
 from meshfit.fitting.settings import METHODS, Dtype, FirstOrderSettings, FitSettings
 from meshfit.measuring.settings import MeasureSettings
-from meshfit.settings import KIND_KEY, Settings
+from meshfit.settings import DEFAULT_KIND, KIND_KEY, Settings
 from meshfit.subdivision.registry import SURFACES, Definitions, canonical, entry_of, registry_with, schemes_on, spec_of
+
+MAX_LEVELS = 8
+"""The most subdivision levels that a source may have."""
+SOURCE_FILE_KEYS = (("source", "mesh"), ("source", "creases", "file"), ("source", "alpha", "file"))
+"""Settings of the source that may be paths of files."""
+NO_EFFECT_ON_RESULTS: dict[str, Any] = {
+    **dict.fromkeys(("jobs", "threads", "retries", "sweep"), True),
+    "fit": {"snapshots"},
+}
+"""Settings that only tell how the work is done, or are resolved when trials are planned."""
+
+_OWN_SCHEMES = {
+    "my-loop": {
+        "edge": {"end": "3/8", "opposite": "1/8"},
+        "vertex": "5/8 - (3/8 + cos(2*pi/n)/4)^2",
+        "boundary": "cubic-bspline",
+    },
+    "softer": {"base": "my-loop", "alpha": 0.5},
+}
 
 
 def _unique(values: tuple[object, ...]) -> tuple[object, ...]:
-    twice = {value for value in values if values.count(value) > 1}
-    if twice:
-        raise ValueError(f"{sorted(map(str, twice))[0]} is listed twice; once is enough")
+    duplicates = sorted(str(value) for value in values if values.count(value) > 1)
+    if duplicates:
+        raise ValueError(f"duplicate entry {duplicates[0]}")
     return values
 
 
-def _count(value: Any, validate: ValidatorFunctionWrapHandler) -> Any:  # noqa: ANN401  whatever was written
-    """One message in place of one for each of the two that are allowed."""
+def _auto_or_count(value: Any, validate: ValidatorFunctionWrapHandler) -> Any:  # noqa: ANN401  any YAML value
+    """Report one error in place of one for each of the two types."""
     try:
         return validate(value)
     except ValidationError:
-        raise ValueError(f"found {json.dumps(value, default=str)}; auto or an integer from 1 on is needed") from None
+        raise ValueError(f"expected auto or an integer of 1 or more, got {json.dumps(value, default=str)}") from None
 
 
 def _canonical_scheme(text: str, info: ValidationInfo) -> str:
-    """Checked after `define`, which stands before `schemes` for that reason; where it is at fault, that is told."""
+    """Check a scheme against those of `define`, which is validated first; skip the check if that one failed."""
     if "define" not in info.data:
         return text
     registry = registry_with(info.data["define"])
@@ -50,180 +70,179 @@ def _canonical_scheme(text: str, info: ValidationInfo) -> str:
     return spec
 
 
+def _require_one(settings: Settings, first: str, second: str) -> None:
+    given = [name for name in (first, second) if getattr(settings, name) is not None]
+    if len(given) != 1:
+        raise ValueError(f"expected either {first} or {second}, got {'both' if given else 'neither'}")
+
+
 SchemeSpec = Annotated[str, AfterValidator(_canonical_scheme)]
-Count = Annotated[Literal["auto"] | Annotated[int, Field(ge=1)], WrapValidator(_count)]
-# What says how the work is done, or is spent when the trials are planned, and moves no number.
-NO_EFFECT_ON_RESULTS: dict[str, Any] = {
-    **dict.fromkeys(("jobs", "threads", "retries", "sweep"), True),
-    "fit": {"snapshots"},
-}
-
-# Settings of the source that may be the paths of files.
-SOURCE_FILE_KEYS = (("source", "mesh"), ("source", "creases", "file"), ("source", "alpha", "file"))
-
-MAX_LEVELS = 8
-"""Levels of subdivision that a source may have."""
-
-Listed = (Field(min_length=1), AfterValidator(_unique))
-
-
-_OWN_SCHEMES = {
-    "my-loop": {
-        "edge": {"end": "3/8", "opposite": "1/8"},
-        "vertex": "5/8 - (3/8 + cos(2*pi/n)/4)^2",
-        "boundary": "cubic-bspline",
-    },
-    "softer": {"base": "my-loop", "alpha": 0.5},
-}
+Count = Annotated[Literal["auto"] | Annotated[int, Field(ge=1)], WrapValidator(_auto_or_count)]
+NonEmptyUnique = (Field(min_length=1), AfterValidator(_unique))
+Align = Annotated[
+    Literal["none", "center", "pca", "icp"],
+    BeforeValidator(lambda value: "center" if value == "centre" else value),
+]
 
 
 class CreaseSettings(Settings):
-    """Where the control mesh is creased: by angle, or as a file lists it."""
+    """Creases of the control mesh: by angle, or listed in a file."""
 
     angle: Annotated[float, Field(gt=0, le=180)] | None = None
-    """Edges are sharp whose faces make more than so many degrees."""
+    """Angle in degrees, above 0 and up to 180, between the normals of two faces, above which their edge is sharp."""
     file: str | None = None
-    """A text file, relative to this one, with a line each: `a b` or `a b sharpness` for an edge, `a` for a corner.
-    Verts are counted from 0 as the file of the control mesh has them."""
+    """Text file, relative to this one, with one crease per line: `a b` or `a b sharpness` for an edge, `a` for a
+    corner; vertices are numbered from 0 as in the file of the control mesh."""
     sharpness: Annotated[float, Field(ge=0)] | None = None
-    """Levels that edges stay sharp for, such as 1.5, where the file has no other number; null for ever."""
+    """Number of levels, such as 1.5, that edges stay sharp where the file gives none; null means all levels."""
 
     @model_validator(mode="after")
-    def _one_way(self) -> "CreaseSettings":
-        if (self.angle is None) == (self.file is None):
-            raise ValueError(f"found {'neither' if self.file is None else 'both'}; either angle or file is needed")
+    def _either_angle_or_file(self) -> "CreaseSettings":
+        _require_one(self, "angle", "file")
         return self
 
 
 class AlphaSettings(Settings):
-    """Where each vertex of the control mesh has its alpha from."""
+    """One alpha per vertex of the control mesh, from a text file or from the mesh file itself."""
 
     file: str | None = None
-    """A text file, relative to this one, with a number a line for each vertex of the control mesh's file."""
+    """Text file, relative to this one, with one number per line for each vertex of the control mesh's file."""
     attribute: str | None = None
-    """A property of the verts of the control mesh's file, a PLY."""
+    """Name of a vertex property in the control mesh's file, which must be a PLY."""
 
     @model_validator(mode="after")
-    def _one_way(self) -> "AlphaSettings":
-        if (self.attribute is None) == (self.file is None):
-            raise ValueError(f"found {'neither' if self.file is None else 'both'}; either file or attribute is needed")
+    def _either_file_or_attribute(self) -> "AlphaSettings":
+        _require_one(self, "file", "attribute")
         return self
 
 
 class SourceSettings(Settings):
-    """The source: a control mesh, and what is done to it before the fit. The scheme refines it."""
+    """The source: a control mesh, its preparation, and its refinement by the scheme."""
 
     mesh: str = "icosahedron"
-    """The control mesh: `icosahedron`, `octahedron`, `tetrahedron`, `cube`, `icosphere` or `icosphere:level=N`,
-    the name of a target, or the path of a mesh file."""
+    """Control mesh: `icosahedron`, `octahedron`, `tetrahedron`, `cube`, `icosphere` or `icosphere:level=N`, the name of
+    a target, or the path of a mesh file."""
     decimate: Annotated[int, Field(ge=4)] | None = None
-    """Reduce the control mesh to about so many faces first; null leaves it as it is."""
+    """Number of faces, 4 or more, to which the control mesh is reduced first; null keeps all."""
     levels: Annotated[int, Field(ge=0, le=MAX_LEVELS)] = 4
-    """Levels of subdivision by the scheme."""
+    """Number of subdivision levels, from 0 to 8."""
     wanted_verts: Annotated[int, Field(ge=4)] | None = None
-    """In place of `levels`: as many as bring the number of verts nearest to this, so that schemes that make more verts
-    of one at a level than others do can be compared; null leaves it to `levels`."""
+    """Number of vertices, 4 or more, to come nearest to by choosing the levels for each scheme, in place of `levels`;
+    null uses `levels`."""
     radius: Annotated[float, Field(gt=0)] | None = 1.0
-    """Scale the control mesh so that its farthest vertex is this far from its centre; null keeps its size."""
+    """Distance of the control mesh's farthest vertex from the mean of its vertices after scaling; null keeps its
+    size."""
     centre: tuple[float, float, float] | None = (0.0, 0.0, 0.0)
-    """Where to put the mean of the control mesh's verts, in the normalised frame; null keeps its place."""
-    align: Literal["none", "center", "pca", "icp"] = "none"
-    """How it is then placed on the target: `none`; `center`, centroid on centroid; `pca`, principal axes and size as
-    well; `icp`, by nearest points after that."""
+    """Position of the mean of the control mesh's vertices in the normalised frame; null keeps its place. Also accepted
+    as `center`."""
+    align: Align = "none"
+    """Alignment with the target after that: `none`; `center` or `centre`, by centroids; `pca`, by principal axes and
+    size as well; `icp`, by iterated closest points after `pca`."""
     project: Literal["none", "sphere"] = "none"
-    """`sphere` puts the verts of the control mesh and of each level on the sphere about its centre."""
+    """`sphere` projects the vertices of the control mesh and of each level onto the sphere about its centre."""
     creases: CreaseSettings | None = None
-    """Edges of the control mesh that stay sharp under loop, interp-loop and midpoint: `{angle: DEGREES}` or
-    `{file: PATH}`, each with a `sharpness` if it is to wear off; null for boundaries alone."""
+    """Sharp edges of the control mesh under loop, interp-loop and midpoint: `{angle: DEGREES}` or `{file: PATH}`, each
+    with an optional `sharpness`; null means boundaries alone."""
     alpha: AlphaSettings | None = None
-    """An alpha for each vertex of the control mesh, in place of the schemes' own: `{file: PATH}` or
-    `{attribute: NAME}`; null for none."""
+    """One alpha per vertex of the control mesh, in place of the schemes' own: `{file: PATH}` or `{attribute: NAME}`;
+    null means none."""
 
 
 class ExperimentSettings(Settings):
     """An experiment: every target with every scheme and every seed."""
 
-    targets: Annotated[tuple[str, ...], *Listed] = ("bunny", "mousehead")
+    targets: Annotated[tuple[str, ...], *NonEmptyUnique] = ("bunny", "mousehead")
     """Named targets (see `meshfit targets`) or paths of mesh files, relative to this file."""
     define: Annotated[Definitions, Field(examples=[_OWN_SCHEMES])] = Field(default_factory=dict)
-    """Schemes of your own by name, which `schemes` may then list: by their masks, or as a push-back of another scheme
+    """Your own schemes by name, for `schemes` to list: defined by their masks, or as a push-back of another scheme
     towards interpolation."""
-    schemes: Annotated[tuple[SchemeSpec, ...], *Listed] = ("loop", "interp-loop")
+    schemes: Annotated[tuple[SchemeSpec, ...], *NonEmptyUnique] = ("loop", "interp-loop")
     """Subdivision schemes (see `meshfit schemes`), with parameters as in `interp-loop:alpha=0.5`; names in `define`, or
-    paths of files that hold such a definition, relative to this file."""
-    seeds: Annotated[tuple[Annotated[int, Field(ge=0, lt=2**32)], ...], *Listed] = (0,)
-    """Seeds of the samples; table cells are means over them."""
+    paths of files with such a definition, relative to this file."""
+    seeds: Annotated[tuple[Annotated[int, Field(ge=0, lt=2**32)], ...], *NonEmptyUnique] = (0,)
+    """Seeds of the samples, from 0 to 4294967295; table cells are means over them."""
     normalise: Literal["tutorial", "box", "none"] = "tutorial"
-    """Frame of all lengths. `tutorial`: target's mean at 0, largest |coordinate| 1. `box`: box centred, diagonal 1."""
+    """Frame of all lengths: `tutorial` puts the target's mean at 0 and its largest |coordinate| at 1, `box` puts its
+    bounding box's centre at 0 and diagonal at 1, `none` keeps its coordinates."""
     write_frame: Literal["normalised", "target"] = "normalised"
-    """Frame that `source.ply` and `result.ply` are written in: the normalised one, or the target file's own."""
+    """Frame of `source.ply` and `result.ply`: the normalised one, or the target file's own."""
     source: SourceSettings = SourceSettings()
-    """The source: a control mesh, and what is done to it before the fit."""
+    """The source: a control mesh, its preparation, and its refinement by the scheme."""
     fit: FitSettings = FirstOrderSettings()
-    """What is minimised, how, and for how long."""
+    """The fit: its engine, losses and length."""
     measure: MeasureSettings = MeasureSettings()
-    """How results are measured."""
+    """The measurement of results."""
     device: str = "auto"
-    """`auto` (CUDA where there is one, else the CPU), `cpu`, `cuda`, `cuda:N` or `mps`."""
+    """Device of the fit: `auto` (CUDA if there is one, else the CPU), `cpu`, `cuda`, `cuda:N` or `mps`."""
     dtype: Dtype = "float32"
-    """Precision of the fit."""
+    """Floating-point precision of the fit."""
     jobs: Count = "auto"
-    """Trials side by side on the CPU; `auto`: one for each core. Results do not depend on it."""
+    """Number of trials to run at once on the CPU, without effect on results; `auto` means one per core."""
     retries: Annotated[int, Field(ge=0, le=10)] = 1
-    """How often a trial is run once more, alone, after its process was killed or memory ran out. Other failures would
-    only come again."""
+    """Number of times, from 0 to 10, that a trial is repeated alone after its process was killed or memory ran out;
+    other failures are not repeated."""
     threads: Count = "auto"
-    """Threads to search nearest points with in each trial on the CPU; `auto`: two where cores are left over, else one.
-    Results do not depend on it."""
+    """Number of threads for nearest-neighbour search in each trial on the CPU, without effect on results; `auto` means
+    two if there are spare cores, else one."""
     sweep: dict[str, Any] = Field(default_factory=dict)
-    """Settings to vary, each combination a row of the table: `fit.losses.edge: [0.1, 1.0]` for a grid; under `zip`,
-    lists that go in step; under `variants`, names with the settings that each of them changes."""
+    """Settings to vary, one table row per combination: `fit.losses.edge: [0.1, 1.0]` for a grid, lists under `zip` to
+    vary in step, and names under `variants` with the settings that each changes."""
 
     @model_validator(mode="after")
-    def _refined_once(self) -> "ExperimentSettings":
+    def _creases_and_alpha_need_first_order(self) -> "ExperimentSettings":
         for key in ("creases", "alpha"):
             if getattr(self.source, key) is not None and self.fit.method != "first-order":
                 raise ValueError(
-                    f"source.{key}: for fit.method first-order; found {self.fit.method}, whose own levels know of none"
+                    f"source.{key}: needs fit.method first-order, got {self.fit.method}, which subdivides without it"
                 )
         return self
 
     def __hash__(self) -> int:
-        """Of its JSON text: a sweep is plain data, which has no hash."""
+        """Hash the JSON text, since a sweep is plain data, which has no hash."""
         return hash(self.model_dump_json())
 
 
-_WITHOUT_EFFECT = {"jobs", "threads"}
+def canonical_key(key: str) -> str:
+    """Return a dotted key in the spelling under which it is stored."""
+    return "source.centre" if key == "source.center" else key
+
+
+def with_canonical_keys(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Return nested settings with their keys in the spelling under which they are stored."""
+    source = data.get("source")
+    if not isinstance(source, Mapping) or "center" not in source or "centre" in source:
+        return dict(data)
+    return {**data, "source": {"centre" if key == "center" else key: value for key, value in source.items()}}
 
 
 def default_settings(method: str = "first-order") -> dict[str, Any]:
-    """Every setting that a result may depend on, at its default, as plain data.
+    """Return the default of every setting that may affect results, as plain data.
 
     Args:
-        method: the engine that the settings of the fit are for.
+        method: the engine of the fit.
     """
-    plain = ExperimentSettings().model_dump(mode="json", exclude=_WITHOUT_EFFECT)
+    plain = ExperimentSettings().model_dump(mode="json", exclude={"jobs", "threads"})
     fit = METHODS.get(method)
     return plain | ({"fit": fit().model_dump(mode="json")} if fit else {})
 
 
 def non_default_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Those of some settings, as plain data, that are not at their defaults, in the order that they come in."""
+    """Return those of some settings, as plain data, that differ from the defaults, in their order."""
     fit = settings.get("fit")
-    method = fit.get(KIND_KEY, "first-order") if isinstance(fit, Mapping) else "first-order"
-    found = _difference(settings, default_settings(method))
-    if method != "first-order" and "fit" in settings:
-        found["fit"] = {KIND_KEY: method} | found.get("fit", {})
-    return found
+    method = fit.get(KIND_KEY, DEFAULT_KIND) if isinstance(fit, Mapping) else DEFAULT_KIND
+    result = _difference(settings, default_settings(method))
+    if method != DEFAULT_KIND and "fit" in settings:
+        result["fit"] = {KIND_KEY: method} | result.get("fit", {})
+    return result
 
 
-def _difference(settings: Mapping[str, Any], usual: Mapping[str, Any]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+def _difference(settings: Mapping[str, Any], defaults: Mapping[str, Any]) -> dict[str, Any]:
+    result: dict[str, Any] = {}
     for key, value in settings.items():
-        default = usual.get(key)
+        default = defaults.get(key)
         if isinstance(value, Mapping) and isinstance(default, Mapping):
             if inner := _difference(value, default):
-                found[key] = inner
-        elif key not in usual or value != default:
-            found[key] = value
-    return found
+                result[key] = inner
+        elif key not in defaults or value != default:
+            result[key] = value
+    return result

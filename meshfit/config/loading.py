@@ -1,11 +1,11 @@
-"""From a config's name or path and some overrides to an experiment's settings."""
+"""Load the settings of an experiment from the name or path of a config and overrides."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from meshfit.config.experiment import SOURCE_FILE_KEYS, ExperimentSettings
+from meshfit.config.experiment import SOURCE_FILE_KEYS, ExperimentSettings, with_canonical_keys
 from meshfit.config.scheme_files import read_scheme_files, relative_to_folder
 from meshfit.config.strict_yaml import Document, parse_value, read_document
 from meshfit.config.sweeps import variants_of
@@ -15,19 +15,17 @@ from meshfit.settings import KeyPath, apply_changes, build, deep_merge, nested
 from meshfit.specs import suggest
 from meshfit.subdivision.custom.definitions import Definition
 
-_INIT = "`meshfit init {}` writes one"
-
 
 @dataclass(frozen=True)
 class Experiment:
-    """An experiment's settings, and the name that its results are filed under."""
+    """An experiment's settings, and the name of its folder in a run directory."""
 
     name: str
     settings: ExperimentSettings
 
 
 def bundled_configs() -> dict[str, Path]:
-    """The configs that come with meshfit, by name."""
+    """Return the configs that come with meshfit, by name."""
     return {path.stem: path for path in sorted(bundled_folder("configs").glob("*.yaml"))}
 
 
@@ -43,20 +41,20 @@ def load_experiment(name_or_path: str, overrides: Sequence[str] = ()) -> Experim
     """
     path = config_path(name_or_path)
     document = read_document(path)
-    changes = _parse_overrides(overrides)
+    changes = with_canonical_keys(_parse_overrides(overrides))
 
     def where(key: KeyPath) -> str:
         return _where(key, document, path, changes)
 
-    data = apply_changes(_with_absolute_paths(document.data, path.parent), changes)
-    found = read_scheme_files(data, where)
-    settings = build(ExperimentSettings, found.data, lambda key: found.where(key) or where(key))
+    data = apply_changes(_with_absolute_paths(with_canonical_keys(document.data), path.parent), changes)
+    with_files = read_scheme_files(data, where)
+    settings = build(ExperimentSettings, with_files.data, lambda key: with_files.where(key) or where(key))
     variants_of(settings, lambda: where(("sweep",)))
     return Experiment(path.stem, settings)
 
 
 def load_definitions(name_or_path: str | None) -> dict[str, Definition]:
-    """The schemes of the user's own in a config; none where there is no config.
+    """Return the user's own schemes in a config, or none without a config.
 
     Raises:
         ConfigError: as `load_experiment`.
@@ -65,10 +63,10 @@ def load_definitions(name_or_path: str | None) -> dict[str, Definition]:
 
 
 def config_path(name_or_path: str) -> Path:
-    """The file of a config.
+    """Return the file of a config.
 
     Raises:
-        ConfigError: neither a file nor a bundled config; the nearest name is suggested.
+        ConfigError: neither a file nor a bundled config; the most similar name is suggested.
     """
     configs = bundled_configs()
     if name_or_path in configs:
@@ -77,27 +75,27 @@ def config_path(name_or_path: str) -> Path:
     if path.is_file():
         return path
     if path.is_dir():
-        raise ConfigError(f"{name_or_path}: a directory; the path of a YAML file is needed")
+        raise ConfigError(f"{name_or_path}: expected a YAML file, got a directory")
     if path.suffix in CONFIG_SUFFIXES or len(path.parts) > 1:
-        raise ConfigError(f"{name_or_path}: {missing_file_message(path, CONFIG_SUFFIXES, _INIT.format(path))}")
-    raise ConfigError(f"'{name_or_path}' is no config and no file: {suggest(name_or_path, configs)}")
+        remedy = f"`meshfit init {path}` writes one"
+        raise ConfigError(f"{name_or_path}: {missing_file_message(path, CONFIG_SUFFIXES, remedy)}")
+    raise ConfigError(f"'{name_or_path}' is neither a config nor a file: {suggest(name_or_path, configs)}")
 
 
 def _with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Files named in a config, of meshes and of schemes, lie relative to it; so a config runs from anywhere."""
+    """Resolve the mesh and scheme files of a config relative to its folder, so that it runs from anywhere."""
 
     def absolute(value: Any, key: Sequence[str]) -> Any:  # noqa: ANN401  any YAML value
         if isinstance(value, dict):
             return {name: absolute(inner, (*key, *str(name).split("."))) for name, inner in value.items()}
-        if key == ("schemes",) or (key[:1] == ("define",) and key[2:] == ("base",)):
-            specs = value if isinstance(value, list) else [value]
-            placed = [relative_to_folder(spec, folder) if isinstance(spec, str) else spec for spec in specs]
-            return placed if isinstance(value, list) else placed[0]
-        if key != ("targets",) and not any(tuple(key[-len(path) :]) == path for path in SOURCE_FILE_KEYS):
-            return value
         if isinstance(value, list):
             return [absolute(entry, key) for entry in value]
-        return str((folder / value).resolve()) if isinstance(value, str) and (folder / value).is_file() else value
+        if not isinstance(value, str):
+            return value
+        if key == ("schemes",) or (key[:1] == ("define",) and key[2:] == ("base",)):
+            return relative_to_folder(value, folder)
+        is_path = key == ("targets",) or any(tuple(key[-len(path) :]) == path for path in SOURCE_FILE_KEYS)
+        return str((folder / value).resolve()) if is_path and (folder / value).is_file() else value
 
     return {key: absolute(value, (key,)) for key, value in data.items()}
 
@@ -105,11 +103,12 @@ def _with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
 def _parse_overrides(overrides: Sequence[str]) -> dict[str, Any]:
     changes: dict[str, Any] = {}
     for text in overrides:
+        origin = f"--set {' '.join(text.split())}"
         key, equals, value = text.partition("=")
         parts = key.strip().split(".")
         if not equals or not all(parts):
-            raise ConfigError(f"--set {_shown(text)}: 'key=value' is needed, such as fit.steps=500")
-        changes = deep_merge(changes, nested(".".join(parts), parse_value(value, f"--set {_shown(text)}")))
+            raise ConfigError(f"{origin}: expected 'key=value', such as fit.steps=500")
+        changes = deep_merge(changes, nested(".".join(parts), parse_value(value, origin)))
     return changes
 
 
@@ -121,7 +120,7 @@ def _where(key: KeyPath, document: Document, path: Path, changes: dict[str, Any]
 
 
 def _is_within(key: KeyPath, changes: Any) -> bool:  # noqa: ANN401  any YAML value
-    """Whether the value at this key, or one that holds it, comes from the changes."""
+    """Return whether the value at a key, or one that contains it, comes from the changes."""
     for part in key:
         if not isinstance(changes, dict):
             return True
@@ -129,7 +128,3 @@ def _is_within(key: KeyPath, changes: Any) -> bool:  # noqa: ANN401  any YAML va
             return False
         changes = changes[part]
     return bool(key)
-
-
-def _shown(text: str) -> str:
-    return " ".join(text.split())

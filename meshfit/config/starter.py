@@ -1,4 +1,4 @@
-"""A starter config that explains itself: every key with its meaning and its default, taken from the models."""
+"""The starter config: every key with its meaning and its default, from the settings models."""
 
 import textwrap
 from typing import Any
@@ -9,14 +9,14 @@ from meshfit.settings import Settings
 
 _HEADER = """\
 # An experiment for `meshfit run`: every target with every scheme and every seed.
-# All keys are optional and stand here with their defaults; delete what you do not change.
+# All keys are optional and have their defaults here; delete those that you do not change.
 # `meshfit schema` prints the JSON Schema, for completion in an editor.
 """
 _WIDTH = 110
 
 
 def starter_config() -> str:
-    """The text of a config that holds every key at its default, each with a comment."""
+    """Return the text of a config with every key at its default, each with a comment."""
     return _HEADER + "".join(f"\n{part}" for part in _sections(ExperimentSettings(), 0))
 
 

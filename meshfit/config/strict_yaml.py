@@ -1,4 +1,4 @@
-"""YAML as people mean it: nothing is ever executed, `1e-3` is a number, `no` is a word, a key may not stand twice."""
+"""Strict YAML: nothing is executed, `1e-3` is a number, `no` is a word, and keys must be unique."""
 
 import re
 from collections.abc import Iterable
@@ -11,6 +11,8 @@ import yaml
 from meshfit.errors import ConfigError
 from meshfit.settings import KeyPath
 
+_KINDS: dict[type[yaml.Node], str] = {yaml.ScalarNode: "single value", yaml.SequenceNode: "list"}
+
 
 class _Loader(yaml.SafeLoader):
     """PyYAML's safe loader with the scalars of YAML 1.2's core schema."""
@@ -18,21 +20,21 @@ class _Loader(yaml.SafeLoader):
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012  PyYAML's own attribute
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        """Refuse what plain settings have no use for; a few lines of aliases can stand for a document without end."""
+        """Refuse tags, and aliases, with which a few lines can describe a document of any size."""
         event = self.peek_event()  # type: ignore[no-untyped-call]
-        what = None
+        refused = None
         if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
-            what = "anchors and aliases (&name, *name)"
+            refused = "anchors and aliases (&name, *name)"
         elif getattr(event, "tag", None) not in (None, "!"):
-            what = "tags (!name)"
-        if what is not None:
+            refused = "tags (!name)"
+        if refused is not None:
             raise yaml.composer.ComposerError(
-                problem=f"{what} are not allowed; write the value out", problem_mark=event.start_mark
+                problem=f"{refused} are not allowed; write the value out", problem_mark=event.start_mark
             )
         return super().compose_node(parent, index)
 
 
-# A number such as 012 stays a word: to some it is twelve, to others ten.
+# A number such as 012 stays a word: some parsers read twelve, others ten.
 _INT = r"[-+]?(0|[1-9][0-9]*)"
 _FLOAT = r"(?![-+]?0[0-9])[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"
 for _tag, _pattern, _first in (
@@ -48,34 +50,31 @@ class _Dumper(yaml.SafeDumper):
     """PyYAML's safe dumper with lists on one line and no anchors."""
 
     def ignore_aliases(self, data: object) -> bool:  # noqa: ARG002  PyYAML's signature
-        """Write equal values out each time."""
+        """Write equal values in full each time."""
         return True
 
     def represent_list(self, data: Iterable[Any]) -> yaml.SequenceNode:
-        """A list as [a, b]."""
+        """Write a list as [a, b]."""
         return self.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=True)
 
 
 _Dumper.add_representer(list, _Dumper.represent_list)
-# Words that either reading of YAML would take for something else are written in quotes.
+# Quote words that YAML 1.1 or 1.2 would take for something else.
 _Dumper.yaml_implicit_resolvers = {
     first: yaml.SafeDumper.yaml_implicit_resolvers.get(first, []) + _Loader.yaml_implicit_resolvers.get(first, [])
     for first in {*yaml.SafeDumper.yaml_implicit_resolvers, *_Loader.yaml_implicit_resolvers}
 }
 
 
-_KINDS: dict[type[yaml.Node], str] = {yaml.ScalarNode: "single value", yaml.SequenceNode: "list"}
-
-
 @dataclass(frozen=True)
 class Document:
-    """A YAML document: its data, and the line that each key was written on."""
+    """A YAML document: its data, and the line of each key."""
 
     data: dict[str, Any]
     lines: dict[KeyPath, int]
 
     def line_of(self, key: KeyPath) -> int | None:
-        """The line of a key, or else of the nearest one that holds it; None where it is that of the document."""
+        """Return the line of a key, or of the nearest key that contains it; None for the document as a whole."""
         while key and key not in self.lines:
             key = key[:-1]
         return self.lines[key] if key else None
@@ -85,7 +84,7 @@ def read_document(path: Path) -> Document:
     """Read a file that holds one YAML mapping.
 
     Raises:
-        ConfigError: it cannot be read, or is not such a file; with the line.
+        ConfigError: the file cannot be read, or is invalid; with the line.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -97,34 +96,36 @@ def read_document(path: Path) -> Document:
 
 
 def parse_document(text: str, origin: str) -> Document:
-    """Read one YAML mapping.
+    """Parse one YAML mapping.
+
+    Args:
+        text: of the document.
+        origin: its name in messages, usually a path.
 
     Raises:
-        ConfigError: not YAML, not a mapping, or a key that stands twice; with the line.
+        ConfigError: invalid YAML, another value than a mapping, or a duplicate key; with the line.
     """
     loader, node = _compose(text, origin)
     if node is None:
-        raise ConfigError(f"{origin}: the file is empty; a mapping of settings is needed: `meshfit init` writes one")
+        raise ConfigError(f"{origin}: the file is empty; expected a mapping of settings, such as `meshfit init` writes")
     if not isinstance(node, yaml.MappingNode):
-        raise ConfigError(
-            f"{origin}: found a {_KINDS[type(node)]}, a mapping of settings ('key: value' lines) is needed"
-        )
+        raise ConfigError(f"{origin}: expected a mapping of settings ('key: value' lines), got a {_KINDS[type(node)]}")
     lines: dict[KeyPath, int] = {}
     return Document(_construct(loader, node, lines, origin), lines)
 
 
 def parse_value(text: str, origin: str) -> Any:  # noqa: ANN401  any YAML value
-    """Read one YAML value, as `--set key=value` gives it.
+    """Parse one YAML value, such as that of `--set key=value`.
 
     Raises:
-        ConfigError: it is not YAML, or a key stands twice in it.
+        ConfigError: invalid YAML, or a duplicate key.
     """
     loader, node = _compose(text, origin)
     return None if node is None else _construct(loader, node, {}, origin)
 
 
 def dump(data: dict[str, Any]) -> str:
-    """YAML text of plain data: keys in their order, one a line, lists on one line."""
+    """Return plain data as YAML text: keys in their order, one per line; lists on one line."""
     return yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, default_flow_style=False, width=120)
 
 
@@ -139,18 +140,19 @@ def _compose(text: str, origin: str) -> tuple[_Loader, yaml.Node | None]:
 
 
 def _construct(loader: _Loader, node: yaml.Node, lines: dict[KeyPath, int], origin: str) -> Any:  # noqa: ANN401
-    _walk(node, (), lines, origin)
+    _record_lines(node, (), lines, origin)
     try:
         return loader.construct_document(node)
     except (yaml.YAMLError, ValueError) as error:
         raise ConfigError(f"{origin}: {_reason(error)}") from None
 
 
-def _walk(node: yaml.Node, key: KeyPath, lines: dict[KeyPath, int], origin: str) -> None:
+def _record_lines(node: yaml.Node, key: KeyPath, lines: dict[KeyPath, int], origin: str) -> None:
+    """Record the line of each key, and refuse duplicates."""
     lines.setdefault(key, node.start_mark.line + 1)
     if isinstance(node, yaml.SequenceNode):
         for i, child in enumerate(node.value):
-            _walk(child, (*key, i), lines, origin)
+            _record_lines(child, (*key, i), lines, origin)
     if not isinstance(node, yaml.MappingNode):
         return
     for name, child in node.value:
@@ -158,9 +160,9 @@ def _walk(node: yaml.Node, key: KeyPath, lines: dict[KeyPath, int], origin: str)
         line = name.start_mark.line + 1
         if inner in lines:
             shown = " ".join(str(name.value).split())
-            raise ConfigError(f"{origin}, line {line}: the key '{shown}' stands twice, first in line {lines[inner]}")
+            raise ConfigError(f"{origin}, line {line}: duplicate key '{shown}' (first on line {lines[inner]})")
         lines[inner] = line
-        _walk(child, inner, lines, origin)
+        _record_lines(child, inner, lines, origin)
 
 
 def _reason(error: Exception) -> str:

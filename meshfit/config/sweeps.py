@@ -1,4 +1,4 @@
-"""A sweep: settings that are varied, as a grid, in step (`zip`) or as named `variants`, or as the product of these."""
+"""Sweeps: settings varied as a grid, in step (`zip`), as named `variants`, or as the product of these."""
 
 import json
 import textwrap
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
-from meshfit.config.experiment import NO_EFFECT_ON_RESULTS, ExperimentSettings
+from meshfit.config.experiment import NO_EFFECT_ON_RESULTS, ExperimentSettings, canonical_key
 from meshfit.errors import ConfigError
 from meshfit.settings import KIND_KEY, apply_changes, build, deep_merge, nested
 
@@ -21,8 +21,8 @@ class Variant:
     """One point of a sweep.
 
     Attributes:
-        name: what tables call it, such as `edge=0.1, levels=3`; empty where nothing is varied.
-        settings: the experiment's settings there, which sweep no further.
+        name: in tables, such as `edge=0.1, levels=3`; empty where nothing is varied.
+        settings: of the experiment at this point, without a sweep.
     """
 
     name: str
@@ -31,28 +31,28 @@ class Variant:
 
 @dataclass(frozen=True)
 class _Point:
-    """A place on one axis of a sweep: what it is called, and which settings it changes, by dotted key."""
+    """A point on one axis of a sweep: its name, and the settings that it changes, by dotted key."""
 
     name: str
     changes: Mapping[str, Any]
 
 
 def variants_of(settings: ExperimentSettings, where: Callable[[], str] = lambda: "") -> list[Variant]:
-    """The points of an experiment's sweep; a single nameless one if it has none.
+    """Return the points of an experiment's sweep; a single nameless one if it has none.
 
     Args:
         settings: of the experiment.
-        where: gives the place that the sweep was written in, to put in front of messages.
+        where: returns the place where the sweep was written, which begins messages.
 
     Raises:
-        ConfigError: a sweep that is malformed, a key or a value that is not allowed, or two points that are the same.
+        ConfigError: a malformed sweep, a key or a value that is not allowed, or two equal points.
     """
     try:
         axes = _axes(settings.sweep)
     except ConfigError as error:
         raise ConfigError(f"{where()}{error}") from None
     base = settings.model_dump(mode="json") | {"sweep": {}}
-    found: dict[str, Variant] = {}
+    variants: dict[str, Variant] = {}
     for points in product(*axes):
         changes: dict[str, Any] = {}
         for point in points:
@@ -60,14 +60,14 @@ def variants_of(settings: ExperimentSettings, where: Callable[[], str] = lambda:
                 changes = deep_merge(changes, nested(key, value))
         varied = build(ExperimentSettings, apply_changes(base, changes), lambda _: f"{where()}sweep: ")
         name = ", ".join(point.name for point in points)
-        other = found.setdefault(varied.model_dump_json(), Variant(name, varied))
+        other = variants.setdefault(varied.model_dump_json(), Variant(name, varied))
         if other.name != name:
             raise ConfigError(f"{where()}sweep: '{other.name}' and '{name}' are the same settings")
-    return list(found.values())
+    return list(variants.values())
 
 
 def _axes(sweep: Mapping[str, Any]) -> list[list[_Point]]:
-    """The named variants, then what is zipped, then each setting of the grid."""
+    """Return the points on each axis: the named variants, the zipped settings, then each setting of the grid."""
     variants = [
         _Point(name, dict(_flat(_mapping(changes, f"sweep.{VARIANTS}.{name}"), lists=False)))
         for name, changes in _mapping(sweep.get(VARIANTS, {}), f"sweep.{VARIANTS}").items()
@@ -84,31 +84,31 @@ def _axes(sweep: Mapping[str, Any]) -> list[list[_Point]]:
 def _in_step(zipped: Mapping[str, list[Any]]) -> Iterator[tuple[Any, ...]]:
     if len({len(values) for values in zipped.values()}) > 1:
         lengths = ", ".join(f"{key} has {len(values)}" for key, values in zipped.items())
-        raise ConfigError(f"sweep.{ZIP}: lists of the same length are needed; {lengths}")
+        raise ConfigError(f"sweep.{ZIP}: expected lists of the same length; {lengths}")
     return zip(*zipped.values(), strict=True)
 
 
 def _lists(tree: Mapping[str, Any]) -> dict[str, list[Any]]:
-    found: dict[str, list[Any]] = {}
+    lists: dict[str, list[Any]] = {}
     for key, values in _flat(tree, lists=True):
         if not isinstance(values, list) or not values:
-            raise ConfigError(f"sweep: {key}: found {_plain(values)}; a list of values is needed, such as [0.1, 1.0]")
+            raise ConfigError(f"sweep: {key}: expected a list of values, such as [0.1, 1.0], got {_plain(values)}")
         if len({json.dumps(value, sort_keys=True) for value in values}) < len(values):
-            raise ConfigError(f"sweep: {key}: a value is listed twice in {_plain(values)}")
-        if key in found:
-            raise ConfigError(f"sweep: {key} stands twice")
-        found[key] = values
-    return found
+            raise ConfigError(f"sweep: {key}: duplicate value in {_plain(values)}")
+        if key in lists:
+            raise ConfigError(f"sweep: duplicate key {key}")
+        lists[key] = values
+    return lists
 
 
 def _flat(tree: Mapping[str, Any], *, lists: bool, above: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted keys and what they are set to: in a grid, which `lists` means, whatever is not a mapping."""
+    """Yield dotted keys and their values; with `lists`, as in a grid, only mappings are entered."""
     for key, value in tree.items():
-        # A mapping that names its kind replaces settings of another kind, so it stays in one piece.
+        # A mapping that names its kind may replace settings of another kind, so it stays whole.
         if isinstance(value, Mapping) and (lists or KIND_KEY not in value):
             yield from _flat(value, lists=lists, above=f"{above}{key}.")
         else:
-            yield f"{above}{key}", value
+            yield canonical_key(f"{above}{key}"), value
 
 
 def _check_keys(axes: Sequence[Mapping[str, Any]]) -> None:
@@ -116,23 +116,23 @@ def _check_keys(axes: Sequence[Mapping[str, Any]]) -> None:
     for key in keys:
         first, _, last = key.partition(".")
         if first in _AXES:
-            raise ConfigError(f"sweep: {key}: always varied; list the values under '{first}'")
+            raise ConfigError(f"sweep: {key}: it is always varied; list its values under '{first}'")
         if NO_EFFECT_ON_RESULTS.get(first) is True or last in NO_EFFECT_ON_RESULTS.get(first, ()):
-            raise ConfigError(f"sweep: {key}: no result depends on it, so it cannot be swept")
+            raise ConfigError(f"sweep: {key}: it has no effect on results, so it cannot be swept")
         if keys.count(key) > 1:
-            raise ConfigError(f"sweep: {key}: varied in two ways; once among {ZIP}, {VARIANTS} and the grid is allowed")
+            raise ConfigError(f"sweep: {key}: varied in two ways; use only one of {ZIP}, {VARIANTS} and the grid")
 
 
 def _short_names(keys: Sequence[str]) -> dict[str, str]:
-    """The last part of each key, or as many as tell it from the others."""
-    found = {}
+    """Return the last part of each key, or as many parts as distinguish it from the others."""
+    names = {}
     for key in keys:
         parts = key.split(".")
         tails = (".".join(parts[start:]) for start in range(len(parts) - 1, -1, -1))
-        found[key] = next(
+        names[key] = next(
             tail for tail in tails if sum(f".{other}".endswith(f".{tail}") for other in keys) == 1 or tail == key
         )
-    return found
+    return names
 
 
 def _point(changes: Mapping[str, Any], short: Mapping[str, str]) -> _Point:
@@ -141,7 +141,7 @@ def _point(changes: Mapping[str, Any], short: Mapping[str, str]) -> _Point:
 
 def _mapping(value: Any, key: str) -> Mapping[str, Any]:  # noqa: ANN401  any YAML value
     if not isinstance(value, Mapping):
-        raise ConfigError(f"{key}: found {_plain(value)}; a mapping of keys to values is needed")
+        raise ConfigError(f"{key}: expected a mapping of keys to values, got {_plain(value)}")
     return value
 
 

@@ -163,7 +163,12 @@ REFUSED = {
         "run",
         "bad-config.yaml",
     ): "bad-config.yaml, line 1: define.mine.base: 'lop' is not a scheme",
-    ("run", "small.yaml", "--set", "define={mine: 3}"): "--set: define.mine: found 3; a mapping of keys to values",
+    (
+        "run",
+        "small.yaml",
+        "--set",
+        "define={mine: 3}",
+    ): "--set: define.mine: expected a mapping of keys to values",
     ("run", "small.yaml", "--set", "schemes=[bad.yaml]"): "bad.yaml, line 1: define.bad.edge.end: ",
     ("run", "small.yaml", "--baseline", "mien"): "'mien' is not a scheme: did you mean 'mine'?",
     (

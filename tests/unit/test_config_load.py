@@ -59,9 +59,9 @@ def test_what_is_not_there_is_said(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert refusal("gone.yaml") == f"gone.yaml: no such file in {Path.cwd()}; `meshfit init gone.yaml` writes one"
     assert refusal("gone/quickstart") == "gone/quickstart: no such file: there is no folder gone"
-    said = "'quikstart' is no config and no file: did you mean 'quickstart'? allowed: quickstart"
+    said = "'quikstart' is neither a config nor a file: did you mean 'quickstart'? allowed: quickstart"
     assert refusal("quikstart").startswith(said.removesuffix("allowed: quickstart"))
-    assert refusal(str(tmp_path)) == f"{tmp_path}: a directory; the path of a YAML file is needed"
+    assert refusal(str(tmp_path)) == f"{tmp_path}: expected a YAML file, got a directory"
 
 
 def test_a_file_that_is_no_text(tmp_path):
@@ -105,22 +105,22 @@ def test_overrides(config, overrides, value, expected):
 
 LISTED = "targets, define, schemes, seeds, normalise, write_frame, source, fit, measure, device, dtype"
 BAD_OVERRIDES = {
-    "fit.steps": "--set fit.steps: 'key=value' is needed, such as fit.steps=500",
-    "=5": "--set =5: 'key=value' is needed",
-    "fit..steps=5": "--set fit..steps=5: 'key=value' is needed",
+    "fit.steps": "--set fit.steps: expected 'key=value', such as fit.steps=500",
+    "=5": "--set =5: expected 'key=value'",
+    "fit..steps=5": "--set fit..steps=5: expected 'key=value'",
     "fit.stps=5": "--set: fit.stps: no such key: did you mean 'steps'? allowed: method, steps",
     "stps=5": f"--set: stps: no such key: allowed: {LISTED}",
-    "fit.steps=x": '--set: fit.steps: found "x"; an integer is needed',
-    "fit.steps=": "--set: fit.steps: found null; an integer is needed",
-    "fit.steps.a=3": '--set: fit.steps: found {"a": 3}; an integer is needed',
-    "fit=3": "--set: fit: found 3; a mapping of keys to values is needed",
-    "fit.losses=null": "--set: fit.losses: found null; a mapping of keys to values is needed",
-    "seeds=[1, x]": '--set: seeds[1]: found "x"; an integer is needed',
-    "seeds=[1, 1]": "--set: seeds: 1 is listed twice",
+    "fit.steps=x": '--set: fit.steps: expected an integer, got "x"',
+    "fit.steps=": "--set: fit.steps: expected an integer, got null",
+    "fit.steps.a=3": '--set: fit.steps: expected an integer, got {"a": 3}',
+    "fit=3": "--set: fit: expected a mapping of keys to values, got 3",
+    "fit.losses=null": "--set: fit.losses: expected a mapping of keys to values, got null",
+    "seeds=[1, x]": '--set: seeds[1]: expected an integer, got "x"',
+    "seeds=[1, 1]": "--set: seeds: duplicate entry 1",
     "seeds=[": "--set seeds=[: line 1: not valid YAML: ",
-    "fit.losses={edge: 1, edge: 2}": "--set fit.losses={edge: 1, edge: 2}, line 1: the key 'edge' stands twice",
+    "fit.losses={edge: 1, edge: 2}": "--set fit.losses={edge: 1, edge: 2}, line 1: duplicate key 'edge'",
     "a\nb=1": "--set: a b: no such key",
-    "a\nb": "--set a b: 'key=value' is needed",
+    "a\nb": "--set a b: expected 'key=value'",
 }
 
 
@@ -133,7 +133,7 @@ def test_overrides_at_fault_are_named(tmp_path, text):
 def test_faults_of_the_file_are_not_blamed_on_overrides(tmp_path):
     (tmp_path / "c.yaml").write_text(TEXT.replace("steps: 9", "steps: nine"))
     assert refusal(str(tmp_path / "c.yaml"), ["fit.samples=10"]) == (
-        f'{tmp_path / "c.yaml"}, line 3: fit.steps: found "nine"; an integer is needed'
+        f'{tmp_path / "c.yaml"}, line 3: fit.steps: expected an integer, got "nine"'
     )
 
 

@@ -25,21 +25,21 @@ REFUSED = {
     "9: {base: loop}": "3: define.9: not a scheme name",
     f"{'a' * 61}: {{base: loop}}": f"3: define.{'a' * 61}: the name has 61 characters; 60 are allowed",
     "loop: {base: interp-loop}": "3: define.loop: a built-in scheme has this name; choose another",
-    "mine: 3": "3: define.mine: found 3; a mapping of keys to values is needed",
-    "mine: null": "3: define.mine: found null; a mapping",
-    "mine: {}": "3: define.mine.edge: found {}; an entry is needed",
+    "mine: 3": "3: define.mine: expected a mapping of keys to values, got 3",
+    "mine: null": "3: define.mine: expected a mapping of keys to values, got null",
+    "mine: {}": "3: define.mine.edge: missing",
     "mine: {base: lop}": "3: define.mine.base: 'lop' is not a scheme: did you mean 'loop'?",
-    "mine: {base: 'loop:'}": "3: define.mine.base: scheme 'loop:': '' is not 'key=value'",
+    "mine: {base: 'loop:'}": "3: define.mine.base: scheme 'loop:': expected 'key=value', got ''",
     "mine: {base: 'loop:alpha=1'}": "3: define.mine.base: scheme 'loop' has no parameter 'alpha'",
     "mine: {base: interp-loop}": "3: define.mine.base: 'interp-loop' is pushed back already; expected a scheme",
     "mine: {base: mine}": "3: define.mine.base: 'mine' is the definition itself; expected a scheme",
     "mine: {base: other}\n  other: {base: mine}": "3: define.mine.base: 'other' is a push-back too",
-    "mine: {base: loop, alpha: 1.5}": "3: define.mine.alpha: found 1.5; less than or equal to 1 is needed",
-    "mine: {base: loop, alpha: .nan}": "3: define.mine.alpha: found NaN; a finite number is needed",
+    "mine: {base: loop, alpha: 1.5}": "3: define.mine.alpha: expected a number of 1 or less, got 1.5",
+    "mine: {base: loop, alpha: .nan}": "3: define.mine.alpha: expected a finite number, got NaN",
     "mine: {base: loop, aplha: 1}": "3: define.mine.aplha: no such key: did you mean 'alpha'? allowed: base, alpha",
     "mine: {base: loop, edge: {end: 1/2}}": "3: define.mine.edge: no such key: allowed: base, alpha",
-    "mine: {base: [loop]}": '3: define.mine.base: found ["loop"]; a text is needed',
-    mine(split="quad"): "6: define.mine.split: found \"quad\"; did you mean 'quadrisect'? allowed: quadrisect, sqrt3",
+    "mine: {base: [loop]}": '3: define.mine.base: expected a text, got ["loop"]',
+    mine(split="quad"): "6: define.mine.split: got \"quad\"; did you mean 'quadrisect'? allowed: quadrisect, sqrt3",
     mine(split="sqrt3"): "4: define.mine.edge: no such key: allowed: split, vertex, spokes, face, boundary",
     mine(edgy="3"): "6: define.mine.edgy: no such key: did you mean 'edge'?",
     mine(edge="{ends: 3/8, opposite: 1/8}"): "4: define.mine.edge.ends: no such key: did you mean 'end'?",
@@ -57,8 +57,8 @@ REFUSED = {
     mine(
         edge="{end: 10^1^1*9^60*9^60*9^60*9^60*9^60*9^60}"
     ): "4: define.mine.edge.end: '10^1^1*9^60*9^60*9^60*9^60*9^60",
-    mine(boundary="cubik-bspline"): "5: define.mine.boundary: found \"cubik-bspline\"; did you mean 'cubic-bspline'?",
-    mine(boundary=None): "3: define.mine.boundary: found {",
+    mine(boundary="cubik-bspline"): "5: define.mine.boundary: got \"cubik-bspline\"; did you mean 'cubic-bspline'?",
+    mine(boundary=None): "3: define.mine.boundary: missing",
     mine(vertex="1/(n-7)"): "6: define.mine.vertex: '1/(n-7)' divides by zero at n = 7",
     mine(vertex="sqrt(5-n)"): "6: define.mine.vertex: 'sqrt(5-n)' takes a root of a negative number at n = 6",
     mine(vertex="j"): "6: define.mine.vertex: 'j', character 1: 'j' is not known here",
@@ -106,9 +106,9 @@ def test_definitions_may_come_from_the_command_line(tmp_path):
     changed = load_experiment(str(path), ["define.mine.alpha=0.25", "schemes=['mine:alpha=0.25']"]).settings
     assert changed.schemes == ("mine",)
     for override, said in {
-        "define.mine.alpha=2": "--set: define.mine.alpha: found 2; less than or equal to 1 is needed",
+        "define.mine.alpha=2": "--set: define.mine.alpha: expected a number of 1 or less, got 2",
         "define={other: {base: lop}}": "--set: define.other.base: 'lop' is not a scheme",
-        "define=3": "--set: define: found 3; a mapping of keys to values is needed",
+        "define=3": "--set: define: expected a mapping of keys to values, got 3",
         "schemes=[mien]": "--set: schemes[0]: 'mien' is not a scheme: did you mean 'mine'?",
     }.items():
         with pytest.raises(ConfigError) as caught:
@@ -122,7 +122,7 @@ def test_a_scheme_that_the_config_does_not_define_is_refused_where_it_stands(tmp
     with pytest.raises(ConfigError, match=r"c\.yaml, line 4: schemes\[1\]: scheme 'mine' has no parameter 'beta'"):
         load_experiment(str(path))
     path.write_text("define: {mine: {base: loop}}\nschemes: [mine, 'mine:alpha=1']\n")
-    with pytest.raises(ConfigError, match=r"c\.yaml, line 2: schemes: mine is listed twice"):
+    with pytest.raises(ConfigError, match=r"c\.yaml, line 2: schemes: duplicate entry mine"):
         load_experiment(str(path))
 
 

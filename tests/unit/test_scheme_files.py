@@ -81,9 +81,9 @@ def test_a_name_may_stand_for_one_definition_only(project):
 
 FAULTS = {
     "": "bad.yaml: the file is empty",
-    "- 1\n": "bad.yaml: found a list, a mapping of settings",
+    "- 1\n": "bad.yaml: expected a mapping of settings",
     "base: [\n": "bad.yaml: line 2: not valid YAML",
-    "base: loop\nbase: sqrt3\n": "bad.yaml, line 2: the key 'base' stands twice",
+    "base: loop\nbase: sqrt3\n": "bad.yaml, line 2: duplicate key 'base'",
     "# a scheme\nbase: lop\n": "bad.yaml, line 2: define.bad.base: 'lop' is not a scheme: did you mean 'loop'?",
     "base: bad.yaml\n": "bad.yaml, line 1: define.bad.base: 'bad' is the definition itself",
     "base: gone.yaml\n": "gone.yaml: no such file",
@@ -128,10 +128,10 @@ def test_files_that_cannot_be_read(project):
 
 
 def test_what_is_no_list_of_specs_is_left_to_the_checks(project):
-    assert refusal("schemes: own/my-loop.yaml\n").startswith("project/c.yaml, line 1: schemes: found ")
-    assert refusal("schemes: [[own/my-loop.yaml]]\n").startswith("project/c.yaml, line 1: schemes[0]: found ")
-    assert refusal("define: null\nschemes: [loop]\n").startswith("project/c.yaml, line 1: define: found null")
-    assert refusal("define: {mine: {base: null}}\n").startswith("project/c.yaml, line 1: define.mine.base: found null")
+    assert refusal("schemes: own/my-loop.yaml\n").startswith("project/c.yaml, line 1: schemes: expected ")
+    assert refusal("schemes: [[own/my-loop.yaml]]\n").startswith("project/c.yaml, line 1: schemes[0]: expected ")
+    assert refusal("define: null\nschemes: [loop]\n").startswith("project/c.yaml, line 1: define: expected ")
+    assert refusal("define: {mine: {base: null}}\n").startswith("project/c.yaml, line 1: define.mine.base: expected a")
 
 
 def test_specs_from_a_command_line(project):

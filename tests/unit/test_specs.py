@@ -61,7 +61,7 @@ def test_what_looks_like_a_number_is_one_and_an_integer_stays_one():
 
 @pytest.mark.parametrize("text", ["", "  ", ":", ":a=1", "two words", "a=1", "a,b", "=", "a b:c=1"])
 def test_what_has_no_name_is_refused(text):
-    with pytest.raises(ConfigError, match=r"is not a name or 'name:key=value,key=value'$"):
+    with pytest.raises(ConfigError, match=r"expected a name or 'name:key=value,key=value'$"):
         parse_spec(text)
 
 
@@ -81,11 +81,11 @@ def test_what_has_no_name_is_refused(text):
 def test_parameters_without_key_or_value_are_refused(text, pair):
     with pytest.raises(ConfigError) as caught:
         parse_spec(text)
-    assert str(caught.value) == f"'{text}': '{pair}' is not 'key=value'"
+    assert str(caught.value) == f"'{text}': expected 'key=value', got '{pair}'"
 
 
 def test_a_parameter_that_stands_twice_is_refused():
-    with pytest.raises(ConfigError, match=r"^'a:b=1,b=2': a parameter stands twice$"):
+    with pytest.raises(ConfigError, match=r"^'a:b=1,b=2': duplicate parameter$"):
         parse_spec("a:b=1,b=2")
 
 

@@ -65,11 +65,11 @@ def test_every_key_and_entry_has_its_line():
 
 
 REFUSED = {
-    "a: 1\nb: 2\na: 3": "it, line 3: the key 'a' stands twice, first in line 1",
-    "a:\n  b: 1\n  c: 2\n  b: 3": "it, line 4: the key 'b' stands twice, first in line 2",
-    "a: {b: 1,\n b: 2}": "it, line 2: the key 'b' stands twice, first in line 1",
-    "a: [{b: 1, b: 2}]": "it, line 1: the key 'b' stands twice, first in line 1",
-    "1: x\n'1': y": "it, line 2: the key '1' stands twice, first in line 1",
+    "a: 1\nb: 2\na: 3": "it, line 3: duplicate key 'a' (first on line 1)",
+    "a:\n  b: 1\n  c: 2\n  b: 3": "it, line 4: duplicate key 'b' (first on line 2)",
+    "a: {b: 1,\n b: 2}": "it, line 2: duplicate key 'b' (first on line 1)",
+    "a: [{b: 1, b: 2}]": "it, line 1: duplicate key 'b' (first on line 1)",
+    "1: x\n'1': y": "it, line 2: duplicate key '1' (first on line 1)",
     "x: 1\na: &b 1": "it: line 2: not valid YAML: anchors and aliases (&name, *name) are not allowed",
     "a: *b": "it: line 1: not valid YAML: anchors and aliases (&name, *name) are not allowed; write the value out",
     "a: &x [*x]": "it: line 1: not valid YAML: anchors and aliases (&name, *name) are not allowed; write the value out",
@@ -89,10 +89,10 @@ REFUSED = {
     "a: \0": "it: not valid YAML: unacceptable character #x0000",
     "a: 1\n---\nb: 2": "it: line 2: not valid YAML: but found another document",
     "? [a]\n: 1": "it: line 1: not valid YAML: found unhashable key",
-    "": "it: the file is empty; a mapping of settings is needed",
-    "# nothing\n\n": "it: the file is empty; a mapping of settings is needed",
-    "- a": "it: found a list, a mapping of settings ('key: value' lines) is needed",
-    "hello": "it: found a single value, a mapping of settings ('key: value' lines) is needed",
+    "": "it: the file is empty; expected a mapping of settings",
+    "# nothing\n\n": "it: the file is empty; expected a mapping of settings",
+    "- a": "it: expected a mapping of settings ('key: value' lines), got a list",
+    "hello": "it: expected a mapping of settings ('key: value' lines), got a single value",
     "a: " + "9" * 5000: "it: not valid YAML: ",
     "a: " + "[" * 3000: "it: nested too deeply",
     "a: " + "{a: " * 3000 + "}" * 3000: "it: nested too deeply",
@@ -111,7 +111,7 @@ def test_what_is_refused_is_refused_in_one_line(text):
 
 @pytest.mark.parametrize("text", ["{a: 1, a: 2}", "*a", "&a 1", "!!bool x", "[1", "[" * 3000, "{[a]: 1}", "1\n---\n2"])
 def test_single_values_are_held_to_the_same(text):
-    with pytest.raises(ConfigError, match=r"^--set k(: |, line 1: the key 'a' stands twice)") as caught:
+    with pytest.raises(ConfigError, match=r"^--set k(: |, line 1: duplicate key 'a')") as caught:
         parse_value(text, "--set k")
     assert "\n" not in str(caught.value)
 
