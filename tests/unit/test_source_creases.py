@@ -97,11 +97,11 @@ REFUSED = [
     ({"creases": {"file": "gone.txt"}}, "loop", MeshError, "source.creases: gone.txt: cannot be read: No such file"),
     ({"alpha": {"file": "gone.txt"}}, "interp-loop", MeshError, "source.alpha: gone.txt: cannot be read: No such file"),
     ({"alpha": {"file": "gone.txt"}}, "loop", SchemeError, "source.alpha: loop: this scheme has no parameter alpha"),
-    ({"alpha": {"attribute": "a"}}, "interp-loop", MeshError, "source.alpha: attribute: octahedron is no file"),
+    ({"alpha": {"attribute": "a"}}, "interp-loop", MeshError, "source.alpha: attribute: octahedron is not read"),
     ({"alpha": {"attribute": "a"}, "mesh": "bunny"}, "interp-loop", MeshError, "can be read from a PLY file only"),
     ({"alpha": {"attribute": "a"}, "mesh": "bone"}, "interp-loop", MeshError, "its vertices have no property 'a'"),
-    ({"alpha": {"file": "a"}, "mesh": "bone", "decimate": 100}, "interp-loop", ConfigError, "of which source.decimate"),
-    ({"creases": {"file": "a"}, "mesh": "bone", "decimate": 100}, "loop", ConfigError, "of which source.decimate"),
+    ({"alpha": {"file": "a"}, "mesh": "bone", "decimate": 100}, "interp-loop", ConfigError, "source.decimate replaces"),
+    ({"creases": {"file": "a"}, "mesh": "bone", "decimate": 100}, "loop", ConfigError, "source.decimate replaces"),
 ]
 
 

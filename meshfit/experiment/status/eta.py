@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Collection, Mapping, Sequence
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -219,6 +218,8 @@ def _num_verts(source: "SourceSettings", scheme: "NamedScheme") -> int:
 
 def _probed_pace(trial: "Trial", threads: int) -> _Pace | None:
     """Probe a trial in a worker, where trials run; None if it would run on a GPU."""
+    from concurrent.futures.process import BrokenProcessPool
+
     from meshfit.experiment.running.process_pool import ONE_THREAD, ProcessPool, environment
     from meshfit.experiment.running.shared_progress import SharedProgress
 
