@@ -20,7 +20,7 @@ from meshfit.experiment.storage.checkpoint import snapshots_in
 from meshfit.experiment.storage.run_directory import FAILURE, Result, RunDirectory, make_folder
 from meshfit.experiment.trial_status import Outcome, TrialStatus
 from meshfit.report.tables.grouping import distinguish_definitions
-from meshfit.units import duration_text
+from meshfit.units import count_text, duration_text
 
 if TYPE_CHECKING:
     from meshfit.experiment.running.backends import Remote
@@ -75,7 +75,7 @@ def _print_plan(trials: Sequence[Trial], store: RunDirectory, options: RunOption
         out.print(f"{mark}  {escape(trial.label)}  {escape(str(store.folder(trial)))}", soft_wrap=True)
     out.print(f"{len(trials)} trials: {sum(complete)} complete, {len(to_run)} to run")
     if time is not None:
-        workers = "1 worker" if time.workers == 1 else f"{time.workers} workers"
+        workers = count_text(time.workers, "worker")
         out.print(f"about {duration_text(time.seconds)} on {workers}, estimated from {time.basis}")
 
 

@@ -11,6 +11,7 @@ from meshfit.cli import completions
 from meshfit.cli.console import out
 from meshfit.cli.options import SchemeConfig
 from meshfit.errors import ConfigError, DomainError
+from meshfit.units import count_text
 
 if TYPE_CHECKING:
     from meshfit.mesh.io.vertex_values import Values
@@ -153,7 +154,7 @@ def _creases(text: str, sharpness: float, mesh: "Mesh", numbering: "Indices") ->
 def _counted(creases: "Creases", topology: "Topology") -> str:
     edges = int(((creases.sharpness > 0) & ~topology.boundary_edges).sum())
     corners = int((creases.rules(topology).corner > 0).sum())
-    return f"{edges:,} sharp edge{'' if edges == 1 else 's'}, {corners:,} corner{'' if corners == 1 else 's'}"
+    return f"{count_text(edges, 'sharp edge')}, {count_text(corners, 'corner')}"
 
 
 _PARAMETERS, _CREASES, _LIMIT = "Parameters of schemes", "Creases", "The limit surface of loop"

@@ -6,6 +6,7 @@ from scipy.sparse.csgraph import connected_components
 
 from meshfit.errors import MeshError
 from meshfit.mesh.topology import NONE, HalfEdges, Indices
+from meshfit.units import count_text
 
 
 def _components(rows: Indices, columns: Indices, size: int) -> tuple[int, Indices]:
@@ -31,8 +32,8 @@ def describe_topology(topology: HalfEdges) -> str:
     outer = topology.edges[topology.faces_per_edge == 1]
     loops = _components(outer[:, 0], outer[:, 1], topology.num_verts)[0] - (topology.num_verts - len(np.unique(outer)))
     genus = (2 * pieces - loops - euler_number(topology)) / 2
-    border = f"{loops} boundary loop{'s' if loops > 1 else ''}" if loops else "closed"
-    return f"{pieces} piece{'s' if pieces > 1 else ''}, {border}, genus {genus:g}"
+    border = count_text(loops, "boundary loop") if loops else "closed"
+    return f"{count_text(pieces, 'piece')}, {border}, genus {genus:g}"
 
 
 def is_watertight(topology: HalfEdges) -> bool:

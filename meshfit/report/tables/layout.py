@@ -8,7 +8,7 @@ from textwrap import wrap
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.tables.comparisons import Row
 from meshfit.report.tables.numbers import format_mean
-from meshfit.report.tables.paper_numbers import value_beside
+from meshfit.report.tables.paper_numbers import published_value
 from meshfit.report.tables.table import Table
 
 MISSING = "–"
@@ -90,7 +90,7 @@ def columns_of(table: Table) -> list[Column]:
             heading, subheading = (f"{title}: {name}", name) if several else (title, title)
             cells = tuple(_cell(table, metric, target, row, not_significant) for row in table.rows)
             columns.append(Column(metric, target, heading, group, subheading, paper=False, cells=cells))
-            paper = [value_beside(metric, target, row.scheme) if with_paper else None for row in table.rows]
+            paper = [published_value(metric, target, row.scheme) if with_paper else None for row in table.rows]
             if any(value is not None for value in paper):
                 cells = tuple(TextCell("" if value is None else f"{value}") for value in paper)
                 heading = f"paper's {target}"

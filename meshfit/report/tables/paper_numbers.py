@@ -26,6 +26,6 @@ def paper_value(target: str, scheme: str, reading: str = LIKELIER) -> float | No
     return READINGS[reading].get((target, scheme))
 
 
-def value_beside(metric: str, target: str, scheme: str) -> float | None:
+def published_value(metric: str, target: str, scheme: str) -> float | None:
     """Return the paper's number to show with a metric; None if there is none, or for other metrics."""
     return paper_value(target, scheme) if metric == PAPER_METRIC else None

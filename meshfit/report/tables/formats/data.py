@@ -9,7 +9,7 @@ from typing import Any
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.tables.comparisons import Comparison, Row
 from meshfit.report.tables.notes import notes
-from meshfit.report.tables.paper_numbers import OTHER, READINGS, paper_value, value_beside
+from meshfit.report.tables.paper_numbers import OTHER, READINGS, paper_value, published_value
 from meshfit.report.tables.table import Table
 
 FIELDS = (
@@ -63,7 +63,7 @@ def _csv_cell(table: Table, target: str, row: Row) -> dict[str, object]:
             "seeds": " ".join(map(str, sorted(table.samples[metric, target, row]))),
             "best": table.best.get((metric, target)) == row,
         }
-    if (paper := value_beside(metric, target, row.scheme)) is not None:
+    if (paper := published_value(metric, target, row.scheme)) is not None:
         cell |= {"paper": paper, "paper_other_reading": paper_value(target, row.scheme, OTHER)}
     return cell
 
@@ -127,7 +127,7 @@ def _json_cell(table: Table, target: str, row: Row) -> dict[str, Any]:
         by_seed = {str(seed): value for seed, value in sorted(table.samples[metric, target, row].items())}
         cell |= {"count": summary.count, "mean": summary.mean, "spread": summary.spread}
         cell |= {"median": summary.median, "interval": summary.interval, "values_by_seed": by_seed}
-    if value_beside(metric, target, scheme) is not None:
+    if published_value(metric, target, scheme) is not None:
         cell["paper"] = {reading: values[target, scheme] for reading, values in READINGS.items()}
     return cell
 
