@@ -1,10 +1,16 @@
-"""Arithmetic that a user writes for a weight: a tree of listed operations, exact as long as all is rational."""
+"""Arithmetic formulas for weights, read by Python's own parser and evaluated node by node from a list of operations.
 
+Nothing is executed as Python: every node of the syntax tree has to be on the list. Values are exact fractions as long
+as only rational numbers occur.
+"""
+
+import ast
 import math
 import operator
 import re
+import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from types import MappingProxyType
 
@@ -12,55 +18,42 @@ from meshfit.errors import SchemeError
 from meshfit.specs import suggest
 
 Number = Fraction | float
+
+LONGEST = 400
+"""The most characters of a formula."""
+DEEPEST = 16
+"""The deepest nesting of parentheses, of calls, signs and powers."""
 LARGEST_EXPONENT = 64
+_LARGEST_DECIMAL_EXPONENT = 300
 _MOST_BITS = 4096
+_MOST_ARGUMENTS = 16
 
-
-@dataclass(frozen=True)
-class Constant:
-    """A number."""
-
-    value: Number
-
-
-@dataclass(frozen=True)
-class Variable:
-    """What is known only when the expression is evaluated."""
-
-    name: str
-
-
-@dataclass(frozen=True)
-class Operation:
-    """An operation of `OPERATIONS` on some terms."""
-
-    name: str
-    operands: "tuple[Term, ...]"
-
-
-Term = Constant | Variable | Operation
+_CHARACTERS = re.compile(r"[0-9A-Za-z_.+\-*/^(), ]*")
+_WORD = re.compile(r"[\w.]+|\S|$")
+_LEADING_ZEROS = re.compile(r"(?<![\w.])0+(?=[0-9])")  # which Python refuses
+_NUMBER = re.compile(r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE](?P<exponent>[-+]?[0-9]+))?")
 
 
 @dataclass(frozen=True)
 class Expression:
-    """An expression.
+    """A formula.
 
     Attributes:
         text: as it was written.
-        term: its tree.
+        tree: its syntax tree, all of whose nodes are allowed.
     """
 
     text: str
-    term: Term
+    tree: ast.expr = field(compare=False, repr=False)
 
     def __call__(self, **variables: int) -> Number:
-        """Its value: a `Fraction` where only rational numbers occur in it, else a finite float.
+        """Return its value: a `Fraction` where only rational numbers occur in it, else a finite float.
 
         Raises:
-            SchemeError: it has none there; the reason and the variables are named.
+            SchemeError: it has none for these variables; the reason and the variables are named.
         """
         try:
-            return _value(self.term, {name: Fraction(value) for name, value in variables.items()})
+            return _value(self.tree, {name: Fraction(value) for name, value in variables.items()})
         except ZeroDivisionError:
             reason = "divides by zero"
         except OverflowError:
@@ -71,18 +64,146 @@ class Expression:
         raise SchemeError(f"'{self.text}' {reason}{f' at {at}' if at else ''}")
 
 
-def _value(term: Term, variables: Mapping[str, Fraction]) -> Number:
-    if isinstance(term, Constant):
-        return term.value
-    if isinstance(term, Variable):
-        return variables[term.name]
-    result = OPERATIONS[term.name].apply(*(_value(operand, variables) for operand in term.operands))
-    if isinstance(result, Fraction):
-        if _bits(result) > _MOST_BITS:
-            raise OverflowError
-    elif not math.isfinite(result):
+def parse_expression(text: str, variables: Sequence[str] = ()) -> Expression:
+    """Read a formula: numbers, variables, pi, + - * / ^ (or **), parentheses, and calls of `FUNCTIONS`.
+
+    Powers bind before signs, as in -2^2 = -4, and from the right, as in 2^3^2 = 2^9.
+
+    Args:
+        text: at most 400 characters, nested at most 16 deep.
+        variables: the names that may occur in it, such as n.
+
+    Raises:
+        SchemeError: it is not such a formula; the place is named.
+    """
+    text = " ".join(text.split())
+    if len(text) > LONGEST:
+        raise SchemeError(f"'{text[:40]}…' has {len(text)} characters; {LONGEST} are allowed")
+    return Expression(text, _Parser(text, variables).parse())
+
+
+class _Parser:
+    """The syntax tree of one formula, and the place of each of its nodes in messages."""
+
+    def __init__(self, text: str, variables: Sequence[str]) -> None:
+        self.text, self.variables = text, variables
+        self.source = _LEADING_ZEROS.sub(lambda zeros: " " * len(zeros[0]), text.replace("^", "**"))
+
+    def parse(self) -> ast.expr:
+        known = _CHARACTERS.match(self.text)
+        if known is not None and known.end() < len(self.text):
+            raise self._refusal(known.end(), f"found '{self.text[known.end()]}'")
+        self._check_parentheses()
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # what Python warns of here is refused below
+                tree = ast.parse(self.source, mode="eval").body
+        except SyntaxError as error:
+            place = self._place(error.offset - 1) if error.offset else len(self.text)
+            raise self._refusal(place, self._finding(place, error.msg)) from None
+        self._check(tree, 1)
+        return tree
+
+    def _finding(self, place: int, reason: str) -> str:
+        if reason.endswith("was never closed"):
+            return "this parenthesis is never closed"
+        word = _WORD.match(self.text[place:].lstrip())
+        return f"found '{word[0]}'" if word is not None and word[0] else "it ends here"
+
+    def _check_parentheses(self) -> None:
+        depth = 0
+        for place, character in enumerate(self.text):
+            depth += {"(": 1, ")": -1}.get(character, 0)
+            if depth >= DEEPEST:
+                raise self._too_deep(place)
+
+    def _check(self, node: ast.expr, depth: int) -> None:
+        """Refuse all nodes but those of formulas, and keep the digits of numbers, so that decimals are exact."""
+        place = self._place(node.col_offset)
+        if depth > DEEPEST:
+            raise self._too_deep(place)
+        match node:
+            case ast.Constant():
+                node.value = self._digits(node, place)
+            case ast.Name(id=name):
+                self._check_name(name, place, is_function=False)
+            case ast.UnaryOp(op=ast.UAdd() | ast.USub(), operand=operand):
+                self._check(operand, depth + 1)
+            case ast.BinOp(left=left, op=sign, right=right) if type(sign) in _SIGNS:
+                self._check(left, depth)
+                self._check(right, depth + isinstance(sign, ast.Pow))
+            case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]):
+                self._check_name(name, place, is_function=True)
+                fewest, most = FUNCTIONS[name].fewest, FUNCTIONS[name].most
+                if not fewest <= len(arguments) <= most:
+                    allowed = f"{fewest} to {most} values" if fewest < most else f"{fewest} value"
+                    raise self._error(place, f"{name} takes {allowed}, found {len(arguments)}")
+                for argument in arguments:
+                    self._check(argument, depth + 1)
+            case _:
+                raise self._refusal(place, f"found '{self._segment(node)}'")
+
+    def _digits(self, node: ast.Constant, place: int) -> str:
+        digits = self._segment(node)
+        number = _NUMBER.fullmatch(digits)
+        if number is None:
+            raise self._error(place, f"found '{digits}'; expected a decimal number such as 12, 0.5 or 1e-3")
+        if abs(int(number["exponent"] or 0)) > _LARGEST_DECIMAL_EXPONENT:
+            raise self._error(place, f"the exponent of '{digits}' is beyond {_LARGEST_DECIMAL_EXPONENT}")
+        return digits
+
+    def _check_name(self, name: str, place: int, *, is_function: bool) -> None:
+        known = [*self.variables, "pi", *FUNCTIONS]
+        if name not in known:
+            raise self._error(place, f"'{name}' is not known here: {suggest(name, known)}")
+        if is_function != (name in FUNCTIONS):
+            fault = "is not a function" if is_function else "is a function; expected its values in parentheses"
+            raise self._error(place, f"'{name}' {fault}")
+
+    def _segment(self, node: ast.expr) -> str:
+        return ast.get_source_segment(self.source, node) or ""
+
+    def _place(self, offset: int) -> int:
+        """Return the place in the text of an offset in the source, where `^` is written with two characters."""
+        place = 0
+        while offset > 0 and place < len(self.text):
+            offset -= 2 if self.text[place] == "^" else 1
+            place += 1
+        return place
+
+    def _too_deep(self, place: int) -> SchemeError:
+        return self._error(place, f"nested more than {DEEPEST} deep")
+
+    def _refusal(self, place: int, finding: str) -> SchemeError:
+        names = ", ".join([*self.variables, "pi"])
+        allowed = f"numbers, {names}, + - * / ^, parentheses, and {', '.join(FUNCTIONS)}"
+        return self._error(place, f"{finding}; allowed: {allowed}")
+
+    def _error(self, place: int, message: str) -> SchemeError:
+        return SchemeError(f"'{self.text}', character {place + 1}: {message}")
+
+
+def _value(node: ast.expr, variables: Mapping[str, Fraction]) -> Number:
+    match node:
+        case ast.Constant(value=str(digits)):
+            return Fraction(digits)
+        case ast.Name(id=name):
+            return math.pi if name == "pi" else variables[name]
+        case ast.UnaryOp(op=sign, operand=operand):
+            value = _value(operand, variables)
+            return -value if isinstance(sign, ast.USub) else value
+        case ast.BinOp(left=left, op=sign, right=right):
+            return _bounded(_SIGNS[type(sign)](_value(left, variables), _value(right, variables)))
+        case ast.Call(func=ast.Name(id=name), args=arguments):
+            return _bounded(FUNCTIONS[name].apply(*(_value(argument, variables) for argument in arguments)))
+    raise AssertionError(f"a node that was not checked: {ast.dump(node)}")
+
+
+def _bounded(value: Number) -> Number:
+    """Refuse values that are too large: of fractions, before they have thousands of digits."""
+    if _bits(value) > _MOST_BITS if isinstance(value, Fraction) else not math.isfinite(value):
         raise OverflowError
-    return result
+    return value
 
 
 def _bits(value: Fraction) -> int:
@@ -90,7 +211,7 @@ def _bits(value: Fraction) -> int:
 
 
 def _power(base: Number, exponent: Number) -> Number:
-    """Numbers of a million digits are a few short powers away, so these are bounded before they are worked out."""
+    """Bound powers before they are computed, since a few short ones make numbers of a million digits."""
     if not -LARGEST_EXPONENT <= exponent <= LARGEST_EXPONENT:
         raise ValueError(f"has an exponent beyond {LARGEST_EXPONENT}")
     if base == 0 and exponent < 0:
@@ -111,184 +232,25 @@ def _root(value: Number) -> float:
 
 
 @dataclass(frozen=True)
-class _Rule:
-    """What an operation does, and how many terms it takes: the fewest and the most."""
+class _Function:
+    """A function, and how many values it takes: the fewest and the most."""
 
     apply: Callable[..., Number]
-    fewest: int
-    most: int
+    fewest: int = 1
+    most: int = 1
 
 
-_MANY = 16
-
-FUNCTIONS: Mapping[str, _Rule] = MappingProxyType(
+FUNCTIONS: Mapping[str, _Function] = MappingProxyType(
     {
-        "cos": _Rule(math.cos, 1, 1),
-        "sin": _Rule(math.sin, 1, 1),
-        "sqrt": _Rule(_root, 1, 1),
-        "min": _Rule(min, 2, _MANY),
-        "max": _Rule(max, 2, _MANY),
+        "cos": _Function(math.cos),
+        "sin": _Function(math.sin),
+        "sqrt": _Function(_root),
+        "min": _Function(min, 2, _MOST_ARGUMENTS),
+        "max": _Function(max, 2, _MOST_ARGUMENTS),
     }
 )
-"""The operations that are written as calls."""
+"""The functions that a formula may call."""
 
-NEGATION = "negation"
-
-OPERATIONS: Mapping[str, _Rule] = MappingProxyType(
-    {
-        "+": _Rule(operator.add, 2, 2),
-        "-": _Rule(operator.sub, 2, 2),
-        "*": _Rule(operator.mul, 2, 2),
-        "/": _Rule(operator.truediv, 2, 2),
-        "^": _Rule(_power, 2, 2),
-        NEGATION: _Rule(operator.neg, 1, 1),
-        **FUNCTIONS,
-    }
+_SIGNS: Mapping[type[ast.operator], Callable[[Number, Number], Number]] = MappingProxyType(
+    {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv, ast.Pow: _power}
 )
-"""Every operation there is."""
-
-
-LONGEST = 400
-DEEPEST = 16
-_LARGEST_DECIMAL_EXPONENT = 300
-
-_TOKEN = re.compile(
-    r"\s*(?:(?P<number>(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)"
-    r"|(?P<name>[A-Za-z_][A-Za-z_0-9]*)|(?P<sign>\*\*|[-+*/^(),]))"
-)
-
-
-def parse_expression(text: str, variables: Sequence[str] = ()) -> Expression:
-    """Read an expression: numbers, variables, pi, + - * / ^ (or **), parentheses, and the calls of `FUNCTIONS`.
-
-    Powers bind before signs, as in -2^2 = -4, and from the right, as in 2^3^2 = 2^9.
-
-    Args:
-        text: at most 400 characters, nested at most 16 deep.
-        variables: the names that may stand in it, such as n.
-
-    Raises:
-        SchemeError: it is no such expression; the place is named.
-    """
-    text = " ".join(text.split())
-    if len(text) > LONGEST:
-        raise SchemeError(f"'{text[:40]}…' has {len(text)} characters; {LONGEST} are allowed")
-    return Expression(text, _Reader(text, variables).read())
-
-
-@dataclass(frozen=True)
-class _Token:
-    kind: str
-    text: str
-    at: int
-
-
-class _Reader:
-    """Recursive descent: a sum is of products, these of signed powers, these of atoms."""
-
-    def __init__(self, text: str, variables: Sequence[str]) -> None:
-        self._text, self._variables = text, variables
-        self._tokens, self._next, self._depth = self._split(), 0, 0
-
-    def read(self) -> Term:
-        term = self._sum()
-        if self._token.kind != "end":
-            raise self._refusal(self._token, "an operator or the end")
-        return term
-
-    def _split(self) -> list[_Token]:
-        tokens, at, end = [], 0, len(self._text)
-        while at < end:
-            found = _TOKEN.match(self._text, at)
-            if found is None or found.lastgroup is None:
-                raise self._refusal(_Token("", self._text[at:].strip()[0], at), "a number, a name or an operator")
-            tokens.append(_Token(found.lastgroup, found[found.lastgroup], found.start(found.lastgroup)))
-            at = found.end()
-        return [*tokens, _Token("end", "", end)]
-
-    @property
-    def _token(self) -> _Token:
-        return self._tokens[self._next]
-
-    def _took(self, *signs: str) -> str:
-        """The sign that comes next, which is passed, if it is one of these; else nothing."""
-        token = self._token
-        if token.kind != "sign" or token.text not in signs:
-            return ""
-        self._next += 1
-        return token.text
-
-    def _expect(self, sign: str) -> None:
-        if not self._took(sign):
-            raise self._refusal(self._token, f"'{sign}'")
-
-    def _chain(self, part: Callable[[], Term], *signs: str) -> Term:
-        term = part()
-        while sign := self._took(*signs):
-            term = Operation(sign, (term, part()))
-        return term
-
-    def _sum(self) -> Term:
-        return self._chain(self._product, "+", "-")
-
-    def _product(self) -> Term:
-        return self._chain(self._signed, "*", "/")
-
-    def _signed(self) -> Term:
-        self._depth += 1
-        if self._depth > DEEPEST:
-            raise self._error(self._token.at, f"nested more than {DEEPEST} deep")
-        sign = self._took("-", "+")
-        term = self._signed() if sign else self._power()
-        self._depth -= 1
-        return Operation(NEGATION, (term,)) if sign == "-" else term
-
-    def _power(self) -> Term:
-        base = self._atom()
-        return Operation("^", (base, self._signed())) if self._took("^", "**") else base
-
-    def _atom(self) -> Term:
-        token = self._token
-        if self._took("("):
-            term = self._sum()
-            self._expect(")")
-            return term
-        if token.kind not in ("number", "name"):
-            raise self._refusal(token, "a number, a name or '('")
-        self._next += 1
-        return self._number(token) if token.kind == "number" else self._named(token)
-
-    def _number(self, token: _Token) -> Constant:
-        _, _, exponent = token.text.lower().partition("e")
-        if exponent and abs(int(exponent)) > _LARGEST_DECIMAL_EXPONENT:
-            raise self._error(token.at, f"the exponent of {token.text} is beyond {_LARGEST_DECIMAL_EXPONENT}")
-        return Constant(Fraction(token.text))
-
-    def _named(self, token: _Token) -> Term:
-        if token.text in FUNCTIONS:
-            return Operation(token.text, self._arguments(token))
-        if token.text == "pi":
-            return Constant(math.pi)
-        if token.text not in self._variables:
-            known = [*self._variables, "pi", *FUNCTIONS]
-            raise self._error(token.at, f"'{token.text}' is not known here: {suggest(token.text, known)}")
-        return Variable(token.text)
-
-    def _arguments(self, token: _Token) -> tuple[Term, ...]:
-        self._expect("(")
-        arguments = [self._sum()]
-        while self._took(","):
-            arguments.append(self._sum())
-        self._expect(")")
-        rule = FUNCTIONS[token.text]
-        if not rule.fewest <= len(arguments) <= rule.most:
-            allowed = f"{rule.fewest}" if rule.fewest == rule.most else f"{rule.fewest} to {rule.most}"
-            raise self._error(token.at, f"{token.text} takes {allowed} values, found {len(arguments)}")
-        return tuple(arguments)
-
-    def _refusal(self, token: _Token, needed: str) -> SchemeError:
-        found = f"found '{token.text}'" if token.text else "it ends here"
-        return self._error(token.at, f"{found}; {needed} is needed")
-
-    def _error(self, at: int, what: str) -> SchemeError:
-        return SchemeError(f"'{self._text}', character {at + 1}: {what}")
