@@ -16,21 +16,36 @@ from meshfit.cli.options import DEFAULT_RUNS
 
 COMMANDS = {
     "Experiments": {
-        "run": "run",
-        "compare": "compare",
-        "table": "table",
-        "figure": "figure",
-        "chart": "chart",
-        "report": "report",
-        "expect": "expect",
-        "init": "config",
+        "run": "Run experiments and print their table.",
+        "compare": "Compare subdivision schemes, paired by seed.",
+        "table": "Print the result table of run directories.",
+        "figure": "Draw a figure for a paper, with its caption.",
+        "chart": "Draw a chart of a metric, and print means.",
+        "report": "Write an HTML report in one file.",
+        "expect": "Write the expected values for `meshfit table --check`.",
+        "init": "Write a starter config that explains every setting.",
     },
-    "Run management": {"status": "status", "show": "show", "animate": "animate", "export": "export", "clean": "clean"},
-    "Single meshes": {"subdivide": "subdivide", "measure": "measure", "render": "render"},
-    "Reference": {"schemes": "schemes", "targets": "targets", "schema": "config"},
+    "Run management": {
+        "status": "Show experiment status and time remaining.",
+        "show": "Show one trial: status, metrics, settings, files, failure.",
+        "animate": "Write a video of a fit, from source to result.",
+        "export": "Export one row per trial with all metrics and settings.",
+        "clean": "Remove failed and interrupted trials.",
+    },
+    "Single meshes": {
+        "subdivide": "Refine a mesh or curves by a subdivision scheme.",
+        "measure": "Measure a mesh against a target.",
+        "render": "Draw meshes or trials side by side.",
+    },
+    "Reference": {
+        "schemes": "List the subdivision schemes, or show or analyse one.",
+        "targets": "List the named targets.",
+        "schema": "Print the JSON Schema of configs, for editors.",
+    },
 }
-"""For each panel of the help, its commands and the modules of this package that define functions of these names."""
-_PLACES = {name: (panel, module) for panel, modules in COMMANDS.items() for name, module in modules.items()}
+"""Commands by panel of the help, each with a summary. A command is the function in the module of its name."""
+
+_PANELS = {name: panel for panel, summaries in COMMANDS.items() for name in summaries}
 
 HELP = """Fit a subdivided source mesh to target shapes, measure it, print the table.
 
@@ -81,13 +96,22 @@ class Command(TyperCommand):
 
 
 class Group(TyperGroup):
-    """The group of all commands."""
+    """The group of all commands. Only a command that is used is imported."""
 
     def __init__(self, **attributes: Any) -> None:  # noqa: ANN401  likewise
         super().__init__(**attributes | {"commands": Commands()})
 
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401, ARG002  likewise
+        """Return the names of all commands."""
+        return list(_PANELS)
+
     def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401  likewise
-        """Print the help."""
+        """Print the help, whose list of commands has their summaries only."""
+        self.commands = {
+            name: TyperCommand(name, short_help=summary, rich_help_panel=panel)
+            for panel, summaries in COMMANDS.items()
+            for name, summary in summaries.items()
+        }
         _use_readable_colors()
         super().format_help(ctx, formatter)
 
@@ -96,17 +120,20 @@ class Commands(Mapping[str, Any]):
     """All commands by name, each imported when it is looked up."""
 
     def __getitem__(self, name: str) -> Any:  # noqa: ANN401  likewise
-        panel, module = _PLACES[name]
-        function = getattr(import_module(f"meshfit.cli.{module}"), name)
-        alone = typer.Typer(**_SETTINGS, add_completion=False)
-        alone.command(name, cls=Command, help=help_text(function), rich_help_panel=panel)(function)
-        return typer.main.get_command(alone)
+        panel = _PANELS[name]
+        function = getattr(import_module(f"meshfit.cli.{name}"), name)
+        app = typer.Typer(**_SETTINGS, add_completion=False)
+        decorate = app.command(
+            name, cls=Command, help=help_text(function), short_help=COMMANDS[panel][name], rich_help_panel=panel
+        )
+        decorate(function)
+        return typer.main.get_command(app)
 
     def __iter__(self) -> Iterator[str]:
-        return iter(_PLACES)
+        return iter(_PANELS)
 
     def __len__(self) -> int:
-        return len(_PLACES)
+        return len(_PANELS)
 
 
 def help_text(command: Callable[..., int]) -> str:

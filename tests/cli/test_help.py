@@ -1,5 +1,6 @@
 """The first screen, `--help` of every command, and its examples."""
 
+import ast
 import re
 import shlex
 import subprocess
@@ -12,7 +13,7 @@ from meshfit.cli import console, main
 from tests.cli import answered, refused
 
 GROUP = typer.main.get_command(main.app)
-COMMANDS = {name: GROUP.get_command(None, name) for name in GROUP.list_commands(None)}
+COMMANDS = dict(GROUP.commands)
 PANELS = ("Experiments", "Run management", "Single meshes", "Reference")
 
 
@@ -97,6 +98,15 @@ def test_alone_it_says_what_to_do_next_in_one_screen(width, tmp_path, monkeypatc
 
 def test_a_wrong_option_points_to_the_help_that_lists_them():
     assert "'meshfit run --help'" in refused("run", "quickstart", "--sett", "a=1")
+
+
+@pytest.mark.parametrize("argument", ["--help", "--version"])
+def test_the_first_answers_import_no_command(argument):
+    code = f"import sys; sys.argv = ['meshfit', {argument!r}]\nfrom meshfit.cli.main import run_app\nrun_app()\n"
+    code += "print([name for name in sys.modules if name.startswith('meshfit.')])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    modules = ast.literal_eval(done.stdout.splitlines()[-1])
+    assert not {name.removeprefix("meshfit.cli.") for name in modules} & set(COMMANDS)
 
 
 def test_no_help_waits_for_a_heavy_library():

@@ -1,6 +1,5 @@
-"""`meshfit init` and `meshfit schema`: a starter config, and the JSON Schema of configs."""
+"""`meshfit init`: write a starter config."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -31,18 +30,4 @@ def init(
     except OSError as error:
         raise ConfigError(f"{path}: {write_error_message(path, error)}") from error
     out.print(f"wrote {path}; now: meshfit run {path}", soft_wrap=True, markup=False)
-    return 0
-
-
-def schema() -> int:
-    """Print the JSON Schema of a config, for editors.
-
-    An editor that knows the schema completes and checks configs as you write them.
-
-    Example:
-        meshfit schema > meshfit.schema.json
-    """
-    from meshfit.config.experiment import ExperimentSettings
-
-    typer.echo(json.dumps(ExperimentSettings.model_json_schema(), indent=2))
     return 0
