@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 from meshfit.measuring.metrics import METRICS
 from meshfit.statistics import BySeed, PairedDifference, differ, mean_difference
@@ -9,7 +10,7 @@ from meshfit.statistics import BySeed, PairedDifference, differ, mean_difference
 
 @dataclass(frozen=True)
 class Row:
-    """A row of a table: a scheme, and the index of the variation that it was run with."""
+    """A row of a table: a scheme, and the index of the variation that it was run in."""
 
     variation: int
     scheme: str
@@ -59,15 +60,14 @@ def compare(
         All comparisons of rows with a seed in common, by metric, then target, then row. The mean over targets, if there
         are several, follows those on each target.
     """
-    return tuple(
-        Comparison(metric, target, row, against, mean_difference(pairs, smaller_is_better=_smaller_is_better(metric)))
-        for metric in metrics
-        for target in (*targets, None)
-        for row in rows
-        for against in _compared_with(row, baselines)
-        if len(pairs := _pairs(samples, metric, targets if target is None else [target], row, against))
-        > (1 if target is None else 0)
-    )
+    comparisons = []
+    for metric, target, row in product(metrics, (*targets, None), rows):
+        for against in _compared_with(row, baselines):
+            pairs = _pairs(samples, metric, targets if target is None else [target], row, against)
+            if len(pairs) >= (2 if target is None else 1):
+                difference = mean_difference(pairs, smaller_is_better=METRICS[metric].smaller_is_better)
+                comparisons.append(Comparison(metric, target, row, against, difference))
+    return tuple(comparisons)
 
 
 def best_rows(
@@ -75,11 +75,10 @@ def best_rows(
 ) -> dict[tuple[str, str], Row]:
     """Return, by metric and target, the row that is significantly better than every other row, where there is one."""
     best = {}
-    for metric in metrics:
-        for target in targets:
-            column = {row: samples[metric, target, row] for row in rows if (metric, target, row) in samples}
-            if (row := _best(column, metric)) is not None:
-                best[metric, target] = row
+    for metric, target in product(metrics, targets):
+        column = {row: samples[metric, target, row] for row in rows if (metric, target, row) in samples}
+        if (row := _best(column, smaller_is_better=METRICS[metric].smaller_is_better)) is not None:
+            best[metric, target] = row
     return best
 
 
@@ -98,14 +97,9 @@ def _pairs(
     return [(first, second) for first, second in pairs if first.keys() & second.keys()]
 
 
-def _best(samples: Mapping[Row, BySeed], metric: str) -> Row | None:
-    smaller_is_better = _smaller_is_better(metric)
+def _best(samples: Mapping[Row, BySeed], *, smaller_is_better: bool | None) -> Row | None:
     if smaller_is_better is None or len(samples) < 2:
         return None
     means = {row: sum(sample.values()) / len(sample) for row, sample in samples.items()}
     best = (min if smaller_is_better else max)(means, key=means.__getitem__)
     return best if all(differ(samples[best], samples[row]) for row in samples if row != best) else None
-
-
-def _smaller_is_better(metric: str) -> bool | None:
-    return METRICS[metric].smaller_is_better

@@ -116,12 +116,12 @@ def comparison_lines(table: Table) -> list[str]:
         better, seeds = improvement_text(difference), seeds_text(difference).replace("> ", "more than ")
         parts = [format_difference(difference), verdict(table, difference)]
         parts += [f"P(better) {better}"] * bool(better) + [f"{seeds} seeds needed"] * bool(seeds)
-        lines.append(f"{metric}{_rivals(table, comparison)} {place}: {', '.join(parts)}")
+        lines.append(f"{metric}{_versus(table, comparison)} {place}: {', '.join(parts)}")
     return lines
 
 
 def without_intervals(table: Table) -> bool:
-    """Whether there are several comparisons, and none has an interval."""
+    """Return whether there are several comparisons, and none has an interval."""
     return len(table.comparisons) > 1 and not any(comparison.difference.interval for comparison in table.comparisons)
 
 
@@ -132,11 +132,11 @@ def sections_of(table: Table) -> list[Section]:
         prefix = f"{_capitalised(METRICS[metric].title)}: difference" if len(table.metrics) > 1 else "Difference"
         comparisons = list(of_metric)
         for across in (False, True):
-            alike = [comparison for comparison in comparisons if comparison.across_variations is across]
-            if alike:
-                ending, label = _ending_and_labels(table, alike)
+            of_kind = [comparison for comparison in comparisons if comparison.across_variations is across]
+            if of_kind:
+                ending, label = _ending_and_labels(table, of_kind)
                 places: dict[str, list[tuple[str, Comparison]]] = {}
-                for comparison in alike:
+                for comparison in of_kind:
                     places.setdefault(_place(table, comparison), []).append((label(comparison), comparison))
                 sections.append(Section(prefix + ending, places))
     return sections
@@ -162,7 +162,7 @@ def seeds_text(difference: PairedDifference) -> str:
     return f"> {MOST_SEEDS:,}" if difference.seeds_needed is None else f"{difference.seeds_needed:,}"
 
 
-def _rivals(table: Table, comparison: Comparison) -> str:
+def _versus(table: Table, comparison: Comparison) -> str:
     """Name both rows: `interp-loop vs loop`, `edge=0.2 vs edge=0.1 with loop`."""
     first, second = comparison.row, comparison.against
     names = [table.variations[row.variation].name for row in (first, second)]
@@ -187,7 +187,7 @@ def _ending_and_labels(table: Table, comparisons: Sequence[Comparison]) -> tuple
         scheme = f" of {first.row.scheme}" if len(table.schemes) > 1 else ""
         return f"{scheme} from {table.variations[first.against.variation].name}", lambda each: _variation(table, each)
     if len({each.against.scheme for each in comparisons}) > 1:
-        return " from the baseline", lambda each: _rivals(table, each)
+        return " from the baseline", lambda each: _versus(table, each)
     if len(table.variations) == 1:
         return f" from {first.against.scheme}", lambda each: each.row.scheme
     ending = f" from {first.against.scheme} at the same settings"
