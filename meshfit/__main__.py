@@ -1,4 +1,4 @@
-"""`python -m meshfit` is `meshfit`."""
+"""Run `meshfit` as `python -m meshfit`."""
 
 from meshfit.cli.main import main
 

@@ -1,32 +1,32 @@
-"""The errors and warnings that meshfit raises: each says what was found, where, and what is allowed."""
+"""Errors and warnings of meshfit. Each message is one line: the place, the finding and the remedy."""
 
 from typing import ClassVar
 
 
 class MeshfitError(Exception):
-    """Any failure that meshfit foresees; its text is one line, fit to be shown to a person."""
+    """An expected failure, whose message is one line for the user."""
 
     exit_code: ClassVar[int] = 2
 
 
 class ConfigError(MeshfitError):
-    """A config, an override or a command-line choice that is not allowed."""
+    """An invalid config, override or command-line option."""
 
 
 class MeshError(MeshfitError):
-    """A mesh, or a file that should hold one, that cannot be used."""
+    """An unusable mesh or mesh file."""
 
 
 class DomainError(MeshError):
-    """A file of something else: without faces where a surface is needed, or without segments where curves are."""
+    """A file of the wrong kind: without faces where a surface is expected, or without segments where curves are."""
 
 
 class SchemeError(MeshfitError):
-    """A subdivision scheme that does not exist, or a parameter that it does not take."""
+    """An unknown subdivision scheme, or a parameter that it does not take."""
 
 
 class DeviceError(MeshfitError):
-    """A device or dtype that this machine or this build of torch does not offer."""
+    """A device or dtype that this machine or this build of torch does not support."""
 
 
 class StoreError(MeshfitError):
@@ -34,11 +34,11 @@ class StoreError(MeshfitError):
 
 
 class MeasureError(MeshfitError):
-    """A measurement whose figures would not be what they claim to be."""
+    """A measurement whose values would be wrong."""
 
 
 class ClusterError(MeshfitError):
-    """A cluster that cannot be reached, or whose workers cannot run trials."""
+    """An unreachable cluster, or workers that cannot run trials."""
 
 
 class TrialError(MeshfitError):
@@ -48,4 +48,4 @@ class TrialError(MeshfitError):
 
 
 class MeshfitWarning(UserWarning):
-    """Something in the input that meshfit mended or that its user should know of."""
+    """A fault in the input that meshfit repaired, or that the user should know of."""

@@ -1,1 +1,1 @@
-"""Layer 4: configs. Frozen models, strict YAML, overrides, JSON Schema."""
+"""Configs: settings models, strict YAML, overrides and sweeps."""

@@ -164,7 +164,7 @@ def fit_batch(
     """
     settings = _settings(settings, overrides)
     if dtype not in get_args(Dtype):
-        raise ConfigError(f"dtype: found '{dtype}'; {suggest(str(dtype), get_args(Dtype))}")
+        raise ConfigError(f"dtype: got '{dtype}'; {suggest(str(dtype), get_args(Dtype))}")
     if threads < 1:
         raise ConfigError(f"threads: found {threads}; at least 1 is needed")
     for number, problem in enumerate(problems):
@@ -190,7 +190,7 @@ def fit_batch(
 def _settings(settings: Settings | None, overrides: Mapping[str, Any]) -> Settings:
     method = overrides.get("method", "first-order" if settings is None else settings.method)
     if method not in METHODS:
-        raise ConfigError(f'method: found "{method}"; {suggest(str(method), METHODS)}')
+        raise ConfigError(f'method: got "{method}"; {suggest(str(method), METHODS)}')
     if settings is None or settings.method != method:
         return build(METHODS[method], overrides)
     return override(settings, overrides)

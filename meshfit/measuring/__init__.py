@@ -1,1 +1,1 @@
-"""Layer 3: how far a result is from its target, and how sound it is; `measure` takes all the figures at once."""
+"""Measurement of results: distances to the target, and mesh quality."""

@@ -1,7 +1,7 @@
 """Hausdorff, mean and RMS distance between two surfaces, in both directions.
 
-Forward is from the result to the target, backward from the target to the result. Both are needed: a result that never
-reached an ear of its target has a small forward and a large backward distance.
+Forward is from the result to the target, backward from the target to the result. Both are measured because a
+result that never reached an ear of its target has a small forward and a large backward distance.
 """
 
 import math
@@ -21,13 +21,13 @@ from meshfit.mesh.topology import Topology
 
 @dataclass(frozen=True)
 class Hausdorff:
-    """Largest distances between two surfaces, in the unit of the verts: lower bounds that rise to the true ones.
+    """Largest distances between two surfaces, in the unit of the vertices; lower bounds of the true ones.
 
     Attributes:
         forward: from the result to the target.
         backward: from the target to the result.
         symmetric: the larger of the two.
-        samples: area-uniform points in each direction, besides all verts and edge midpoints.
+        samples: number of area-uniform points in each direction, in addition to all vertices and edge midpoints.
         percent_of_diagonal: symmetric, in percent of the diagonal of the target's bounding box.
     """
 
@@ -40,7 +40,7 @@ class Hausdorff:
 
 @dataclass(frozen=True)
 class Distance:
-    """Mean and root mean square distances between two surfaces, over their areas, in the unit of the verts.
+    """Mean and root mean square distances between two surfaces, over their areas, in the unit of the vertices.
 
     Attributes:
         mean: (forward_mean + backward_mean) / 2.
@@ -60,15 +60,15 @@ class Distance:
 
 
 def surface_distances(result: Mesh, target: Mesh, samples: int, seed: int) -> tuple[Hausdorff, Distance]:
-    """The distances between two surfaces (Cignoni, Rocchini and Scopigno 1998, Metro, sec. 2), both directions.
+    """Return the distances between two surfaces in both directions (Cignoni et al. 1998, Metro, sec. 2).
 
-    Single precision in MeshLab limits each figure to about 1e-7 of its value.
+    MeshLab's single precision limits each value to a relative accuracy of about 1e-7.
 
     Args:
         result: the fitted mesh.
         target: the mesh that it was fitted to.
-        samples: area-uniform points drawn in each direction.
-        seed: of the points; each direction has a stream of its own.
+        samples: number of area-uniform points in each direction.
+        seed: of the points; each direction has its own random stream.
 
     Raises:
         MeasureError: a mesh without a surface, or MeshLab left out some of the points.
@@ -91,16 +91,16 @@ def surface_distances(result: Mesh, target: Mesh, samples: int, seed: int) -> tu
 def directed_distances(
     origin: Mesh, destination: Mesh, samples: int, generator: np.random.Generator
 ) -> DistanceStatistics:
-    """Distances from one surface to another.
+    """Return statistics of the distances from one surface to another.
 
-    The largest is taken over the area-uniform points, all verts and all edge midpoints, where sharp features have their
-    extremes; mean and RMS over the area-uniform points alone, since verts are dense where a mesh is fine.
+    The largest is over the area-uniform points, all vertices and all edge midpoints, where sharp features have their
+    extremes. Mean and RMS are over the area-uniform points alone, since vertices are dense where a mesh is fine.
 
     Args:
-        origin: the surface that points are taken from.
-        destination: the surface that they are measured to.
-        samples: how many area-uniform points.
-        generator: where they come from.
+        origin: the surface with the points.
+        destination: the surface to measure to.
+        samples: number of area-uniform points.
+        generator: of the points.
 
     Raises:
         MeasureError: MeshLab left out some of the points.
@@ -111,6 +111,6 @@ def directed_distances(
 
 
 def _feature_points(mesh: Mesh) -> Float64[np.ndarray, "N 3"]:
-    """The verts that faces use, and the midpoint of every edge."""
+    """Return the vertices that faces use, and the midpoint of every edge."""
     ends = mesh.verts[Topology.of(mesh).edges]
     return np.concatenate([mesh.verts[np.unique(mesh.faces)], ends.mean(axis=1)])

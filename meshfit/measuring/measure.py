@@ -1,4 +1,4 @@
-"""The one call that measures a result against its target."""
+"""Measure a result against its target."""
 
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -13,15 +13,15 @@ from meshfit.settings import override
 
 @dataclass(frozen=True)
 class Measurement:
-    """How far a result is from its target, and how sound it is; lengths are in the frame that both meshes came in.
+    """Distances of a result from its target, and its mesh quality; lengths are in the frame of both meshes.
 
     Attributes:
         hausdorff: largest distances.
         distance: mean and RMS distances.
         chamfer: chamfer distances between point clouds.
-        f_score: share of points that are matched within a distance.
-        normal_consistency: how well normals agree.
-        quality: soundness of the result; the target is not looked at.
+        f_score: share of points matched within a distance.
+        normal_consistency: agreement of normals.
+        quality: mesh quality of the result; independent of the target.
     """
 
     hausdorff: Hausdorff
@@ -32,7 +32,7 @@ class Measurement:
     quality: Quality
 
     def to_dict(self) -> dict[str, dict[str, Any]]:
-        """Nested dicts of plain numbers and booleans, fit for JSON; `MEASURED` names each as `group.figure`."""
+        """Return nested dicts of plain numbers and booleans for JSON; `MEASURED` names each value as `group.name`."""
         return asdict(self)
 
 
@@ -41,7 +41,7 @@ def measure(
 ) -> Measurement:
     """Measure a result against its target, both in the same frame.
 
-    The same meshes and settings give the same figures, to the bit.
+    The same meshes and settings give bit-identical results.
 
     Example:
         >>> from meshfit.mesh.solids import cube, octahedron
@@ -51,12 +51,12 @@ def measure(
     Args:
         result: the fitted mesh.
         target: the mesh that it was fitted to.
-        settings: numbers of samples and points, tau and seed; the defaults where it is not given.
+        settings: numbers of samples and points, tau and seed; defaults if not given.
         **overrides: single settings by name, such as `samples=10_000`.
 
     Raises:
-        MeasureError: a mesh that has no faces or no area, or a vertex that is not finite.
-        ConfigError: a setting that does not exist, or a value that is not allowed.
+        MeasureError: a mesh without faces or area, or a vertex that is not finite.
+        ConfigError: an unknown setting, or a value that is not allowed.
     """
     settings = override(settings or MeasureSettings(), overrides)
     hausdorff, distance = surface_distances(result, target, settings.samples, settings.seed)

@@ -1,7 +1,7 @@
-"""Scores between two clouds of area-uniform points: chamfer distance, F-score, normal consistency.
+"""Chamfer distance, F-score and normal consistency between two clouds of area-uniform points.
 
-Nearest points are looked for in the other cloud, not on the other surface, so that even identical surfaces are about
-half a point spacing apart: these figures compare fits at the same number of points, they do not tend to zero.
+Nearest points are those of the other cloud, not of the other surface, so that even identical surfaces are about half a
+point spacing apart. These values compare fits at the same number of points; they do not tend to zero.
 """
 
 from dataclasses import dataclass
@@ -18,12 +18,12 @@ from meshfit.mesh.sampling import sample_surface
 
 @dataclass(frozen=True)
 class Chamfer:
-    """Chamfer distances, the means of the two directions summed, as PyTorch3D has it.
+    """Chamfer distances: the sum of the means in both directions, as in PyTorch3D.
 
     Attributes:
-        l1: mean distance, forward plus backward, in the unit of the verts.
+        l1: mean distance, forward plus backward, in the unit of the vertices.
         l2_squared: mean squared distance, forward plus backward.
-        points: points on each surface.
+        points: number of points on each surface.
     """
 
     l1: float
@@ -36,7 +36,7 @@ class FScore:
     """F-score at a distance (Knapitsch et al. 2017, Tanks and Temples, eqs. 3 to 5), as fractions of 1.
 
     Attributes:
-        tau: the distance, in the unit of the verts.
+        tau: the distance, in the unit of the vertices.
         f1: harmonic mean of precision and recall; 0 where both are 0.
         precision: share of the result's points within tau of a point of the target.
         recall: share of the target's points within tau of a point of the result.
@@ -53,8 +53,8 @@ class NormalConsistency:
     """Mean cosine between the normals of nearest points (Mescheder et al. 2019, Occupancy Networks, sec. 4).
 
     Attributes:
-        signed: mean of both directions; -1 where one surface is the other one turned inside out.
-        absolute: the same of the absolute cosines, blind to orientation.
+        signed: mean of both directions; -1 where one surface is the other turned inside out.
+        absolute: mean of the absolute cosines, whatever the orientation.
     """
 
     signed: float
@@ -63,7 +63,7 @@ class NormalConsistency:
 
 @dataclass(frozen=True)
 class PointScores:
-    """All that is taken from the two clouds."""
+    """All metrics of two point clouds."""
 
     chamfer: Chamfer
     f_score: FScore
@@ -77,14 +77,14 @@ class _Cloud:
 
 
 def point_scores(result: Mesh, target: Mesh, count: int, tau: float, seed: int) -> PointScores:
-    """Chamfer distance, F-score and normal consistency of two surfaces.
+    """Return chamfer distance, F-score and normal consistency of two surfaces.
 
     Args:
         result: the fitted mesh.
         target: the mesh that it was fitted to.
-        count: area-uniform points on each.
-        tau: distance of the F-score, in the unit of the verts.
-        seed: of the points; each surface has a stream of its own.
+        count: number of area-uniform points on each.
+        tau: distance of the F-score, in the unit of the vertices.
+        seed: of the points; each surface has its own random stream.
 
     Raises:
         MeasureError: a mesh without a surface.
@@ -104,12 +104,12 @@ def point_scores(result: Mesh, target: Mesh, count: int, tau: float, seed: int) 
 
 
 def _cloud(mesh: Mesh, count: int, generator: np.random.Generator) -> _Cloud:
-    drawn = sample_surface(mesh, count, generator)
-    return _Cloud(drawn.points, face_normals(mesh)[drawn.faces])
+    samples = sample_surface(mesh, count, generator)
+    return _Cloud(samples.points, face_normals(mesh)[samples.faces])
 
 
 def _to_nearest(origin: _Cloud, destination: _Cloud) -> tuple[Float64[np.ndarray, " N"], Float64[np.ndarray, " N"]]:
-    """Distance from each point to the nearest of the other cloud, and the cosine between their normals."""
+    """Return the distance from each point to the nearest of the other cloud, and the cosine between their normals."""
     nearest = nearest_point_query(destination.points)(origin.points)
     distance = np.linalg.norm(origin.points - destination.points[nearest], axis=1)
     return np.asarray(distance), np.asarray((origin.normals * destination.normals[nearest]).sum(axis=1))

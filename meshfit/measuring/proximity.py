@@ -1,7 +1,7 @@
 """Distances from points to a surface: by MeshLab near it, and by libigl far from it. The one module that imports igl.
 
-MeshLab looks for the nearest face in the cells of a uniform grid, ring by ring: microseconds for a point near the
-surface, milliseconds for one that is a diagonal away, which for a result that missed its target adds up to minutes.
+MeshLab searches for the nearest face in the cells of a uniform grid, ring by ring. That takes microseconds for a point
+near the surface but milliseconds for one a diagonal away, and minutes in all for a result that missed its target.
 libigl's tree costs the same everywhere and gives the same distances.
 """
 
@@ -18,17 +18,17 @@ from meshfit.mesh.meshlab import DistanceStatistics, point_to_surface
 from meshfit.mesh.nearest import nearest_point_query
 from meshfit.mesh.sampling import sample_surface
 
-_FAR = 0.02
+_FAR = 0.02  # of the diagonal of the bounding box
 _PROBES = 20_000
 
 Points = Float64[np.ndarray, "N 3"]
 
 
 def distance_statistics(surface: Mesh, points: Points) -> DistanceStatistics:
-    """Distances from each point to its nearest point on a surface.
+    """Return statistics of the distances from points to a surface.
 
     Args:
-        surface: with an area, and coordinates that are finite.
+        surface: with an area and finite coordinates.
         points: (N, 3), at least one.
 
     Raises:
@@ -44,18 +44,18 @@ def distance_statistics(surface: Mesh, points: Points) -> DistanceStatistics:
 
 
 def point_distances(surface: Mesh, points: Points) -> Float64[np.ndarray, " N"]:
-    """(N,) the distance from each point to its nearest point on a surface.
+    """Return (N,) the distance from each point to the nearest point on a surface.
 
     Args:
-        surface: with at least one face, and coordinates that are finite.
-        points: (N, 3), at least one, likewise finite.
+        surface: with at least one face and finite coordinates.
+        points: (N, 3), at least one, finite.
     """
     squared = igl.point_mesh_squared_distance(np.ascontiguousarray(points), surface.verts, surface.faces)[0]
     return np.asarray(np.sqrt(np.reshape(squared, -1)))
 
 
 def _probe(surface: Mesh, points: Points) -> Float64[np.ndarray, " N"]:
-    """Roughly how far the points are: the distance to the nearest of some points of the surface, never too small."""
+    """Return upper bounds of the distances: those to the nearest of some points of the surface."""
     probes = sample_surface(surface, _PROBES, np.random.default_rng(0)).points
     return np.asarray(np.linalg.norm(points - probes[nearest_point_query(probes)(points)], axis=1))
 

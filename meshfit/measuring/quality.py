@@ -1,4 +1,4 @@
-"""How sound a mesh is: crossing, flipped and degenerate faces, angles, closedness, pieces, genus."""
+"""Mesh quality: self-intersecting, flipped and degenerate faces, angles, watertightness, components, Euler number."""
 
 import math
 from dataclasses import dataclass
@@ -13,23 +13,23 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.meshlab import self_intersecting_faces
 from meshfit.mesh.topology import Topology
 
-# The smallest area that counts, in squared diagonals of the bounding box.
+# In squared diagonals of the bounding box.
 _DEGENERATE_AREA = 1e-12
 
 
 @dataclass(frozen=True)
 class Quality:
-    """The soundness of one mesh.
+    """The quality of one mesh.
 
     Attributes:
-        self_intersecting_faces: faces that cross another one, by MeshLab's test, which lets coplanar overlaps pass.
+        self_intersecting_faces: faces that cross another one, by MeshLab's test, which ignores coplanar overlaps.
         flipped_faces: see `flipped_faces`.
         degenerate_faces: see `degenerate_faces`.
         smallest_angle: of all corners of all faces, in degrees; at most 60.
-        watertight: whether every edge has two faces of like orientation.
-        components: pieces that hang together by edges.
-        euler_number: V - E + F over the verts that faces use.
-        verts: number of verts.
+        watertight: whether every edge has two faces of the same orientation.
+        components: number of components connected by edges.
+        euler_number: V - E + F over the vertices that faces use.
+        verts: number of vertices.
         faces: number of faces.
     """
 
@@ -45,11 +45,11 @@ class Quality:
 
 
 def mesh_quality(mesh: Mesh, role: str = "mesh") -> Quality:
-    """All figures of soundness of a mesh.
+    """Measure the quality of a mesh.
 
     Args:
         mesh: the mesh.
-        role: what to call it in a refusal, such as `result`.
+        role: its name in errors, such as `result`.
 
     Raises:
         MeasureError: a mesh without a surface.
@@ -70,30 +70,29 @@ def mesh_quality(mesh: Mesh, role: str = "mesh") -> Quality:
 
 
 def flipped_faces(mesh: Mesh, topology: Topology) -> Bool[np.ndarray, " F"]:
-    """(F,) which faces look away from their surroundings: n · (n₁ + n₂ + n₃) < 0, with the normals of edge-neighbours.
+    """Return (F,) which faces point away from their neighbours: n · (n₁ + n₂ + n₃) < 0, with their normals.
 
-    A face that folds over, as when a vertex is pushed across its opposite edge, is flipped; those around it are not.
-    Nor is a surface that is inside out as a whole. A sound face is flagged where all around it bends by more than a
-    right angle, as on a regular tetrahedron, where the sum is -n: the figure is meant for meshes that are fine
-    against their curvature.
+    A face that folds over, as when a vertex is pushed across the opposite edge, is flipped; the faces around it are
+    not, and neither are those of a surface that is inside out as a whole. On coarse meshes a good face may be flagged:
+    on a regular tetrahedron the sum is -n. The count is meant for meshes that are fine relative to their curvature.
 
     Args:
         mesh: the mesh.
         topology: of the same mesh.
     """
     normals = face_normals(mesh)
-    one, other = topology.face_pairs.T // 3
-    around = np.zeros_like(normals)
-    np.add.at(around, one, normals[other])
-    np.add.at(around, other, normals[one])
-    return np.asarray((normals * around).sum(axis=1) < 0)
+    first, second = topology.face_pairs.T // 3
+    neighbours = np.zeros_like(normals)
+    np.add.at(neighbours, first, normals[second])
+    np.add.at(neighbours, second, normals[first])
+    return np.asarray((normals * neighbours).sum(axis=1) < 0)
 
 
 def degenerate_faces(mesh: Mesh) -> Bool[np.ndarray, " F"]:
-    """(F,) which faces have an area of at most 1e-12 squared bounding-box diagonals; with a repeated vertex it is 0."""
+    """Return (F,) which faces have an area of at most 1e-12 squared bounding-box diagonals."""
     return np.asarray(face_areas(mesh) <= _DEGENERATE_AREA * bounding_box_diagonal(mesh.verts) ** 2)
 
 
 def smallest_angle(mesh: Mesh) -> float:
-    """The smallest angle of any corner of any face, in degrees; 0 where a face has an edge without length."""
+    """Return the smallest angle of all corners, in degrees; 0 where an edge has no length."""
     return math.degrees(corner_angles(mesh).min())

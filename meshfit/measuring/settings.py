@@ -1,4 +1,4 @@
-"""What a measurement takes its figures from."""
+"""Settings of the measurement."""
 
 from typing import Annotated
 
@@ -8,14 +8,14 @@ from meshfit.settings import Settings
 
 
 class MeasureSettings(Settings):
-    """How a result is measured against its target; lengths are in the frame that both meshes are given in."""
+    """Settings of the measurement; lengths are in the frame of both meshes."""
 
     samples: Annotated[int, Field(ge=100)] = 200_000
-    """Area-uniform points on each surface for the Hausdorff, mean and RMS distances.
-    The Hausdorff distance takes all verts and edge midpoints as well."""
+    """Number of area-uniform points, 100 or more, on each surface for the Hausdorff, mean and RMS distances; the
+    Hausdorff distance uses all vertices and edge midpoints as well."""
     points: Annotated[int, Field(ge=100)] = 30_000
-    """Area-uniform points on each surface for chamfer, F-score and normal consistency."""
+    """Number of area-uniform points, 100 or more, on each surface for chamfer, F-score and normal consistency."""
     f_score_tau: Annotated[float, Field(gt=0)] = 0.01
-    """The distance within which a point counts as matched in the F-score."""
+    """Distance, above 0, within which a point counts as matched in the F-score."""
     seed: Annotated[int, Field(ge=0)] = 0
-    """Seed of the points; the same for every trial, so that one result always gets the same figures."""
+    """Seed of the points, the same for all trials, so that equal results measure the same."""

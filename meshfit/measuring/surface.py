@@ -1,4 +1,4 @@
-"""What a surface needs before distances to it can be trusted: real coordinates, an area, and no obtuse corners."""
+"""Preparation of surfaces for distances by MeshLab: checks, and the split of obtuse faces."""
 
 import numpy as np
 
@@ -15,41 +15,42 @@ def require_surface(mesh: Mesh, role: str) -> None:
 
     Args:
         mesh: the mesh.
-        role: what to call it in the message, such as `result`.
+        role: its name in the message, such as `result`.
 
     Raises:
-        MeasureError: no faces, no area, a face that indexes outside, or a coordinate that is not finite or beyond 1e15.
+        MeasureError: no faces, no area, a face with an index out of range, or a coordinate that is not finite or beyond
+            1e15.
     """
     if not mesh.num_faces:
-        raise MeasureError(f"the {role} has {mesh.num_verts} verts and no faces: there is no surface to measure")
+        raise MeasureError(f"the {role} has {mesh.num_verts} vertices and no faces: there is no surface to measure")
     outside = ((mesh.faces < 0) | (mesh.faces >= mesh.num_verts)).any(axis=1)
     if outside.any():
         bad = int(np.flatnonzero(outside)[0])
-        allowed = f"verts are numbered 0 to {mesh.num_verts - 1}"
+        allowed = f"vertices are numbered 0 to {mesh.num_verts - 1}"
         raise MeasureError(f"the {role}'s face {bad} is {mesh.faces[bad].tolist()}, but {allowed}")
-    # MeshLab aborts the whole process when it meets a NaN, so none may reach it.
+    # A NaN makes MeshLab abort the whole process.
     usable = (np.abs(mesh.verts) <= _LARGEST_COORDINATE).all(axis=1)
     if not usable.all():
         bad = int(np.flatnonzero(~usable)[0])
-        allowed = f"a finite number of at most {_LARGEST_COORDINATE:g} is needed"
-        raise MeasureError(f"the {role}'s vertex {bad} is {mesh.verts[bad].tolist()}: {allowed}")
+        expected = f"expected finite coordinates up to {_LARGEST_COORDINATE:g}"
+        raise MeasureError(f"the {role}: {expected}, got {mesh.verts[bad].tolist()} at vertex {bad}")
     if not face_areas(mesh).sum() > 0:
         raise MeasureError(f"the {role} has no area: all its faces ({mesh.num_faces}) are degenerate")
 
 
 def split_obtuse_faces(mesh: Mesh) -> Mesh:
-    """The same surface with every obtuse face cut in two along the altitude from its obtuse corner.
+    """Split every obtuse face in two along the altitude from its obtuse corner.
 
-    MeshLab takes the corner between two edges for the nearest point of a face to whatever lies beyond both. At an
-    obtuse corner that need not be so, and the distance found is too large unless a neighbouring face puts it right,
-    which it does on most closed surfaces and not on open ones. Acute and right-angled faces are measured exactly.
-    The cuts leave T-junctions, which distances do not notice.
+    MeshLab takes the corner between two edges as the nearest point of a face to any point beyond both. At an obtuse
+    corner this can be wrong, and the distance too large unless a neighbouring face gives the right one, as it does on
+    most closed surfaces but not on open ones. Acute and right-angled faces are measured exactly. The T-junctions of the
+    splits do not affect distances.
 
     Args:
-        mesh: V verts, F faces of which K are obtuse.
+        mesh: V vertices, F faces of which K are obtuse.
 
     Returns:
-        V + K verts and F + K faces.
+        V + K vertices and F + K faces.
     """
     corners = mesh.verts[mesh.faces]
     ahead, behind = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners

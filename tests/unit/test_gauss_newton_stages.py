@@ -120,7 +120,7 @@ SAID = [
     ({"method": "first-order", "coarse_steps": 5}, "coarse_steps: no such key: "),
     (
         {"method": "gaus-newton"},
-        "method: found \"gaus-newton\"; did you mean 'gauss-newton'? allowed: first-order, gauss-newton",
+        "method: got \"gaus-newton\"; did you mean 'gauss-newton'? allowed: first-order, gauss-newton",
     ),
 ]
 EACH = pytest.mark.parametrize(("changes", "expected"), SAID)

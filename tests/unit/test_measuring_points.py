@@ -129,5 +129,5 @@ def test_scores_repeat_to_the_bit():
 
 
 def test_a_mesh_without_a_surface_is_refused():
-    with pytest.raises(MeasureError, match="the target has 4 verts and no faces"):
+    with pytest.raises(MeasureError, match="the target has 4 vertices and no faces"):
         point_scores(SQUARE, Mesh(SQUARE.verts, np.empty((0, 3), dtype=int)), COUNT, 0.1, 0)

@@ -149,5 +149,5 @@ def test_smallest_angle_of_a_known_triangle(angle):
 
 
 def test_a_mesh_without_a_surface_is_refused_by_its_role():
-    with pytest.raises(MeasureError, match=r"^the result's vertex 1 is .*nan"):
+    with pytest.raises(MeasureError, match=r"^the result: expected finite .*nan.* at vertex 1"):
         mesh_quality(triangles([[0, 0, 0], [1, 0, np.nan], [0, 1, 0]], [[0, 1, 2]]), "result")

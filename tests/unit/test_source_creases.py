@@ -119,7 +119,7 @@ def test_alphas_out_of_range_and_of_another_count(alphas):
     ):
         build_source(given, "interp-loop")
     alphas.write_text("0\n")
-    with pytest.raises(MeshError, match=r"found 1 numbers; the mesh file has 6 verts"):
+    with pytest.raises(MeshError, match=r"expected one number for each of the 6 vertices of the mesh file, got 1"):
         build_source(given, "interp-loop")
 
 

@@ -1,0 +1,30 @@
+from .errors import MeshfitError as MeshfitError
+from .errors import MeshfitWarning as MeshfitWarning
+from .fitting.fit import fit as fit
+from .fitting.fit import fit_batch as fit_batch
+from .fitting.loop import FitResult as FitResult
+from .fitting.problem import Diverged as Diverged
+from .fitting.problem import Problem as Problem
+from .measuring.measure import Measurement as Measurement
+from .measuring.measure import measure as measure
+from .mesh.curves import Curves as Curves
+from .mesh.io.files import load_curves as load_curves
+from .mesh.io.files import load_mesh as load_mesh
+from .mesh.io.files import load_polygons as load_polygons
+from .mesh.io.files import save_curves as save_curves
+from .mesh.io.files import save_mesh as save_mesh
+from .mesh.mesh import Mesh as Mesh
+from .mesh.normalisation import Frame as Frame
+from .mesh.normalisation import frame_of as frame_of
+from .mesh.polygons import PolygonMesh as PolygonMesh
+from .mesh.targets import load_target as load_target
+from .subdivision.creases import Creases as Creases
+from .subdivision.creases import creases_by_angle as creases_by_angle
+from .subdivision.limit import loop_limit as loop_limit
+from .subdivision.limit import loop_limit_normals as loop_limit_normals
+from .subdivision.refine import refine as refine
+from .subdivision.refine import subdivide as subdivide
+from .subdivision.refinement import CurveRefinement as CurveRefinement
+from .subdivision.refinement import Refinement as Refinement
+
+__version__: str
