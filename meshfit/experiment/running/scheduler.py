@@ -3,6 +3,7 @@
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, as_completed, wait
+from dataclasses import dataclass, field
 
 from meshfit.errors import ClusterError, MeshfitError, TrialError
 from meshfit.experiment.plan import Trial
@@ -73,63 +74,58 @@ def run_trials(
         else:
             backend = RemoteBackend(remote, trials, store, outcomes, force=force)
         write_plan(trials, store, backend.workers)
-        _Scheduler(trials, store, backend, outcomes, watch, force=force).run(pending)
+        _Scheduler(trials, store, backend, outcomes, watch, force).run(pending)
     return outcomes
 
 
+@dataclass
 class _Scheduler:
     """Sends batches to a backend, collects their outcomes and retries what can be retried."""
 
-    def __init__(
-        self,
-        trials: Sequence[Trial],
-        store: RunDirectory,
-        backend: Backend,
-        outcomes: dict[int, Outcome],
-        watch: Watcher,
-        *,
-        force: bool,
-    ) -> None:
-        self._trials, self._store, self._backend, self._force = trials, store, backend, force
-        self._outcomes, self._watch = outcomes, watch
-        self._sent: dict[Future[JobResult], tuple[int, ...]] = {}
-        self._again: deque[int] = deque()
-        self._retries: Counter[int] = Counter()
-        self._deaths_at_start = 0
+    trials: Sequence[Trial]
+    store: RunDirectory
+    backend: Backend
+    outcomes: dict[int, Outcome]
+    watch: Watcher
+    force: bool
+    sent: dict[Future[JobResult], tuple[int, ...]] = field(default_factory=dict)
+    requeued: deque[int] = field(default_factory=deque)
+    retries: Counter[int] = field(default_factory=Counter)
+    deaths_at_start: int = 0
 
     def run(self, numbers: Sequence[int]) -> None:
         """Run trials until each has an outcome."""
         try:
             self._send(numbers)
             self._collect()
-            while self._again:
-                self._send([self._again.popleft()])
+            while self.requeued:
+                self._send([self.requeued.popleft()])
                 self._collect()
         except BaseException:
-            self._backend.cancel()
+            self.backend.cancel()
             self._store_cancelled()
             raise
         finally:
-            self._backend.close()
+            self.backend.close()
 
     def _send(self, numbers: Sequence[int]) -> None:
-        for device, batch in self._backend.batches({i: self._trials[i] for i in numbers}):
-            future = self._backend.submit({i: self._trials[i] for i in batch}, device)
-            self._sent[future] = batch
+        for device, batch in self.backend.batches({i: self.trials[i] for i in numbers}):
+            future = self.backend.submit({i: self.trials[i] for i in batch}, device)
+            self.sent[future] = batch
 
     def _store_cancelled(self) -> None:
         """Store the files that cancelled remote trials return."""
-        for future in as_completed(self._sent) if not self._backend.is_local else ():
+        for future in as_completed(self.sent) if not self.backend.is_local else ():
             if not _failed(future):
                 self._store_files(future.result())
 
     def _collect(self) -> None:
-        while self._sent:
-            ended, _ = wait(self._sent, timeout=_POLL_SECONDS, return_when=FIRST_COMPLETED)
+        while self.sent:
+            ended, _ = wait(self.sent, timeout=_POLL_SECONDS, return_when=FIRST_COMPLETED)
             # Results first: what was finished before a worker died counts.
             for future in sorted(ended, key=_failed):
-                self._settle(future, self._sent.pop(future))
-            self._watch(self._backend.progress, self._outcomes)
+                self._settle(future, self.sent.pop(future))
+            self.watch(self.backend.progress, self.outcomes)
 
     def _settle(self, future: Future[JobResult], numbers: tuple[int, ...]) -> None:
         if _failed(future):
@@ -138,13 +134,13 @@ class _Scheduler:
         result = future.result()
         self._store_files(result)
         for i, outcome in result.outcomes.items():
-            self._deaths_at_start = 0
+            self.deaths_at_start = 0
             if outcome.kind not in RETRIED or not self._retry(i):
-                self._outcomes[i] = outcome
+                self.outcomes[i] = outcome
 
     def _store_files(self, result: JobResult) -> None:
         for i, files in result.files.items():
-            store_outputs(self._trials[i], files, self._store, force=self._force)
+            store_outputs(self.trials[i], files, self.store, force=self.force)
 
     def _settle_failed(self, future: Future[JobResult], numbers: tuple[int, ...]) -> None:
         """Settle a batch without outcomes.
@@ -157,41 +153,41 @@ class _Scheduler:
         if error is None or not is_death(error):
             raise self._error_of_worker(error)
         if len(numbers) > 1:
-            self._again.extend(numbers)
+            self.requeued.extend(numbers)
             return
         (i,) = numbers
-        if self._backend.is_local and not self._backend.progress[i].status.is_running:
-            self._deaths_at_start += 1
-            if self._deaths_at_start > _MOST_DEATHS_AT_START:
+        if self.backend.is_local and not self.backend.progress[i].status.is_running:
+            self.deaths_at_start += 1
+            if self.deaths_at_start > _MOST_DEATHS_AT_START:
                 raise TrialError("worker processes die before they start a trial; perhaps there is not enough memory")
-            self._again.append(i)
+            self.requeued.append(i)
             return
         outcome = self._record_killed(i)
-        if not self._backend.is_local or not self._retry(i):
-            self._outcomes[i] = outcome
+        if not self.backend.is_local or not self._retry(i):
+            self.outcomes[i] = outcome
 
     def _error_of_worker(self, error: BaseException | None) -> BaseException:
         """The error to raise for one outside of any trial: on this machine itself, since it is a bug of meshfit."""
-        if isinstance(error, MeshfitError) or (error is not None and self._backend.is_local):
+        if isinstance(error, MeshfitError) or (error is not None and self.backend.is_local):
             return error
         return ClusterError(f"a worker could not run its trials: {type(error).__name__}: {error}")
 
     def _record_killed(self, i: int) -> Outcome:
-        trial, step = self._trials[i], self._backend.progress[i].step.done
-        record = killed_record(trial, step, failed_attempts(trial, self._store) + 1)
-        with self._store.lock(trial):
-            self._store.write(trial, FAILURE, write_json(record))
-            self._store.append(trial, LOG, f"{now()}  killed at step {step}\n")
-        self._backend.progress.reset(i)
+        trial, step = self.trials[i], self.backend.progress[i].step.done
+        record = killed_record(trial, step, failed_attempts(trial, self.store) + 1)
+        with self.store.lock(trial):
+            self.store.write(trial, FAILURE, write_json(record))
+            self.store.append(trial, LOG, f"{now()}  killed at step {step}\n")
+        self.backend.progress.reset(i)
         return Outcome(TrialStatus.FAILED, f"{record['kind']}: {record['message']}", record["kind"])
 
     def _retry(self, i: int) -> bool:
         """Queue a trial once more if its settings allow it; return whether they do."""
-        self._retries[i] += 1
-        if self._retries[i] > self._trials[i].settings.retries:
+        self.retries[i] += 1
+        if self.retries[i] > self.trials[i].settings.retries:
             return False
-        self._backend.progress.reset(i)
-        self._again.append(i)
+        self.backend.progress.reset(i)
+        self.requeued.append(i)
         return True
 
 

@@ -44,8 +44,7 @@ class RunDirectory:
         Raises:
             StoreError: it cannot be read.
         """
-        path = self.folder(trial) / RESULT
-        return read_json(path) if path.is_file() else None
+        return self._read(trial, RESULT)
 
     def is_complete(self, trial: "Trial") -> bool:
         """Whether a trial has a result."""
@@ -57,8 +56,7 @@ class RunDirectory:
         Raises:
             StoreError: it cannot be read.
         """
-        path = self.folder(trial) / FAILURE
-        return read_json(path) if path.is_file() else None
+        return self._read(trial, FAILURE)
 
     def lock(self, trial: "Trial") -> FileLock:
         """Return a lock on a trial's folder; the system releases it when its holder dies, however it dies.
@@ -101,6 +99,10 @@ class RunDirectory:
         """Remove files of a trial, if they exist."""
         for name in names:
             (self.folder(trial) / name).unlink(missing_ok=True)
+
+    def _read(self, trial: "Trial", name: str) -> Result | None:
+        path = self.folder(trial) / name
+        return read_json(path) if path.is_file() else None
 
 
 def make_folder(folder: Path) -> None:
