@@ -23,15 +23,15 @@ from meshfit.report.tables.table import build_tables, merge_tables
 from tests.unit.test_table import CLEAR, grid, result
 
 
-def sheets(results, *metrics, **options):
+def merged(results, *metrics, **options):
     return merge_tables(build_tables(results, *metrics), **options)
 
 
-SHEETS = sheets(grid(CLEAR))
-WITH_A_GAP = sheets(grid({**CLEAR, ("cow", "loop"): [0.1, 0.2]}))
+TABLES = merged(grid(CLEAR))
+WITH_A_GAP = merged(grid({**CLEAR, ("cow", "loop"): [0.1, 0.2]}))
 SCHEMES = ("loop", "interp-loop", "interp-loop:alpha=0.5")
-WIDE = sheets(grid({(t, s): [0.3, 0.31, 0.35] for t in ("bunny", "mousehead", "cow", "airplane") for s in SCHEMES}))
-SWEEP = sheets(
+WIDE = merged(grid({(t, s): [0.3, 0.31, 0.35] for t in ("bunny", "mousehead", "cow", "airplane") for s in SCHEMES}))
+SWEEP = merged(
     [result for edge in (1.0, 0.1) for result in grid(CLEAR, fit__losses__edge=edge)], DEFAULT_METRIC, "f_score.f1"
 )
 LOOP_ONLY = {("bunny", "loop"): CLEAR["bunny", "loop"]}
@@ -44,7 +44,7 @@ def squeezed(text):
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_format_says_stand_in_and_gives_both_readings(name):
-    text = squeezed(FORMATS[name](SHEETS))
+    text = squeezed(FORMATS[name](TABLES))
     assert "mousehead (stand-in)" in text
     for number in ("0.025621", "0.035352", "0.07518", "0.013013"):
         assert number in text
@@ -53,22 +53,22 @@ def test_every_format_says_stand_in_and_gives_both_readings(name):
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_format_takes_no_tables_and_several(name):
     assert isinstance(FORMATS[name]([]), str)
-    two = FORMATS[name](sheets(grid(CLEAR) + grid(CLEAR, fit__steps=100)))
+    two = FORMATS[name](merged(grid(CLEAR) + grid(CLEAR, fit__steps=100)))
     assert "steps=2000" in two.replace("\\", "")
     assert "steps=100" in two.replace("\\", "")
 
 
 @pytest.mark.parametrize("name", ["rich", "md", "latex"])
 def test_a_heading_states_what_the_numbers_are(name):
-    text = squeezed(FORMATS[name](SHEETS))
+    text = squeezed(FORMATS[name](TABLES))
     for words in ("Hausdorff distance", "3 seeds", "tutorial frame", "2000 steps", "5000 samples", "icosahedron, 4"):
         assert words in text
 
 
 @pytest.mark.parametrize("name", ["rich", "md", "latex"])
 def test_the_papers_numbers_stand_beside_its_own_metric_only(name):
-    assert "paper's bunny" in squeezed(FORMATS[name](SHEETS)) or name != "md"
-    assert "0.025621" not in FORMATS[name](sheets(grid(CLEAR), "hausdorff.forward"))
+    assert "paper's bunny" in squeezed(FORMATS[name](TABLES)) or name != "md"
+    assert "0.025621" not in FORMATS[name](merged(grid(CLEAR), "hausdorff.forward"))
 
 
 @pytest.mark.parametrize("name", ["rich", "md", "latex"])
@@ -79,7 +79,7 @@ def test_a_missing_cell_is_a_dash_and_fewer_seeds_are_noted(name):
 
 
 @pytest.mark.parametrize("width", [80, 120])
-@pytest.mark.parametrize("shown", [SHEETS, WITH_A_GAP, WIDE], ids=["small", "gap", "wide"])
+@pytest.mark.parametrize("shown", [TABLES, WITH_A_GAP, WIDE], ids=["small", "gap", "wide"])
 def test_text_fits_its_width_with_no_cell_broken(width, shown):
     lines = to_text(shown, width).splitlines()
     assert max(map(len, lines)) <= width
@@ -90,32 +90,32 @@ def test_text_fits_its_width_with_no_cell_broken(width, shown):
 
 
 def test_text_marks_the_best_without_colour():
-    lines = [line for line in to_text(SHEETS).splitlines() if re.search(r"\) \*", line)]
+    lines = [line for line in to_text(TABLES).splitlines() if re.search(r"\) \*", line)]
     assert len(lines) == 1
     assert lines[0].startswith("interp-loop")
 
 
 def test_text_states_each_difference():
-    text = to_text(SHEETS)
+    text = to_text(TABLES)
     assert re.search(
         r"bunny +P\(better\)  needed\n  interp-loop +−0\.1000 \[−0\.\d+, −0\.\d+\]  significant +1\.00 +2", text
     )
     assert re.search(r"over 2 targets\n  interp-loop +−0\.0\d+ \[−0\.\d+, −0\.\d+\] +significant +0\.72 +\d", text)
     assert "not significant" in text
-    one = to_text(sheets([result(), result(scheme="interp-loop", value=0.1)]))
+    one = to_text(merged([result(), result(scheme="interp-loop", value=0.1)]))
     assert "−0.1000" in one
     assert "one seed: no interval" in one
 
 
 def test_differences_of_single_runs_are_summed_up_in_a_line():
     found = [result(target, scheme) for target in ("bunny", "cow") for scheme in ("loop", "interp-loop")]
-    assert "one seed only, so no intervals" in to_markdown(sheets(found))
+    assert "one seed only, so no intervals" in to_markdown(merged(found))
 
 
 def test_colour_is_left_to_the_console(monkeypatch):
     def printed(**options):
         console = Console(file=StringIO(), force_terminal=True, color_system="standard", width=80, **options)
-        console.print(TablesView(SHEETS))
+        console.print(TablesView(TABLES))
         return console.file.getvalue()
 
     green = re.compile(r"\x1b\[[\d;]*32m")
@@ -125,7 +125,7 @@ def test_colour_is_left_to_the_console(monkeypatch):
 
 
 def test_names_are_never_taken_for_markup():
-    assert to_text(sheets([result(value=0.2, experiment="[red]x[/red]")])).startswith("[red]x[/red]\n")
+    assert to_text(merged([result(value=0.2, experiment="[red]x[/red]")])).startswith("[red]x[/red]\n")
 
 
 def test_markdown_has_as_many_columns_in_every_row():
@@ -136,7 +136,7 @@ def test_markdown_has_as_many_columns_in_every_row():
 
 
 def test_markdown_escapes_what_would_be_markup():
-    text = to_markdown(sheets([result(), result(seed=1, experiment="a|b_c*d")]))
+    text = to_markdown(merged([result(), result(seed=1, experiment="a|b_c*d")]))
     assert r"a\|b\_c\*d" in text
 
 
@@ -161,7 +161,7 @@ def test_csv_is_tidy():
 
 
 def test_json_holds_everything():
-    (table,) = json.loads(FORMATS["json"](SHEETS))["tables"]
+    (table,) = json.loads(FORMATS["json"](TABLES))["tables"]
     cells = {(cell["target"], cell["scheme"]): cell for cell in table["cells"]}
     assert list(cells["bunny", "loop"]["values_by_seed"].values()) == CLEAR["bunny", "loop"]
     assert cells["bunny", "interp-loop"]["paper"] == {"by column": 0.035352, "by row": 0.07518}
@@ -177,7 +177,7 @@ def latex_body(text):
 
 
 def test_latex_is_a_booktabs_table_with_caption_and_label():
-    text = to_latex(SHEETS)
+    text = to_latex(TABLES)
     rows = [line for line in latex_body(text).splitlines() if line.endswith((r"\\", r"\\*"))]
     assert r"\begin{longtable}{lrrrr}" in text
     assert [row.count("&") for row in rows] == [4] * 6  # headings, means and intervals, in two lines each
@@ -189,7 +189,7 @@ def test_latex_is_a_booktabs_table_with_caption_and_label():
 
 
 def test_latex_escapes_what_would_be_a_command():
-    text = to_latex(sheets([result(experiment=AWKWARD)]))
+    text = to_latex(merged([result(experiment=AWKWARD)]))
     assert r"\caption{a\_b\%c\&d\#e\{f\}{[}g{]}\textbar{}h*i\textless{}j" in text
     bare = re.sub(r"\\[&%$#_{}\\]", "", text)
     assert bare.count("{") == bare.count("}")
@@ -201,7 +201,7 @@ def test_latex_compiles(tmp_path):
     names = [f"interp-loop:alpha=0.{k}" for k in range(1, 8)]
     many = grid({(target, scheme): [0.3123, 0.3145, 0.35] for target in ("bunny", *"abcd") for scheme in names})
     long = [one for weight in range(1, 40) for one in grid(CLEAR, fit__losses__edge=weight / 10)]
-    tables = to_latex([*WITH_A_GAP, *SWEEP, *sheets([result(experiment=AWKWARD)]), *sheets(many), *sheets(long)])
+    tables = to_latex([*WITH_A_GAP, *SWEEP, *merged([result(experiment=AWKWARD)]), *merged(many), *merged(long)])
     text = "\\documentclass{article}\\usepackage{booktabs,longtable}\\begin{document}\n" + tables + "\\end{document}\n"
     (tmp_path / "t.tex").write_text(text, encoding="utf-8")
     done = subprocess.run(
@@ -216,7 +216,7 @@ def test_latex_compiles(tmp_path):
     assert "Overfull" not in done.stdout
 
 
-ONE_SCHEME = sheets([one for steps in (10, 9, 100) for one in grid(LOOP_ONLY, fit__steps=steps)])
+ONE_SCHEME = merged([one for steps in (10, 9, 100) for one in grid(LOOP_ONLY, fit__steps=steps)])
 
 
 @pytest.mark.parametrize("name", ["rich", "md", "latex"])
@@ -250,16 +250,16 @@ def test_data_formats_list_every_table_by_itself(name):
 
 
 def test_cells_that_do_not_differ_are_marked_and_the_mark_is_explained():
-    text = to_text(SHEETS)
+    text = to_text(TABLES)
     assert [line.split()[0] for line in text.splitlines() if ") ≈" in line] == ["interp-loop"]
     assert "≈ not significantly different from loop" in text
     assert "≈ not significantly different from the row it is compared with" in to_text(SWEEP)
-    clear = sheets(grid({cell: sample for cell, sample in CLEAR.items() if cell[0] == "bunny"}))
+    clear = merged(grid({cell: sample for cell, sample in CLEAR.items() if cell[0] == "bunny"}))
     assert "≈" not in to_text(clear)
 
 
 def test_a_difference_is_stated_in_full_in_a_line():
-    lines = comparison_lines(SHEETS[0])
+    lines = comparison_lines(TABLES[0])
     bounds = r"\[[−+]0\.\d+, [−+]0\.\d+\]"
     patterns = [
         rf"interp-loop vs loop on bunny: −0\.1000 {bounds}, significant, P\(better\) 1\.00, 2 seeds needed",
@@ -286,13 +286,13 @@ def test_differences_of_variations_name_what_is_held_against_what():
 
 def test_more_seeds_than_anyone_has_are_said_so_and_no_difference_needs_none():
     noisy = {("bunny", "loop"): [0.1, 0.2, 0.3], ("bunny", "interp-loop"): [0.2, 0.3, 0.1003]}
-    assert comparison_lines(sheets(grid(noisy))[0])[0].endswith("more than 10,000 seeds needed")
+    assert comparison_lines(merged(grid(noisy))[0])[0].endswith("more than 10,000 seeds needed")
     equal = {("bunny", "loop"): [0.1, 0.2], ("bunny", "interp-loop"): [0.1, 0.2]}
-    assert comparison_lines(sheets(grid(equal))[0])[0].endswith("not significant, P(better) 0.50")
+    assert comparison_lines(merged(grid(equal))[0])[0].endswith("not significant, P(better) 0.50")
 
 
 def test_where_neither_direction_is_better_nothing_is_said_of_it():
-    assert "P(better)" not in to_text(sheets(grid(CLEAR), "quality.euler_number"))
+    assert "P(better)" not in to_text(merged(grid(CLEAR), "quality.euler_number"))
 
 
 def test_markdown_has_columns_for_variation_and_scheme():

@@ -13,8 +13,8 @@ def source_line(*sources):
     for place, source in enumerate(sources):
         one = result_of(seed=place, steps=100 + place)
         results.append(one | {"variant": str(place), "settings": deep_merge(one["settings"], {"source": source})})
-    (sheet,) = merge_tables(build_tables(results))
-    return setting_lines(sheet)[-1]
+    (table,) = merge_tables(build_tables(results))
+    return setting_lines(table)[-1]
 
 
 @pytest.mark.parametrize(

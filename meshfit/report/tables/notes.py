@@ -252,7 +252,7 @@ def _about_comparisons(table: Table) -> Iterator[str]:
     if any(comparison.target is None for comparison in comparisons):
         yield "Over targets: mean of the differences on each; its interval is for other seeds, not for other targets"
     if any(comparison.difference.improvement is not None for comparison in comparisons):
-        yield "P(better): share of pairs of runs in which the first is better; ties count half"
+        yield "P(better): share of pairs of runs in which the first is better, ties half"
     yield "Seeds needed: on each target, for significance in 4 of 5 experiments"
 
 
