@@ -16,7 +16,7 @@ from meshfit.analysis.panels import (
     range_of,
 )
 from meshfit.analysis.stencil_meshes import stencil_meshes
-from meshfit.report.extra import needed
+from meshfit.report.extra import import_optional
 from meshfit.report.figures.colours import INK
 from meshfit.report.figures.drawing import Image
 from meshfit.report.figures.layout import DPI, STYLE, write_drawing
@@ -80,7 +80,7 @@ def write_analysis(scheme: Scheme, analysis: Analysis, title: str, path: Path) -
     Raises:
         ConfigError: a library of the extra is not installed, or the file cannot be written.
     """
-    matplotlib, figures = needed("matplotlib"), needed("matplotlib.figure")
+    matplotlib, figures = import_optional("matplotlib"), import_optional("matplotlib.figure")
     dpi = DPI[path.suffix.lower()]
     basis = basis_of(stencil_meshes(scheme), analysis.steps, analysis.dilation, analysis.support.radius)
     rows = 1 if isinstance(scheme, CurveScheme) else 2

@@ -12,8 +12,8 @@ from meshfit.analysis.stencil_meshes import Patch, StencilMeshes
 from meshfit.mesh.curves import Curves
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh, fan_triangles
-from meshfit.report.extra import needed
-from meshfit.report.figures.camera import looking_from
+from meshfit.report.extra import import_optional
+from meshfit.report.figures.camera import camera_from
 from meshfit.report.figures.colours import INK
 from meshfit.report.figures.drawing import Image, draw
 from meshfit.subdivision.curves.scheme import CurveScheme
@@ -91,7 +91,7 @@ def draw_surface(basis: Basis, size: tuple[int, int]) -> Image:
     x, y = basis.places.T
     height = _HEIGHT * float(np.ptp(x)) / float(basis.values.max())
     mesh = Mesh(np.stack([x, height * basis.values, -y], axis=1), basis.triangles)
-    camera, _ = looking_from(mesh, _FROM).framing(mesh, aspect=size[0] / size[1])
+    camera, _ = camera_from(mesh, _FROM).framing(mesh, aspect=size[0] / size[1])
     return draw(mesh, camera, size=size)
 
 
@@ -103,7 +103,7 @@ def range_of(basis: Basis) -> str:
 
 def draw_contours(axes: Any, basis: Basis) -> None:  # noqa: ANN401  matplotlib is optional
     """Contours on the lattice: solid where the function is positive, broken where it is negative."""
-    colours = needed("matplotlib.colors")
+    colours = import_optional("matplotlib.colors")
     ramp = colours.LinearSegmentedColormap.from_list("signed", [_NEGATIVE, _ZERO, _POSITIVE])
     top = float(basis.values.max())
     low = float(basis.values.min())
@@ -115,7 +115,7 @@ def draw_contours(axes: Any, basis: Basis) -> None:  # noqa: ANN401  matplotlib 
     if low < -_SMALL * top:
         inner = -np.geomspace(-low * 0.9, -low * 0.1, 4)
         axes.tricontour(*shown, levels=inner, colors=_NEGATIVE, linewidths=0.5, linestyles=[(0, (2.0, 1.2))])
-    lines = needed("matplotlib.collections").LineCollection(basis.lattice, colors=_LINES, linewidths=0.35)
+    lines = import_optional("matplotlib.collections").LineCollection(basis.lattice, colors=_LINES, linewidths=0.35)
     axes.add_collection(lines)
     axes.set_aspect("equal")
     axes.autoscale_view()
@@ -204,7 +204,7 @@ def draw_limit_surface(scheme: Scheme, size: tuple[int, int], *, regular: bool) 
         levels += 1
         fine = subdivide(control, scheme, levels)
     cage, limit = _triangles(control), _triangles(fine)
-    camera, _ = looking_from(cage, _FROM_LIMIT_PANELS).framing(cage, limit, aspect=size[0] / size[1])
+    camera, _ = camera_from(cage, _FROM_LIMIT_PANELS).framing(cage, limit, aspect=size[0] / size[1])
     small = round(size[0] * _SMALL_LIMIT_PANELS), round(size[1] * _SMALL_LIMIT_PANELS)
     edges = isinstance(control, Mesh)  # the diagonals of quads are no edges, and their sides are seen by their shade
     return draw(limit, camera, size=size), draw(cage, camera, size=small, edges=edges, background=None)

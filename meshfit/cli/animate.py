@@ -1,4 +1,4 @@
-"""`meshfit animate`: a fit as a film, from the snapshots that were taken of it."""
+"""`meshfit animate`: a video of a fit, from its snapshots."""
 
 from collections.abc import Iterator
 from datetime import UTC, datetime
@@ -14,15 +14,15 @@ from meshfit.errors import ConfigError
 if TYPE_CHECKING:
     from meshfit.experiment.status.scan import ScannedTrial
 
-_MOMENTS = 60
+_SNAPSHOTS = 60
 
 _T = TypeVar("_T")
 
 
 def animate(
     trial: TrialName,
-    output: Annotated[Path, typer.Option("--output", "-o", help="The film to write: .mp4 or .gif.", metavar="FILE")],
-    fps: Annotated[int, typer.Option("--fps", min=1, max=60, help="Pictures a second, 1 to 60.", metavar="N")] = 12,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Video to write: .mp4 or .gif.", metavar="FILE")],
+    fps: Annotated[int, typer.Option("--fps", min=1, max=60, help="Frames per second, 1 to 60.", metavar="N")] = 12,
     size: Annotated[
         int, typer.Option("--size", min=64, max=2160, help="Width and height in pixels, 64 to 2160.", metavar="PIXELS")
     ] = 640,
@@ -31,16 +31,16 @@ def animate(
         typer.Option(
             "--edges/--no-edges",
             help="Draw the edges of faces.",
-            show_default="where faces change, all but the result",
+            show_default="if the faces change, except in the result",
         ),
     ] = None,
     runs: Runs = DEFAULT_RUNS,
 ) -> int:
-    """Write a film of a fit, from source to result.
+    """Write a video of a fit, from source to result.
 
-    All of it is seen from where the target looks best, with step, loss or distance, and verts below; the second engine
-    shows its levels. The trial needs snapshots: run it with --set fit.snapshots=20, a picture every 20 steps.
-    Needs the extra: pip install 'meshfit[report]'.
+    The camera is the best view of the target. The caption gives the step, the loss or distance, and the number of
+    vertices; for the Gauss–Newton engine also the level. The trial must have snapshots: run it with
+    --set fit.snapshots=20 for one every 20 steps. Requires the extra: pip install 'meshfit[report]'.
 
     Examples:
         meshfit run quickstart --set fit.snapshots=20 --force
@@ -50,17 +50,17 @@ def animate(
         meshfit animate 3f9a -o fit.gif --size 320 --edges
     """
     from meshfit.experiment.status.scan import find_trial
-    from meshfit.report.figures.animation import course_of, frames_of, require_film, write_film
+    from meshfit.report.figures.animation import draw_animation, read_animation, require_video_suffix, write_video
     from meshfit.units import size_text
 
-    require_film(output)
+    require_video_suffix(output)
     _, found = find_trial(trial, runs, datetime.now(UTC))
     _require_snapshots(found)
-    course = course_of(found.path)
-    frames = frames_of(course, size=size, fps=fps, edges=edges)
-    count = write_film(_told(frames, len(course.moments)), output, fps)
-    film = f"{count} frames, {count / fps:.1f} s, {size_text(output.stat().st_size)}"
-    out.print(f"wrote {output}: {film}", soft_wrap=True, markup=False)
+    animation = read_animation(found.path)
+    images = draw_animation(animation, size=size, fps=fps, edges=edges)
+    count = write_video(_with_progress(images, len(animation.frames)), output, fps)
+    length = f"{count} frames, {count / fps:.1f} s, {size_text(output.stat().st_size)}"
+    out.print(f"wrote {output}: {length}", soft_wrap=True, markup=False)
     return 0
 
 
@@ -71,22 +71,22 @@ def _require_snapshots(trial: "ScannedTrial") -> None:
     from meshfit.experiment.trial_status import TrialStatus
 
     if trial.status is not TrialStatus.COMPLETE:
-        said = f"{trial.label}: {trial.status.value}, not complete"
-        raise ConfigError(f"{said}; run it first, with --set fit.snapshots=20")
+        state = f"{trial.label}: {trial.status.value}, not complete"
+        raise ConfigError(f"{state}; run it first, with --set fit.snapshots=20")
     if snapshots_in(trial.path):
         return
     result = read_result(trial.path) or {}
     name = str(result.get("experiment", "my"))
     config = name if name in bundled_configs() else f"{name}.yaml"
-    settings: dict[str, object] = {"fit.snapshots": max(1, result["fit"]["steps"] // _MOMENTS)}
+    settings: dict[str, object] = {"fit.snapshots": max(1, result["fit"]["steps"] // _SNAPSHOTS)}
     settings |= {"targets": f"[{trial.target}]", "schemes": f"[{trial.scheme}]", "seeds": f"[{trial.seed}]"}
     sets = " ".join(f"--set {key}={value}" for key, value in settings.items())
-    raise ConfigError(f"{trial.label}: no snapshots were taken; to take some: meshfit run {config} {sets} --force")
+    raise ConfigError(f"{trial.label}: no snapshots; to take some: meshfit run {config} {sets} --force")
 
 
-def _told(frames: Iterator[_T], count: int) -> Iterator[_T]:
-    """The same, with the number of the one that is being drawn on a terminal."""
+def _with_progress(images: Iterator[_T], count: int) -> Iterator[_T]:
+    """Pass images on, with a progress line on a terminal."""
     with err.status("drawing") as status:
-        for number, frame in enumerate(frames, start=1):
+        for number, image in enumerate(images, start=1):
             status.update(f"drawing {number} of {count}")
-            yield frame
+            yield image

@@ -1,4 +1,4 @@
-"""`meshfit chart`: the numbers of some runs as a picture."""
+"""`meshfit chart`: a chart of the results of some runs."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from meshfit.cli import completions
 from meshfit.cli.console import out
-from meshfit.cli.options import RunDirs
+from meshfit.cli.options import Metric, RunDirs
 from meshfit.measuring.metrics import DEFAULT_METRIC
 
 if TYPE_CHECKING:
@@ -20,15 +19,12 @@ def chart(
     output: Annotated[
         Path, typer.Option("--output", "-o", help="The chart to write: .pdf, .svg or .png.", metavar="FILE")
     ],
-    metric: Annotated[
-        str,
-        typer.Option("--metric", help="What is drawn.", metavar="NAME", autocompletion=completions.metrics),
-    ] = DEFAULT_METRIC,
+    metric: Metric = DEFAULT_METRIC,
 ) -> int:
-    """Draw the numbers of some runs as a chart, and print means.
+    """Draw the results of some runs as a chart, and print the means.
 
-    Schemes stand under their kind, with a mark for each target: the mean over its seeds. Bars are geometric means over
-    the targets; there is a panel for each setting of a sweep. Needs the extra: pip install 'meshfit[report]'.
+    Schemes are grouped by kind, with one mark per target: the mean over its seeds. Bars are geometric means over the
+    targets. A sweep gives one panel per setting. Requires the extra: pip install 'meshfit[report]'.
 
     Examples:
         meshfit chart runs/zoo -o zoo.pdf
@@ -51,7 +47,7 @@ def chart(
 
 
 def _print_means(tables: "Sequence[Table]") -> None:
-    """What the bars stand for, in numbers."""
+    """Print the values of the bars."""
     from rich.table import Table as Grid
 
     from meshfit.measuring.metrics import METRICS

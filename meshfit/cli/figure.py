@@ -1,4 +1,4 @@
-"""`meshfit figure`: the paper-ready figure of some runs, with its caption."""
+"""`meshfit figure`: a figure of some runs for a paper, with its caption."""
 
 import re
 from pathlib import Path
@@ -8,7 +8,7 @@ import typer
 
 from meshfit.cli import completions
 from meshfit.cli.console import out
-from meshfit.cli.options import RunDirs
+from meshfit.cli.options import Metric, RunDirs
 from meshfit.measuring.metrics import DEFAULT_METRIC
 
 
@@ -17,15 +17,7 @@ def figure(
     output: Annotated[
         Path, typer.Option("--output", "-o", help="The figure to write: .pdf, .svg or .png.", metavar="FILE")
     ],
-    metric: Annotated[
-        str,
-        typer.Option(
-            "--metric",
-            help="Told below each result; its median picks the seed.",
-            metavar="NAME",
-            autocompletion=completions.metrics,
-        ),
-    ] = DEFAULT_METRIC,
+    metric: Metric = DEFAULT_METRIC,
     targets: Annotated[
         str | None,
         typer.Option(
@@ -39,11 +31,12 @@ def figure(
         str | None, typer.Option("--schemes", help="Only these, in this order, separated by commas.", metavar="A,B")
     ] = None,
 ) -> int:
-    """Draw the figure of some runs for a paper, with its caption.
+    """Draw a figure of some runs for a paper, with its caption.
 
-    It shows target, sources and results, and where results are off: of each target and scheme the trial whose value is
-    the median over the seeds. The caption is written beside it, as .txt and, with what LaTeX needs around it, as .tex.
-    Needs the extra: pip install 'meshfit[report]'.
+    It shows target, sources and results, and the distances from the results to the target. Each target and scheme is
+    represented by the trial with the median value of the metric over the seeds. The caption is written next to the
+    figure: as plain text, .txt, and as a LaTeX figure environment, .tex.
+    Requires the extra: pip install 'meshfit[report]'.
 
     Examples:
         meshfit figure runs/table1 -o figure.pdf
@@ -53,22 +46,23 @@ def figure(
     from meshfit.experiment.storage.plan_file import with_planned_names
     from meshfit.experiment.storage.result import read_results
     from meshfit.experiment.storage.run_directory import write_atomically
-    from meshfit.report.figures.figure import latex_figure, plain_caption, read_strips, write_figure
+    from meshfit.report.figures.figure import latex_figure, plain_caption, read_figure_targets, write_figure
     from meshfit.report.figures.layout import require_suffix
-    from meshfit.report.figures.representative_trial import pick_trials
+    from meshfit.report.figures.representative_trial import select_trials
     from meshfit.report.tables.grouping import distinguish_definitions
 
     require_suffix(output)
     results = distinguish_definitions(with_planned_names(read_results(runs)))
-    strips = read_strips(pick_trials(results, metric, targets=_names(targets), schemes=_names(schemes)))
-    write_figure(strips, output, metric)
+    selection = select_trials(results, metric, targets=_names(targets), schemes=_names(schemes))
+    shown = read_figure_targets(selection)
+    write_figure(shown, output, metric)
     written = [output, output.with_suffix(".txt"), output.with_suffix(".tex")]
-    write_atomically(written[1], plain_caption(strips, metric))
-    write_atomically(written[2], latex_figure(strips, metric, output.name))
+    write_atomically(written[1], plain_caption(shown, metric))
+    write_atomically(written[2], latex_figure(shown, metric, output.name))
     out.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, markup=False)
     return 0
 
 
 def _names(text: str | None) -> list[str]:
-    # A comma before `key=` is one between the parameters of a scheme.
+    # A comma before `key=` separates parameters of a scheme.
     return [name.strip() for name in re.split(r",(?!\s*\w+=)", text or "") if name.strip()]

@@ -64,6 +64,16 @@ Metrics = Annotated[
         autocompletion=completions.metrics,
     ),
 ]
+Metric = Annotated[
+    str,
+    typer.Option(
+        "--metric",
+        help="Metric to draw, such as distance.mean.",
+        metavar="NAME",
+        rich_help_panel=OUTPUT,
+        autocompletion=completions.metrics,
+    ),
+]
 Baseline = Annotated[
     str | None,
     typer.Option(

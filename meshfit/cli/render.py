@@ -1,4 +1,4 @@
-"""`meshfit render`: a picture of meshes, or of trials, side by side."""
+"""`meshfit render`: a picture of meshes or trials side by side."""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,11 +10,11 @@ from meshfit.cli.console import out
 
 
 def render(
-    what: Annotated[
+    meshes_or_trials: Annotated[
         list[str],
         typer.Argument(
-            help="Mesh files, names of targets, or folders of trials; TITLE=… gives a title.",
-            metavar="WHAT...",
+            help="Mesh files, named targets, or folders of trials, each optionally as TITLE=….",
+            metavar="MESH_OR_TRIAL...",
             autocompletion=completions.meshes_or_trials,
         ),
     ],
@@ -32,11 +32,11 @@ def render(
     ] = None,
     edges: Annotated[bool, typer.Option("--edges", help="Draw the edges of faces too.")] = False,
 ) -> int:
-    """Draw meshes, or trials, side by side.
+    """Draw meshes or trials side by side.
 
-    The folder of a trial stands for its source, its result and its target. Each mesh is seen from three quarters, y up,
-    from where its target looks best; named targets are in their tutorial frame, mesh files are taken to share one, and
-    the view of --against, or of the first. Needs the extra: pip install 'meshfit[report]'.
+    The folder of a trial gives its source, its result and its target. Each mesh is drawn in the best three-quarter view
+    of its target, y up. Named targets are in their tutorial frame. Mesh files are assumed to share one frame, and share
+    the view of --against or of the first file. Requires the extra: pip install 'meshfit[report]'.
 
     Examples:
         meshfit render bunny mousehead -o targets.png
@@ -46,10 +46,10 @@ def render(
         meshfit render loop.ply interp-loop.ply --against bunny -o distances.png
     """
     from meshfit.report.figures.layout import require_suffix
-    from meshfit.report.figures.render import draw_row, scene_of
+    from meshfit.report.figures.render import collect_meshes, write_render
 
     require_suffix(output)
-    row, label = scene_of(what, against)
-    draw_row(row, output, edges=edges, label=label)
+    meshes, label = collect_meshes(meshes_or_trials, against)
+    write_render(meshes, output, edges=edges, label=label)
     out.print(f"wrote {output}", soft_wrap=True, markup=False)
     return 0

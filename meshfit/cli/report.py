@@ -30,16 +30,16 @@ def report(
         meshfit report runs -o report --metric distance.mean
     """
     from meshfit.experiment.storage.run_directory import make_folder, write_atomically
-    from meshfit.report.html.page import page_text, read_content, require_extra
+    from meshfit.report.html.page import read_report, render_page, require_extra
     from meshfit.units import size_text
 
     require_extra()
     now = datetime.now(UTC)
     with show_parts(quiet=quiet) as progress:
         progress("reading results", 0, 1)
-        content = read_content(runs, metrics or [DEFAULT_METRIC], baseline, now)
+        data = read_report(runs, metrics or [DEFAULT_METRIC], baseline, now)
         make_folder(output)
-        text = page_text(content, now, progress).encode()
+        text = render_page(data, now, progress).encode()
     write_atomically(output / "index.html", text)
     out.print(f"wrote {output / 'index.html'}: {size_text(len(text))}", soft_wrap=True, markup=False)
     return 0

@@ -8,7 +8,7 @@ import pytest
 
 from meshfit.experiment.storage.checkpoint import snapshots_in
 from meshfit.mesh.io.files import load_mesh
-from meshfit.report.figures.animation import course_of
+from meshfit.report.figures.animation import read_animation
 from tests.cli import answered, invoke, refused
 from tests.small import config_file
 from tests.unit.test_snapshots import SECOND, quietly, taken
@@ -51,31 +51,31 @@ def test_an_mp4_has_even_sides_and_ends_with_the_result(tmp_path):
 
 def test_captions_tell_step_figure_and_verts_and_of_the_second_engine_the_stage(tmp_path):
     _, _, place = taken(tmp_path, 5)
-    course = course_of(place)
-    assert not course.changes_faces
-    said = [moment.said for moment in course.moments]
+    animation = read_animation(place)
+    assert not animation.changes_faces
+    said = [moment.caption for moment in animation.frames]
     assert [text.split("  ·  ")[0] for text in said] == [
         "source",
         *(f"step {k} of 20" for k in (5, 10, 15, 20)),
         "result",
     ]
     assert all(
-        text.endswith(f"  ·  {moment.mesh.num_verts:,} verts")
-        for text, moment in zip(said, course.moments, strict=True)
+        text.endswith(f"  ·  {moment.mesh.num_verts:,} vertices")
+        for text, moment in zip(said, animation.frames, strict=True)
     )
     assert all("loss" in text for text in said[:-1])
     assert "Hausdorff distance" in said[-1]
     (tmp_path / "second").mkdir()
     _, _, place = taken(tmp_path / "second", 1, "gauss-newton")
-    course = course_of(place)
-    assert course.changes_faces
-    stages = dict.fromkeys(moment.said.split("  ·  ")[0] for moment in course.moments)
+    animation = read_animation(place)
+    assert animation.changes_faces
+    stages = dict.fromkeys(moment.caption.split("  ·  ")[0] for moment in animation.frames)
     assert list(stages) == ["source", "rough shape", "level 0", "level 1", "last", "result"]
 
 
 def test_moments_are_in_the_targets_frame_whatever_frame_they_were_written_in(tmp_path):
     _, _, place = taken(tmp_path, 10, write_frame="target")
-    *_, last, result = course_of(place).moments
+    *_, last, result = read_animation(place).frames
     assert np.allclose(last.mesh.verts, result.mesh.verts)
     assert not np.allclose(load_mesh(place / "result.ply").verts, result.mesh.verts)
 
@@ -85,16 +85,16 @@ def test_a_surface_that_has_not_moved_is_shown_once(tmp_path):
     settings = SECOND | {"coarse_steps": 40, "tries": 2, "snapshots": 1}
     trial, store, place = prepared(tmp_path, fit=settings)
     run_trial(trial, store, quietly)
-    assert len(course_of(place).moments) < len(snapshots_in(place)) + 2
+    assert len(read_animation(place).frames) < len(snapshots_in(place)) + 2
 
 
 def test_without_snapshots_one_line_says_how_to_get_them(tmp_path):
     trial, store, place = prepared(tmp_path)
     run_trial(trial, store, quietly)
     said = refused("animate", place, "-o", tmp_path / "fit.mp4")
-    assert "no snapshots were taken; to take some: meshfit run small.yaml --set fit.snapshots=1 " in said
+    assert "no snapshots; to take some: meshfit run small.yaml --set fit.snapshots=1 " in said
     assert said.endswith("--set targets=[ellipsoid] --set schemes=[loop] --set seeds=[0] --force")
-    assert "'.avi' is not a film" in refused("animate", place, "-o", tmp_path / "fit.avi")
+    assert "'.avi' is not a video format" in refused("animate", place, "-o", tmp_path / "fit.avi")
 
 
 def test_what_cannot_be_written_is_refused(tmp_path):

@@ -65,8 +65,8 @@ def look_through(page):
     for section in page.query_selector_all("main > section"):
         section.scroll_into_view_if_needed()
     page.wait_for_function("document.querySelectorAll('canvas[data-drawn]').length === 3")
-    page.wait_for_function("document.querySelectorAll('#curve-charts .main-svg').length > 6")
-    page.wait_for_function("document.querySelectorAll('#histogram-charts .main-svg').length > 0")
+    page.wait_for_function("document.querySelectorAll('#curves svg.chart').length > 4")
+    page.wait_for_function("document.querySelectorAll('#histograms svg.chart').length > 0")
 
 
 def pixels(element):

@@ -59,11 +59,11 @@ def test_a_target_has_one_camera_whatever_its_unit_and_the_order_of_its_faces():
 def test_drawn_back_a_camera_holds_other_meshes_and_keeps_its_view():
     mesh, large = target("bone"), Frame((0.0, 0.0, 0.0), 0.2).normalise(icosahedron())
     camera = camera_of(mesh)
-    wide = camera.holding(mesh, large)
+    wide = camera.containing(mesh, large)
     assert np.abs(wide.project(large.verts)[:, :2]).max() == pytest.approx(1 - MARGIN)
     assert (wide.focal, wide.direction, wide.up) == (camera.focal, camera.direction, camera.up)
-    assert camera.holding(mesh) == camera
-    assert camera.holding() == camera
+    assert camera.containing(mesh) == camera
+    assert camera.containing() == camera
 
 
 def test_without_faces_there_is_no_view():

@@ -79,4 +79,4 @@ def test_the_command_writes_it_and_refuses_what_is_no_picture(tmp_path):
     path = tmp_path / "chart.pdf"
     assert str(path) in answered("chart", str(tmp_path / "runs"), "-o", str(path))
     assert path.read_bytes().startswith(b"%PDF")
-    assert "not a picture format" in refused("chart", str(tmp_path / "runs"), "-o", str(tmp_path / "chart.gif"))
+    assert "not a known picture format" in refused("chart", str(tmp_path / "runs"), "-o", str(tmp_path / "chart.gif"))

@@ -7,7 +7,7 @@ from meshfit.mesh.io.files import save_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron
 from meshfit.report.figures.camera import MARGIN
-from meshfit.report.figures.render import cameras_of, scene_of
+from meshfit.report.figures.render import cameras_of, collect_meshes
 
 BALL = icosahedron()
 LARGE = Mesh(3.0 * BALL.verts, BALL.faces)
@@ -29,7 +29,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def test_all_meshes_of_a_target_have_its_camera_and_are_in_the_picture(folder):
-    row, label = scene_of(["one", "Second=two"])
+    row, label = collect_meshes(["one", "Second=two"])
     assert [one.title for one in row] == [
         "source, one", "result, one", "bone", "source, Second", "result, Second", "bone",
     ]  # fmt: skip
@@ -41,18 +41,18 @@ def test_all_meshes_of_a_target_have_its_camera_and_are_in_the_picture(folder):
 
 
 def test_files_share_the_first_ones_view_and_named_targets_have_their_own(folder):
-    row, _ = scene_of(["ball.ply", "bone", "large.ply", "cow"])
+    row, _ = collect_meshes(["ball.ply", "bone", "large.ply", "cow"])
     first, bone, second, cow = cameras_of(row)
     assert first == second
     assert len({first, bone, cow}) == 3
 
 
 def test_against_a_target_all_are_seen_from_its_side_and_measured(folder):
-    row, label = scene_of(["ball.ply", "bone"], "cow")
+    row, label = collect_meshes(["ball.ply", "bone"], "cow")
     assert len(set(cameras_of(row))) == 1
     assert label == "distance to cow, in the tutorial frame, where the target's largest |coordinate| is 1"
-    assert all(one.against is row[0].view for one in row)
-    row, label = scene_of(["ball.ply"], "large.ply")
+    assert all(one.against is row[0].viewed_like for one in row)
+    row, label = collect_meshes(["ball.ply"], "large.ply")
     assert label == "distance to large, in the unit of the target's file"
-    row, _ = scene_of(["one"], "bone")
+    row, _ = collect_meshes(["one"], "bone")
     assert [one.against is not None for one in row] == [False, True, False]

@@ -9,11 +9,11 @@ from meshfit.report.figures.layout import (
     SUFFIXES,
     ColourBar,
     Panel,
+    PanelRow,
     Ring,
-    Row,
     column_width,
     require_suffix,
-    write_plate,
+    write_rows,
 )
 
 png = pytest.importorskip("PIL.Image", reason="plates need matplotlib and pillow")
@@ -29,11 +29,11 @@ def picture(*colour, wide=150, high=60):
 
 def row(*lines, ring=None, bar=None, free=0):
     panels = [Panel(picture(200, 30, 30), lines, ring), Panel(picture(30, 30, 200), lines)]
-    return Row((*[None] * free, *panels), bar)
+    return PanelRow((*[None] * free, *panels), bar)
 
 
 def written(rows, path):
-    write_plate(rows, path, width=WIDTH, font=8.0, dpi=DPI)
+    write_rows(rows, path, width=WIDTH, font=8.0, dpi=DPI)
     return path.read_bytes()
 
 

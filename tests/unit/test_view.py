@@ -4,10 +4,9 @@ import pytest
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.normalisation import Frame
 from meshfit.mesh.solids import icosahedron
-from meshfit.report.figures.camera import MARGIN, camera_of
-from meshfit.report.figures.surface_errors import shared_limit
-from meshfit.report.figures.view import View
-from meshfit.report.figures.visibility import in_sight
+from meshfit.report.figures.camera import MARGIN, camera_of, is_visible
+from meshfit.report.figures.colours import shared_limit
+from meshfit.report.figures.layout import distance_panel
 from meshfit.subdivision.refine import subdivide
 
 pytest.importorskip("pyvista", reason="pictures need pyvista")
@@ -16,23 +15,22 @@ BALL = icosahedron()
 CAMERA = camera_of(BALL)
 
 
-def test_of_a_closed_convex_mesh_the_near_side_is_in_sight():
+def test_of_a_closed_convex_mesh_the_near_side_is_is_visible():
     ball = subdivide(BALL, "loop", 2)
     towards = CAMERA.project(ball.verts)[:, 2]
     for vert in range(ball.num_verts):
         if abs(towards[vert]) > 0.2:  # not on the outline, which nothing hides
-            assert in_sight(ball, vert, CAMERA) == (towards[vert] > 0)
+            assert is_visible(ball, vert, CAMERA) == (towards[vert] > 0)
 
 
 def test_a_ring_is_where_the_farthest_vert_is_seen():
-    view = View(CAMERA, (80, 60))
     for vert in range(BALL.num_verts):
         distances = np.zeros(12)
         distances[vert] = 2.0
-        panel = view.coloured(BALL, distances, 1.0, "ball")
+        panel = distance_panel(BALL, distances, 1.0, CAMERA, (80, 60), "ball")
         right, up, _ = CAMERA.project(BALL.verts)[vert]
         assert (panel.ring.left, panel.ring.top) == pytest.approx((40 + 30 * right, 30 - 30 * up))
-        assert panel.ring.dashed != in_sight(BALL, vert, CAMERA)
+        assert panel.ring.dashed != is_visible(BALL, vert, CAMERA)
     assert panel.lines == ("ball",)
     assert panel.image.shape == (60, 80, 4)
 
@@ -56,10 +54,9 @@ def test_a_mesh_fits_into_a_picture_of_any_shape(aspect):
 
 
 def test_what_is_too_large_for_a_view_is_drawn_smaller_and_what_is_not_at_its_scale():
-    view = View(CAMERA, (80, 80))
     small, large = (Frame((1.0, 2.0, 3.0), size).normalise(BALL) for size in (2.0, 0.5))
-    assert view.fitting(small).camera.scale == CAMERA.scale
-    camera = view.fitting(large).camera
+    assert CAMERA.centred_on(small, 1.0).scale == CAMERA.scale
+    camera = CAMERA.centred_on(large, 1.0)
     assert np.abs(camera.project(large.verts)[:, :2]).max() == pytest.approx(1 - MARGIN, abs=0.01)
 
 

@@ -1,5 +1,7 @@
-"""Where a shape is best looked at from: the three-quarter view that shows most of it."""
+"""Cameras in parallel projection: the best view of a mesh, framing, visibility of vertices, and close-ups."""
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,33 +13,139 @@ from meshfit.mesh.mesh import Mesh, Verts
 
 Vector = tuple[float, float, float]
 
+UP = (0.0, 1.0, 0.0)
+MARGIN = 0.04
+"""Free margin on each side of the framed meshes, as a share of half the picture."""
+
+_LARGEST_ASPECT = 2.5
+_SMALLEST = 1e-9
+
+# Best view: candidate directions in degrees, points sampled on the surface, cells of the outline, bins of the normals.
 _AZIMUTHS = range(-165, 181, 15)
 _ELEVATIONS = (15, 30)
 _POINTS = 30_000
 _CELLS = 56
 _BINS = 4
-# How much more a shape has to show from its back than from its front, straight on than from three quarters, and from
-# high above than from a little above.
+# Preference for the front over the back, three quarters over straight on, and the lower ring over the upper.
 _FRONT, _THREE_QUARTER, _LOW = 0.2, 0.2, 0.1
 
+# Visibility and close-ups.
+_DEPTH_TOLERANCE = 0.01
+_ZOOM = 7.0
+_FEWEST_FACES = 30
+_AROUND = 12
+_HEIGHTS = (0.0, 0.6, -0.6, 2.0, -2.0)
 
-def three_quarter(mesh: Mesh) -> Vector:
-    """The unit vector from a mesh, y up, towards the eye that sees most of it.
 
-    Of two rings of directions the one is taken from which the outline is largest and the normals in sight are most
-    various, with some preference for the front (towards +z), for three-quarter views, and for the lower ring.
+@dataclass(frozen=True)
+class Camera:
+    """A view in parallel projection.
+
+    Attributes:
+        focal: point in the middle of the picture.
+        direction: unit vector from there to the eye.
+        up: unit vector, perpendicular to `direction`, that points up in the picture.
+        scale: half the shorter side of the picture, in the unit of the mesh.
+    """
+
+    focal: Vector
+    direction: Vector
+    up: Vector
+    scale: float
+
+    @property
+    def right(self) -> Vector:
+        """The unit vector that points right in the picture."""
+        return _vector(np.cross(self.up, self.direction))
+
+    def project(self, verts: Verts) -> Float64[np.ndarray, "V 3"]:
+        """(V, 3) projected vertices: right, up and towards the eye from the middle, in units of `scale`."""
+        return np.asarray((verts - self.focal) @ np.array([self.right, self.up, self.direction]).T / self.scale)
+
+    def pixel(self, point: Float64[np.ndarray, "3"], size: tuple[int, int]) -> tuple[float, float]:
+        """The place of a point in a picture of `size` (width, height): pixels from the left and from the top."""
+        right, up, _ = self.project(point[None])[0] * min(size) / 2
+        return size[0] / 2 + float(right), size[1] / 2 - float(up)
+
+    def containing(self, *meshes: Mesh) -> "Camera":
+        """The same view, zoomed out until these meshes fit within the margin too."""
+        reach = max((float(np.abs(self.project(mesh.verts)[:, :2]).max(initial=0.0)) for mesh in meshes), default=0.0)
+        return replace(self, scale=self.scale * max(1.0, reach / (1 - MARGIN)))
+
+    def framing(self, *meshes: Mesh, aspect: float | None = None) -> tuple["Camera", float]:
+        """The same view, framed tightly on these meshes.
+
+        Args:
+            meshes: at least one, with at least one vertex.
+            aspect: width by height of the picture; by default that of the meshes, within limits.
+
+        Returns:
+            The camera, and width by height of its picture.
+        """
+        seen = np.concatenate([self.project(mesh.verts) for mesh in meshes])
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        focal = np.asarray(self.focal) + self.scale * (low + high) / 2 @ np.array([self.right, self.up, self.direction])
+        across, down = np.maximum((high - low)[:2] * self.scale / 2, _SMALLEST * self.scale)
+        pad = MARGIN * max(across, down)
+        if aspect is None:
+            aspect = float(np.clip((across + pad) / (down + pad), 1 / _LARGEST_ASPECT, _LARGEST_ASPECT))
+        height = max(down + pad, (across + pad) / aspect)
+        return replace(self, focal=_vector(focal), scale=float(height * min(1.0, aspect))), aspect
+
+    def centred_on(self, mesh: Mesh, aspect: float) -> "Camera":
+        """The same view with a mesh in the middle, at the same scale unless the mesh is too large for it."""
+        camera, _ = self.framing(mesh, aspect=aspect)
+        return replace(camera, scale=max(camera.scale, self.scale))
+
+
+def camera_of(mesh: Mesh) -> Camera:
+    """Return the best three-quarter view of a mesh: y up, a little from above, all of it in the picture.
+
+    Args:
+        mesh: usually the target, whose camera also serves for its sources and results.
+
+    Raises:
+        MeshError: the mesh has no faces.
+    """
+    if not mesh.num_faces:
+        raise MeshError("a mesh without faces cannot be drawn")
+    return camera_from(mesh, best_direction(mesh))
+
+
+def camera_from(mesh: Mesh, direction: Vector) -> Camera:
+    """Return the view of a whole mesh from a direction, which must not be straight up or down."""
+    away = np.asarray(direction) / np.linalg.norm(direction)
+    up = np.asarray(UP) - np.dot(UP, away) * away
+    camera = Camera((0.0, 0.0, 0.0), _vector(away), _vector(up / np.linalg.norm(up)), 1.0)
+    seen = camera.project(mesh.verts)
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    focal = (low + high) / 2 @ np.array([camera.right, camera.up, camera.direction])
+    smallest = _SMALLEST * max(1.0, float(np.abs(mesh.verts).max()))  # a mesh that is one point has no size of its own
+    half = max(float((high - low)[:2].max()) / 2, smallest)
+    return replace(camera, focal=_vector(focal), scale=half / (1 - MARGIN))
+
+
+def _vector(array: Float64[np.ndarray, "3"]) -> Vector:
+    return float(array[0]), float(array[1]), float(array[2])
+
+
+def best_direction(mesh: Mesh) -> Vector:
+    """Return the unit vector from a mesh, y up, towards the eye that sees most of it.
+
+    Candidates lie on two rings. The best one has the largest outline and the most varied visible normals, with some
+    preference for the front (towards +z), for three-quarter views, and for the lower ring.
 
     Args:
         mesh: with at least one face.
     """
-    points, normals = _sights(mesh)
+    points, normals = _surface_samples(mesh)
     views = [(elevation, azimuth) for elevation in _ELEVATIONS for azimuth in sorted(_AZIMUTHS, key=abs)]
-    best = max(views, key=lambda view: round(_shown(points, normals, *view) * _preference(*view), 9))
+    best = max(views, key=lambda view: round(_visible_detail(points, normals, *view) * _preference(*view), 9))
     return _direction(*best)
 
 
-def _sights(mesh: Mesh) -> tuple[Float64[np.ndarray, "N 3"], Float64[np.ndarray, "N 3"]]:
-    """Points that cover the surface evenly, in a frame of their own, and its normals there."""
+def _surface_samples(mesh: Mesh) -> tuple[Float64[np.ndarray, "N 3"], Float64[np.ndarray, "N 3"]]:
+    """Points spread evenly over the surface, scaled into the unit ball, and the normals there."""
     vectors = area_vectors(mesh)
     areas = np.linalg.norm(vectors, axis=1)
     if not areas.sum() > 0:
@@ -52,7 +160,7 @@ def _sights(mesh: Mesh) -> tuple[Float64[np.ndarray, "N 3"], Float64[np.ndarray,
 
 
 def _direction(elevation: int, azimuth: int) -> Vector:
-    """Straight from the front is azimuth 0; from the mesh's left side, +x, is 90."""
+    """Azimuth 0 is straight from the front, +z; 90 is from the mesh's left side, +x."""
     up, round_ = np.deg2rad(elevation), np.deg2rad(azimuth)
     return float(np.cos(up) * np.sin(round_)), float(np.sin(up)), float(np.cos(up) * np.cos(round_))
 
@@ -63,10 +171,10 @@ def _preference(elevation: int, azimuth: int) -> float:
     return float((1 + _FRONT * np.cos(radians)) * (1 + _THREE_QUARTER * abs(np.sin(2 * radians))) * low)
 
 
-def _shown(
+def _visible_detail(
     points: Float64[np.ndarray, "N 3"], normals: Float64[np.ndarray, "N 3"], elevation: int, azimuth: int
 ) -> float:
-    """The area of the outline, times one plus the entropy of the normals in sight."""
+    """The area of the outline, times one plus the entropy of the visible normals."""
     away = np.asarray(_direction(elevation, azimuth))
     right = np.array([away[2], 0.0, -away[0]]) / np.hypot(away[0], away[2])
     axes = np.array([right, np.cross(away, right), away])
@@ -82,91 +190,67 @@ def _shown(
     return float(len(front) * (1 + entropy))
 
 
-UP = (0.0, 1.0, 0.0)
-MARGIN = 0.04
-"""The share of half a picture that stays free on each side of what it frames."""
-
-_LONGEST = 2.5
-_SMALLEST = 1e-9
+def is_visible(mesh: Mesh, vert: int, camera: Camera) -> bool:
+    """Return whether a vertex, given by its index, is not hidden by a face of its own mesh."""
+    seen = camera.project(mesh.verts)
+    point = seen[vert]
+    corners = seen[mesh.faces]
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    to = point - corners[:, 0]
+    area = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
+    proper = area != 0
+    area = np.where(proper, area, 1.0)
+    u = (to[:, 0] * second[:, 1] - to[:, 1] * second[:, 0]) / area
+    v = (first[:, 0] * to[:, 1] - first[:, 1] * to[:, 0]) / area
+    covers = proper & (u >= 0) & (v >= 0) & (u + v <= 1)
+    depth = corners[:, 0, 2] + u * first[:, 2] + v * second[:, 2]
+    return not bool((covers & (depth > point[2] + _DEPTH_TOLERANCE)).any())
 
 
 @dataclass(frozen=True)
-class Camera:
-    """A view in parallel projection.
+class CloseUp:
+    """A close view of a vertex.
 
     Attributes:
-        focal: the point in the middle of the picture.
-        direction: unit vector from there to the eye.
-        up: unit vector, perpendicular to `direction`, that points up in the picture.
-        scale: half the shorter side of the picture, in the unit of the mesh.
+        camera: the camera.
+        hidden: whether the vertex is hidden in the view of the whole mesh.
+        view: the side it is seen from, in words.
     """
 
-    focal: Vector
-    direction: Vector
-    up: Vector
-    scale: float
-
-    @property
-    def right(self) -> Vector:
-        """The unit vector that points to the right in the picture."""
-        return _vector(np.cross(self.up, self.direction))
-
-    def project(self, verts: Verts) -> Float64[np.ndarray, "V 3"]:
-        """(V, 3) where verts are seen: to the right, up, and towards the eye, from the middle, in units of `scale`."""
-        return np.asarray((verts - self.focal) @ np.array([self.right, self.up, self.direction]).T / self.scale)
-
-    def holding(self, *meshes: Mesh) -> "Camera":
-        """The same view, drawn back so far that these meshes too are whole within the margin."""
-        reach = max((float(np.abs(self.project(mesh.verts)[:, :2]).max(initial=0.0)) for mesh in meshes), default=0.0)
-        return replace(self, scale=self.scale * max(1.0, reach / (1 - MARGIN)))
-
-    def framing(self, *meshes: Mesh, aspect: float | None = None) -> tuple["Camera", float]:
-        """The same view, of just these meshes.
-
-        Args:
-            meshes: at least one, with a vert.
-            aspect: width by height of the picture; by default what the meshes fill, within reason.
-
-        Returns:
-            The camera, and width by height of its picture.
-        """
-        seen = np.concatenate([self.project(mesh.verts) for mesh in meshes])
-        low, high = seen.min(axis=0), seen.max(axis=0)
-        focal = np.asarray(self.focal) + self.scale * (low + high) / 2 @ np.array([self.right, self.up, self.direction])
-        across, down = np.maximum((high - low)[:2] * self.scale / 2, _SMALLEST * self.scale)
-        pad = MARGIN * max(across, down)
-        if aspect is None:
-            aspect = float(np.clip((across + pad) / (down + pad), 1 / _LONGEST, _LONGEST))
-        height = max(down + pad, (across + pad) / aspect)
-        return replace(self, focal=_vector(focal), scale=float(height * min(1.0, aspect))), aspect
+    camera: Camera
+    hidden: bool
+    view: str
 
 
-def camera_of(mesh: Mesh) -> Camera:
-    """A three-quarter view of a mesh, y up, a little from above, all of it in the picture.
-
-    Args:
-        mesh: the target, whose camera serves for its source and its results too.
-
-    Raises:
-        MeshError: there is nothing to see: no faces.
-    """
-    if not mesh.num_faces:
-        raise MeshError("a mesh without faces cannot be drawn")
-    return looking_from(mesh, three_quarter(mesh))
+def close_up(mesh: Mesh, vert: int, camera: Camera) -> CloseUp:
+    """Zoom in on a vertex, given by its index, turning the camera only where the vertex would be hidden."""
+    near = replace(camera, focal=_vector(mesh.verts[vert]), scale=_close_scale(mesh, vert, camera))
+    if is_visible(mesh, vert, camera):
+        return CloseUp(near, hidden=False, view="seen from the same side")
+    turned = next((other for other in _turned(mesh, vert, near) if is_visible(mesh, vert, other)), None)
+    if turned is None:
+        return CloseUp(near, hidden=True, view="behind the faces shown here, from every side")
+    return CloseUp(turned, hidden=True, view="seen from another side, since it is hidden from this one")
 
 
-def looking_from(mesh: Mesh, direction: Vector) -> Camera:
-    """The view of a mesh from a direction that is neither straight up nor straight down, all of it in the picture."""
-    away = np.asarray(direction) / np.linalg.norm(direction)
-    up = np.asarray(UP) - np.dot(UP, away) * away
-    camera = Camera((0.0, 0.0, 0.0), _vector(away), _vector(up / np.linalg.norm(up)), 1.0)
-    seen = camera.project(mesh.verts)
-    low, high = seen.min(axis=0), seen.max(axis=0)
-    focal = (low + high) / 2 @ np.array([camera.right, camera.up, camera.direction])
-    smallest = _SMALLEST * max(1.0, float(np.abs(mesh.verts).max()))  # a mesh that is one point has no size of its own
-    half = max(float((high - low)[:2].max()) / 2, smallest)
-    return replace(camera, focal=_vector(focal), scale=half / (1 - MARGIN))
+def _close_scale(mesh: Mesh, vert: int, camera: Camera) -> float:
+    """A seventh of the whole, or more if that shows too few faces."""
+    distances = np.sort(np.linalg.norm(mesh.verts[mesh.faces].mean(axis=1) - mesh.verts[vert], axis=1))
+    enough = float(distances[min(_FEWEST_FACES, len(distances)) - 1])
+    return max(camera.scale / _ZOOM, min(enough, camera.scale))
 
 
-def _vector(array: Float64[np.ndarray, "3"]) -> Vector:
-    return float(array[0]), float(array[1]), float(array[2])
+def _turned(mesh: Mesh, vert: int, near: Camera) -> Iterator[Camera]:
+    """Cameras on rings around a vertex, those closest to its normal first."""
+    normal = _vertex_normal(mesh, vert)
+    angles = [2 * math.pi * step / _AROUND for step in range(_AROUND)]
+    sides = [np.array([math.cos(a), height, math.sin(a)]) for height in _HEIGHTS for a in angles]
+    for side in sorted(sides, key=lambda side: -float(normal @ side) / float(np.linalg.norm(side))):
+        yield replace(camera_from(mesh, _vector(side)), focal=near.focal, scale=near.scale)
+
+
+def _vertex_normal(mesh: Mesh, vert: int) -> Float64[np.ndarray, "3"]:
+    """The area-weighted sum of the normals of the faces at a vertex."""
+    corners = mesh.verts[mesh.faces[(mesh.faces == vert).any(axis=1)]]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return np.asarray(normals.sum(axis=0))

@@ -1,4 +1,4 @@
-"""The chart of result tables: schemes down, values across, a mark for each target, a panel for each table."""
+"""The chart of result tables: schemes down, values across, one mark per target, one panel per table."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -10,14 +10,14 @@ from typing import Any
 
 from meshfit.errors import ConfigError
 from meshfit.measuring.metrics import METRICS
-from meshfit.report.extra import needed
+from meshfit.report.extra import import_optional
 from meshfit.report.figures.colours import INK
 from meshfit.report.figures.layout import DPI, STYLE, write_drawing
 from meshfit.report.tables.table import Table
 from meshfit.specs import parse_spec
 from meshfit.subdivision.registry import SCHEMES
 
-# Okabe and Ito (2008): told apart by the colour-blind; shapes differ too.
+# Okabe and Ito (2008): distinguishable by the colour-blind; shapes differ too.
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
 _SHAPES = ("o", "s", "^", "D", "v", "P")
 _WIDTH, _ROW, _MARGIN, _HEAD, _FONT = 7.0, 0.19, 1.55, 0.55, 8.0
@@ -27,7 +27,7 @@ _MEAN = "#7d8a96"
 
 @dataclass(frozen=True)
 class _Line:
-    """A line of every panel: a scheme, or the heading of those of a kind."""
+    """A line of every panel: a scheme, or the heading of a kind of schemes."""
 
     text: str
     scheme: str | None
@@ -36,25 +36,24 @@ class _Line:
 def write_chart(tables: Sequence[Table], path: Path) -> None:
     """Draw the chart and write it.
 
-    Means over the seeds are drawn, and over them, as bars, geometric means over the targets, which weigh a factor on
-    an easy target as much as the same factor on a hard one.
+    Marks are means over the seeds. Bars are geometric means over the targets, so that a factor counts the same on an
+    easy target as on a hard one.
 
     Args:
-        tables: of one metric, a panel for each, side by side.
+        tables: tables of one metric, drawn as panels side by side.
         path: .png, .pdf or .svg.
 
     Raises:
-        ConfigError: a metric whose values are not above 0, a library of the extra that is not installed, or a file that
-            cannot be written.
+        ConfigError: a value is not above 0, a library is not installed, or the file cannot be written.
     """
-    matplotlib, figures = needed("matplotlib"), needed("matplotlib.figure")
+    matplotlib, figures = import_optional("matplotlib"), import_optional("matplotlib.figure")
     metric = tables[0].metrics[0]
     if not all(value > 0 and isfinite(value) for table in tables for value in _means(table).values()):
         raise ConfigError(f"{metric}: a chart has a logarithmic scale, and some of the values are not above 0")
     lines = _lines(tables)
     high = _HEAD + _FOOT + _ROW * len(lines)
     with matplotlib.rc_context(STYLE), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a letter that no font has is drawn as a box
+        warnings.simplefilter("ignore")  # a letter missing from every font is drawn as a box
         figure = figures.Figure(figsize=(_WIDTH, high), facecolor="white")
         across = (_WIDTH - _MARGIN) / len(tables)
         for place, table in enumerate(tables):
@@ -70,10 +69,10 @@ def write_chart(tables: Sequence[Table], path: Path) -> None:
 
 
 def geometric_means(table: Table) -> dict[str, float]:
-    """Over the targets, of each scheme that has results on all of them, where these are several."""
+    """Return the geometric mean over the targets of each scheme that has results on all of them, if there are several."""
     means = _means(table)
-    found = {scheme: [means.get((target, scheme)) for target in table.targets] for scheme in table.schemes}
-    whole = {scheme: [value for value in values if value is not None] for scheme, values in found.items()}
+    values_of = {scheme: [means.get((target, scheme)) for target in table.targets] for scheme in table.schemes}
+    whole = {scheme: [value for value in values if value is not None] for scheme, values in values_of.items()}
     return {
         scheme: exp(fmean(log(value) for value in values))
         for scheme, values in whole.items()
@@ -82,17 +81,17 @@ def geometric_means(table: Table) -> dict[str, float]:
 
 
 def _lines(tables: Sequence[Table]) -> list[_Line]:
-    """Schemes by their kind, each under its heading; in one table the order of the other."""
+    """The schemes of all tables, each under the heading of its kind."""
     schemes = list(dict.fromkeys(scheme for table in tables for scheme in table.schemes))
     lines = []
     for kind in ("approximating", "interpolatory", "of one's own"):
-        of_kind = [scheme for scheme in schemes if _kind(scheme) == kind]
-        lines += [_Line(kind, None), *(_Line(scheme, scheme) for scheme in of_kind)] if of_kind else []
+        members = [scheme for scheme in schemes if _kind(scheme) == kind]
+        lines += [_Line(kind, None), *(_Line(scheme, scheme) for scheme in members)] if members else []
     return lines
 
 
 def _kind(scheme: str) -> str:
-    # What tells several definitions of one name apart stands after a blank, and is no part of a spec.
+    # A blank separates a spec from the note that distinguishes several definitions of one name.
     if scheme.partition(" ")[0].partition(":")[0] not in SCHEMES:
         return "of one's own"
     spec = parse_spec(scheme)
@@ -120,7 +119,7 @@ def _draw_panel(axes: Any, table: Table, lines: Sequence[_Line], *, names: bool)
             if target in values:
                 axes.plot(values[target], row, **_mark(place), zorder=3)
     axes.set_xscale("log")
-    _set_ticks(axes)
+    set_log_ticks(axes.xaxis)
     axes.set_ylim(len(lines) - 0.4, -0.6)
     axes.set_yticks(range(len(lines)), [line.text if names else "" for line in lines], fontsize=_FONT, color=INK)
     for label, line in zip(axes.get_yticklabels(), lines, strict=True):
@@ -133,14 +132,14 @@ def _draw_panel(axes: Any, table: Table, lines: Sequence[_Line], *, names: bool)
         axes.spines[side].set_visible(False)
 
 
-def _set_ticks(axes: Any) -> None:  # noqa: ANN401  matplotlib is optional
-    """1, 2 and 5 times powers of ten, as far apart as they can be read."""
-    ticker = needed("matplotlib.ticker")
-    low, high = axes.get_xlim()
+def set_log_ticks(axis: Any) -> None:  # noqa: ANN401  matplotlib is optional
+    """Set the ticks of a logarithmic axis: powers of ten, or 1, 2 and 5 times these, or all digits, by its range."""
+    ticker = import_optional("matplotlib.ticker")
+    low, high = sorted(axis.get_view_interval())
     steps = (1.0,) if high / low > 50 else (1.0, 2.0, 5.0) if high / low > 3 else tuple(map(float, range(1, 10)))
-    axes.xaxis.set_major_locator(ticker.LogLocator(subs=steps))
-    axes.xaxis.set_major_formatter(ticker.FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.xaxis.set_minor_formatter(ticker.NullFormatter())
+    axis.set_major_locator(ticker.LogLocator(subs=steps))
+    axis.set_major_formatter(ticker.FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(ticker.NullFormatter())
 
 
 def _mark(place: int) -> dict[str, object]:
@@ -149,7 +148,7 @@ def _mark(place: int) -> dict[str, object]:
 
 
 def _add_legend(figure: Any, tables: Sequence[Table]) -> None:  # noqa: ANN401  matplotlib is optional
-    line = needed("matplotlib.lines").Line2D
+    line = import_optional("matplotlib.lines").Line2D
     titles = tables[0].targets
     handles = [line([], [], label=title, **_mark(place)) for place, title in enumerate(titles.values())]
     if len(titles) > 1:

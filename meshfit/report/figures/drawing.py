@@ -1,10 +1,5 @@
-"""Relief from depth: pixels that lie deeper than what surrounds them get darker, as creases do under an overcast sky.
+"""Pictures of meshes, drawn by pyvista with soft shading and ambient occlusion."""
 
-Opposite neighbours are taken in pairs, as in Loos and Sloan's volumetric obscurance (2010), so that a slope is not
-taken for a hollow. It needs nothing but a depth buffer, so it looks the same whatever draws it.
-"""
-
-import io
 from typing import Any
 
 import numpy as np
@@ -12,72 +7,29 @@ from jaxtyping import Float, Float32, UInt8
 from scipy.ndimage import uniform_filter
 
 from meshfit.mesh.mesh import Mesh
-from meshfit.report.extra import needed
+from meshfit.report.extra import import_optional
 from meshfit.report.figures.camera import Camera
 from meshfit.report.figures.colours import MISSING, SURFACE, ramp, rgb
 
-Depth = Float32[np.ndarray, "H W"]
-
-# Radii as shares of the picture's shorter side, and how much each of them darkens at most.
-_RADII = ((0.012, 0.65), (0.03, 0.6), (0.07, 0.55))
-# Directions at unlike distances, as shares of the radius: at like ones they would make copies of an outline.
-_DIRECTIONS = 12
-_DISTANCES = (1.0, 0.55, 0.8, 0.35, 0.9)
-# What a ball may be filled beyond the half before it counts: the edges between faces of a coarse mesh are no creases.
-_SPARED = 0.09
-
-
-def occlusion_shade(depth: Depth) -> Depth:
-    """(H, W) what to multiply each pixel's colour with, from 0 to 1.
-
-    Args:
-        depth: distance from the eye in units of a pixel's width, in parallel projection; infinite where nothing is.
-    """
-    result = np.ones_like(depth)
-    for share, strength in _RADII:
-        radius = max(1.5, share * min(depth.shape))
-        result *= 1.0 - strength * _softened(_hidden(depth, radius), depth, radius)
-    return np.where(np.isfinite(depth), result, np.float32(1.0))
-
-
-def _hidden(depth: Depth, radius: float) -> Depth:
-    """How much of a ball around each pixel's point is filled beyond the half that a plane fills, from 0 to 1."""
-    reach = int(np.ceil(radius))
-    own = np.where(np.isfinite(depth), depth, np.float32(0.0))
-    around = np.pad(depth, reach, constant_values=np.inf)
-    total = np.zeros_like(depth)
-    height, width = depth.shape
-    for number in range(_DIRECTIONS):
-        angle, away = number * np.pi / _DIRECTIONS, radius * _DISTANCES[number % len(_DISTANCES)]
-        down, right = round(away * np.sin(angle)), round(away * np.cos(angle))
-        pair = np.zeros_like(depth)
-        for sign in (1, -1):
-            top, left = reach + sign * down, reach + sign * right
-            nearer = own - around[top : top + height, left : left + width]
-            # What is far in front of the ball hides no light that comes from beside it.
-            pair += np.clip(np.where(nearer > 3 * away, 6 * away - nearer, nearer), -2 * away, 2 * away)
-        total += np.clip(pair / max(2 * away, 1.0) - _SPARED, 0.0, 1.0)
-    return np.asarray(total / _DIRECTIONS, dtype=np.float32)
-
-
-def _softened(hidden: Depth, depth: Depth, radius: float) -> Depth:
-    """The mean over what is near each pixel, and belongs to the mesh."""
-    size = max(1, round(radius / 2))
-    seen = np.isfinite(depth).astype(np.float32)
-    total, count = uniform_filter(hidden * seen, size, mode="constant"), uniform_filter(seen, size, mode="constant")
-    return np.asarray(np.divide(total, count, out=np.zeros_like(total), where=count > 1e-6))
-
-
 Image = UInt8[np.ndarray, "H W 4"]
+Depth = Float32[np.ndarray, "H W"]
 
 _EDGES = "#46535f"
 _FEATURE_ANGLE = 60.0
-# Each pixel is the mean of so many times so many: outlines and edges get soft whatever the GL at hand can do.
+# Each pixel is the mean of a block of fine pixels, so that edges are smooth whatever the OpenGL driver supports.
 _FINE = 3
-# Where from (right, up, towards the eye), and how bright: a key light from the upper left, a fill from the right, and
-# one beside the eye that leaves nothing in sight black.
+# Position (right, up, towards the eye) and brightness: a key light from the upper left, a fill light from the right,
+# and a light next to the eye, so that nothing visible is black.
 _LIGHTS = (((-0.9, 1.1, 1.0), 0.5), ((1.0, 0.1, 0.6), 0.14), ((0.0, 0.2, 1.0), 0.42))
 _AMBIENT = 0.24
+
+# Ambient occlusion: radii as shares of the picture's shorter side, each with its strongest darkening.
+_RADII = ((0.012, 0.65), (0.03, 0.6), (0.07, 0.55))
+# Directions at varying distances, as shares of the radius: equal distances would print copies of an outline.
+_DIRECTIONS = 12
+_DISTANCES = (1.0, 0.55, 0.8, 0.35, 0.9)
+# Fill of the ball beyond one half that does not count yet: the edges of a coarse mesh are not creases.
+_TOLERATED = 0.09
 
 
 def draw(  # noqa: PLR0913  all but two have a default, and each can be set without the others
@@ -91,17 +43,17 @@ def draw(  # noqa: PLR0913  all but two have a default, and each can be set with
     colour: str = SURFACE,
     background: str | None = "#ffffff",
 ) -> Image:
-    """A picture of a mesh; the same arguments give the same picture.
+    """Draw a mesh; the same arguments give the same picture.
 
     Args:
-        mesh: what to draw; both sides of its faces are lit.
-        camera: where from: `camera_of` the target, for every mesh that belongs to it.
+        mesh: the mesh; both sides of its faces are lit.
+        camera: the view, usually `camera_of` the target for every mesh that belongs to it.
         size: width and height in pixels.
-        values: (V,) one at each vert, shown by the colours of `DISTANCES`; what is not finite is grey.
-        limits: the values of the first colour and of the last one; by default 0 and the largest value.
+        values: (V,) one value per vertex, shown in the colours `DISTANCES`; non-finite values are grey.
+        limits: the values of the first and last colour; by default 0 and the largest value.
         edges: draw the edges of faces too.
-        colour: of the mesh where there are no values, as `#rrggbb`.
-        background: its colour, as `#rrggbb`; None for a transparent one.
+        colour: colour of a mesh without values, as `#rrggbb`.
+        background: background colour, as `#rrggbb`; None for a transparent one.
 
     Returns:
         (height, width, 4) uint8: red, green, blue and opacity.
@@ -112,10 +64,10 @@ def draw(  # noqa: PLR0913  all but two have a default, and each can be set with
     plotter = _plotter((size[0] * _FINE, size[1] * _FINE))
     try:
         if mesh.num_faces:
-            style = {"color": colour} if values is None else _painted(values, limits)
+            style = {"color": colour} if values is None else _value_style(values, limits)
             _add(plotter, mesh, style, edges=edges)
-        depths = _look(plotter, camera, mesh)
-        pixels, depth = _buffers(plotter)
+        depths = _set_camera(plotter, camera, mesh)
+        pixels, depth = _read_buffers(plotter)
     finally:
         plotter.close()
     seen = depth < 1.0
@@ -123,25 +75,13 @@ def draw(  # noqa: PLR0913  all but two have a default, and each can be set with
     away = np.where(seen, depth * np.float32((depths[1] - depths[0]) / pixel), np.float32(np.inf))
     nearest = away.reshape(size[1], _FINE, size[0], _FINE).min(axis=(1, 3))
     shade = np.repeat(np.repeat(occlusion_shade(nearest), _FINE, axis=0), _FINE, axis=1)
-    return _reduced(pixels * shade[:, :, None], seen.astype(np.float32), background)
-
-
-def png(image: Image) -> bytes:
-    """A picture as the bytes of a PNG file; the same picture gives the same bytes.
-
-    Raises:
-        ConfigError: pillow is not installed.
-    """
-    pillow = needed("PIL.Image")
-    content = io.BytesIO()
-    pillow.fromarray(np.ascontiguousarray(image)).save(content, "PNG")
-    return content.getvalue()
+    return _downsample(pixels * shade[:, :, None], seen.astype(np.float32), background)
 
 
 def _plotter(size: tuple[int, int]) -> Any:  # noqa: ANN401  pyvista is optional
-    pyvista = needed("pyvista")
-    logger = needed("vtkmodules.vtkCommonCore").vtkLogger
-    # Without a display VTK draws in memory, and needs not say so.
+    pyvista = import_optional("pyvista")
+    logger = import_optional("vtkmodules.vtkCommonCore").vtkLogger
+    # Without a display VTK draws in memory; its warning about that is of no use.
     logger.SetStderrVerbosity(logger.VERBOSITY_OFF)
     plotter = pyvista.Plotter(off_screen=True, window_size=list(size), border=False, lighting="none")
     plotter.disable_anti_aliasing()
@@ -150,7 +90,7 @@ def _plotter(size: tuple[int, int]) -> Any:  # noqa: ANN401  pyvista is optional
     return plotter
 
 
-def _painted(values: Float[np.ndarray, " V"], limits: tuple[float, float] | None) -> dict[str, Any]:
+def _value_style(values: Float[np.ndarray, " V"], limits: tuple[float, float] | None) -> dict[str, Any]:
     finite = values[np.isfinite(values)]
     low, high = limits or (0.0, float(finite.max(initial=0.0)))
     return {
@@ -163,7 +103,7 @@ def _painted(values: Float[np.ndarray, " V"], limits: tuple[float, float] | None
 
 
 def _add(plotter: Any, mesh: Mesh, style: dict[str, Any], *, edges: bool) -> None:  # noqa: ANN401  pyvista is optional
-    surface = needed("pyvista").PolyData.from_regular_faces(mesh.verts, mesh.faces)
+    surface = import_optional("pyvista").PolyData.from_regular_faces(mesh.verts, mesh.faces)
     if "scalars" in style:
         surface.point_data["values"] = style["scalars"]
         style = style | {"scalars": "values"}
@@ -179,8 +119,8 @@ def _add(plotter: Any, mesh: Mesh, style: dict[str, Any], *, edges: bool) -> Non
     plotter.add_mesh(surface, smooth_shading=True, ambient=_AMBIENT, specular=0.0, **style)
 
 
-def _look(plotter: Any, camera: Camera, mesh: Mesh) -> tuple[float, float]:  # noqa: ANN401  pyvista is optional
-    """Set the camera; the distances from the eye at which the depth buffer begins and ends."""
+def _set_camera(plotter: Any, camera: Camera, mesh: Mesh) -> tuple[float, float]:  # noqa: ANN401  pyvista is optional
+    """Set the camera, and return the distances from the eye at which the depth buffer begins and ends."""
     towards = camera.project(mesh.verts)[:, 2] * camera.scale
     pad = 0.01 * camera.scale
     low, high = float(towards.min(initial=0.0)) - pad, float(towards.max(initial=0.0)) + pad
@@ -196,9 +136,9 @@ def _look(plotter: Any, camera: Camera, mesh: Mesh) -> tuple[float, float]:  # n
     return depths
 
 
-def _buffers(plotter: Any) -> tuple[UInt8[np.ndarray, "H W 3"], Float32[np.ndarray, "H W"]]:  # noqa: ANN401
-    """The colours and the depths, from 0 to 1, of what was drawn; the first row is the top."""
-    core, support = needed("vtkmodules.vtkCommonCore"), needed("vtkmodules.util.numpy_support")
+def _read_buffers(plotter: Any) -> tuple[UInt8[np.ndarray, "H W 3"], Float32[np.ndarray, "H W"]]:  # noqa: ANN401
+    """Return the colours and depths (0 to 1) of the drawn picture, top row first."""
+    core, support = import_optional("vtkmodules.vtkCommonCore"), import_optional("vtkmodules.util.numpy_support")
     width, height = plotter.window_size
     window, corners = plotter.render_window, (0, 0, width - 1, height - 1)
     window.Render()
@@ -209,8 +149,8 @@ def _buffers(plotter: Any) -> tuple[UInt8[np.ndarray, "H W 3"], Float32[np.ndarr
     return rows[::-1].copy(), support.vtk_to_numpy(depth).reshape(height, width)[::-1].copy()
 
 
-def _reduced(pixels: Float32[np.ndarray, "H W 3"], seen: Float32[np.ndarray, "H W"], background: str | None) -> Image:
-    """Blocks of fine pixels as one: colours are those of the mesh alone, or laid on the background."""
+def _downsample(pixels: Float32[np.ndarray, "H W 3"], seen: Float32[np.ndarray, "H W"], background: str | None) -> Image:
+    """Average blocks of fine pixels, over the background or, without one, over the mesh alone."""
     height, width = seen.shape[0] // _FINE, seen.shape[1] // _FINE
     blocks = (height, _FINE, width, _FINE)
     cover = seen.reshape(blocks).mean(axis=(1, 3))[:, :, None]
@@ -220,3 +160,48 @@ def _reduced(pixels: Float32[np.ndarray, "H W 3"], seen: Float32[np.ndarray, "H 
     else:
         colour, opacity = colour + (1 - cover) * rgb(background), np.full_like(cover, 255)
     return np.asarray(np.rint(np.concatenate([colour, opacity], axis=2)), dtype=np.uint8)
+
+
+def occlusion_shade(depth: Depth) -> Depth:
+    """(H, W) ambient occlusion of a depth buffer: the factor, from 0 to 1, of each pixel's colour.
+
+    Pixels that lie deeper than their surroundings become darker, as creases do under an overcast sky. Opposite
+    neighbours are taken in pairs, as in the volumetric obscurance of Loos and Sloan (2010), so that a slope does not
+    count as a hollow. Only the depth buffer enters, so the result does not depend on the OpenGL driver.
+
+    Args:
+        depth: (H, W) distance from the eye in units of a pixel's width, in parallel projection; infinite for background.
+    """
+    result = np.ones_like(depth)
+    for share, strength in _RADII:
+        radius = max(1.5, share * min(depth.shape))
+        result *= 1.0 - strength * _smooth(_occlusion(depth, radius), depth, radius)
+    return np.where(np.isfinite(depth), result, np.float32(1.0))
+
+
+def _occlusion(depth: Depth, radius: float) -> Depth:
+    """The share, 0 to 1, of a ball around each pixel's point that is filled beyond the half that a plane fills."""
+    reach = int(np.ceil(radius))
+    own = np.where(np.isfinite(depth), depth, np.float32(0.0))
+    around = np.pad(depth, reach, constant_values=np.inf)
+    total = np.zeros_like(depth)
+    height, width = depth.shape
+    for number in range(_DIRECTIONS):
+        angle, away = number * np.pi / _DIRECTIONS, radius * _DISTANCES[number % len(_DISTANCES)]
+        down, right = round(away * np.sin(angle)), round(away * np.cos(angle))
+        pair = np.zeros_like(depth)
+        for sign in (1, -1):
+            top, left = reach + sign * down, reach + sign * right
+            nearer = own - around[top : top + height, left : left + width]
+            # A surface far in front of the ball does not block light from the sides.
+            pair += np.clip(np.where(nearer > 3 * away, 6 * away - nearer, nearer), -2 * away, 2 * away)
+        total += np.clip(pair / max(2 * away, 1.0) - _TOLERATED, 0.0, 1.0)
+    return np.asarray(total / _DIRECTIONS, dtype=np.float32)
+
+
+def _smooth(occlusion: Depth, depth: Depth, radius: float) -> Depth:
+    """The mean over the neighbouring pixels that belong to the mesh."""
+    size = max(1, round(radius / 2))
+    seen = np.isfinite(depth).astype(np.float32)
+    total, count = uniform_filter(occlusion * seen, size, mode="constant"), uniform_filter(seen, size, mode="constant")
+    return np.asarray(np.divide(total, count, out=np.zeros_like(total), where=count > 1e-6))

@@ -1,4 +1,4 @@
-"""Plates: pictures in rows, with text below them, rings on them, and colour bars beside them."""
+"""Figure layout: pictures of meshes in rows, with text below, rings on the worst vertex, and colour bars."""
 
 import io
 import textwrap
@@ -8,15 +8,46 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from jaxtyping import Float64
+
 from meshfit.errors import ConfigError
-from meshfit.report.extra import needed
+from meshfit.mesh.mesh import Mesh
+from meshfit.report.extra import import_optional
+from meshfit.report.figures.camera import Camera, is_visible
 from meshfit.report.figures.colours import DISTANCES, INK
-from meshfit.report.figures.drawing import Image
+from meshfit.report.figures.drawing import Image, draw
+from meshfit.report.figures.trial_meshes import worst_vertex
+
+SUFFIXES = (".png", ".pdf", ".svg")
+DPI = {".png": 200, ".pdf": 300, ".svg": 300}
+"""Pixels per inch of pictures, by file suffix: for a screen, and for print."""
+STYLE = {
+    "font.family": ["STIXGeneral", "DejaVu Sans"],
+    "pdf.fonttype": 42,  # TrueType outlines, which every publisher accepts
+    "svg.hashsalt": "meshfit",
+    "text.hinting": "none",
+    "text.parse_math": False,
+    "axes.linewidth": 0.5,
+}
+"""The matplotlib settings of every figure."""
+
+_UNDATED: dict[str, dict[str, None]] = {
+    ".png": {"Software": None},
+    ".pdf": {"CreationDate": None},
+    ".svg": {"Date": None},
+}
+_GAP = 0.06
+_LINE = 1.22
+_BAR = 3.4  # height of a colour bar with its numbers and its label, in lines
+_SMALLEST_FONT = 7.0  # points; text that does not fit at this size is wrapped
+_MOST_LINES = 3
+_LETTER = 0.47  # mean width of a letter, as a share of the font size
 
 
 @dataclass(frozen=True)
 class Ring:
-    """A mark around a place: from the left and from the top, in pixels; dashed where the place is out of sight."""
+    """A ring around a point, in pixels from the left and the top; dashed if the point is hidden."""
 
     left: float
     top: float
@@ -34,7 +65,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class ColourBar:
-    """What colours stand for: from 0 to a limit, with an arrow where there is more, and what it is called."""
+    """A colour scale from 0 to `limit`, with an arrow if there are larger values."""
 
     limit: float
     label: str
@@ -42,12 +73,12 @@ class ColourBar:
 
 
 @dataclass(frozen=True)
-class Row:
-    """Pictures of one size, side by side; a colour bar takes the columns before the first one, or a line of its own.
+class PanelRow:
+    """Pictures of one size side by side; a colour bar takes the free columns before them, or a line of its own.
 
     Attributes:
         panels: from left to right; None leaves a column free.
-        bar: the colour bar of the row.
+        bar: colour bar of the row.
     """
 
     panels: tuple[Panel | None, ...]
@@ -55,96 +86,89 @@ class Row:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Height and width of its pictures in pixels."""
+        """Height and width of the pictures in pixels."""
         return next((panel.image.shape[0], panel.image.shape[1]) for panel in self.panels if panel is not None)
 
     @property
     def lines(self) -> int:
-        """The most lines of text below a picture."""
+        """The largest number of text lines below a picture."""
         return max(len(panel.lines) for panel in self.panels if panel is not None)
 
     @property
     def free(self) -> int:
-        """How many columns are free before the first picture."""
+        """The number of free columns before the first picture."""
         return next(place for place, panel in enumerate(self.panels) if panel is not None)
 
 
-SUFFIXES = (".png", ".pdf", ".svg")
-DPI = {".png": 200, ".pdf": 300, ".svg": 300}
-"""Pixels of pictures an inch, by the suffix of the file: for a screen, and for print."""
+def mesh_panel(mesh: Mesh, camera: Camera, size: tuple[int, int], *lines: str, edges: bool = False) -> Panel:
+    """Draw a mesh of one colour, with lines of text below; `size` is width and height in pixels."""
+    return Panel(draw(mesh, camera, size=size, edges=edges), lines)
 
-_GAP = 0.06
-_LINE = 1.22
-_BAR = 3.4  # lines that a colour bar takes, with its numbers and its label
-_SMALLEST = 7.0  # points; what is too long for it is broken into lines
-_MOST_LINES = 3
-_LETTER = 0.47  # mean width of a letter, as a share of the size of the font
-STYLE = {
-    "font.family": ["STIXGeneral", "DejaVu Sans"],
-    "pdf.fonttype": 42,  # outlines of TrueType, which every publisher takes
-    "svg.hashsalt": "meshfit",
-    "text.hinting": "none",
-    "text.parse_math": False,
-    "axes.linewidth": 0.5,
-}
-"""What matplotlib is told for every figure."""
 
-_UNDATED: dict[str, dict[str, None]] = {
-    ".png": {"Software": None},
-    ".pdf": {"CreationDate": None},
-    ".svg": {"Date": None},
-}
+def distance_panel(  # noqa: PLR0913  each is drawn
+    mesh: Mesh,
+    distances: Float64[np.ndarray, " V"],
+    limit: float,
+    camera: Camera,
+    size: tuple[int, int],
+    *lines: str,
+    edges: bool = False,
+) -> Panel:
+    """Draw a mesh in the colours of its distances (0 to `limit`), with a ring around the farthest vertex."""
+    image = draw(mesh, camera, size=size, values=distances, limits=(0.0, limit), edges=edges)
+    worst = worst_vertex(distances)
+    return Panel(image, lines, Ring(*camera.pixel(mesh.verts[worst], size), dashed=not is_visible(mesh, worst, camera)))
 
 
 def require_suffix(path: Path) -> None:
-    """Refuse a file that no plate can be written to, before anything is drawn.
+    """Refuse an output path that cannot be written to, before anything is drawn.
 
     Raises:
-        ConfigError: another suffix than those of `SUFFIXES`, or a folder that is not there.
+        ConfigError: the suffix is not one of `SUFFIXES`, the folder does not exist, or matplotlib is not installed.
     """
     if path.suffix.lower() not in SUFFIXES:
         found = f"'{path.suffix}'" if path.suffix else "no suffix"
-        raise ConfigError(f"{path}: {found} is not a picture format that is known; allowed: {', '.join(SUFFIXES)}")
+        raise ConfigError(f"{path}: {found} is not a known picture format; allowed: {', '.join(SUFFIXES)}")
     if not path.parent.is_dir():
         raise ConfigError(f"{path}: cannot be written: no folder {path.parent}")
-    needed("matplotlib")
+    import_optional("matplotlib")
 
 
 def column_width(width: float, columns: int) -> float:
-    """The width of a column, in inches, of a plate so many inches wide."""
+    """The width in inches of each column of a figure `width` inches wide."""
     return (width - _GAP * (columns - 1)) / columns
 
 
-def write_plate(rows: Sequence[Row], path: Path, *, width: float, font: float, dpi: int) -> None:
-    """Write rows of pictures, one below the other.
+def write_rows(rows: Sequence[PanelRow], path: Path, *, width: float, font: float, dpi: int) -> None:
+    """Write a figure of rows of pictures.
 
     Args:
-        rows: from top to bottom, all with as many columns.
-        path: its suffix, one of `SUFFIXES`, says in which format.
-        width: in inches.
-        font: size of the text in points.
-        dpi: pixels of the pictures an inch.
+        rows: from top to bottom, all with the same number of columns.
+        path: output file; its suffix, one of `SUFFIXES`, is the format.
+        width: width of the figure in inches.
+        font: font size in points, reduced where a line of text would not fit.
+        dpi: pixels per inch of the pictures.
 
     Raises:
         ConfigError: matplotlib is not installed, or the file cannot be written.
     """
-    matplotlib, figures = needed("matplotlib"), needed("matplotlib.figure")
-    font = max(_SMALLEST, min([font, *(_fitted(font, row, width) for row in rows)]))
-    rows = [_broken(row, width, font) for row in rows]
+    matplotlib, figures = import_optional("matplotlib"), import_optional("matplotlib.figure")
+    font = max(_SMALLEST_FONT, min([font, *(_fitting_font(font, row, width) for row in rows)]))
+    rows = [_wrapped(row, width, font) for row in rows]
     line = font * _LINE / 72
     heights = [round(_height(row, line, dpi) * dpi) / dpi for row in rows]
     with matplotlib.rc_context(STYLE), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a letter that no font has is drawn as a box
+        warnings.simplefilter("ignore")  # a letter missing from every font is drawn as a box
         figure = figures.Figure(figsize=(width, sum(heights)), facecolor="white")
         top = sum(heights)
         for row, height in zip(rows, heights, strict=True):
-            _Sheet(figure, width, sum(heights), font, dpi).add(row, top)
+            _Canvas(figure, width, sum(heights), font, dpi).add(row, top)
             top -= height
         write_drawing(figure, path, dpi)
 
 
 def write_drawing(figure: Any, path: Path, dpi: int) -> None:  # noqa: ANN401  matplotlib is optional
-    """Write a figure of matplotlib; the same figure gives the same bytes.
+    """Write a matplotlib figure; the same figure gives the same bytes.
 
     Raises:
         ConfigError: the file cannot be written.
@@ -157,14 +181,14 @@ def write_drawing(figure: Any, path: Path, dpi: int) -> None:  # noqa: ANN401  m
         raise ConfigError(f"{path}: cannot be written: {error.strerror}") from error
 
 
-def _fitted(font: float, row: Row, width: float) -> float:
-    """The size at which each line of text of a row fits into its column."""
+def _fitting_font(font: float, row: PanelRow, width: float) -> float:
+    """The font size at which each line of text of a row fits into its column."""
     longest = max((len(text) for panel in row.panels if panel is not None for text in panel.lines), default=0)
     return min(font, column_width(width, len(row.panels)) * 72 / (_LETTER * max(1, longest)))
 
 
-def _broken(row: Row, width: float, font: float) -> Row:
-    """The same row with its text in lines that fit, what is longer than three of them cut."""
+def _wrapped(row: PanelRow, width: float, font: float) -> PanelRow:
+    """The same row with its text wrapped into at most three lines that fit."""
     letters = max(4, round(column_width(width, len(row.panels)) * 72 / (_LETTER * font)))
     wrap = textwrap.TextWrapper(letters, max_lines=_MOST_LINES, placeholder="…", break_on_hyphens=False)
     panels = [
@@ -174,7 +198,7 @@ def _broken(row: Row, width: float, font: float) -> Row:
     return replace(row, panels=tuple(panels))
 
 
-def _height(row: Row, line: float, dpi: int) -> float:
+def _height(row: PanelRow, line: float, dpi: int) -> float:
     pictures = row.shape[0] / dpi
     if row.bar is None:
         return pictures + (row.lines + 0.5) * line
@@ -184,8 +208,8 @@ def _height(row: Row, line: float, dpi: int) -> float:
 
 
 @dataclass(frozen=True)
-class _Sheet:
-    """A matplotlib figure on which things are placed in inches from the left and from the bottom."""
+class _Canvas:
+    """A matplotlib figure with positions in inches from the left and the bottom."""
 
     figure: Any
     width: float
@@ -193,7 +217,7 @@ class _Sheet:
     font: float
     dpi: int
 
-    def add(self, row: Row, top: float) -> None:
+    def add(self, row: PanelRow, top: float) -> None:
         column = column_width(self.width, len(row.panels))
         for place, panel in enumerate(row.panels):
             if panel is not None:
@@ -211,7 +235,7 @@ class _Sheet:
 
     def _add_panel(self, panel: Panel, left: float, across: float, top: float) -> None:
         high, wide = panel.image.shape[0] / self.dpi, panel.image.shape[1] / self.dpi
-        # On whole pixels, or each would be a mixture of two.
+        # Aligned to whole pixels, so that none is resampled.
         corner = round((left + (across - wide) / 2) * self.dpi) / self.dpi, round((top - high) * self.dpi) / self.dpi
         axes = self._axes(*corner, wide, high)
         axes.imshow(panel.image, interpolation="none", aspect="auto")
@@ -230,14 +254,14 @@ class _Sheet:
             )
 
     def _add_ring(self, axes: Any, ring: Ring) -> None:  # noqa: ANN401  matplotlib is optional
-        circle = needed("matplotlib.patches").Circle
+        circle = import_optional("matplotlib.patches").Circle
         for colour, weight in (("white", 1.4), (INK, 0.7)):
             style = {"linewidth": weight, "linestyle": (0, (2.0, 1.4)) if ring.dashed else "-"}
             radius = 0.5 * self.font * self.dpi / 72
             axes.add_patch(circle((ring.left, ring.top), radius, fill=False, clip_on=False, edgecolor=colour, **style))
 
     def _add_bar(self, bar: ColourBar, corner: tuple[float, float], across: float, room: float) -> None:
-        colours, cm = needed("matplotlib.colors"), needed("matplotlib.cm")
+        colours, cm = import_optional("matplotlib.colors"), import_optional("matplotlib.cm")
         axes = self._axes(*corner, across, 0.8 * self.font / 72)
         shades = colours.LinearSegmentedColormap.from_list("distances", DISTANCES)
         scale = cm.ScalarMappable(colours.Normalize(0.0, bar.limit), shades)

@@ -1,4 +1,4 @@
-"""Pictures of meshes side by side, each from its target's camera, plain or in the colours of their distances."""
+"""Pictures of meshes side by side, each from its target's camera, in one colour or in the colours of its distances."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,79 +11,12 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.normalisation import frame_of
 from meshfit.mesh.targets import NAMED_TARGETS, load_target, target_title
 from meshfit.report.figures.camera import Camera, camera_of
-from meshfit.report.figures.layout import DPI, ColourBar, Row, write_plate
-from meshfit.report.figures.surface_errors import distances_to, shared_limit
-from meshfit.report.figures.trial_meshes import trial_meshes
-from meshfit.report.figures.view import View
+from meshfit.report.figures.colours import shared_limit
+from meshfit.report.figures.layout import DPI, ColourBar, PanelRow, distance_panel, mesh_panel, write_rows
+from meshfit.report.figures.trial_meshes import distances_to, read_trial_meshes
 
 _PANEL = 2.6
 _FONT = 9.0
-
-
-@dataclass(frozen=True)
-class Shown:
-    """A mesh of a row.
-
-    Attributes:
-        title: what is written below it.
-        mesh: what is drawn.
-        view: the mesh whose camera it is seen from, its target; meshes with the same one are drawn alike.
-        against: the mesh that its distances are taken to; None where it is to be plain.
-    """
-
-    title: str
-    mesh: Mesh
-    view: Mesh
-    against: Mesh | None = None
-
-
-def draw_row(row: Sequence[Shown], path: Path, *, edges: bool = False, label: str = "") -> None:
-    """Draw meshes side by side, y up, each with its title below; distances share one scale, and one colour bar.
-
-    Args:
-        row: from left to right.
-        path: .png, .pdf or .svg.
-        edges: draw the edges of faces too.
-        label: of the colour bar, with the unit of distances.
-
-    Raises:
-        ConfigError: a library is missing, or the picture cannot be written.
-        MeshError: a mesh without faces.
-        MeasureError: distances to what has no surface.
-    """
-    dpi = DPI[path.suffix.lower()]
-    size = round(_PANEL * dpi), round(_PANEL * dpi)
-    cameras = cameras_of(row)
-    distances = [None if one.against is None else distances_to(one.mesh, one.against) for one in row]
-    measured = [values for values in distances if values is not None]
-    limit = shared_limit(measured)
-    panels = []
-    for one, camera, values in zip(row, cameras, distances, strict=True):
-        view = View(camera, size, edges)
-        shown = view.plain(one.mesh, one.title) if values is None else view.coloured(one.mesh, values, limit, one.title)
-        panels.append(shown)
-    bar = ColourBar(limit, label, more=any(values.max() > limit for values in measured)) if measured else None
-    write_plate([Row(tuple(panels), bar)], path, width=_PANEL * len(row), font=_FONT, dpi=dpi)
-
-
-def cameras_of(row: Sequence[Shown]) -> list[Camera]:
-    """The camera of each; those of one target are drawn back until all that it shows are in the picture."""
-    views: list[tuple[Mesh, list[Mesh]]] = []
-    places = []
-    for one in row:
-        place = next((place for place, (view, _) in enumerate(views) if _same(view, one.view)), len(views))
-        if place == len(views):
-            views.append((one.view, []))
-        views[place][1].append(one.mesh)
-        places.append(place)
-    cameras = [camera_of(view).holding(*meshes) for view, meshes in views]
-    return [cameras[place] for place in places]
-
-
-def _same(first: Mesh, second: Mesh) -> bool:
-    return first is second or (np.array_equal(first.verts, second.verts) and np.array_equal(first.faces, second.faces))
-
-
 _UNITS = {
     "tutorial": "in the tutorial frame, where the target's largest |coordinate| is 1",
     "box": "in the box frame, where the diagonal of the target's box is 1",
@@ -92,71 +25,126 @@ _UNITS = {
 
 
 @dataclass(frozen=True)
-class _Found:
-    """What is drawn of one thing that was named, and the frame that it is in."""
+class RenderedMesh:
+    """A mesh of the picture.
 
-    shown: tuple[Shown, ...]
-    frame: str
+    Attributes:
+        title: text below it.
+        mesh: the mesh.
+        viewed_like: the mesh whose camera it is seen from, its target; meshes with the same one share a camera.
+        against: the mesh that its distances are measured to; None for a single colour.
+    """
+
+    title: str
+    mesh: Mesh
+    viewed_like: Mesh
+    against: Mesh | None = None
 
 
-def scene_of(what: Sequence[str], against: str | None = None) -> tuple[list[Shown], str]:
-    """What is drawn, from left to right, and the label of its colour bar.
+def collect_meshes(names: Sequence[str], against: str | None = None) -> tuple[list[RenderedMesh], str]:
+    """Read the meshes of a picture, and return them with the label of their colour bar.
 
     Args:
-        what: mesh files, names of targets, or folders of trials, each as itself or as `TITLE=…`.
-        against: the target that distances are taken to: a name, or a mesh file.
+        names: mesh files, named targets, or folders of trials, each as itself or as `TITLE=…`.
+        against: the target that distances are measured to: a named target or a mesh file.
 
     Raises:
-        ConfigError: distances that would be in different units.
-        MeshError, StoreError: what cannot be read.
+        ConfigError: the distances would be in different units.
+        MeshError, StoreError: a file cannot be read.
     """
-    target = None if against is None else _named(against)
-    files = target
-    found = []
-    for text in what:
+    target = None if against is None else _load(against)
+    first_file = target
+    meshes: list[RenderedMesh] = []
+    frames: dict[str, None] = {}
+    for text in names:
         title, _, name = text.rpartition("=")
         if Path(name).is_dir():
-            found.append(_trial(Path(name), title, against))
+            of_trial, frame = _trial(Path(name), title, against)
+            meshes += of_trial
         else:
-            one = _mesh(name, title, files, target)
-            files = files if files is not None or name in NAMED_TARGETS else one.mesh
-            found.append(_Found((one,), _frame(against or name)))
-    frames = dict.fromkeys(each.frame for each in found) if against is not None else {}
+            mesh, frame = _load(name), _frame(against or name)
+            own_view = target is None and name in NAMED_TARGETS
+            like = mesh if own_view or first_file is None else first_file
+            meshes.append(RenderedMesh(title or target_title(name), mesh, like, target))
+            if first_file is None and name not in NAMED_TARGETS:
+                first_file = mesh
+        frames[frame] = None
+    if against is None:
+        return meshes, ""
     if len(frames) > 1:
-        raise ConfigError(f"distances cannot share a scale: some are {', others '.join(_UNITS[one] for one in frames)}")
-    label = f"distance to {target_title(against)}, {_UNITS[next(iter(frames))]}" if against is not None else ""
-    return [shown for each in found for shown in each.shown], label
+        units = ", others ".join(_UNITS[frame] for frame in frames)
+        raise ConfigError(f"distances cannot share a scale: some are {units}")
+    return meshes, f"distance to {target_title(against)}, {_UNITS[next(iter(frames))]}"
+
+
+def write_render(meshes: Sequence[RenderedMesh], path: Path, *, edges: bool = False, label: str = "") -> None:
+    """Draw meshes side by side, y up, each with its title below; distances share one scale and one colour bar.
+
+    Args:
+        meshes: from left to right.
+        path: .png, .pdf or .svg.
+        edges: draw the edges of faces too.
+        label: label of the colour bar, with the unit of distances.
+
+    Raises:
+        ConfigError: a library is not installed, or the picture cannot be written.
+        MeshError: a mesh has no faces.
+        MeasureError: distances are measured to a mesh without faces.
+    """
+    dpi = DPI[path.suffix.lower()]
+    size = round(_PANEL * dpi), round(_PANEL * dpi)
+    distances = [None if shown.against is None else distances_to(shown.mesh, shown.against) for shown in meshes]
+    measured = [values for values in distances if values is not None]
+    limit = shared_limit(measured)
+    panels = [
+        mesh_panel(shown.mesh, camera, size, shown.title, edges=edges)
+        if values is None
+        else distance_panel(shown.mesh, values, limit, camera, size, shown.title, edges=edges)
+        for shown, camera, values in zip(meshes, cameras_of(meshes), distances, strict=True)
+    ]
+    bar = ColourBar(limit, label, more=any(values.max() > limit for values in measured)) if measured else None
+    write_rows([PanelRow(tuple(panels), bar)], path, width=_PANEL * len(meshes), font=_FONT, dpi=dpi)
+
+
+def cameras_of(meshes: Sequence[RenderedMesh]) -> list[Camera]:
+    """Return the camera of each mesh; those that share one are zoomed out until all of them fit."""
+    groups: list[tuple[Mesh, list[Mesh]]] = []
+    places = []
+    for shown in meshes:
+        place = next((i for i, (target, _) in enumerate(groups) if _equal(target, shown.viewed_like)), len(groups))
+        if place == len(groups):
+            groups.append((shown.viewed_like, []))
+        groups[place][1].append(shown.mesh)
+        places.append(place)
+    cameras = [camera_of(target).containing(*members) for target, members in groups]
+    return [cameras[place] for place in places]
+
+
+def _equal(first: Mesh, second: Mesh) -> bool:
+    return first is second or (np.array_equal(first.verts, second.verts) and np.array_equal(first.faces, second.faces))
 
 
 def _frame(name: str) -> str:
     return "tutorial" if name in NAMED_TARGETS else "none"
 
 
-def _named(name: str) -> Mesh:
-    """A mesh by its name or file; a named target in its tutorial frame, a file as it is."""
+def _load(name: str) -> Mesh:
+    """A named target in its tutorial frame, or a mesh file in its own coordinates."""
     mesh = load_target(name)
     return frame_of(mesh.verts, "tutorial").normalise(mesh) if name in NAMED_TARGETS else mesh
 
 
-def _mesh(name: str, title: str, files: Mesh | None, target: Mesh | None) -> Shown:
-    mesh = _named(name)
-    own = target is None and name in NAMED_TARGETS
-    return Shown(title or target_title(name), mesh, mesh if own or files is None else files, target)
-
-
-def _trial(folder: Path, title: str, against: str | None) -> _Found:
-    """A trial's source and target are plain, whatever its result is compared with: neither is a result."""
-    meshes = trial_meshes(folder)
-    name = title or meshes.facts["scheme"]
-    wanted = None
+def _trial(folder: Path, title: str, against: str | None) -> tuple[list[RenderedMesh], str]:
+    """Source, result and target of a trial, and the frame they are in; only the result is coloured by distances."""
+    trial = read_trial_meshes(folder)
+    name, settings = title or trial.facts["scheme"], trial.facts["settings"]
+    measured_to = None
     if against is not None:
-        same = against == meshes.facts["settings"]["targets"][0]
-        wanted = meshes.target if same else meshes.frame.normalise(load_target(against))
-    return _Found(
-        (
-            Shown(f"source, {name}", meshes.source, meshes.target),
-            Shown(f"result, {name}", meshes.result, meshes.target, wanted),
-            Shown(meshes.facts["target_title"], meshes.target, meshes.target),
-        ),
-        meshes.facts["settings"].get("normalise", "tutorial"),
-    )
+        own = against == settings["targets"][0]
+        measured_to = trial.target if own else trial.frame.normalise(load_target(against))
+    meshes = [
+        RenderedMesh(f"source, {name}", trial.source, trial.target),
+        RenderedMesh(f"result, {name}", trial.result, trial.target, measured_to),
+        RenderedMesh(trial.facts["target_title"], trial.target, trial.target),
+    ]
+    return meshes, settings.get("normalise", "tutorial")

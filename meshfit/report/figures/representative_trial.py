@@ -1,6 +1,7 @@
-"""Which trials stand for all: of each target and scheme, the one whose figure is the median over the seeds."""
+"""The representative trial of each target and scheme: the one whose value is the median over the seeds."""
 
-from collections.abc import Iterable, Sequence
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,56 +15,96 @@ from meshfit.statistics import median_seed
 
 
 @dataclass(frozen=True)
-class Pick:
-    """A trial that stands for those of its target and scheme.
+class RepresentativeTrial:
+    """The trial shown for a target and a scheme.
 
     Attributes:
-        scheme: its scheme.
-        seed: its seed.
-        value: its figure, the median over the seeds.
-        seeds: how many seeds there are.
-        folder: of the trial.
+        result: content of its `result.json`, with its `folder`.
+        value: its value of the metric, the median over the seeds; None if no trial has a value.
+        seeds: number of seeds.
     """
 
-    scheme: str
-    seed: int
-    value: float
+    result: Result
+    value: float | None
     seeds: int
-    folder: Path
+
+    @property
+    def scheme(self) -> str:
+        """The scheme."""
+        return str(self.result["scheme"])
+
+    @property
+    def seed(self) -> int:
+        """The seed."""
+        return int(self.result["seed"])
+
+    @property
+    def folder(self) -> Path:
+        """The folder of the trial."""
+        return Path(self.result["folder"])
+
+
+def representative(trials: Mapping[int, Result], values: Mapping[int, float]) -> RepresentativeTrial:
+    """Return the trial with the median value; the one with the lowest seed if none has a value.
+
+    Args:
+        trials: results of one target, scheme and set of settings, by seed.
+        values: their values of the metric, by seed; results without a value are left out.
+    """
+    seed = median_seed(values) if values else min(trials)
+    return RepresentativeTrial(trials[seed], values.get(seed), len(values) or len(trials))
+
+
+class TrialIndex:
+    """Results with their `folder`, by settings, target, scheme and seed; of equal ones the first."""
+
+    def __init__(self, results: Iterable[Result]) -> None:
+        self._trials: dict[tuple[str, str, str], dict[int, Result]] = {}
+        for result in results:
+            key = _settings_key(shared_settings(result)), target_key(result), str(result["scheme"])
+            self._trials.setdefault(key, {}).setdefault(result["seed"], result)
+
+    def by_seed(self, settings: Mapping[str, object], target: str, scheme: str) -> dict[int, Result]:
+        """Return the results of a table cell by seed, in order; empty if there are none."""
+        return dict(sorted(self._trials.get((_settings_key(settings), target, scheme), {}).items()))
+
+
+def _settings_key(settings: Mapping[str, object]) -> str:
+    return json.dumps(settings, sort_keys=True)
 
 
 @dataclass(frozen=True)
-class TargetPicks:
-    """The trials shown for a target.
+class TargetTrials:
+    """The representative trials of one target with the same settings.
 
     Attributes:
-        target: its name, or that of its file.
-        title: how it is called, with what tells its settings from others in the same figure.
-        settings: what its trials have in common, by dotted key.
-        picks: one for each scheme.
+        target: the target's name, or that of its file.
+        title: its title, with what distinguishes its settings from others in the same figure.
+        settings: settings that its trials share, by dotted key.
+        trials: one per scheme.
     """
 
     target: str
     title: str
-    settings: dict[str, object]
-    picks: tuple[Pick, ...]
+    settings: Mapping[str, object]
+    trials: tuple[RepresentativeTrial, ...]
 
 
-def pick_trials(
+def select_trials(
     results: Sequence[Result], metric: str, *, targets: Sequence[str] = (), schemes: Sequence[str] = ()
-) -> tuple[TargetPicks, ...]:
-    """The trials that a figure shows, target by target, and for each of them, settings by settings.
+) -> tuple[TargetTrials, ...]:
+    """Select the trials of a figure by target, and for each target by settings.
 
     Args:
-        results: with their `folder`, as `read_results` gives them.
-        metric: a name of `METRICS`; the median is taken of it.
-        targets: those wanted, in this order; by default all.
-        schemes: those wanted, in this order; by default all.
+        results: results with their `folder`, as returned by `read_results`.
+        metric: a name of `METRICS`, whose median is taken.
+        targets: the targets in the order of the figure; by default all.
+        schemes: the schemes in the order of the figure; by default all.
 
     Raises:
-        ConfigError: no such metric, or a target or a scheme that no result has.
-        SchemeError: what is no scheme.
-        StoreError: results that contradict each other.
+        ConfigError: there is no such metric, or no result has a given target or scheme.
+        SchemeError: a given scheme is not a scheme.
+        StoreError: results contradict each other.
     """
     wanted = tuple(resolve_scheme(results, scheme) for scheme in schemes)
     _require(wanted, "scheme", (result["scheme"] for result in results))
@@ -74,50 +115,40 @@ def pick_trials(
         if (not wanted or result["scheme"] in wanted) and (not targets or target_key(result) in targets)
     ]
     tables = build_tables(chosen, metric, schemes=wanted, targets=targets)
-    found = []
-    for table, name in zip(tables, _names(tables), strict=True):
-        same = [result for result in chosen if shared_settings(result) == table.settings]
-        for target, title in table.targets.items():
-            called = f"{title} ({name})" if name else title
-            found.append(TargetPicks(target, called, dict(table.settings), tuple(_picks(table, target, same))))
-    order = list(targets) or list(dict.fromkeys(each.target for each in found))
-    shown = tuple(sorted((each for each in found if each.picks), key=lambda each: order.index(each.target)))
+    index = TrialIndex(chosen)
+    selected = [
+        TargetTrials(target, f"{title} ({name})" if name else title, table.settings, tuple(_of(table, target, index)))
+        for table, name in zip(tables, _table_names(tables), strict=True)
+        for target, title in table.targets.items()
+    ]
+    order = list(targets) or list(dict.fromkeys(group.target for group in selected))
+    shown = sorted((group for group in selected if group.trials), key=lambda group: order.index(group.target))
     if not shown:
         raise ConfigError(f"no trial that could be shown has a value of {metric}")
-    return shown
+    return tuple(shown)
 
 
-def _names(tables: Sequence[Table]) -> list[str]:
-    """What tells tables apart: the experiment where that does, and else what their settings differ in."""
+def _table_names(tables: Sequence[Table]) -> list[str]:
+    """What distinguishes the tables: their experiments if that is enough, else the settings in which they differ."""
     if len(tables) == 1:
         return [""]
     experiments = [table.experiment for table in tables]
     if len(set(experiments)) == len(tables):
         return experiments
-    variations = variation_names(
-        [table.settings for table in tables], [table.variations[0].variant for table in tables]
-    )
+    variations = variation_names([table.settings for table in tables], [table.variations[0].variant for table in tables])
     if len(set(experiments)) == 1:
         return variations
     return [f"{table.experiment}, {name}" for table, name in zip(tables, variations, strict=True)]
 
 
-def _picks(table: Table, target: str, results: Sequence[Result]) -> Iterable[Pick]:
+def _of(table: Table, target: str, index: TrialIndex) -> Iterator[RepresentativeTrial]:
     for scheme in table.schemes:
-        sample = table.samples.get((table.metrics[0], target, Row(0, scheme)))
-        if not sample:
-            continue
-        seed = median_seed(sample)
-        folder = next(
-            result["folder"]
-            for result in results
-            if (target_key(result), result["scheme"], result["seed"]) == (target, scheme, seed)
-        )
-        yield Pick(scheme, seed, sample[seed], len(sample), Path(folder))
+        if values := table.samples.get((table.metrics[0], target, Row(0, scheme))):
+            yield representative(index.by_seed(table.settings, target, scheme), values)
 
 
-def _require(wanted: Sequence[str], noun: str, there: Iterable[str]) -> None:
-    known = dict.fromkeys(there)
+def _require(wanted: Sequence[str], noun: str, available: Iterable[str]) -> None:
+    known = dict.fromkeys(available)
     for name in wanted:
         if name not in known:
             raise ConfigError(f"no result has the {noun} '{name}': {suggest(name, known)}")

@@ -1,23 +1,36 @@
-"""The meshes of a trial: its source, its result and its target, in the one frame that its numbers are stated in."""
+"""The meshes of a trial in the normalised frame that its numbers refer to, and the distances between them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
-from meshfit.errors import StoreError
+import numpy as np
+from jaxtyping import Float64
+
+from meshfit.errors import MeasureError, StoreError
 from meshfit.experiment.storage.run_directory import RESULT, Result, read_json
+from meshfit.measuring.proximity import point_distances
+from meshfit.mesh.geometry import bounding_box_diagonal
 from meshfit.mesh.io.files import load_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.normalisation import Frame
 from meshfit.mesh.targets import load_target
 
+SOURCE, FITTED = "source.ply", "result.ply"
+
+_ALIKE = 0.01
+
+_Label = TypeVar("_Label")
+
 
 @dataclass(frozen=True)
 class TrialMeshes:
-    """What a trial began with, what it came to, and what it aimed at, all in its normalised frame.
+    """The source, fitted and target mesh of a trial, all in its normalised frame.
 
     Attributes:
-        facts: the content of its `result.json`.
-        frame: from the target file's coordinates to those of the meshes.
+        facts: content of its `result.json`.
+        frame: map from the target file's coordinates to the normalised ones.
         source: the subdivided source mesh.
         result: the fitted mesh.
         target: the target.
@@ -30,24 +43,77 @@ class TrialMeshes:
     target: Mesh
 
 
-def trial_meshes(folder: Path) -> TrialMeshes:
-    """Read the meshes of a complete trial.
-
-    Args:
-        folder: of the trial, with `result.json`, `source.ply` and `result.ply`.
+def read_trial_meshes(folder: Path) -> TrialMeshes:
+    """Read the meshes of a complete trial from its folder.
 
     Raises:
-        StoreError: `result.json` cannot be read, or does not say what a result says.
-        MeshError: a mesh cannot be read, or the target is no longer there.
+        StoreError: `result.json` cannot be read, or is not the result of a trial.
+        MeshError: a mesh cannot be read, or the target no longer exists.
     """
     facts = read_json(folder / RESULT)
     try:
-        across, up, towards = map(float, facts["frame"]["centre"])
-        frame = Frame((across, up, towards), float(facts["frame"]["scale"]))
-        target, written = facts["settings"]["targets"][0], facts["settings"]["write_frame"]
+        frame, target, _ = frame_of_result(facts), facts["settings"]["targets"][0], facts["settings"]["write_frame"]
     except (KeyError, TypeError, IndexError, ValueError) as error:
         raise StoreError(f"{folder / RESULT}: not the result of a trial: {error}") from None
-    source, result = load_mesh(folder / "source.ply"), load_mesh(folder / "result.ply")
-    if written == "target":
-        source, result = frame.normalise(source), frame.normalise(result)
+    source, result = (read_normalised(folder / name, facts) for name in (SOURCE, FITTED))
     return TrialMeshes(facts, frame, source, result, frame.normalise(load_target(target)))
+
+
+def frame_of_result(facts: Result) -> Frame:
+    """Return the normalised frame of a trial from the content of its `result.json`."""
+    frame = facts["frame"]
+    x, y, z = map(float, frame["centre"])
+    return Frame((x, y, z), float(frame["scale"]))
+
+
+def read_normalised(path: Path, facts: Result) -> Mesh:
+    """Read a mesh that a trial wrote, in its normalised frame whatever frame it was written in."""
+    mesh = load_mesh(path)
+    return frame_of_result(facts).normalise(mesh) if facts["settings"].get("write_frame") == "target" else mesh
+
+
+def distances_to(result: Mesh, target: Mesh) -> Float64[np.ndarray, " V"]:
+    """(V,) distance from each vertex of a result to the target's surface, in the unit of both.
+
+    The largest is at most the Hausdorff distance from the result to the target, which includes points within faces.
+
+    Raises:
+        MeasureError: the target has no faces, or a coordinate is not finite.
+    """
+    if not target.num_faces:
+        raise MeasureError("the target has no faces, so there is no surface to measure distances to")
+    if not (np.isfinite(result.verts).all() and np.isfinite(target.verts).all()):
+        raise MeasureError("distances can be measured between finite coordinates only")
+    return point_distances(target, result.verts) if result.num_verts else np.zeros(0)
+
+
+def worst_vertex(distances: Float64[np.ndarray, " V"]) -> int:
+    """Return the index of the vertex farthest from the target; the first one if there are several.
+
+    Raises:
+        MeasureError: there are no vertices.
+    """
+    if not len(distances):
+        raise MeasureError("a mesh without vertices has no worst vertex")
+    return int(np.argmax(distances))
+
+
+def distinct_meshes(labelled: Sequence[tuple[_Label, Mesh]]) -> list[tuple[list[_Label], Mesh]]:
+    """Group meshes that look alike: the first mesh of each group, with the labels of all.
+
+    Sources often are one shape to the eye although their vertices differ, such as a sphere refined by several schemes.
+    """
+    groups: list[tuple[list[_Label], Mesh]] = []
+    for label, mesh in labelled:
+        labels = next((labels for labels, first in groups if _look_alike(first, mesh)), None)
+        if labels is None:
+            groups.append(([label], mesh))
+        else:
+            labels.append(label)
+    return groups
+
+
+def _look_alike(first: Mesh, second: Mesh) -> bool:
+    """Whether two surfaces are nowhere farther apart than 1 % of their size."""
+    apart = max(float(distances_to(first, second).max()), float(distances_to(second, first).max()))
+    return apart <= _ALIKE * bounding_box_diagonal(first.verts)

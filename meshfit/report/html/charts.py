@@ -1,9 +1,17 @@
-"""Differences with their intervals, as lines beside zero: places along one axis, in percent of its width."""
+"""Charts of a target section: curves of every traced term, end points and histograms, as SVG for the page.
+
+matplotlib draws them once. Colours and fonts are then replaced by the CSS variables of the page, so that one drawing
+serves the light and the dark theme, and every series gets the class of its row, so that the page can hide it.
+"""
 
 import csv
+import io
 import math
-from collections.abc import Mapping, Sequence
+import re
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -12,223 +20,293 @@ from jaxtyping import Float64
 
 from meshfit.experiment.storage.run_directory import Result
 from meshfit.mesh.mesh import Mesh
-from meshfit.report.html.images import limit_of
-from meshfit.report.html.target_section import Subjects, Wall, row_title
-from meshfit.statistics import PairedDifference
+from meshfit.report.extra import import_optional
+from meshfit.report.figures.chart import set_log_ticks
+from meshfit.report.html.target_section import LoadedTrial, TargetSection, TrialsByRow
 
-_MARGIN = 4.0
-
-
-@dataclass(frozen=True)
-class Whisker:
-    """Where zero, the mean and the ends of the interval are, from 0 to 100."""
-
-    zero: float
-    mean: float
-    low: float
-    high: float
-
-
-def whiskers(paired: Sequence[PairedDifference]) -> list[Whisker | None]:
-    """Where differences lie along one axis that holds all of them, and zero; None for one without an interval."""
-    ends = [0.0, *(end for each in paired if each.interval is not None for end in each.interval)]
-    least, most = min(ends), max(ends)
-    width = (most - least) or 1.0
-
-    def place(value: float) -> float:
-        return round(_MARGIN + (100 - 2 * _MARGIN) * (value - least) / width, 2)
-
-    return [
-        None
-        if each.interval is None
-        else Whisker(place(0.0), place(each.mean), place(each.interval[0]), place(each.interval[1]))
-        for each in paired
-    ]
-
-
+TRACE = "trace.csv"
+MOST_POINTS = 100
+MOST_CURVES = 40
+"""On one target; if there are more, the first seeds of each row are drawn."""
 BINS = 40
 
+_STEP = "step"
+_DIGITS = 4
+# The columns that state how near a fit has come, in the traces of the two engines.
+_NEARNESS = ("distance", "chamfer")
+
+_WIDTH, _HEIGHT, _FONT = 380, 236, 12.0
+_RIGHT, _TOP, _BOTTOM, _LETTER = 10, 10, 42, 7.0
+_DASHES = ("-", (0, (4, 2)), (0, (1.2, 1.6)), (0, (4, 1.6, 1.2, 1.6)))
+_ROW_COLOURS = 10
+# Placeholders that are replaced by CSS variables.
+_INK, _SOFT, _RULE = "#010101", "#010102", "#010103"
+_VARIABLES = {_INK: "var(--ink)", _SOFT: "var(--soft)", _RULE: "var(--rule)"} | {
+    f"#0102{row:02x}": f"var(--row-{row})" for row in range(_ROW_COLOURS)
+}
+
 
 @dataclass(frozen=True)
-class Histogram:
-    """The distances of one result.
+class Chart:
+    """A chart: the title above it, and its SVG."""
+
+    title: str
+    svg: str
+
+
+@dataclass(frozen=True)
+class Curve:
+    """The trace of a trial.
 
     Attributes:
-        place: which row of the sheet it belongs to.
-        shares: of the area in each bin, in percent.
-        beyond: share of the area that is farther off than the last bin, in percent.
+        row: index of the table's row.
+        seed: the seed.
+        seconds: duration of the fit; None if the result does not state it.
+        steps: the steps.
+        values: by column of the trace, one per step; NaN where there is no finite number.
     """
 
-    place: int
-    shares: tuple[float, ...]
-    beyond: float
+    row: int
+    seed: int
+    seconds: float | None
+    steps: tuple[float, ...]
+    values: Mapping[str, tuple[float, ...]]
 
 
-def histograms_of(subjects: Subjects) -> dict[str, Any]:
-    """The histograms of a wall, for the charts; they end where its scale of colours does."""
-    limit = limit_of(subjects)
-    found = [
-        histogram(subject.exhibit.place, subject.result, subject.distances, limit)
-        for subject in subjects.shown
-        if subject.distances is not None
-    ]
-    rows = [{"row": each.place, "shares": each.shares, "beyond": each.beyond} for each in found]
-    return {"limit": limit, "rows": rows}
+def read_curves(trials: TrialsByRow) -> tuple[list[Curve], list[str]]:
+    """Read the traces of some trials, and return messages about those that cannot be read."""
+    per_row = max(1, MOST_CURVES // max(1, len(trials)))
+    curves, problems = [], []
+    for row, by_seed in trials.items():
+        for result in list(by_seed.values())[:per_row]:
+            try:
+                curves.append(_read_trace(row, result))
+            except (OSError, ValueError) as error:
+                problems.append(f"{result['folder']}/{TRACE}: {error}")
+    return curves, problems
 
 
-def histogram(place: int, mesh: Mesh, distances: Float64[np.ndarray, " V"], limit: float) -> Histogram:
-    """The shares of a mesh's area by distance, in even bins from 0 to `limit`."""
-    weights = vert_areas(mesh)
+def changing_terms(curves: Sequence[Curve]) -> list[str]:
+    """Return the columns that change in some curve, in the order of the traces, the nearness first."""
+    terms = dict.fromkeys(
+        name
+        for curve in curves
+        for name, values in curve.values.items()
+        if len({value for value in values if not math.isnan(value)}) > 1
+    )
+    return sorted(terms, key=lambda name: _NEARNESS.index(name) if name in _NEARNESS else len(_NEARNESS))
+
+
+def draw_curves(section: TargetSection, curves: Sequence[Curve]) -> list[Chart]:
+    """Draw the nearness by time, the end of each trial, and every changing term by step."""
+    terms = changing_terms(curves)
+    nearness = next((term for term in _NEARNESS if term in terms), None)
+    timed = [curve for curve in curves if curve.seconds is not None]
+    charts = []
+    if nearness and timed:
+        label = "seconds, spread evenly over the steps"
+        charts.append(Chart(f"{nearness} by time", _term_chart(section, timed, nearness, label, by_time=True)))
+    if any(_ends(section)):
+        charts.append(Chart(f"{section.metric} at the end", _end_chart(section)))
+    charts += [Chart(term, _term_chart(section, curves, term, "step")) for term in terms]
+    return charts
+
+
+def draw_histogram(section: TargetSection) -> Chart | None:
+    """Draw the share of each result's area by distance, up to the end of the colour scale."""
+    if not section.distances:
+        return None
+    edges = np.linspace(0.0, section.limit, BINS + 1)
+
+    def draw(axes: Any) -> None:  # noqa: ANN401  matplotlib is optional
+        for trial in section.trials:
+            if trial.distances is None:
+                continue
+            shares, beyond = area_shares(trial.mesh, trial.distances, section.limit)
+            note = f"{trial.label}, {beyond:.1f} % beyond" if beyond >= 0.05 else trial.label
+            style = {"gid": f"row-{trial.row}|{note}", "color": _colour(trial.row)}
+            axes.stairs(shares, edges, fill=True, alpha=0.12, **style)
+            axes.stairs(shares, edges, baseline=None, linewidth=1.6, linestyle=_dash(trial.row), **style)
+        axes.set_xlim(0.0, section.limit)
+        axes.set_ylim(bottom=0.0)
+
+    label = f"distance to the target ({section.unit})"
+    return Chart("% of the area", _svg(draw, f"Histogram of distances, {section.title}", label, section.key))
+
+
+def shares_beyond(section: TargetSection) -> dict[int, float]:
+    """Return, by row, the percentage of the area that is beyond the last bin, where it is visible."""
+    beyond = {
+        trial.row: area_shares(trial.mesh, trial.distances, section.limit)[1]
+        for trial in section.trials
+        if trial.distances is not None
+    }
+    return {row: share for row, share in beyond.items() if share >= 0.05}
+
+
+def area_shares(
+    mesh: Mesh, distances: Float64[np.ndarray, " V"], limit: float
+) -> tuple[Float64[np.ndarray, " bins"], float]:
+    """Return the percentages of a mesh's area by distance, in even bins from 0 to `limit`, and that beyond them."""
+    weights = vertex_areas(mesh)
     weights = weights / (weights.sum() or 1.0) * 100
     shares, _ = np.histogram(distances, bins=BINS, range=(0.0, limit), weights=weights)
-    beyond = float(weights[distances > limit].sum())
-    return Histogram(place, tuple(round(float(share), 3) for share in shares), round(beyond, 3))
+    return shares, float(weights[distances > limit].sum())
 
 
-def vert_areas(mesh: Mesh) -> Float64[np.ndarray, " V"]:
-    """(V,) a third of the area of the faces at each vert."""
+def vertex_areas(mesh: Mesh) -> Float64[np.ndarray, " V"]:
+    """(V,) a third of the area of the faces at each vertex."""
     corners = mesh.verts[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.linalg.norm(normals, axis=1) / 6
     return np.bincount(mesh.faces.reshape(-1), weights=np.repeat(areas, 3), minlength=mesh.num_verts)
 
 
-TRACE = "trace.csv"
-MOST_POINTS = 150
-MOST_CURVES = 60
-"""On one target; with more, the first seeds of each row stand for all."""
-
-_STEP = "step"
-_DIGITS = 4
-# What tells how near a fit has come, in either engine's trace.
-_NEARNESS = ("distance", "chamfer")
-
-
-@dataclass(frozen=True)
-class Curve:
-    """What a trial went through.
-
-    Attributes:
-        place: which row of the sheet it belongs to.
-        seed: of the trial.
-        seconds: that the fit took; None where the result does not say.
-        steps: those that have values.
-        values: by name of the column; None where there is no finite number.
-    """
-
-    place: int
-    seed: int
-    seconds: float | None
-    steps: tuple[float, ...]
-    values: Mapping[str, tuple[float | None, ...]]
-
-    def data(self) -> dict[str, Any]:
-        """What the charts need."""
-        return {
-            "row": self.place,
-            "seed": self.seed,
-            "seconds": self.seconds,
-            "steps": self.steps,
-            "values": dict(self.values),
-        }
-
-
-@dataclass(frozen=True)
-class Curves:
-    """The curves of one target in one sheet.
-
-    Attributes:
-        curves: as many as there is room for.
-        trials: how many trials there are.
-        terms: names of columns, what tells nearness first; those that never change are left out.
-        nearness: the column that tells how near the fit has come; empty where none does.
-        problems: traces that could not be read.
-    """
-
-    curves: tuple[Curve, ...]
-    trials: int
-    terms: tuple[str, ...]
-    nearness: str
-    problems: tuple[str, ...]
-
-
-def curves_of(by_row: Mapping[int, Mapping[int, Result]]) -> Curves:
-    """The curves of some trials, which are given by place of the row, then by seed."""
-    each = max(1, MOST_CURVES // max(1, len(by_row)))
-    curves, problems = [], []
-    for place, by_seed in by_row.items():
-        for result in list(by_seed.values())[:each]:
-            try:
-                curves.append(_read(place, result))
-            except (OSError, ValueError) as error:
-                problems.append(f"{result['folder']}/{TRACE}: {error}")
-    terms = _terms(curves)
-    nearness = next((term for term in _NEARNESS if term in terms), "")
-    return Curves(tuple(curves), sum(map(len, by_row.values())), tuple(terms), nearness, tuple(problems))
-
-
 def thinned(count: int, most: int) -> list[int]:
-    """So many places at most among a number of them, evenly apart, the first and the last included."""
+    """Return at most `most` of `count` indices, evenly spaced, including the first and the last."""
     if count <= most:
         return list(range(count))
     return sorted({round(place * (count - 1) / (most - 1)) for place in range(most)})
 
 
-def _read(place: int, result: Result) -> Curve:
+def _read_trace(row: int, result: Result) -> Curve:
     with (Path(result["folder"]) / TRACE).open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    if not rows or _STEP not in rows[0]:
-        raise ValueError("no steps in it")
-    kept = [rows[at] for at in thinned(len(rows), MOST_POINTS)]
+        lines = list(csv.DictReader(file))
+    if not lines or _STEP not in lines[0]:
+        raise ValueError("it has no steps")
+    kept = [lines[at] for at in thinned(len(lines), MOST_POINTS)]
     seconds = result.get("seconds", {}).get("fit")
     return Curve(
-        place=place,
+        row=row,
         seed=result["seed"],
-        seconds=_short(seconds) if isinstance(seconds, int | float) else None,
-        steps=tuple(float(row[_STEP]) for row in kept),
-        values={name: tuple(_short(row[name]) for row in kept) for name in rows[0] if name != _STEP},
+        seconds=float(seconds) if isinstance(seconds, int | float) else None,
+        steps=tuple(float(line[_STEP]) for line in kept),
+        values={name: tuple(_finite(line[name]) for line in kept) for name in lines[0] if name != _STEP},
     )
 
 
-def _short(text: str | float | None) -> float | None:
-    """A number in as many digits as a curve shows."""
+def _finite(text: str | None) -> float:
     value = float(text or "nan")
-    return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
+    return value if math.isfinite(value) else math.nan
 
 
-def _terms(curves: Sequence[Curve]) -> list[str]:
-    """Columns in which some curve moves, in the order of the files, what tells nearness first."""
-    found = dict.fromkeys(
-        name for curve in curves for name, values in curve.values.items() if len(set(values) - {None}) > 1
-    )
-    return sorted(found, key=lambda name: _NEARNESS.index(name) if name in _NEARNESS else len(_NEARNESS))
+def _term_chart(
+    section: TargetSection, curves: Sequence[Curve], term: str, label: str, *, by_time: bool = False
+) -> str:
+    curves = [curve for curve in curves if term in curve.values]
+
+    def draw(axes: Any) -> None:  # noqa: ANN401  matplotlib is optional
+        for curve in curves:
+            x = np.array(curve.steps)
+            if by_time:
+                x = x / (x[-1] or 1) * (curve.seconds or 0.0)
+            name = f"row-{curve.row}|{section.rows[curve.row]}, seed {curve.seed}"
+            style = {"color": _colour(curve.row), "linestyle": _dash(curve.row), "gid": name}
+            axes.plot(x, curve.values[term], linewidth=1.3, alpha=0.75, **style)
+        finite = [value for curve in curves for value in curve.values[term] if not math.isnan(value)]
+        axes.set_xlim(left=0.0)
+        if finite and min(finite) > 0:
+            axes.set_yscale("log")
+            set_log_ticks(axes.yaxis)
+        elif finite:
+            axes.set_ylim(bottom=min(0.0, *finite))
+
+    return _svg(draw, f"{term}, {section.title}", label, f"{section.key}-{term}")
 
 
-def chart_of(wall: Wall, curves: Curves, by_row: Mapping[int, Mapping[int, Result]]) -> dict[str, Any]:
-    """What the charts of a wall need, as plain data."""
-    sheet = wall.sheet
-    return {
-        "key": wall.key,
-        "title": wall.title,
-        "metric": wall.metric,
-        "unit": wall.unit,
-        "trials": curves.trials,
-        "rows": [row_title(sheet, row) for row in sheet.rows],
-        "present": list(by_row),
-        "terms": curves.terms,
-        "nearness": curves.nearness,
-        "curves": [curve.data() for curve in curves.curves],
-        "ends": _ends(wall, by_row),
-    }
+def _end_chart(section: TargetSection) -> str:
+    def draw(axes: Any) -> None:  # noqa: ANN401  matplotlib is optional
+        for row, seed, seconds, value in _ends(section):
+            style = {"color": _colour(row), "gid": f"row-{row}|{section.rows[row]}, seed {seed}: {value:.4g}"}
+            axes.plot([seconds], [value], marker="o", markersize=7, markeredgewidth=0, **style)
+        axes.set_xlim(left=0.0)
+        axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
+
+    label = "seconds of the fit"
+    return _svg(draw, f"{section.metric} at the end, {section.title}", label, f"{section.key}-ends")
 
 
-def _ends(wall: Wall, by_row: Mapping[int, Mapping[int, Result]]) -> list[dict[str, Any]]:
-    """The seconds that each fit took, and the value of the first metric that it came to."""
-    sheet, found = wall.sheet, []
-    for place, by_seed in by_row.items():
-        sample = sheet.samples.get((sheet.metrics[0], wall.target, sheet.rows[place]), {})
+def _ends(section: TargetSection) -> Iterator[tuple[int, int, float, float]]:
+    """Row, seed, seconds of the fit, and value of the first metric of every trial that has them."""
+    for row, by_seed in section.trials_by_row.items():
         for seed, result in by_seed.items():
             seconds = result.get("seconds", {}).get("fit")
-            if seed in sample and isinstance(seconds, int | float):
-                found.append({"row": place, "seed": seed, "seconds": round(seconds, 3), "value": sample[seed]})
-    return found
+            if seed in section.values_by_row[row] and isinstance(seconds, int | float):
+                yield row, seed, float(seconds), section.values_by_row[row][seed]
+
+
+def _colour(row: int) -> str:
+    return f"#0102{row % _ROW_COLOURS:02x}"
+
+
+def _dash(row: int) -> Any:  # noqa: ANN401  a line style of matplotlib
+    return _DASHES[row // _ROW_COLOURS % len(_DASHES)]
+
+
+def _svg(draw: Callable[[Any], None], name: str, label: str, key: str) -> str:
+    """Draw axes with matplotlib, and return them as SVG for the page; `key` keeps ids unique on the page."""
+    matplotlib, figures = import_optional("matplotlib"), import_optional("matplotlib.figure")
+    style = {"svg.fonttype": "none", "svg.hashsalt": key, "font.size": _FONT, "text.parse_math": False}
+    with matplotlib.rc_context(style), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a letter missing from matplotlib's fonts is drawn by the browser's
+        figure = figures.Figure(figsize=(_WIDTH / 72, _HEIGHT / 72))
+        axes = figure.add_axes((0.1, 0.1, 0.8, 0.8))
+        draw(axes)
+        _set_style(figure, axes, label)
+        content = io.StringIO()
+        figure.savefig(content, format="svg", metadata={"Date": None})
+    return _for_page(content.getvalue(), name, re.sub(r"\W+", "-", key))
+
+
+def _set_style(figure: Any, axes: Any, label: str) -> None:  # noqa: ANN401  matplotlib is optional
+    figure.patch.set_visible(False)
+    axes.patch.set_visible(False)
+    if axes.get_yscale() == "linear":
+        axes.locator_params(axis="y", nbins=6)
+        axes.yaxis.set_major_formatter(lambda value, _: f"{value:.3g}")
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:.4g}")
+    axes.locator_params(axis="x", nbins=7)
+    axes.grid(color=_RULE, linewidth=0.8)
+    axes.set_axisbelow(True)
+    axes.tick_params(which="both", length=0, labelcolor=_SOFT, pad=5)
+    axes.set_xlabel(label, color=_SOFT, labelpad=5)
+    for side in ("top", "right", "left"):
+        axes.spines[side].set_visible(False)
+    axes.spines["bottom"].set_color(_SOFT)
+    low, high = sorted(axes.get_ylim())
+    ticks = [axes.yaxis.get_major_formatter()(tick) for tick in axes.get_yticks() if low <= tick <= high]
+    left = 10 + _LETTER * max(map(len, ticks), default=0)
+    box = left / _WIDTH, _BOTTOM / _HEIGHT, 1 - (left + _RIGHT) / _WIDTH, 1 - (_BOTTOM + _TOP) / _HEIGHT
+    axes.set_position(box)
+
+
+def _for_page(svg: str, name: str, key: str) -> str:
+    """Prepare an SVG of matplotlib for the page: CSS variables, a class for each row, short paths, unique ids."""
+    text = svg[svg.index("<g ") : svg.rindex("</g>") + len("</g>")]
+    text = re.sub(r'<g id="row-(\d+)\|([^"]*)">', r'<g class="row-\1"><title>\2</title>', text)
+    text = re.sub(r'<g id="[^"]*">', "<g>", text)
+    text = re.sub(r'\s*clip-path="[^"]*"', "", text)
+    text = re.sub(r'(\bid="|href="#)', rf"\g<1>{key}-", text)
+    text = re.sub(r"font: ([\d.]+px) [^;\"]*", r"font: \1 var(--font)", text)
+    text = re.sub(r"font-family: [^;\"]*", "font-family: var(--font)", text)
+    text = re.sub(r"#010[12]0\d", lambda colour: _VARIABLES.get(colour[0], colour[0]), text)
+    text = re.sub(r'\bd="([^"]*)"', lambda path: f'd="{_short_path(path[1])}"', text)
+    text = re.sub(r">\s+<", "><", text)
+    return f'<svg class="chart" viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" aria-label="{escape(name)}">{text}</svg>'
+
+
+def _short_path(path: str) -> str:
+    """Write the lines of a path as differences of coordinates in tenths of a pixel; other paths stay."""
+    parts = re.findall(r"([A-Za-z])([^A-Za-z]*)", path)
+    if not {command for command, _ in parts} <= {"M", "L", "z"}:
+        return " ".join(path.split())
+    written, last = [], (0, 0)
+    for command, numbers in parts:
+        if command == "z":
+            written.append("z")
+            continue
+        x, y = (round(10 * float(number)) for number in numbers.split())
+        across, down = (x, y) if command == "M" else (x - last[0], y - last[1])
+        written.append(f"{command if command == 'M' else 'l'}{across / 10:g} {down / 10:g}")
+        last = x, y
+    return "".join(written)

@@ -1,9 +1,8 @@
-"""Which trials the page shows: of each row of a table, on each target, the one whose figure is the median."""
+"""The sections of the page: each target of each table, with the meshes of one representative trial per row."""
 
-import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float64
@@ -11,17 +10,22 @@ from jaxtyping import Float64
 from meshfit.errors import MeshError, MeshfitError
 from meshfit.experiment.storage.run_directory import Result
 from meshfit.measuring.metrics import METRICS
-from meshfit.mesh.io.files import load_mesh
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.normalisation import Frame
 from meshfit.mesh.targets import file_sha256, load_target, target_path
-from meshfit.report.figures.surface_errors import distances_to
+from meshfit.report.figures.colours import shared_limit
+from meshfit.report.figures.representative_trial import RepresentativeTrial, TrialIndex, representative
+from meshfit.report.figures.trial_meshes import (
+    FITTED,
+    SOURCE,
+    distances_to,
+    distinct_meshes,
+    frame_of_result,
+    read_normalised,
+)
 from meshfit.report.tables.comparisons import Row
-from meshfit.report.tables.grouping import shared_settings, target_key
 from meshfit.report.tables.layout import row_labels
 from meshfit.report.tables.numbers import format_number
 from meshfit.report.tables.table import Table
-from meshfit.statistics import median_seed
 
 _UNITS = {
     "tutorial": "its largest |coordinate| is 1",
@@ -29,213 +33,193 @@ _UNITS = {
     "none": "in the unit of its file",
 }
 
-
-@dataclass(frozen=True)
-class Keyed:
-    """A result, which has its `folder`, and a text that is the same for the same shared settings."""
-
-    key: str
-    result: Result
+TrialsByRow = Mapping[int, Mapping[int, Result]]
+"""Results on one target, by index of the table's row, then by seed."""
 
 
 @dataclass(frozen=True)
-class Exhibit:
-    """A trial that stands for those of its row on its target.
+class LoadedTrial:
+    """The representative trial of a row, with its meshes in the frame that its numbers refer to.
 
     Attributes:
-        place: which row of the sheet it is.
-        label: what the row is called.
-        seed: of the trial.
-        seeds: how many seeds there are.
-        figure: its value of the first metric, as text; empty where it has none.
-        result: its result.
+        label: the name of the row.
+        seed: the seed of the trial.
+        value: its value of the first metric, as text; empty if it has none.
+        scheme: the scheme.
+        row: index of the row.
+        source: the source mesh.
+        mesh: the fitted mesh.
+        distances: (V,) from each vertex of the fitted mesh to the target; None without a target to measure to.
     """
 
-    place: int
     label: str
     seed: int
-    seeds: int
-    figure: str
-    result: Result
-
-    @property
-    def folder(self) -> Path:
-        """The folder of the trial."""
-        return Path(self.result["folder"])
+    value: str
+    scheme: str
+    row: int
+    source: Mesh
+    mesh: Mesh
+    distances: Float64[np.ndarray, " V"] | None
 
 
 @dataclass(frozen=True)
-class Wall:
-    """What there is to see of one target in one sheet.
+class TargetSection:
+    """Everything that the page shows of one target of one table.
 
     Attributes:
         key: short and unique on the page, for links and data.
-        sheet: the sheet.
-        target: the target.
-        title: of the target, and of its sheet where there are several.
-        exhibits: one for each row that has results, as many as there is room for.
+        title: the target's title, and the table's if there are several tables.
+        metric: title of the first metric.
+        unit: unit of lengths.
+        rows: labels of the table's rows.
+        trials_by_row: all results on the target.
+        values_by_row: their values of the first metric, likewise.
+        target: the target mesh; None if it is missing or has changed.
+        trials: the loaded trials, one per row.
         left_out: labels of the rows that there is no room for.
+        problems: messages about files that could not be read.
     """
 
     key: str
-    sheet: Table
-    target: str
     title: str
-    exhibits: tuple[Exhibit, ...]
-    left_out: tuple[str, ...]
+    metric: str
+    unit: str
+    rows: Sequence[str]
+    trials_by_row: TrialsByRow
+    values_by_row: Mapping[int, Mapping[int, float]]
+    target: Mesh | None
+    trials: Sequence[LoadedTrial]
+    left_out: Sequence[str]
+    problems: Sequence[str]
+
+    @cached_property
+    def sources(self) -> list[tuple[str, Mesh]]:
+        """The sources that look different, each with the schemes it is for, or the rows where schemes share several."""
+        groups = distinct_meshes([(trial, trial.source) for trial in self.trials])
+        schemes = [", ".join(dict.fromkeys(trial.scheme for trial in trials)) for trials, _ in groups]
+        labels = ["; ".join(trial.label for trial in trials) for trials, _ in groups]
+        names = schemes if len(set(schemes)) == len(schemes) else labels
+        return [(name, mesh) for name, (_, mesh) in zip(names, groups, strict=True)]
+
+    @cached_property
+    def distances(self) -> list[Float64[np.ndarray, " V"]]:
+        """The distances of all trials that have some."""
+        return [trial.distances for trial in self.trials if trial.distances is not None]
+
+    @cached_property
+    def limit(self) -> float:
+        """The end of the colour scale of distances, shared by pictures, viewer and histogram."""
+        return shared_limit(self.distances)
 
     @property
-    def metric(self) -> str:
-        """The title of the metric that the exhibits' figures are of."""
-        return METRICS[self.sheet.metrics[0]].title
-
-    @property
-    def unit(self) -> str:
-        """What its lengths are stated in."""
-        return _UNITS.get(str(self.sheet.settings.get("normalise")), "in the unit of its frame")
+    def exceeds_limit(self) -> bool:
+        """Whether some distance is beyond the end of the colour scale."""
+        return any(float(values.max(initial=0.0)) > self.limit for values in self.distances)
 
 
-def walls_of(sheets: Sequence[Table], trials: Sequence[Keyed], most: int) -> list[Wall]:
-    """The walls of all targets of all sheets, sharing the room that there is.
+def read_sections(
+    tables: Sequence[Table], results: Sequence[Result], most: int, progress: Callable[[int, int], None]
+) -> list[TargetSection]:
+    """Read the sections of all targets of all tables; files that cannot be read become problems of their section.
 
     Args:
-        sheets: of these results.
-        trials: those that the sheets are of.
-        most: exhibits on the whole page, but at least one on each wall.
+        tables: tables of these results.
+        results: results with their `folder`.
+        most: largest number of loaded trials on the page; each section has at least one.
+        progress: called with the number of sections read, and of all.
     """
-    found = [(sheet, target, list(_exhibits(sheet, target, trials))) for sheet in sheets for target in sheet.targets]
-    found = [wall for wall in found if wall[2]]
-    room = _room([len(exhibits) for *_, exhibits in found], most)
-    return [
-        Wall(
-            key=f"wall-{place}",
-            title=f"{sheet.targets[target]} · {sheet.title}" if len(sheets) > 1 else sheet.targets[target],
-            sheet=sheet,
-            target=target,
-            exhibits=tuple(exhibits[:some]),
-            left_out=tuple(exhibit.label for exhibit in exhibits[some:]),
-        )
-        for place, ((sheet, target, exhibits), some) in enumerate(zip(found, room, strict=True))
+    index = TrialIndex(results)
+    found = [
+        (table, target, trials)
+        for table in tables
+        for target in table.targets
+        if (trials := trials_by_row(table, target, index))
     ]
+    room = shares_of([len(trials) for *_, trials in found], most)
+    sections = []
+    for place, ((table, target, trials), rows) in enumerate(zip(found, room, strict=True)):
+        progress(place, len(found))
+        sections.append(_read_section(f"target-{place}", table, target, trials, rows, several=len(tables) > 1))
+    return sections
 
 
-def row_title(sheet: Table, row: Row) -> str:
-    """What a row is called in one text."""
-    return " · ".join(row_labels(sheet, row))
+def trials_by_row(table: Table, target: str, index: TrialIndex) -> dict[int, dict[int, Result]]:
+    """Return the results of a table on one target; rows without results are left out."""
+    rows = ((place, table.variations[row.variation].settings, row.scheme) for place, row in enumerate(table.rows))
+    found = {place: index.by_seed(settings, target, scheme) for place, settings, scheme in rows}
+    return {place: trials for place, trials in found.items() if trials}
 
 
-def trials_on(sheet: Table, target: str, trials: Sequence[Keyed]) -> dict[int, dict[int, Result]]:
-    """The results of a sheet on a target by place of the row, then by seed; of equal ones the first."""
-    rows = {(_key(sheet.variations[row.variation].settings), row.scheme): at for at, row in enumerate(sheet.rows)}
-    found: dict[int, dict[int, Result]] = {}
-    for trial in trials:
-        place = rows.get((trial.key, trial.result["scheme"]))
-        if place is not None and target_key(trial.result) == target:
-            found.setdefault(place, {}).setdefault(trial.result["seed"], trial.result)
-    return {place: dict(sorted(by_seed.items())) for place, by_seed in sorted(found.items())}
+def row_title(table: Table, row: Row) -> str:
+    """Return the name of a row as one text."""
+    return " · ".join(row_labels(table, row))
 
 
-def keyed(results: Sequence[Result]) -> list[Keyed]:
-    """Results with their keys."""
-    return [Keyed(_key(shared_settings(result)), result) for result in results]
-
-
-def _key(settings: Mapping[str, object]) -> str:
-    return json.dumps(settings, sort_keys=True)
-
-
-def _exhibits(sheet: Table, target: str, trials: Sequence[Keyed]) -> Iterator[Exhibit]:
-    metric = sheet.metrics[0]
-    for place, there in trials_on(sheet, target, trials).items():
-        sample = sheet.samples.get((metric, target, sheet.rows[place]), {})
-        seed = median_seed(sample) if sample else min(there)
-        figure = format_number(sample[seed], whole=METRICS[metric].format == "d") if sample else ""
-        yield Exhibit(place, row_title(sheet, sheet.rows[place]), seed, len(there), figure, there[seed])
-
-
-def _room(wanted: Sequence[int], most: int) -> list[int]:
-    """How many each wall gets: all that it wants, or an even share of what there is, and one at the least."""
+def shares_of(wanted: Sequence[int], most: int) -> list[int]:
+    """Share `most` places: everyone gets all they want if that fits, else an even share, but at least one."""
     if sum(wanted) <= most:
         return list(wanted)
     share = max(1, most // len(wanted))
     return [min(count, share) for count in wanted]
 
 
-@dataclass(frozen=True)
-class Subject:
-    """The meshes of one exhibit, in the frame that its numbers are stated in.
-
-    Attributes:
-        exhibit: which one.
-        source: the source mesh.
-        result: the fitted mesh.
-        distances: (V,) from each vert of the result to the target; None where there is no target to measure to.
-    """
-
-    exhibit: Exhibit
-    source: Mesh
-    result: Mesh
-    distances: Float64[np.ndarray, " V"] | None
-
-
-@dataclass(frozen=True)
-class Subjects:
-    """What a wall can be drawn of.
-
-    Attributes:
-        wall: which one.
-        target: the target; None where it is gone, or is no longer what it was.
-        shown: the exhibits whose meshes could be read.
-        problems: what could not be read, and why, a line each.
-    """
-
-    wall: Wall
-    target: Mesh | None
-    shown: tuple[Subject, ...]
-    problems: tuple[str, ...]
-
-
-def subjects_of(wall: Wall) -> Subjects:
-    """Read the meshes of a wall; what cannot be read is told, and the rest is kept."""
+def _read_section(  # noqa: PLR0913  each is part of the section
+    key: str, table: Table, target: str, trials: TrialsByRow, most: int, *, several: bool
+) -> TargetSection:
+    metric, titles = table.metrics[0], [row_title(table, row) for row in table.rows]
+    values = {place: table.samples.get((metric, target, table.rows[place]), {}) for place in trials}
+    chosen = {place: representative(by_seed, values[place]) for place, by_seed in trials.items()}
+    shown = list(chosen)[:most]
     problems: list[str] = []
-    target = _target(wall.exhibits[0].result, problems)
-    shown = tuple(_subjects(wall, target, problems))
-    return Subjects(wall, target, shown, tuple(problems))
+    mesh = _read_target(chosen[shown[0]].result, problems)
+    whole = METRICS[metric].format == "d"
+    return TargetSection(
+        key=key,
+        title=f"{table.targets[target]} · {table.title}" if several else table.targets[target],
+        metric=METRICS[metric].title,
+        unit=_UNITS.get(str(table.settings.get("normalise")), "in the unit of its frame"),
+        rows=titles,
+        trials_by_row=trials,
+        values_by_row=values,
+        target=mesh,
+        trials=[
+            loaded
+            for row in shown
+            for loaded in _load(chosen[row], row, titles[row], mesh, problems, whole=whole)
+        ],
+        left_out=[titles[row] for row in list(chosen)[most:]],
+        problems=problems,
+    )
 
 
-def _target(result: Result, problems: list[str]) -> Mesh | None:
+def _read_target(result: Result, problems: list[str]) -> Mesh | None:
     name = result["settings"]["targets"][0]
     try:
         path, known = target_path(name), result.get("inputs", {}).get("target")
         if path is not None and known is not None and path.is_file() and file_sha256(path) != known:
             raise MeshError(f"{path}: not the file that the trial was fitted to: it has changed since")
-        return _frame(result).normalise(load_target(name))
+        return frame_of_result(result).normalise(load_target(name))
     except MeshfitError as error:
         problems.append(f"The target is not shown, and distances to it are not drawn: {error}")
         return None
 
 
-def _subjects(wall: Wall, target: Mesh | None, problems: list[str]) -> Iterator[Subject]:
-    for exhibit in wall.exhibits:
-        try:
-            source, result = _fitted(exhibit)
-            distances = distances_to(result, target) if target is not None else None
-        except MeshfitError as error:
-            problems.append(f"{exhibit.label}, seed {exhibit.seed}, is not shown: {error}")
-            continue
-        yield Subject(exhibit, source, result, distances)
+def _load(  # noqa: PLR0913  each is part of the trial
+    trial: RepresentativeTrial, row: int, label: str, target: Mesh | None, problems: list[str], *, whole: bool
+) -> Iterator[LoadedTrial]:
+    """The loaded trial, or nothing but a problem."""
+    try:
+        source, mesh = (_read_surface(trial, name) for name in (SOURCE, FITTED))
+        distances = distances_to(mesh, target) if target is not None else None
+    except MeshfitError as error:
+        problems.append(f"{label}, seed {trial.seed}, is not shown: {error}")
+        return
+    value = "" if trial.value is None else format_number(trial.value, whole=whole)
+    yield LoadedTrial(label, trial.seed, value, trial.scheme, row, source, mesh, distances)
 
 
-def _fitted(exhibit: Exhibit) -> tuple[Mesh, Mesh]:
-    source, result = (load_mesh(exhibit.folder / name) for name in ("source.ply", "result.ply"))
-    if not result.num_faces:
-        raise MeshError(f"{exhibit.folder / 'result.ply'}: no faces")
-    if exhibit.result["settings"].get("write_frame") == "target":
-        frame = _frame(exhibit.result)
-        return frame.normalise(source), frame.normalise(result)
-    return source, result
-
-
-def _frame(result: Result) -> Frame:
-    found = result["frame"]
-    return Frame(tuple(found["centre"]), found["scale"])
+def _read_surface(trial: RepresentativeTrial, name: str) -> Mesh:
+    mesh = read_normalised(trial.folder / name, trial.result)
+    if not mesh.num_faces:
+        raise MeshError(f"{trial.folder / name}: no faces")
+    return mesh

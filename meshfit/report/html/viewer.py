@@ -1,8 +1,10 @@
-"""The meshes that the page turns: decimated if they are large, with coordinates in 16 bits."""
+"""Data of the 3D viewer: the meshes of a target section, decimated if they are large, with 16-bit coordinates."""
 
+import base64
+import gzip
 import json
 import struct
-from collections.abc import Callable
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,9 +14,8 @@ from meshfit.mesh.geometry import bounding_box
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.meshlab import decimate
 from meshfit.report.figures.camera import Vector, camera_of
-from meshfit.report.figures.surface_errors import distances_to
-from meshfit.report.html.images import limit_of
-from meshfit.report.html.target_section import Subjects
+from meshfit.report.figures.trial_meshes import distances_to
+from meshfit.report.html.target_section import TargetSection
 
 MOST_FACES = 12_000
 _STEPS = 65_535
@@ -22,106 +23,79 @@ _ALIGNED = 4
 
 
 @dataclass(frozen=True)
-class Quantised:
-    """A mesh in few bytes.
+class ViewerMesh:
+    """A quantised mesh.
 
     Attributes:
-        low: the least coordinates.
-        extent: the largest difference of coordinates, which 65,535 steps stand for.
-        wide: whether indices of verts have 32 bits, not 16.
-        arrays: the bytes of `verts`, `faces` and, where there are distances, `values`.
+        title: its title.
+        note: how far it was decimated; empty if it was not.
+        low: the smallest coordinates.
+        extent: the largest side of its bounding box, divided into 65,535 steps.
+        wide: whether vertex indices have 32 bits rather than 16.
+        arrays: the bytes of `verts`, `faces` and, with distances, `values`.
     """
 
-    low: tuple[float, float, float]
+    title: str
+    note: str
+    low: Vector
     extent: float
     wide: bool
     arrays: dict[str, bytes]
 
 
-@dataclass(frozen=True)
-class View:
-    """One mesh that can be turned.
-
-    Attributes:
-        title: what it is.
-        note: how far it was decimated; empty if it was not.
-        mesh: its data for the viewer.
-    """
-
-    title: str
-    note: str
-    mesh: Quantised
+def viewer_meshes(section: TargetSection) -> Iterator[ViewerMesh]:
+    """Quantise the target and the results of a section, in the order of the page."""
+    if section.target is not None and section.trials:
+        small, note = _decimated(section.target)
+        yield quantise(small, None, section.limit, "target", note)
+    for trial in section.trials:
+        (small, note), distances = _decimated(trial.mesh), trial.distances
+        if small is not trial.mesh and section.target is not None:
+            distances = distances_to(small, section.target)
+        yield quantise(small, distances, section.limit, trial.label, note)
 
 
-@dataclass(frozen=True)
-class Scene:
-    """The views of a wall, which are turned together.
-
-    Attributes:
-        views: target, if there is one, and results.
-        eye: unit vectors to the right, up and towards the eye of the first view.
-        centre: the point that views turn about.
-        radius: of what has to fit into a view.
-    """
-
-    views: tuple[View, ...]
-    eye: tuple[Vector, Vector, Vector]
-    centre: Vector
-    radius: float
-
-    def content(self) -> bytes:
-        """What the viewer needs: the length of a JSON text, that text, and the arrays that it tells the places of."""
-        arrays, meshes, begin = [], [], 0
-        for view in self.views:
-            places = {}
-            for name, array in view.mesh.arrays.items():
-                places[name] = begin, len(array)
-                arrays.append(array + bytes(-len(array) % _ALIGNED))
-                begin += len(arrays[-1])
-            meshes.append({"low": view.mesh.low, "extent": view.mesh.extent, "wide": view.mesh.wide, "arrays": places})
-        head = {"eye": self.eye, "centre": self.centre, "radius": self.radius, "meshes": meshes}
-        text = json.dumps(head).encode()
-        text += b" " * (-len(text) % _ALIGNED)
-        return struct.pack("<I", len(text)) + text + b"".join(arrays)
-
-
-def scene_of(subjects: Subjects, tick: Callable[[], None]) -> Scene:
-    """The scene of a wall; there is at least one subject to show.
-
-    Args:
-        subjects: of the wall.
-        tick: called after each mesh.
-    """
-    limit, views = limit_of(subjects), []
-    if subjects.target is not None:
-        views.append(_view("target", subjects.target, None, limit))
-        tick()
-    for subject in subjects.shown:
-        views.append(_view(subject.exhibit.label, subject.result, subject.distances, limit, subjects.target))
-        tick()
-    first = subjects.target if subjects.target is not None else subjects.shown[0].result
-    verts = np.concatenate([first.verts, *(subject.result.verts for subject in subjects.shown)])
+def viewer_scene(section: TargetSection, meshes: Sequence[ViewerMesh]) -> bytes:
+    """Pack the meshes of a section, which has at least one, with the view that they share."""
+    first = section.target if section.target is not None else section.trials[0].mesh
+    verts = np.concatenate([first.verts, *(trial.mesh.verts for trial in section.trials)])
     centre, camera = np.mean(bounding_box(verts), axis=0), camera_of(first)
-    return Scene(
-        views=tuple(views),
-        eye=(camera.right, camera.up, camera.direction),
+    return pack_scene(
+        meshes,
+        axes=(camera.right, camera.up, camera.direction),
         centre=(float(centre[0]), float(centre[1]), float(centre[2])),
         radius=float(np.linalg.norm(verts - centre, axis=1).max()) or 1.0,
     )
 
 
-def _view(
-    title: str, mesh: Mesh, distances: Float64[np.ndarray, " V"] | None, limit: float, target: Mesh | None = None
-) -> View:
-    shown = decimate(mesh, MOST_FACES) if mesh.num_faces > MOST_FACES else mesh
-    note = f"{shown.num_faces:,} of {mesh.num_faces:,} faces" if shown is not mesh else ""
-    if shown is not mesh and distances is not None and target is not None:
-        distances = distances_to(shown, target)
-    return View(title, note, quantised(shown, distances, limit))
+def pack_scene(
+    meshes: Sequence[ViewerMesh], axes: tuple[Vector, Vector, Vector], centre: Vector, radius: float
+) -> bytes:
+    """Pack meshes as the length of a JSON text (32 bits), that text, and the arrays whose offsets it contains.
+
+    Args:
+        meshes: the meshes.
+        axes: unit vectors right, up and towards the eye of the first view.
+        centre: the point that views turn about.
+        radius: radius of the ball that has to fit into a view.
+    """
+    arrays, heads, begin = [], [], 0
+    for mesh in meshes:
+        places = {}
+        for name, array in mesh.arrays.items():
+            places[name] = begin, len(array)
+            arrays.append(array + bytes(-len(array) % _ALIGNED))
+            begin += len(arrays[-1])
+        heads.append({"low": mesh.low, "extent": mesh.extent, "wide": mesh.wide, "arrays": places})
+    text = json.dumps({"axes": axes, "centre": centre, "radius": radius, "meshes": heads}).encode()
+    text += b" " * (-len(text) % _ALIGNED)
+    return struct.pack("<I", len(text)) + text + b"".join(arrays)
 
 
-def quantised(mesh: Mesh, distances: Float64[np.ndarray, " V"] | None, limit: float) -> Quantised:
-    """A mesh for the viewer: a coordinate is off by 1/131,070 of the mesh's extent, a distance by 1/510 of `limit`."""
+def quantise(
+    mesh: Mesh, distances: Float64[np.ndarray, " V"] | None, limit: float, title: str = "", note: str = ""
+) -> ViewerMesh:
+    """Quantise a mesh: coordinates to within 1/131,070 of its extent, distances to within 1/510 of `limit`."""
     low, high = bounding_box(mesh.verts)
     extent = float((high - low).max()) or 1.0
     wide = mesh.num_verts > _STEPS
@@ -131,4 +105,17 @@ def quantised(mesh: Mesh, distances: Float64[np.ndarray, " V"] | None, limit: fl
     }
     if distances is not None:
         arrays["values"] = np.rint(np.clip(distances / limit, 0.0, 1.0) * 255).astype("u1").tobytes()
-    return Quantised((float(low[0]), float(low[1]), float(low[2])), extent, wide, arrays)
+    return ViewerMesh(title, note, (float(low[0]), float(low[1]), float(low[2])), extent, wide, arrays)
+
+
+def _decimated(mesh: Mesh) -> tuple[Mesh, str]:
+    """A mesh of at most `MOST_FACES` faces, and a note if it was decimated."""
+    if mesh.num_faces <= MOST_FACES:
+        return mesh, ""
+    small = decimate(mesh, MOST_FACES)
+    return small, f"{small.num_faces:,} of {mesh.num_faces:,} faces"
+
+
+def compress(content: bytes) -> str:
+    """Return bytes as text that the page can embed: gzip in base64; equal bytes give equal text."""
+    return base64.b64encode(gzip.compress(content, compresslevel=9, mtime=0)).decode()

@@ -1,4 +1,4 @@
-// The theme: the system's, unless the reader chose another one for this visit.
+// The theme of the system, unless the reader has chosen the other one for this visit.
 "use strict";
 document.addEventListener("DOMContentLoaded", () => {
   const button = document.getElementById("theme");

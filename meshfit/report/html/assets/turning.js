@@ -1,8 +1,8 @@
-// Views that are turned: by mouse, touch and keys, those of a row together.
+// Views turned by mouse, touch and keys; the views of a target turn together.
 "use strict";
 class Turning {
-  constructor(eye) {
-    this.first = eye;
+  constructor(axes) {
+    this.first = axes;
     this.reset();
   }
 
@@ -12,12 +12,12 @@ class Turning {
     this.shift = [0, 0];
   }
 
-  // Column by column, as WebGL has it.
+  // Column by column, as WebGL expects.
   matrix() {
     return [0, 1, 2].flatMap((column) => this.rows.map((row) => row[column]));
   }
 
-  // Turn what is seen about the screen's own axes, by angles to the right and downwards.
+  // Turn about the axes of the screen, by angles to the right and downwards.
   turn(right, down) {
     const spin = ([first, second], angle) => {
       const [a, b] = [this.rows[first], this.rows[second]];
@@ -43,7 +43,7 @@ class Views {
     this.painter = painter;
     this.scene = scene;
     this.look = look;
-    this.turning = new Turning(scene.eye);
+    this.turning = new Turning(scene.axes);
     this.canvases = [...figure.querySelectorAll("canvas")];
     this.canvases.forEach((canvas) => this.listen(canvas));
     new ResizeObserver(() => this.request()).observe(figure);
@@ -126,7 +126,7 @@ function apart(a, b) {
   return Math.hypot(a[0] - b[0], a[1] - b[1]);
 }
 
-function hang() {
+function start() {
   const all = [];
   let painter;
   const ticked = (id) => document.getElementById(id).checked;
@@ -140,7 +140,7 @@ function hang() {
   const refuse = (error) => {
     const place = document.getElementById("no-3d");
     place.hidden = false;
-    place.textContent = `Nothing can be turned here: ${error.message}. The pictures above show the same meshes.`;
+    place.textContent = `3D views do not work here: ${error.message}. The pictures above show the same meshes.`;
   };
   try {
     painter = new Painter(document.getElementById("colours").textContent.split(","));
@@ -163,4 +163,4 @@ function hang() {
     });
   }
 }
-hang();
+start();

@@ -1,4 +1,4 @@
-// What the page carries compressed, and when it is wanted: as it comes near what is looked at.
+// Compressed data of the page, unpacked when its section comes near the visible part of the page.
 "use strict";
 async function unpack(id) {
   const text = document.getElementById(id).textContent.trim();

@@ -1,4 +1,4 @@
-// Meshes drawn by WebGL. One context draws for every view, since browsers allow only a few of them on a page.
+// Meshes drawn by WebGL. One context draws all views, since browsers allow only a few contexts per page.
 "use strict";
 class Painter {
   constructor(colours) {
@@ -14,7 +14,7 @@ class Painter {
     this.ramp = ramp(gl, colours);
   }
 
-  // Draw a mesh, as it is seen from a state of turning, onto a canvas of the page.
+  // Draw a mesh in the state of a Turning onto a canvas of the page.
   draw(mesh, state, onto, look) {
     const { gl, places } = this;
     const width = onto.width, height = onto.height;
@@ -124,7 +124,7 @@ function upload(gl, mesh) {
   return { array, faces };
 }
 
-// Each vert's normal: those of its faces, the larger ones counting more.
+// The normal of each vertex: the area-weighted sum of those of its faces.
 function normalsOf({ verts, faces }) {
   const normals = new Float32Array(verts.length);
   const at = (index, axis) => verts[3 * index + axis];
@@ -159,7 +159,7 @@ function edgesOf(gl, mesh) {
   return mesh.buffers.edges;
 }
 
-// A scene from its bytes: the length of a JSON text, that text, and the arrays that it tells the places of.
+// Read a scene: the length of a JSON text, that text, and the arrays whose offsets it contains.
 function readScene(buffer) {
   const length = new DataView(buffer).getUint32(0, true);
   const scene = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
