@@ -3,28 +3,31 @@
 import base64
 import gzip
 import json
+import re
 import struct
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron
-from meshfit.report.figures.camera import camera_of
-from meshfit.report.figures.visibility import close_up, in_sight
+from meshfit.report.figures.camera import camera_of, close_up, is_visible
+from meshfit.report.figures.representative_trial import TrialIndex, representative
 from meshfit.report.html.charts import (
     BINS,
     MOST_CURVES,
     MOST_POINTS,
-    curves_of,
-    histogram,
+    area_shares,
+    changing_terms,
+    draw_curves,
+    read_curves,
     thinned,
-    vert_areas,
-    whiskers,
+    vertex_areas,
 )
-from meshfit.report.html.page import packed_json
-from meshfit.report.html.target_section import keyed, trials_on, walls_of
-from meshfit.report.html.viewer import Scene, View, quantised
+from meshfit.report.html.tables import whiskers
+from meshfit.report.html.target_section import TargetSection, read_sections, shares_of, trials_by_row
+from meshfit.report.html.viewer import compress, pack_scene, quantise
 from meshfit.report.tables.table import build_tables, merge_tables
 from meshfit.statistics import PairedDifference
 from meshfit.subdivision.refine import subdivide
@@ -41,30 +44,45 @@ def sheets_of(results):
     return merge_tables(build_tables(results))
 
 
-def test_a_row_is_shown_by_the_trial_of_its_median():
+def rows_of(sheet, results, target="bunny"):
+    return trials_by_row(sheet, target, TrialIndex(results))
+
+
+def test_a_row_is_represented_by_the_trial_of_its_median():
     results = results_of(*(("bunny", "loop", seed) for seed in range(5)))
     for result, value in zip(results, (0.5, 0.1, 0.3, 0.2, 0.4), strict=True):
         result["hausdorff"] = result["hausdorff"] | {"symmetric": value}
-    ((exhibit,),) = [wall.exhibits for wall in walls_of(sheets_of(results), keyed(results), 10)]
-    assert (exhibit.label, exhibit.seed, exhibit.seeds, exhibit.figure) == ("loop", 2, 5, "0.3000")
-    assert exhibit.result is results[2]
+    (sheet,) = sheets_of(results)
+    by_seed = rows_of(sheet, results)[0]
+    trial = representative(by_seed, sheet.samples[sheet.metrics[0], "bunny", sheet.rows[0]])
+    assert (trial.scheme, trial.seed, trial.seeds, trial.value) == ("loop", 2, 5, 0.3)
+    assert trial.result is results[2]
+    assert representative(by_seed, {}).seed == 0
 
 
 @pytest.mark.parametrize("most", [1, 3, 4, 6, 9])
-def test_walls_share_the_room_and_name_what_is_left_out(most):
-    results = results_of(*((t, s, 0) for t in ("bunny", "cow") for s in ("loop", "interp-loop", "modified-butterfly")))
-    walls = walls_of(sheets_of(results), keyed(results), most)
-    assert [len(wall.exhibits) + len(wall.left_out) for wall in walls] == [3, 3]
-    assert all(wall.exhibits for wall in walls)
-    assert sum(len(wall.exhibits) for wall in walls) <= max(most, len(walls))
-    assert len({wall.key for wall in walls}) == 2
+def test_sections_share_the_room_and_each_has_some(most):
+    shares = shares_of([3, 3], most)
+    assert all(1 <= share <= 3 for share in shares)
+    assert sum(shares) <= max(most, 2)
+
+
+@pytest.mark.parametrize(("most", "shown"), [(1, 1), (9, 3)])
+def test_a_section_names_what_it_leaves_out_and_what_it_cannot_read(most, shown):
+    names = [(t, s, 0) for t in ("bunny", "cow") for s in ("loop", "interp-loop", "modified-butterfly")]
+    results = [result | {"frame": {"centre": [0, 0, 0], "scale": 1}} for result in results_of(*names)]
+    sections = read_sections(sheets_of(results), results, most, lambda *_: None)
+    assert [(len(section.left_out), len(section.trials)) for section in sections] == [(3 - shown, 0)] * 2
+    assert len({section.key for section in sections}) == 2
+    problems = [problem for section in sections for problem in section.problems if "is not shown: runs/" in problem]
+    assert len(problems) == 2 * shown
 
 
 def test_variations_have_rows_of_their_own_and_a_trial_given_twice_is_taken_once():
     results = results_of(("bunny", "loop", 0), ("bunny", "loop", 1), steps=100)
     results += results_of(("bunny", "loop", 0), steps=200)
     (sheet,) = sheets_of(results)
-    by_row = trials_on(sheet, "bunny", keyed([*results, *results]))
+    by_row = rows_of(sheet, [*results, *results])
     assert {place: list(by_seed) for place, by_seed in by_row.items()} == {0: [0, 1], 1: [0]}
     assert by_row[1][0] is results[2]
 
@@ -84,31 +102,58 @@ def trace(folder, text):
     return {"folder": str(folder), "seed": 0, "seconds": {"fit": 2.0}}
 
 
-def test_curves_leave_out_what_never_moves_and_have_no_nan(tmp_path):
-    lines = "".join(f"{step},{1 / (step + 1)},7.0,{'nan' if step == 3 else step}\n" for step in range(1000))
-    curves = curves_of({0: {0: trace(tmp_path, f"step,chamfer,lr,loss\n{lines}")}})
-    assert (curves.terms, curves.nearness, curves.trials) == (("chamfer", "loss"), "chamfer", 1)
-    (curve,) = curves.curves
+def section_of(trials_by_row, rows=("loop",), values_by_row=None):
+    values = values_by_row or {row: {} for row in trials_by_row}
+    return TargetSection("t", "<bunny>", "distance", "", rows, trials_by_row, values, None, (), (), ())
+
+
+def test_curves_leave_out_terms_that_never_change_and_values_that_are_not_finite(tmp_path):
+    lines = "".join(f"{step},{1 / (step + 1)},7.0,{'nan' if step == 0 else step}\n" for step in range(1000))
+    trials = {0: {0: trace(tmp_path, f"step,chamfer,lr,loss\n{lines}")}}
+    curves, problems = read_curves(trials)
+    assert (changing_terms(curves), problems) == (["chamfer", "loss"], [])
+    (curve,) = curves
     assert len(curve.steps) == MOST_POINTS
-    assert curve.steps[-1] == 999
-    assert json.loads(json.dumps(curve.data(), allow_nan=False))["seconds"] == 2.0
+    assert (curve.steps[-1], curve.seconds) == (999, 2.0)
+    charts = draw_curves(section_of(trials), curves)
+    assert [chart.title for chart in charts] == ["chamfer by time", "chamfer", "loss"]
+    assert all("nan" not in chart.svg for chart in charts)
 
 
-def test_many_curves_are_thinned_and_damaged_ones_are_told(tmp_path):
+def test_many_curves_are_thinned_and_damaged_ones_are_reported(tmp_path):
     good = trace(tmp_path / "good", "step,distance\n0,1\n1,0.5\n")
-    many = {row: dict.fromkeys(range(50), good) for row in range(3)}
-    curves = curves_of(many)
-    assert (len(curves.curves), curves.trials) == (MOST_CURVES, 150)
-    curves = curves_of({0: {0: trace(tmp_path / "bad", "nothing\n"), 1: {"folder": str(tmp_path), "seed": 1}, 2: good}})
-    assert len(curves.curves) == 1
-    assert len(curves.problems) == 2
+    curves, _ = read_curves({row: dict.fromkeys(range(50), good) for row in range(4)})
+    assert len(curves) == MOST_CURVES
+    bad = {"folder": str(tmp_path), "seed": 1}
+    curves, problems = read_curves({0: {0: trace(tmp_path / "bad", "nothing\n"), 1: bad, 2: good}})
+    assert (len(curves), len(problems)) == (1, 2)
+
+
+def test_a_chart_has_the_colours_of_the_page_and_a_class_for_each_row(tmp_path):
+    good = trace(tmp_path, "step,distance\n0,1\n1,0.5\n2,0.25\n") | {"seed": 7}
+    trials = {0: {7: good}, 12: {7: good}}
+    section = section_of(trials, [f"row <{n}>" for n in range(13)], {0: {7: 0.1}, 12: {7: 0.2}})
+    charts = draw_curves(section, read_curves(trials)[0])
+    assert [chart.title for chart in charts] == ["distance by time", "distance at the end", "distance"]
+    ids = []
+    for chart in charts:
+        assert "&lt;bunny&gt;" in chart.svg
+        assert not re.findall(r"#01[0-9a-f]{4}|clip-path|<style", chart.svg)
+        assert all(f"var({name})" in chart.svg for name in ("--soft", "--rule", "--row-0", "--row-2", "--font"))
+        tree = ElementTree.fromstring(chart.svg.replace("<svg ", '<svg xmlns:xlink="x" ', 1))
+        series = {found.get("class"): found.find("title").text for found in tree.iter("g") if found.get("class")}
+        assert series.keys() == {"row-0", "row-12"}
+        assert series["row-12"].startswith("row <12>, seed 7")
+        ids += [found.get("id") for found in tree.iter() if found.get("id")]
+    assert len(ids) == len(set(ids))
+    assert draw_curves(section, read_curves(trials)[0]) == charts
 
 
 def test_a_mesh_for_the_viewer_is_what_it_was_to_its_steps():
     mesh = subdivide(icosahedron(), "loop", 2)
     mesh = Mesh(mesh.verts * [3.0, 1.0, 0.1] + [5.0, -2.0, 0.0], mesh.faces)
     distances = GENERATOR.uniform(0, 0.4, mesh.num_verts)
-    found = quantised(mesh, distances, 0.2)
+    found = quantise(mesh, distances, 0.2)
     steps = np.frombuffer(found.arrays["verts"], "<u2").reshape(-1, 3)
     assert np.abs(steps / 65_535 * found.extent + found.low - mesh.verts).max() <= found.extent / 131_070 * 1.001
     assert (np.frombuffer(found.arrays["faces"], "<u2").reshape(-1, 3) == mesh.faces).all()
@@ -117,9 +162,8 @@ def test_a_mesh_for_the_viewer_is_what_it_was_to_its_steps():
 
 
 def test_a_scene_tells_where_its_arrays_are():
-    mesh = quantised(icosahedron(), None, 1.0)
-    scene = Scene((View("a", "", mesh), View("b", "", mesh)), ((1, 0, 0), (0, 1, 0), (0, 0, 1)), (0, 0, 0), 1.0)
-    content = scene.content()
+    mesh = quantise(icosahedron(), None, 1.0)
+    content = pack_scene([mesh, mesh], ((1, 0, 0), (0, 1, 0), (0, 0, 1)), (0, 0, 0), 1.0)
     (length,) = struct.unpack_from("<I", content)
     head = json.loads(content[4 : 4 + length])
     for found in head["meshes"]:
@@ -130,22 +174,22 @@ def test_a_scene_tells_where_its_arrays_are():
 
 
 def test_packed_data_are_the_same_for_the_same_content_and_can_be_unpacked():
-    content = {"a": [1, 2.5, None], "b": "</script>"}
-    text = packed_json(content)
-    assert text == packed_json(content)
+    content = b"some bytes </script>" * 9
+    text = compress(content)
+    assert text == compress(content)
     assert "<" not in text
-    assert json.loads(gzip.decompress(base64.b64decode(text))) == content
+    assert gzip.decompress(base64.b64decode(text)) == content
 
 
 def test_a_histogram_holds_all_of_the_area():
     mesh = subdivide(icosahedron(), "loop", 2)
     corners = mesh.verts[mesh.faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
-    assert vert_areas(mesh).sum() == pytest.approx(area)
-    found = histogram(0, mesh, GENERATOR.uniform(0, 1, mesh.num_verts), 0.7)
-    assert len(found.shares) == BINS
-    assert sum(found.shares) + found.beyond == pytest.approx(100, abs=0.1)
-    assert 10 < found.beyond < 50
+    assert vertex_areas(mesh).sum() == pytest.approx(area)
+    shares, beyond = area_shares(mesh, GENERATOR.uniform(0, 1, mesh.num_verts), 0.7)
+    assert len(shares) == BINS
+    assert sum(shares) + beyond == pytest.approx(100, abs=0.1)
+    assert 10 < beyond < 50
 
 
 def test_whiskers_keep_the_order_of_what_they_stand_for():
@@ -161,10 +205,10 @@ def test_whiskers_keep_the_order_of_what_they_stand_for():
 
 
 @pytest.mark.parametrize("vert", range(12))
-def test_a_close_up_has_its_vert_in_sight(vert):
+def test_a_close_up_has_its_vert_is_visible(vert):
     mesh = icosahedron()
     camera = camera_of(mesh)
     found = close_up(mesh, vert, camera)
-    assert in_sight(mesh, vert, found.camera)
-    assert found.hidden == (not in_sight(mesh, vert, camera))
+    assert is_visible(mesh, vert, found.camera)
+    assert found.hidden == (not is_visible(mesh, vert, camera))
     assert found.camera.project(mesh.verts[[vert]])[0] == pytest.approx([0, 0, 0], abs=1e-9)

@@ -69,7 +69,7 @@ def write_chart(tables: Sequence[Table], path: Path) -> None:
 
 
 def geometric_means(table: Table) -> dict[str, float]:
-    """Return the geometric mean over the targets of each scheme that has results on all of them, if there are several."""
+    """Return the geometric mean over several targets of each scheme that has results on all of them."""
     means = _means(table)
     values_of = {scheme: [means.get((target, scheme)) for target in table.targets] for scheme in table.schemes}
     whole = {scheme: [value for value in values if value is not None] for scheme, values in values_of.items()}

@@ -149,7 +149,9 @@ def _read_buffers(plotter: Any) -> tuple[UInt8[np.ndarray, "H W 3"], Float32[np.
     return rows[::-1].copy(), support.vtk_to_numpy(depth).reshape(height, width)[::-1].copy()
 
 
-def _downsample(pixels: Float32[np.ndarray, "H W 3"], seen: Float32[np.ndarray, "H W"], background: str | None) -> Image:
+def _downsample(
+    pixels: Float32[np.ndarray, "H W 3"], seen: Float32[np.ndarray, "H W"], background: str | None
+) -> Image:
     """Average blocks of fine pixels, over the background or, without one, over the mesh alone."""
     height, width = seen.shape[0] // _FINE, seen.shape[1] // _FINE
     blocks = (height, _FINE, width, _FINE)
@@ -170,7 +172,7 @@ def occlusion_shade(depth: Depth) -> Depth:
     count as a hollow. Only the depth buffer enters, so the result does not depend on the OpenGL driver.
 
     Args:
-        depth: (H, W) distance from the eye in units of a pixel's width, in parallel projection; infinite for background.
+        depth: (H, W) distance from the eye in pixel widths, in parallel projection; infinite for the background.
     """
     result = np.ones_like(depth)
     for share, strength in _RADII:

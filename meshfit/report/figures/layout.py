@@ -105,7 +105,7 @@ def mesh_panel(mesh: Mesh, camera: Camera, size: tuple[int, int], *lines: str, e
     return Panel(draw(mesh, camera, size=size, edges=edges), lines)
 
 
-def distance_panel(  # noqa: PLR0913  each is drawn
+def distance_panel(
     mesh: Mesh,
     distances: Float64[np.ndarray, " V"],
     limit: float,

@@ -135,7 +135,9 @@ def _table_names(tables: Sequence[Table]) -> list[str]:
     experiments = [table.experiment for table in tables]
     if len(set(experiments)) == len(tables):
         return experiments
-    variations = variation_names([table.settings for table in tables], [table.variations[0].variant for table in tables])
+    variations = variation_names(
+        [table.settings for table in tables], [table.variations[0].variant for table in tables]
+    )
     if len(set(experiments)) == 1:
         return variations
     return [f"{table.experiment}, {name}" for table, name in zip(tables, variations, strict=True)]

@@ -22,7 +22,7 @@ from meshfit.experiment.storage.run_directory import Result
 from meshfit.mesh.mesh import Mesh
 from meshfit.report.extra import import_optional
 from meshfit.report.figures.chart import set_log_ticks
-from meshfit.report.html.target_section import LoadedTrial, TargetSection, TrialsByRow
+from meshfit.report.html.target_section import TargetSection, TrialsByRow
 
 TRACE = "trace.csv"
 MOST_POINTS = 100
@@ -211,7 +211,7 @@ def _term_chart(
         elif finite:
             axes.set_ylim(bottom=min(0.0, *finite))
 
-    return _svg(draw, f"{term}, {section.title}", label, f"{section.key}-{term}")
+    return _svg(draw, f"{term}, {section.title}", label, f"{section.key}-{term}-{label}")
 
 
 def _end_chart(section: TargetSection) -> str:
@@ -219,11 +219,12 @@ def _end_chart(section: TargetSection) -> str:
         for row, seed, seconds, value in _ends(section):
             style = {"color": _colour(row), "gid": f"row-{row}|{section.rows[row]}, seed {seed}: {value:.4g}"}
             axes.plot([seconds], [value], marker="o", markersize=7, markeredgewidth=0, **style)
+        axes.margins(0.08)
         axes.set_xlim(left=0.0)
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
 
-    label = "seconds of the fit"
-    return _svg(draw, f"{section.metric} at the end, {section.title}", label, f"{section.key}-ends")
+    name = f"{section.metric} at the end, {section.title}"
+    return _svg(draw, name, "seconds of the fit", f"{section.key}-ends")
 
 
 def _ends(section: TargetSection) -> Iterator[tuple[int, int, float, float]]:
@@ -284,14 +285,18 @@ def _for_page(svg: str, name: str, key: str) -> str:
     """Prepare an SVG of matplotlib for the page: CSS variables, a class for each row, short paths, unique ids."""
     text = svg[svg.index("<g ") : svg.rindex("</g>") + len("</g>")]
     text = re.sub(r'<g id="row-(\d+)\|([^"]*)">', r'<g class="row-\1"><title>\2</title>', text)
+    text = re.sub(r'<g id="[^"]*"\s*/>', "", text)
     text = re.sub(r'<g id="[^"]*">', "<g>", text)
-    text = re.sub(r'\s*clip-path="[^"]*"', "", text)
+    text = re.sub(r'\s*(clip-path|transform)="(url|rotate\(-0 )[^"]*"', "", text)
     text = re.sub(r'(\bid="|href="#)', rf"\g<1>{key}-", text)
     text = re.sub(r"font: ([\d.]+px) [^;\"]*", r"font: \1 var(--font)", text)
     text = re.sub(r"font-family: [^;\"]*", "font-family: var(--font)", text)
     text = re.sub(r"#010[12]0\d", lambda colour: _VARIABLES.get(colour[0], colour[0]), text)
     text = re.sub(r'\bd="([^"]*)"', lambda path: f'd="{_short_path(path[1])}"', text)
+    text = re.sub(r"\d+\.\d{3,}", lambda number: f"{float(number[0]):.1f}", text)
     text = re.sub(r">\s+<", "><", text)
+    while "<g></g>" in text:
+        text = text.replace("<g></g>", "")
     return f'<svg class="chart" viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" aria-label="{escape(name)}">{text}</svg>'
 
 

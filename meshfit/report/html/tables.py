@@ -103,7 +103,9 @@ def whiskers(paired: Sequence[PairedDifference]) -> list[Whisker | None]:
         return round(_WHISKER_MARGIN + (100 - 2 * _WHISKER_MARGIN) * (value - low) / width, 2)
 
     return [
-        None if difference.interval is None else Whisker(position(0.0), *map(position, (difference.mean, *difference.interval)))
+        None
+        if difference.interval is None
+        else Whisker(position(0.0), *map(position, (difference.mean, *difference.interval)))
         for difference in paired
     ]
 
@@ -195,7 +197,9 @@ def machines_grid(results: Sequence[Result]) -> Grid:
     names = list(dict.fromkeys(name for kind in kinds for name, _ in kind))
     rows = [(name, *(dict(kind).get(name, "") for kind in kinds)) for name in names]
     rows.append(("trials", *(f"{len(found):,}" for found in kinds.values())))
-    rows.append(("seconds a fit", *(_range_text([_seconds(result, "fit") for result in found]) for found in kinds.values())))
+    rows.append(
+        ("seconds a fit", *(_range_text([_seconds(result, "fit") for result in found]) for found in kinds.values()))
+    )
     rows.append(("all together", *(duration_text(sum(map(_all_seconds, found))) for found in kinds.values())))
     memory = [max(float(result.get("peak_memory_mb") or 0) for result in found) for found in kinds.values()]
     rows.append(("most memory", *(size_text(most * 1e6) if most else "" for most in memory)))

@@ -163,7 +163,7 @@ def shares_of(wanted: Sequence[int], most: int) -> list[int]:
     return [min(count, share) for count in wanted]
 
 
-def _read_section(  # noqa: PLR0913  each is part of the section
+def _read_section(
     key: str, table: Table, target: str, trials: TrialsByRow, most: int, *, several: bool
 ) -> TargetSection:
     metric, titles = table.metrics[0], [row_title(table, row) for row in table.rows]
@@ -183,9 +183,7 @@ def _read_section(  # noqa: PLR0913  each is part of the section
         values_by_row=values,
         target=mesh,
         trials=[
-            loaded
-            for row in shown
-            for loaded in _load(chosen[row], row, titles[row], mesh, problems, whole=whole)
+            loaded for row in shown for loaded in _load(chosen[row], row, titles[row], mesh, problems, whole=whole)
         ],
         left_out=[titles[row] for row in list(chosen)[most:]],
         problems=problems,
@@ -204,7 +202,7 @@ def _read_target(result: Result, problems: list[str]) -> Mesh | None:
         return None
 
 
-def _load(  # noqa: PLR0913  each is part of the trial
+def _load(
     trial: RepresentativeTrial, row: int, label: str, target: Mesh | None, problems: list[str], *, whole: bool
 ) -> Iterator[LoadedTrial]:
     """The loaded trial, or nothing but a problem."""
