@@ -132,7 +132,7 @@ def test_many_curves_are_thinned_and_damaged_ones_are_reported(tmp_path):
 def test_a_chart_has_the_colours_of_the_page_and_a_class_for_each_row(tmp_path):
     good = trace(tmp_path, "step,distance\n0,1\n1,0.5\n2,0.25\n") | {"seed": 7}
     trials = {0: {7: good}, 12: {7: good}}
-    section = section_of(trials, [f"row <{n}>" for n in range(13)], {0: {7: 0.1}, 12: {7: 0.2}})
+    section = section_of(trials, [f"row <{n}> x=0.12345" for n in range(13)], {0: {7: 0.1}, 12: {7: 0.2}})
     charts = draw_curves(section, read_curves(trials)[0])
     assert [chart.title for chart in charts] == ["distance by time", "distance at the end", "distance"]
     ids = []
@@ -143,7 +143,7 @@ def test_a_chart_has_the_colours_of_the_page_and_a_class_for_each_row(tmp_path):
         tree = ElementTree.fromstring(chart.svg.replace("<svg ", '<svg xmlns:xlink="x" ', 1))
         series = {found.get("class"): found.find("title").text for found in tree.iter("g") if found.get("class")}
         assert series.keys() == {"row-0", "row-12"}
-        assert series["row-12"].startswith("row <12>, seed 7")
+        assert series["row-12"].startswith("row <12> x=0.12345, seed 7")
         ids += [found.get("id") for found in tree.iter() if found.get("id")]
     assert len(ids) == len(set(ids))
     assert draw_curves(section, read_curves(trials)[0]) == charts

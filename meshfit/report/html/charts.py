@@ -285,19 +285,23 @@ def _for_page(svg: str, name: str, key: str) -> str:
     """Prepare an SVG of matplotlib for the page: CSS variables, a class for each row, short paths, unique ids."""
     text = svg[svg.index("<g ") : svg.rindex("</g>") + len("</g>")]
     text = re.sub(r'<g id="row-(\d+)\|([^"]*)">', r'<g class="row-\1"><title>\2</title>', text)
-    text = re.sub(r'<g id="[^"]*"\s*/>', "", text)
-    text = re.sub(r'<g id="[^"]*">', "<g>", text)
-    text = re.sub(r'\s*(clip-path|transform)="(url|rotate\(-0 )[^"]*"', "", text)
-    text = re.sub(r'(\bid="|href="#)', rf"\g<1>{key}-", text)
-    text = re.sub(r"font: ([\d.]+px) [^;\"]*", r"font: \1 var(--font)", text)
-    text = re.sub(r"font-family: [^;\"]*", "font-family: var(--font)", text)
-    text = re.sub(r"#010[12]0\d", lambda colour: _VARIABLES.get(colour[0], colour[0]), text)
-    text = re.sub(r'\bd="([^"]*)"', lambda path: f'd="{_short_path(path[1])}"', text)
-    text = re.sub(r"\d+\.\d{3,}", lambda number: f"{float(number[0]):.1f}", text)
+    text = re.sub(r"<[^>]*>", lambda tag: _short_tag(tag[0], key), text)  # tags only: text may hold any name
     text = re.sub(r">\s+<", "><", text)
     while "<g></g>" in text:
         text = text.replace("<g></g>", "")
     return f'<svg class="chart" viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" aria-label="{escape(name)}">{text}</svg>'
+
+
+def _short_tag(tag: str, key: str) -> str:
+    if re.fullmatch(r'<g id="[^"]*"\s*/?>', tag):
+        return "" if tag.endswith("/>") else "<g>"
+    tag = re.sub(r'\s+(clip-path|transform)="(url|rotate\(-0 )[^"]*"', "", tag)
+    tag = re.sub(r'(\bid="|href="#)', rf"\g<1>{key}-", tag)
+    tag = re.sub(r"font: ([\d.]+px) [^;\"]*", r"font: \1 var(--font)", tag)
+    tag = re.sub(r"font-family: [^;\"]*", "font-family: var(--font)", tag)
+    tag = re.sub(r"#010[12]0\d", lambda colour: _VARIABLES.get(colour[0], colour[0]), tag)
+    tag = re.sub(r'\bd="([^"]*)"', lambda path: f'd="{_short_path(path[1])}"', tag)
+    return re.sub(r"\d+\.\d{3,}", lambda number: f"{float(number[0]):.1f}", tag)
 
 
 def _short_path(path: str) -> str:
