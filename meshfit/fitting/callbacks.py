@@ -1,21 +1,21 @@
-"""What a fit tells of its progress, and how it is asked to stop. Free of torch, for those who only look on."""
+"""The argument of `on_step` callbacks, and the exception by which they stop a fit; free of torch."""
 
 from dataclasses import dataclass
 
 
 class Interrupted(Exception):  # noqa: N818  a request, not an error
-    """Raised by an `on_step` callback to stop the fit; the engine saves a checkpoint before it lets it through."""
+    """Raised by an `on_step` callback to stop the fit; a checkpoint is saved before it propagates."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """What `on_step` is told after each step.
+    """Progress of a fit after a step.
 
     Attributes:
-        done: how many steps have been made.
-        steps: of how many.
-        loss: before the last one: of the first-order engine its objective, of the other the distance.
-        stage: what the next one is a part of, such as `level 1`; empty where there are no stages.
+        done: number of steps made.
+        steps: total number of steps.
+        loss: before the last step: the objective of the first-order engine, the distance of the Gauss–Newton engine.
+        stage: name of the next step's stage, such as `level 1`; empty for the first-order engine.
     """
 
     done: int

@@ -1,4 +1,4 @@
-"""Which device a fit runs on, and with how many threads."""
+"""Devices: selection by name, single-threaded execution on the CPU, and CUDA-graph capture."""
 
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -11,12 +11,16 @@ from meshfit.errors import DeviceError, MeshfitWarning
 
 DEVICES = "auto, cpu, cuda, cuda:N, mps"
 
+_CALLS_BEFORE_CAPTURE = 3
+
+_Result = TypeVar("_Result")
+
 
 def resolve_device(name: str, dtype: str = "float32") -> torch.device:
-    """The torch device of a setting; `auto` takes a CUDA device where there is one, and the CPU otherwise.
+    """Return the torch device of a setting; `auto` is the CUDA device if there is one, and the CPU otherwise.
 
     Raises:
-        DeviceError: not a device name, a device that is not there, or one that has no such dtype.
+        DeviceError: not a device name, or a device that this machine lacks, or that has no such dtype.
     """
     if name == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
@@ -28,8 +32,8 @@ def resolve_device(name: str, dtype: str = "float32") -> torch.device:
         raise DeviceError(f"device: '{name}' is not supported; allowed: {DEVICES}")
     count = {"cpu": 1, "cuda": torch.cuda.device_count(), "mps": int(torch.backends.mps.is_available())}[device.type]
     if not 0 <= (device.index or 0) < count:  # torch lets large indices overflow to negative ones
-        found = f"only {count} of its kind here" if count else "none of its kind here, or torch was built without it"
-        raise DeviceError(f"device: '{name}' is not available ({found}); use device: cpu, or auto")
+        reason = f"only {count} of its kind here" if count else "none of its kind here, or torch was built without it"
+        raise DeviceError(f"device: '{name}' is not available ({reason}); use device: cpu, or auto")
     if device.type == "mps" and dtype == "float64":
         raise DeviceError("device: 'mps' has no float64; use dtype: float32")
     return device
@@ -37,7 +41,7 @@ def resolve_device(name: str, dtype: str = "float32") -> torch.device:
 
 @contextmanager
 def single_thread() -> Iterator[None]:
-    """Run torch on one CPU thread: at the sizes of a fit more cost more than they bring, and one keeps sums ordered."""
+    """Run torch on one CPU thread: more are slower at the sizes of a fit, and one keeps the order of sums."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -46,30 +50,26 @@ def single_thread() -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-_Result = TypeVar("_Result")
-_WARM_UP = 3
-
-
 def as_cuda_graph(
     function: Callable[[], _Result], generators: Sequence[torch.Generator], device: torch.device
 ) -> Callable[[], _Result]:
-    """On a CUDA device, what captures a function after a few calls and replays it from then on; else the function.
+    """Wrap a function so that, on CUDA, it is captured as a graph after a few calls and replayed from then on.
 
     Args:
-        function: reads tensors at fixed places, and never waits for the device.
-        generators: that it draws from.
-        device: that it runs on.
+        function: reads tensors at fixed addresses, and never waits for the device.
+        generators: the random generators it draws from.
+        device: the device it runs on.
 
     Returns:
-        A function of the same results. A replay returns the same tensors as the one before it, with new contents.
+        A function with the same results. Every replay returns the same tensors with new contents.
     """
-    return _Captured(function, generators) if device.type == "cuda" else function
+    return _CudaGraph(function, generators) if device.type == "cuda" else function
 
 
-class _Captured(Generic[_Result]):
+class _CudaGraph(Generic[_Result]):
     def __init__(self, function: Callable[[], _Result], generators: Sequence[torch.Generator]) -> None:
         self._function, self._generators = function, generators
-        self._calls_until_capture = _WARM_UP
+        self._calls_until_capture = _CALLS_BEFORE_CAPTURE
         self._graph: torch.cuda.CUDAGraph | None = None
         self._result: _Result | None = None
 

@@ -1,4 +1,4 @@
-"""The first-order engine: minimise the weighted loss terms over per-vertex offsets, with fresh samples every step."""
+"""The first-order engine: minimises weighted loss terms over per-vertex offsets, with fresh samples every step."""
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -27,31 +27,30 @@ class Evaluation:
     """The objective of K problems at one step.
 
     Attributes:
-        state: what it was computed from.
-        terms: (K,) each acting term.
-        values: (T, K) the same, without what they came from.
-        gradient: (V, 3) of their weighted sum.
+        inputs: inputs of the loss terms.
+        terms: the (K,) values of every term with a weight above 0.
+        values: (T, K) the same, detached.
+        gradient: (V, 3) gradient of their weighted sum.
     """
 
-    state: LossInputs
+    inputs: LossInputs
     terms: dict[str, Tensor]
     values: Tensor
     gradient: Tensor
 
 
 class FirstOrder:
-    """Fits in progress, K problems of the same settings side by side: `step` advances all of them by one.
+    """K fits with the same settings, stepped side by side as one mesh of K disconnected parts.
 
-    They are one mesh of K pieces that have nothing in common. What becomes of one does not depend on the others: on
-    the CPU, to the byte.
+    On the CPU, each result is byte-identical regardless of the rest of the batch.
 
     Attributes:
         problems: the K problems.
-        settings: of all of them.
-        device: what they run on.
-        done: how many steps have been made.
-        traces: of each problem.
-        failed: those that have diverged, by their place among the problems; they are not to be stepped further.
+        settings: settings of all problems.
+        device: device of all tensors.
+        done: number of steps made.
+        traces: trace of each problem.
+        failed: problems that have diverged, by index; call `without_failed` before the next step.
     """
 
     def __init__(
@@ -62,16 +61,16 @@ class FirstOrder:
         dtype: torch.dtype,
         pool: Executor | None = None,
     ) -> None:
-        place: Mapping[str, Any] = {"dtype": dtype, "device": device}
+        options: Mapping[str, Any] = {"dtype": dtype, "device": device}
         self.problems, self.settings, self.device, self.done = tuple(problems), settings, device, 0
         self._pool = pool
         self.traces, self.failed = [Trace() for _ in problems], dict[int, Diverged]()
-        sources = _each_once(sort_faces_spatially, [problem.source for problem in problems])
-        targets = _each_once(_in_order_throughout, [problem.target for problem in problems])
-        self._surface = MeshOperators.of(sources, **place)
-        self._start = torch.cat([torch.tensor(mesh.verts, **place) for mesh in sources])
-        target_verts = torch.cat([torch.tensor(mesh.verts, **place) for mesh in targets])
-        self._target = FaceGeometry.of(Faces.of(targets, **place), target_verts)
+        sources = _map_unique(in_spatial_order, [problem.source for problem in problems])
+        targets = _map_unique(_in_spatial_order, [problem.target for problem in problems])
+        self._operators = MeshOperators.of(sources, **options)
+        self._start = torch.cat([torch.tensor(mesh.verts, **options) for mesh in sources])
+        target_verts = torch.cat([torch.tensor(mesh.verts, **options) for mesh in targets])
+        self._target = FaceGeometry.of(Faces.of(targets, **options), target_verts)
         self._target_table = AreaTable.of(self._target)
         self._offsets = torch.zeros_like(self._start)
         self._optimizer = OPTIMIZERS[settings.optimizer.name](self._offsets, settings.optimizer)
@@ -79,55 +78,54 @@ class FirstOrder:
         self._last_good = self._start
         weights = settings.losses.model_dump()
         self._terms: dict[str, Term] = TERMS | {"laplacian": LAPLACIANS[settings.laplacian]}
-        acting = [name for name in self._terms if weights[name] > 0]
-        self._weights = {name: float(torch.tensor(weights[name], dtype=dtype)) for name in acting}
-        each = torch.ones(len(problems), **place)
-        self._output_gradients = {name: weight * each for name, weight in self._weights.items()}
+        active = [name for name in self._terms if weights[name] > 0]
+        self._weights = {name: float(torch.tensor(weights[name], dtype=dtype)) for name in active}
+        ones = torch.ones(len(problems), **options)
+        self._output_gradients = {name: weight * ones for name, weight in self._weights.items()}
         self._evaluate = as_cuda_graph(self._evaluate_eagerly, self._generators, device)
-        self._find_lost_positions()
+        self._fail_on_positions()
 
     @property
     def steps(self) -> int:
-        """How many steps there are to make."""
+        """Total number of steps."""
         return self.settings.steps
 
     @property
     def stage(self) -> str:
-        """What the next step is a part of; there is one stage alone."""
+        """Empty: a first-order fit has one stage only."""
         return ""
 
     def mesh(self, member: int) -> Mesh:
-        """A source as it lies now, in float64."""
+        """Return the current surface, in float64."""
         return self._as_mesh(member, self._start + self._offsets)
 
     def polygons(self, member: int) -> PolygonMesh | None:
-        """The source's polygons, with their verts where the surface has them."""
+        """Return the source's polygons at the current positions, if it has any."""
         polygons = self.problems[member].polygons
         return None if polygons is None else polygons.with_verts(self.mesh(member).verts)
 
     def control(self, _member: int) -> None:
-        """There is no control mesh: the verts themselves are solved for."""
-        return
+        """Return None: the vertices themselves are solved for."""
 
     def step(self) -> list[float]:
-        """Make one step; the loss of each problem before it is returned. `failed` is brought up to date."""
-        now = self._evaluate()
-        values: dict[str, list[float]] = dict(zip(now.terms, now.values.tolist(), strict=True))
+        """Make one step and return the loss of each problem before it. Updates `failed`."""
+        evaluation = self._evaluate()
+        values: dict[str, list[float]] = dict(zip(evaluation.terms, evaluation.values.tolist(), strict=True))
         losses = [sum(self._weighted(values, k).values(), 0.0) for k in range(len(self.problems))]
-        self._find_lost_losses(values, losses)
+        self._fail_on_losses(values, losses)
         lr = learning_rate(self.settings.optimizer, self.done, self.settings.steps)
         if self.done % self.settings.trace_every == 0 or self.done == self.settings.steps - 1:
-            self._record(now.state, values, losses, lr)
-        self._last_good = now.state.verts.detach().clone()  # a captured step has the next positions in the same place
-        if not isfinite(float(now.gradient.sum())):
-            self._find_lost_gradients(now)
-        self._optimizer.step(now.gradient, lr)
+            self._record(evaluation.inputs, values, losses, lr)
+        self._last_good = evaluation.inputs.verts.detach().clone()  # a CUDA graph reuses the memory
+        if not isfinite(float(evaluation.gradient.sum())):
+            self._fail_on_gradients(evaluation)
+        self._optimizer.step(evaluation.gradient, lr)
         self.done += 1
-        self._find_lost_positions()
+        self._fail_on_positions()
         return losses
 
     def checkpoint(self, member: int) -> Checkpoint:
-        """Everything that the next step of one problem depends on, as a copy: steps made later do not change it."""
+        """Return a copy of everything that the next step of one problem depends on."""
         rows = self._rows(member)
         return {
             "done": self.done,
@@ -139,7 +137,7 @@ class FirstOrder:
         }
 
     def restore(self, checkpoints: Sequence[Checkpoint]) -> None:
-        """Go back, or on, to where checkpoints of the same problems were taken, all after as many steps."""
+        """Continue from checkpoints of the same problems, all taken after the same number of steps."""
         with torch.no_grad():
             self._offsets.copy_(torch.cat([checkpoint["offsets"] for checkpoint in checkpoints]))
         self._last_good = torch.cat([checkpoint["last_good"] for checkpoint in checkpoints]).to(self._start)
@@ -148,10 +146,10 @@ class FirstOrder:
             generator.set_state(checkpoint["generator"].cpu())
         self.traces = [Trace(rows=[tuple(row) for row in checkpoint["trace"]]) for checkpoint in checkpoints]
         self.done = checkpoints[0]["done"]
-        self._find_lost_positions()
+        self._fail_on_positions()
 
     def without_failed(self) -> "FirstOrder":
-        """The same fits without those that have failed."""
+        """Return the same fits without those that have failed."""
         left = [member for member in range(len(self.problems)) if member not in self.failed]
         problems = [self.problems[member] for member in left]
         others = FirstOrder(problems, self.settings, self.device, self._start.dtype, self._pool)
@@ -160,53 +158,55 @@ class FirstOrder:
 
     def _evaluate_eagerly(self) -> Evaluation:
         verts, count = (self._start + self._offsets).requires_grad_(), self.settings.samples
-        geometry = FaceGeometry.of(self._surface.faces, verts)
+        geometry = FaceGeometry.of(self._operators.faces, verts)
         source = sample(geometry, count, self._generators)
         target = sample(self._target, count, self._generators, self._target_table)
         matches = match_nearest(source.points, target.points, len(self.problems), self._pool)
-        state = LossInputs(verts, self._surface, geometry, source, target, matches)
-        terms = {name: self._terms[name](state) for name in self._weights}
+        inputs = LossInputs(verts, self._operators, geometry, source, target, matches)
+        terms = {name: self._terms[name](inputs) for name in self._weights}
         values = torch.stack([value.detach() for value in terms.values()]) if terms else verts.new_empty(0, 0)
-        return Evaluation(state, terms, values, self._gradient(verts, terms))
+        return Evaluation(inputs, terms, values, self._gradient(verts, terms))
 
     def _gradient(self, verts: Tensor, terms: Mapping[str, Tensor]) -> Tensor:
-        """Of the weighted sum of some terms."""
-        acting = [name for name, value in terms.items() if value.requires_grad]
-        if not acting:
+        """Return the gradient of the weighted sum of some terms."""
+        names = [name for name, value in terms.items() if value.requires_grad]
+        if not names:
             return torch.zeros_like(verts)
-        outputs, weights = [terms[name] for name in acting], [self._output_gradients[name] for name in acting]
+        outputs, weights = [terms[name] for name in names], [self._output_gradients[name] for name in names]
         return torch.autograd.grad(outputs, verts, weights, retain_graph=True)[0]
 
     def _weighted(self, values: Mapping[str, list[float]], member: int) -> dict[str, float]:
         return {name: self._weights[name] * value[member] for name, value in values.items()}
 
-    def _record(self, state: LossInputs, values: dict[str, list[float]], losses: list[float], lr: float) -> None:
+    def _record(self, inputs: LossInputs, values: dict[str, list[float]], losses: list[float], lr: float) -> None:
         with torch.no_grad():
-            # Without what they have worked out before: a captured step does not renew that.
-            fresh = replace(state, source=replace(state.source), target=replace(state.target))
-            silent = {name: term(fresh).tolist() for name, term in self._terms.items() if name not in values}
+            # Copies drop cached properties, which a replayed CUDA graph does not update.
+            fresh = replace(inputs, source=replace(inputs.source), target=replace(inputs.target))
+            inactive = {name: term(fresh).tolist() for name, term in self._terms.items() if name not in values}
         for member, loss in enumerate(losses):
             if member not in self.failed:
-                row = {name: value[member] for name, value in (silent | values).items()}
+                row = {name: value[member] for name, value in (inactive | values).items()}
                 self.traces[member].append(self.done, loss, row, lr)
 
-    def _find_lost_losses(self, values: Mapping[str, list[float]], losses: list[float]) -> None:
-        """Find losses that are not finite, or would not be in the precision of the fit."""
+    def _fail_on_losses(self, values: Mapping[str, list[float]], losses: list[float]) -> None:
+        """Fail the problems whose losses are not finite in the precision of the fit."""
         largest = torch.finfo(self._start.dtype).max
         for member in (k for k, loss in enumerate(losses) if not abs(loss) <= largest):
             weighted = self._weighted(values, member)
             self._fail(member, next((name for name, value in weighted.items() if not abs(value) <= largest), "loss"))
 
-    def _find_lost_gradients(self, now: Evaluation) -> None:
-        terms = {name: self._gradient(now.state.verts, {name: value}) for name, value in now.terms.items()}
+    def _fail_on_gradients(self, evaluation: Evaluation) -> None:
+        terms = {
+            name: self._gradient(evaluation.inputs.verts, {name: value}) for name, value in evaluation.terms.items()
+        }
         for member in range(len(self.problems)):
             rows = self._rows(member)
-            if not bool(now.gradient[rows].isfinite().all()):
-                lost = (name for name, gradient in terms.items() if not gradient[rows].isfinite().all())
-                self._fail(member, f"gradient of {next(lost, 'loss')}")
+            if not bool(evaluation.gradient[rows].isfinite().all()):
+                names = (name for name, gradient in terms.items() if not gradient[rows].isfinite().all())
+                self._fail(member, f"gradient of {next(names, 'loss')}")
 
-    def _find_lost_positions(self) -> None:
-        """Find verts that are not finite, and those too far off for areas and squared distances to be."""
+    def _fail_on_positions(self) -> None:
+        """Fail the problems with positions that are not finite, or so large that squared areas overflow."""
         distance, limit = (self._start + self._offsets).abs(), _farthest(self._start.dtype)
         if not float(distance.max()) < limit:
             for member in range(len(self.problems)):
@@ -225,16 +225,16 @@ class FirstOrder:
         return Mesh(verts[self._rows(member)].cpu().double().numpy(), self.problems[member].source.faces)
 
 
-def _each_once(prepare: Callable[[Mesh], Mesh], meshes: Sequence[Mesh]) -> list[Mesh]:
-    """Every mesh prepared; one that several problems share, once."""
+def _map_unique(prepare: Callable[[Mesh], Mesh], meshes: Sequence[Mesh]) -> list[Mesh]:
+    """Apply a function to every mesh; once to a mesh that several problems share."""
     prepared = {mesh: prepare(mesh) for mesh in dict.fromkeys(meshes)}
     return [prepared[mesh] for mesh in meshes]
 
 
-def _in_order_throughout(mesh: Mesh) -> Mesh:
-    return renumber_verts_by_faces(sort_faces_spatially(mesh))
+def _in_spatial_order(mesh: Mesh) -> Mesh:
+    return renumbered_by_faces(in_spatial_order(mesh))
 
 
 def _farthest(dtype: torch.dtype) -> float:
-    """Coordinates up to which the fourth powers that squared areas are made of do not overflow."""
+    """Return the coordinate up to which squared areas, which are sums of fourth powers, do not overflow."""
     return sqrt(sqrt(torch.finfo(dtype).max)) / 8

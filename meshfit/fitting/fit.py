@@ -1,4 +1,4 @@
-"""Which problems of a batch are computed together."""
+"""Fit sources to targets: one problem, or many in batches that fit in memory."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, get_args
@@ -22,55 +22,12 @@ from meshfit.settings import build, override
 from meshfit.specs import suggest
 from meshfit.subdivision.registry import Scheme
 
-# For each face, vertex and sample: twice what is held on the CPU, as other allocators leave gaps.
+# Memory per face, vertex and sample: twice that of the CPU, as other allocators leave gaps.
 _BYTES_PER_ROW = 600
-# Enough for the calls of a step to cost little beside its numbers.
+# Enough for the overhead of a step's calls to be small beside its arithmetic.
 _CPU_BYTES = 200e6
 _MPS_BYTES = 2e9
 _SHARE_OF_DEVICE = 0.5
-
-
-def batches(
-    problems: Sequence[Problem], settings: FirstOrderSettings | GaussNewtonSettings, device: torch.device
-) -> list[list[int]]:
-    """Split problems into groups that are stepped together, of as many as the device has room for.
-
-    Problems of a group have made as many steps before: those that go on from checkpoints may not all have.
-
-    Returns:
-        Places in `problems`, group by group.
-    """
-    if isinstance(settings, GaussNewtonSettings):  # which takes them one after the other, whatever their company
-        return [[place] for place in range(len(problems))]
-    room, groups = _room(device), list[list[int]]()
-    filled, last = room, -1
-    for place in sorted(range(len(problems)), key=lambda i: steps_done(problems[i])):
-        size, done = _size(problems[place], settings), steps_done(problems[place])
-        if filled + size > room or done != last:
-            groups.append([])
-            filled, last = 0, done
-        groups[-1].append(place)
-        filled += size
-    return groups
-
-
-def steps_done(problem: Problem) -> int:
-    """The steps that were made of a problem before."""
-    return 0 if problem.resume is None else int(problem.resume["done"])
-
-
-def _size(problem: Problem, settings: FirstOrderSettings) -> int:
-    meshes = problem.source.num_verts + problem.source.num_faces + problem.target.num_faces
-    return _BYTES_PER_ROW * (meshes + 2 * settings.samples)
-
-
-def _room(device: torch.device) -> float:
-    if device.type == "cuda":
-        return _SHARE_OF_DEVICE * torch.cuda.mem_get_info(device)[0]
-    if device.type == "mps":
-        return _MPS_BYTES
-    return _CPU_BYTES
-
 
 Settings = FirstOrderSettings | GaussNewtonSettings
 
@@ -95,33 +52,33 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
 ) -> FitResult:
     """Deform a source mesh until it lies on a target.
 
-    Lengths in the settings are those of the verts as given; normalise the target first, or use `meshfit run`.
+    Lengths in the settings are in the unit of the verts; normalise the target first, or use `meshfit run`.
 
     Args:
-        source: where to start; its faces are kept, refined or replaced, as the method says. Polygons are cut into the
-            fans from their first corners; see `PolygonMesh.with_short_diagonals`.
-        target: what to reach.
-        settings: of the fit, by its method; defaults are those of PyTorch3D's tutorial.
-        scheme: the subdivision scheme that carries a Gauss–Newton fit from level to level.
-        seed: of the samples. The same seed, settings and machine give the same bytes on the CPU.
+        source: mesh to start from; its faces are kept, refined or replaced, depending on the method. Polygons are cut
+            into fans from their first corners; see `PolygonMesh.with_short_diagonals`.
+        target: mesh to fit to.
+        settings: settings of either engine; the defaults are those of PyTorch3D's tutorial.
+        seed: seed of the samples. The same seed, settings and machine give the same bytes on the CPU.
+        scheme: subdivision scheme that carries a Gauss–Newton fit from level to level.
         device: `auto`, `cpu`, `cuda`, `cuda:N` or `mps`.
-        dtype: of the computation, `float32` or `float64`; meshes are float64 on both sides of it.
-        threads: to search nearest points with on the CPU, of which each problem keeps two busy; all else is done on
-            one. The result does not depend on it.
-        on_step: called after every step.
-        resume: a checkpoint of the same fit to go on from.
-        save: called with a checkpoint every few seconds, and if `on_step` raises `Interrupted`.
-        on_snapshot: called with the number of steps made and the surface, as often as `snapshots` says.
-        **overrides: keys of the settings in place of those given, such as `steps=500, losses={"edge": 0.5}`, or
+        dtype: precision of the computation, `float32` or `float64`; meshes are float64 in any case.
+        threads: number of threads of the nearest-neighbour search on the CPU, of which each problem uses two; the rest
+            runs on one. The result does not depend on it.
+        on_step: called after every step; may raise `Interrupted`.
+        resume: checkpoint of the same fit to continue from.
+        save: called with a checkpoint every few seconds, and when `on_step` raises `Interrupted`.
+        on_snapshot: called with the number of steps made and the surface every `snapshots` steps.
+        **overrides: keys of the settings to replace, such as `steps=500, losses={"edge": 0.5}`, or
             `method="gauss-newton", connectivity="fixed"`.
 
     Example:
         >>> result = fit(source, target, steps=500, seed=1)  # doctest: +SKIP
 
     Raises:
-        ConfigError: a setting that is not allowed.
-        DeviceError: the device is not there.
-        MeshError: a mesh that has no area or coordinates that are not finite.
+        ConfigError: a setting is not allowed.
+        DeviceError: the device is not available.
+        MeshError: a mesh has no area, or coordinates that are not finite.
         Diverged: a step was not finite.
     """
     triangles, polygons = (source, None) if isinstance(source, Mesh) else (source.triangulated(), source)
@@ -141,48 +98,48 @@ def fit_batch(
     threads: int = 1,
     **overrides: Any,  # noqa: ANN401  any key of the settings
 ) -> list[FitResult | Diverged]:
-    """Fit many problems of any sizes, with the same settings; as many side by side as the device has room for.
+    """Fit many problems of any sizes with the same settings, as many side by side as the device has memory for.
 
-    What becomes of a problem does not depend on its company: on the CPU to the byte, elsewhere to rounding.
+    On the CPU, each result is byte-identical regardless of the rest of the batch; elsewhere it agrees up to rounding.
 
     Args:
-        problems: what to fit to what.
-        settings: of all fits.
-        device: as for `fit`.
-        dtype: as for `fit`.
-        threads: as for `fit`.
-        **overrides: as for `fit`.
+        problems: pairs of source and target.
+        settings: settings of all fits.
+        device: as in `fit`.
+        dtype: as in `fit`.
+        threads: as in `fit`.
+        **overrides: as in `fit`.
 
     Returns:
-        For each problem its result, or why it diverged.
+        The result of each problem, or why it diverged.
 
     Example:
         >>> outcomes = fit_batch([Problem(source, target) for target in targets], steps=500)  # doctest: +SKIP
 
     Raises:
-        ConfigError, DeviceError, MeshError: as `fit`, before anything is fitted.
+        ConfigError, DeviceError, MeshError: as `fit`, before the first step.
     """
     settings = _settings(settings, overrides)
     if dtype not in get_args(Dtype):
         raise ConfigError(f"dtype: got '{dtype}'; {suggest(str(dtype), get_args(Dtype))}")
     if threads < 1:
-        raise ConfigError(f"threads: found {threads}; at least 1 is needed")
+        raise ConfigError(f"threads: expected at least 1, got {threads}")
     for number, problem in enumerate(problems):
-        where = f"problem {number}: " if len(problems) > 1 else ""
-        for name, mesh in (("source", problem.source), ("target", problem.target)):
-            _require_surface(mesh, where + name)
-    place = resolve_device(device, dtype)
-    if settings.method == "gauss-newton" and place.type == "mps":
+        prefix = f"problem {number}: " if len(problems) > 1 else ""
+        _require_surface(problem.source, f"{prefix}source")
+        _require_surface(problem.target, f"{prefix}target")
+    torch_device = resolve_device(device, dtype)
+    if settings.method == "gauss-newton" and torch_device.type == "mps":
         raise DeviceError("device: 'mps' has no float64, which method: gauss-newton needs; use device: cpu")
     outcomes: dict[Problem, FitResult | Diverged] = {}
-    # Gradients are needed here, whatever mode the caller is in.
+    # Gradients are computed here, even if the caller is in inference mode.
     with single_thread(), torch.inference_mode(mode=False), search_threads(threads) as pool:
-        groups = batches(problems, settings, place)
+        groups = batches(problems, settings, torch_device)
         for group in groups:
-            together = [problems[i] for i in group]
-            engine = ENGINES[settings.method](together, settings, place, getattr(torch, dtype), pool)
-            if steps_done(together[0]):
-                engine.restore([problem.resume for problem in together if problem.resume is not None])
+            batch = [problems[i] for i in group]
+            engine = ENGINES[settings.method](batch, settings, torch_device, getattr(torch, dtype), pool)
+            if steps_done(batch[0]):
+                engine.restore([problem.resume for problem in batch if problem.resume is not None])
             outcomes |= run(engine, save_end=group is not groups[-1], snapshots=settings.snapshots)
     return [outcomes[problem] for problem in problems]
 
@@ -202,3 +159,43 @@ def _require_surface(mesh: Mesh, name: str) -> None:
         raise MeshError(f"{name}: vertex {int(np.flatnonzero(~finite)[0])} has a coordinate that is not finite")
     if not mesh.num_faces or not face_areas(mesh).sum() > 0:
         raise MeshError(f"{name}: the mesh has no area")
+
+
+def batches(problems: Sequence[Problem], settings: Settings, device: torch.device) -> list[list[int]]:
+    """Split problems into batches that are stepped together, as large as the device has memory for.
+
+    All problems of a batch have made the same number of steps; those that continue from checkpoints may differ.
+
+    Returns:
+        Indices into `problems`, batch by batch.
+    """
+    if isinstance(settings, GaussNewtonSettings):  # steps its problems one after the other in any case
+        return [[index] for index in range(len(problems))]
+    room, groups = _room(device), list[list[int]]()
+    filled, last = room, -1
+    for index in sorted(range(len(problems)), key=lambda i: steps_done(problems[i])):
+        size, done = _size(problems[index], settings), steps_done(problems[index])
+        if filled + size > room or done != last:
+            groups.append([])
+            filled, last = 0, done
+        groups[-1].append(index)
+        filled += size
+    return groups
+
+
+def steps_done(problem: Problem) -> int:
+    """Return the number of steps in the problem's checkpoint."""
+    return 0 if problem.resume is None else int(problem.resume["done"])
+
+
+def _size(problem: Problem, settings: FirstOrderSettings) -> int:
+    """Return the estimated memory of a problem, in bytes."""
+    meshes = problem.source.num_verts + problem.source.num_faces + problem.target.num_faces
+    return _BYTES_PER_ROW * (meshes + 2 * settings.samples)
+
+
+def _room(device: torch.device) -> float:
+    """Return the memory for a batch, in bytes."""
+    if device.type == "cuda":
+        return _SHARE_OF_DEVICE * torch.cuda.mem_get_info(device)[0]
+    return _MPS_BYTES if device.type == "mps" else _CPU_BYTES

@@ -1,7 +1,7 @@
-"""Take an engine through its steps: progress, checkpoints, and members that diverge."""
+"""The step loop that both engines share: progress, snapshots, checkpoints, and problems that diverge."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -17,7 +17,7 @@ SECONDS_BETWEEN_CHECKPOINTS = 2.0
 
 @runtime_checkable
 class Engine(Protocol):
-    """What makes the steps of some problems side by side."""
+    """A batch of fits in progress, stepped together; `member` is the index of a problem in the batch."""
 
     problems: tuple[Problem, ...]
     device: torch.device
@@ -27,44 +27,44 @@ class Engine(Protocol):
 
     @property
     def steps(self) -> int:
-        """How many steps there are to make."""
+        """Total number of steps."""
 
     @property
     def stage(self) -> str:
-        """What the next step is a part of."""
+        """Name of the next step's stage."""
 
     def mesh(self, member: int) -> Mesh:
-        """The surface of a problem as it lies now."""
+        """Return the current surface."""
 
     def polygons(self, member: int) -> PolygonMesh | None:
-        """The polygons whose fans the faces of this surface are, if they are any."""
+        """Return the polygons whose fan triangulation the current surface is, if any."""
 
     def control(self, member: int) -> Mesh | None:
-        """The control mesh that this surface is the refinement of, if that was solved for."""
+        """Return the current control mesh, if one is solved for."""
 
     def step(self) -> list[float]:
-        """Make one step; the loss of each problem before it is returned."""
+        """Make one step and return the loss of each problem before it."""
 
     def checkpoint(self, member: int) -> Checkpoint:
-        """All that the next step of one problem depends on."""
+        """Return a copy of everything that the next step of one problem depends on."""
 
     def restore(self, checkpoints: Sequence[Checkpoint]) -> None:
-        """Go back, or on, to where checkpoints were taken."""
+        """Continue from checkpoints of the same problems, all taken after the same number of steps."""
 
     def without_failed(self) -> "Engine":
-        """The same fits without those that have failed."""
+        """Return the same fits without those that have failed."""
 
 
 @dataclass(frozen=True, eq=False)
 class FitResult:
-    """What a fit leaves.
+    """The result of a fit.
 
     Attributes:
-        mesh: the deformed source, with the source's own faces, or those that the fit has refined or remeshed them to.
-        trace: what was minimised, by step.
-        device: what it ran on.
-        control: the control mesh that the mesh is the refinement of, if that was solved for.
-        polygons: whose fans the faces of the mesh are, if the source or the scheme has any and they are still there.
+        mesh: the deformed source, with its own faces, or those that the fit refined or remeshed them to.
+        trace: one row of numbers per traced step.
+        device: name of the device.
+        control: the control mesh of which `mesh` is the refinement, if one was solved for.
+        polygons: the polygons whose fan triangulation `mesh` is, if any.
     """
 
     mesh: Mesh
@@ -75,15 +75,15 @@ class FitResult:
 
 
 def run(engine: Engine, *, save_end: bool = False, snapshots: int | None = None) -> dict[Problem, FitResult | Diverged]:
-    """Make all the steps that are left; a problem that diverges is stopped, and the others go on.
+    """Make all remaining steps; a problem that diverges stops, and the others continue.
 
     Args:
-        engine: where to start from.
-        snapshots: steps between two snapshots.
-        save_end: save checkpoints after the last step, too, for when there is more to do that may be interrupted.
+        engine: the fits.
+        save_end: save checkpoints after the last step, too, because more work follows that may be interrupted.
+        snapshots: number of steps between two snapshots.
 
     Raises:
-        Interrupted: an `on_step` asked for it; checkpoints have been saved.
+        Interrupted: by an `on_step`; checkpoints have been saved.
     """
     outcomes: dict[Problem, FitResult | Diverged] = {}
     saved = time.monotonic()
@@ -96,42 +96,43 @@ def run(engine: Engine, *, save_end: bool = False, snapshots: int | None = None)
         if engine.done == engine.steps:
             if save_end:
                 _save(engine)
-            return outcomes | {
-                problem: FitResult(
-                    engine.mesh(member),
-                    engine.traces[member],
-                    str(engine.device),
-                    engine.control(member),
-                    engine.polygons(member),
-                )
-                for member, problem in enumerate(engine.problems)
-            }
+            return outcomes | {problem: _result(engine, member) for member, problem in enumerate(engine.problems)}
         losses = engine.step()
         if snapshots is not None and engine.done % snapshots == 0:
-            _show(engine)
+            _take_snapshots(engine)
         if time.monotonic() - saved > SECONDS_BETWEEN_CHECKPOINTS:
             _save(engine)
             saved = time.monotonic()
-        _tell(engine, losses)
+        _report(engine, losses)
 
 
-def _tell(engine: Engine, losses: list[float]) -> None:
+def _result(engine: Engine, member: int) -> FitResult:
+    trace, device = engine.traces[member], str(engine.device)
+    return FitResult(engine.mesh(member), trace, device, engine.control(member), engine.polygons(member))
+
+
+def _running(engine: Engine) -> Iterator[tuple[int, Problem]]:
+    """Yield the problems that have not failed, with their indices."""
+    return ((member, problem) for member, problem in enumerate(engine.problems) if member not in engine.failed)
+
+
+def _report(engine: Engine, losses: list[float]) -> None:
     try:
-        for member, problem in enumerate(engine.problems):
-            if problem.on_step is not None and member not in engine.failed:
+        for member, problem in _running(engine):
+            if problem.on_step is not None:
                 problem.on_step(Step(engine.done, engine.steps, losses[member], engine.stage))
     except Interrupted:
         _save(engine)
         raise
 
 
-def _show(engine: Engine) -> None:
-    for member, problem in enumerate(engine.problems):
-        if problem.on_snapshot is not None and member not in engine.failed:
+def _take_snapshots(engine: Engine) -> None:
+    for member, problem in _running(engine):
+        if problem.on_snapshot is not None:
             problem.on_snapshot(engine.done, engine.polygons(member) or engine.mesh(member))
 
 
 def _save(engine: Engine) -> None:
-    for member, problem in enumerate(engine.problems):
-        if problem.save is not None and member not in engine.failed:
+    for member, problem in _running(engine):
+        if problem.save is not None:
             problem.save(engine.checkpoint(member))

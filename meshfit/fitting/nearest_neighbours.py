@@ -1,4 +1,4 @@
-"""Nearest neighbours between two point sets: a k-d tree on the CPU; elsewhere all pairs, which never wait."""
+"""Nearest neighbours between two point sets: k-d trees on the CPU, brute force elsewhere."""
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -11,60 +11,61 @@ from torch import Tensor
 from meshfit.loss.chamfer import Matches
 from meshfit.mesh.nearest import nearest_point_query
 
+# Distances in memory at once.
 _BLOCK = 1 << 26
 
 
 @contextmanager
 def search_threads(threads: int) -> Iterator[Executor | None]:
-    """Threads for `match`, if more than one is wanted; a problem keeps two of them busy."""
+    """Threads for `match_nearest`, or None for one; each problem uses two."""
     if threads == 1:
         yield None
         return
-    # Each thread tells OpenMP anew that it is to stay by itself.
+    # OpenMP's number of threads is set per thread.
     with ThreadPoolExecutor(threads, initializer=torch.set_num_threads, initargs=(1,)) as pool:
         yield pool
 
 
 @torch.no_grad()
 def match_nearest(p: Tensor, q: Tensor, batch_size: int = 1, pool: Executor | None = None) -> Matches:
-    """Match each point of a member with the nearest of the same member's others, and the other way round.
+    """Find the nearest q of each p and the nearest p of each q, within each pair of point sets of a batch.
 
     Args:
-        p: (K P, 3), P points of each of K batch_size.
+        p: (K P, 3), P points of each of K problems.
         q: (K Q, 3), Q of each.
         batch_size: K.
-        pool: threads to search with, on the CPU; what is found does not depend on it.
+        pool: threads for the search on the CPU; the result does not depend on it.
     """
     ps, qs = p.detach().view(batch_size, -1, 3), q.detach().view(batch_size, -1, 3)
     if p.device.type == "cpu":
-        found = list((pool.map if pool else map)(_kd_tree, [*ps, *qs], [*qs, *ps], [*range(batch_size)] * 2))
-        return Matches(torch.cat(found[:batch_size]), torch.cat(found[batch_size:]), batch_size)
+        rows = list((pool.map if pool else map)(_kd_tree, [*ps, *qs], [*qs, *ps], [*range(batch_size)] * 2))
+        return Matches(torch.cat(rows[:batch_size]), torch.cat(rows[batch_size:]), batch_size)
     forward, backward = brute_force(ps, qs)
     first = torch.arange(batch_size, device=p.device)[:, None]
     return Matches((forward + first * qs.shape[1]).view(-1), (backward + first * ps.shape[1]).view(-1), batch_size)
 
 
 def nearest_neighbour_search(points: Tensor) -> Callable[[Tensor], Tensor]:
-    """Prepare for many queries: the function returned maps (M, 3) points to the (M,) indices of the nearest of (N, 3).
+    """Build a k-d tree over (N, 3) points; the function returned maps (M, 3) queries to the (M,) nearest indices.
 
-    Args:
-        points: (N, 3), none of them removed later. The tree stands on the CPU whatever their device: on a GPU all
-            pairs of a large cloud take longer than the way there and back.
+    The tree is on the CPU for every device: on a GPU, brute force over a large cloud takes longer than the transfer.
     """
     query, last = nearest_point_query(points.cpu().numpy()), len(points) - 1
     return lambda queries: torch.from_numpy(np.minimum(query(queries.cpu().numpy()), last)).to(queries.device)
 
 
 def _kd_tree(queries: Tensor, points: Tensor, member: int) -> Tensor:
-    found = nearest_point_query(points.numpy())(queries.numpy())
-    # Where squared distances overflow, the tree finds nothing and says so by an index that is out of range.
-    return torch.from_numpy(np.minimum(found, len(points) - 1) + member * len(points))
+    """Return the nearest points of one problem as rows of all problems' points."""
+    nearest = nearest_in(points.numpy())(queries.numpy())
+    # Where squared distances overflow, the tree returns an index that is out of range.
+    return torch.from_numpy(np.minimum(nearest, len(points) - 1) + member * len(points))
 
 
 def brute_force(p: Tensor, q: Tensor) -> tuple[Tensor, Tensor]:
-    """Nearest by comparing all pairs, both ways at once, a block of p at a time so that memory stays bounded.
+    """Compare all pairs, both ways at once, one block of p at a time, so that memory stays bounded.
 
     Distances come from differences, not from inner products, whose cancellation picks wrong neighbours in float32.
+    Never waits for the device.
 
     Args:
         p: (K, P, 3).
@@ -86,10 +87,10 @@ def brute_force(p: Tensor, q: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _squared_distances(p: Tensor, q: Tensor) -> Tensor:
-    """(K, P, Q). On CUDA it takes a fiftieth of the time of `torch.cdist`, which starts a block of threads a pair."""
-    ahead, across = p[:, :, None], q[:, None]
-    total = (ahead[..., 0] - across[..., 0]).square_()
+    """Return (K, P, Q) squared distances. On CUDA, `torch.cdist` takes 50 times as long: one thread block per pair."""
+    rows, columns = p[:, :, None], q[:, None]
+    total = (rows[..., 0] - columns[..., 0]).square_()
     for axis in (1, 2):
-        offset = ahead[..., axis] - across[..., axis]
+        offset = rows[..., axis] - columns[..., axis]
         total.addcmul_(offset, offset)
     return total

@@ -1,7 +1,7 @@
-"""Gradients into steps, by torch's optimisers, and the learning rate at each step."""
+"""The optimisers of torch, and the learning rate at each step."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import cos, pi
 
 import torch
@@ -9,44 +9,36 @@ from torch import Tensor
 from torch.optim.adam import adam
 from torch.optim.sgd import sgd
 
-from meshfit.fitting.settings import OptimizerSettings, Schedule
+from meshfit.fitting.settings import OptimizerSettings
 
 OptimizerState = dict[str, Tensor]
 
-_DECAYS: dict[str, Callable[[Schedule, int, int], float]] = {
-    "constant": lambda schedule, step, steps: 1.0,  # noqa: ARG005  every decay is asked alike
-    "cosine": lambda schedule, step, steps: (
-        schedule.final + (1 - schedule.final) * (1 + cos(pi * step / max(steps, 1))) / 2
-    ),
-    "step": lambda schedule, step, steps: schedule.factor ** (step // schedule.every),  # noqa: ARG005  likewise
-}
-
 
 class Optimizer(ABC):
-    """Moves a variable. What it remembers has a row for each row of the variable, or is one number for all.
+    """Moves a variable. Each tensor of its state has one row per row of the variable, or is one number for all.
 
-    The functions of `torch.optim` are called, not its classes: those load torch's compiler, which takes longer than a
+    It calls the functions of `torch.optim`, not the classes: those load torch's compiler, which takes longer than a
     hundred steps and as much memory as a fit.
     """
 
     def __init__(self, variable: Tensor, settings: OptimizerSettings) -> None:
         self._variable, self._momentum = variable, settings.momentum
-        self._state = self._nothing_yet(torch.zeros_like(variable, requires_grad=False))
+        self._state = self._initial_state(torch.zeros_like(variable, requires_grad=False))
 
     @abstractmethod
-    def _nothing_yet(self, zeros: Tensor) -> OptimizerState:
-        """The state before the first step."""
+    def _initial_state(self, zeros: Tensor) -> OptimizerState:
+        """Return the state before the first step."""
 
     @abstractmethod
     def step(self, gradient: Tensor, lr: float) -> None:
         """Move the variable by one step."""
 
     def state_of(self, rows: slice) -> OptimizerState:
-        """A copy of what is remembered of some rows."""
+        """Return a copy of the state of some rows."""
         return {name: (value[rows] if value.dim() else value).clone() for name, value in self._state.items()}
 
     def put(self, states: Sequence[OptimizerState]) -> None:
-        """Remember what `state_of` copied, row after row; numbers for all rows have to be the same in all."""
+        """Restore states from `state_of`, in the order of the rows; numbers for all rows must agree."""
         for name, value in self._state.items():
             parts = [state[name] for state in states]
             value.copy_(torch.cat(parts) if value.dim() else parts[0])
@@ -55,7 +47,7 @@ class Optimizer(ABC):
 class Sgd(Optimizer):
     """Gradient descent with momentum."""
 
-    def _nothing_yet(self, zeros: Tensor) -> OptimizerState:
+    def _initial_state(self, zeros: Tensor) -> OptimizerState:
         return {"velocity": zeros}
 
     @torch.no_grad()
@@ -78,7 +70,7 @@ class Sgd(Optimizer):
 class Adam(Optimizer):
     """Adam (Kingma and Ba 2015); the momentum is its first beta."""
 
-    def _nothing_yet(self, zeros: Tensor) -> OptimizerState:
+    def _initial_state(self, zeros: Tensor) -> OptimizerState:
         return {"mean": zeros, "square": zeros.clone(), "steps": torch.tensor(0.0)}
 
     @torch.no_grad()
@@ -106,5 +98,8 @@ OPTIMIZERS: dict[str, type[Optimizer]] = {"sgd": Sgd, "adam": Adam}
 
 
 def learning_rate(settings: OptimizerSettings, step: int, steps: int) -> float:
-    """The learning rate of one of `steps` steps, counted from 0."""
-    return settings.lr * _DECAYS[settings.schedule.name](settings.schedule, step, steps)
+    """Return the learning rate of one of `steps` steps, counted from 0."""
+    schedule = settings.schedule
+    if schedule.name == "cosine":
+        return settings.lr * (schedule.final + (1 - schedule.final) * (1 + cos(pi * step / max(steps, 1))) / 2)
+    return settings.lr * (schedule.factor ** (step // schedule.every) if schedule.name == "step" else 1.0)

@@ -1,4 +1,4 @@
-"""The trace of a fit: what it minimises and what that is made of, row by row."""
+"""A fitting problem, its trace, its checkpoint, and its divergence."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -12,17 +12,22 @@ from meshfit.subdivision.registry import Scheme
 
 COLUMNS = ("step", "loss", "chamfer", "normal", "edge", "laplacian", "consistency", "lr")
 
+_REMEDY = "lower fit.optimizer.lr or the term's weight"
+
 Row = tuple[int | float, ...]
+
+Checkpoint = dict[str, Any]
+"""Everything that the next step of a fit depends on, in types that `torch.load(weights_only=True)` reads."""
 
 
 @dataclass
 class Trace:
-    """Rows of numbers, a step each.
+    """A table with one row per traced step.
 
     Attributes:
-        columns: what each row holds, the step first. By default, that is followed by the weighted sum, every term
-            before its weight, and the learning rate.
-        rows: the numbers, in this order.
+        columns: names of the columns; by default the step, the weighted sum, every unweighted term, and the learning
+            rate.
+        rows: the numbers, in the order of the columns.
     """
 
     columns: tuple[str, ...] = COLUMNS
@@ -33,15 +38,9 @@ class Trace:
         self.rows.append((step, loss, *(terms[name] for name in COLUMNS[2:-1]), lr))
 
     def to_csv(self) -> str:
-        """The trace as CSV; numbers are written so that reading them gives the same doubles."""
+        """Return the trace as CSV, with numbers that read back as the same doubles."""
         lines = (",".join([str(int(row[0])), *(repr(float(value)) for value in row[1:])]) for row in self.rows)
         return "\n".join([",".join(self.columns), *lines]) + "\n"
-
-
-Checkpoint = dict[str, Any]
-"""All that the next step of a fit depends on, in types that `torch.load(weights_only=True)` reads."""
-
-_REMEDY = "lower fit.optimizer.lr or the term's weight"
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,16 +48,16 @@ class Problem:
     """A source to be fitted to a target.
 
     Attributes:
-        source: where to start; its faces are kept.
-        target: what to reach.
-        seed: of the samples.
-        scheme: the subdivision scheme that carries the fit from level to level, where the method has levels.
-        on_snapshot: called with the number of steps made and the surface, as often as the settings want snapshots;
-            before a checkpoint of the same step is saved.
-        polygons: whose fans the source's faces are, if they are any: schemes on polygons go on from these.
-        on_step: called after every step; it may raise `Interrupted`.
-        resume: a checkpoint of the same problem to go on from.
-        save: called with a checkpoint every few seconds, and if an `on_step` raises `Interrupted`.
+        source: mesh to start from.
+        target: mesh to fit to.
+        seed: seed of the samples.
+        on_step: called after every step; may raise `Interrupted`.
+        resume: checkpoint of the same problem to continue from.
+        save: called with a checkpoint every few seconds, and when an `on_step` raises `Interrupted`.
+        scheme: subdivision scheme that carries a Gauss–Newton fit from level to level.
+        on_snapshot: called with the number of steps made and the surface, as often as the settings say; before a
+            checkpoint of the same step is saved.
+        polygons: the polygons whose fan triangulation the source is, if any; schemes on polygons start from them.
     """
 
     source: Mesh
@@ -72,14 +71,14 @@ class Problem:
     polygons: PolygonMesh | None = None
 
 
-class Diverged(TrialError):  # noqa: N818  an outcome of a fit, named as the field names it
+class Diverged(TrialError):  # noqa: N818  an outcome of a fit, under its usual name
     """A step of the fit was not finite.
 
     Attributes:
-        step: which one, counted from 0.
-        term: what was not finite: a loss term, `gradient of TERM`, `vertex position` or `the step`.
-        last_good: the mesh before it.
-        trace: the rows until then.
+        step: number of the step, from 0.
+        term: the quantity that was not finite: a loss term, `gradient of TERM`, `vertex position` or `the step`.
+        last_good: the mesh before the step.
+        trace: the rows before the step.
     """
 
     def __init__(self, step: int, term: str, last_good: Mesh, trace: Trace, remedy: str = _REMEDY) -> None:

@@ -1,4 +1,4 @@
-"""Points on surfaces, uniform by area, that gradients flow through."""
+"""Differentiable sampling of surfaces, uniform by area."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,25 +19,25 @@ from meshfit.loss.terms import Samples
 
 @dataclass(frozen=True, eq=False)
 class AreaTable:
-    """Running sums of the areas of each member's faces, by which faces are picked in proportion to their area."""
+    """Cumulative face areas of each mesh of a batch, by which faces are picked in proportion to their area."""
 
     sums: tuple[np.ndarray, ...] | Tensor
     segments: BatchSegments
 
     @classmethod
     def of(cls, geometry: FaceGeometry) -> "AreaTable":
-        """The table of faces where they are now."""
+        """Return the table of the faces at their current positions."""
         area, segments = geometry.double_area, geometry.faces.segments
         if area.device.type == "cpu":
             return cls(tuple(part.cumsum(0).numpy() for part in segments.parts(area)), segments)
         return cls(segments.padded(area).cumsum(1), segments)
 
     def pick(self, uniform: Float[Tensor, "K N"]) -> Int64[Tensor, " KN"]:
-        """The face that each number from 0 to 1 falls on, N of each member."""
+        """Return the face that each number from 0 to 1 falls on, N numbers per mesh."""
         if isinstance(self.sums, Tensor):
-            found = torch.searchsorted(self.sums, uniform * self.sums[:, -1:], right=True)
-            return (found.minimum(self.segments.counts[:, None] - 1) + self.segments.first[:, None]).view(-1)
-        # numpy's search goes on from the last place found: with sorted numbers it takes half the time of torch's.
+            place = torch.searchsorted(self.sums, uniform * self.sums[:, -1:], right=True)
+            return (place.minimum(self.segments.counts[:, None] - 1) + self.segments.first[:, None]).view(-1)
+        # numpy's search starts from the last place found, which halves its time for sorted numbers; torch's does not.
         picked, first = [], 0
         for sums, numbers in zip(self.sums, uniform.numpy(), strict=True):
             picked.append(np.minimum(sums.searchsorted(numbers * sums[-1], "right"), len(sums) - 1) + first)
@@ -48,13 +48,13 @@ class AreaTable:
 def sample(
     geometry: FaceGeometry, count: int, generators: Sequence[Generator], table: AreaTable | None = None
 ) -> Samples:
-    """Draw points uniformly by area; each is a fixed convex combination of the corners of its face.
+    """Draw points uniformly by area; gradients treat each as a fixed convex combination of its face's corners.
 
     Args:
-        geometry: the faces of K meshes, as they lie now.
-        count: N, how many points on each of them.
-        generators: one for each mesh, of the same device; each is advanced by exactly 3 N numbers.
-        table: the areas, if they are known already.
+        geometry: the faces of K meshes at their current positions.
+        count: N, the number of points per mesh.
+        generators: one per mesh, on the same device; each is advanced by exactly 3 N numbers.
+        table: the cumulative areas, if known.
     """
     with torch.no_grad():
         picked, weights = _draw(table or AreaTable.of(geometry), count, generators, geometry.double_area)
@@ -64,12 +64,12 @@ def sample(
 
 
 def _draw(table: AreaTable, count: int, generators: Sequence[Generator], like: Tensor) -> tuple[Tensor, Tensor]:
-    """Faces, (K N,), and weights of their corners, (K N, 3), by the square-root map (Osada et al. 2002, eq. 1)."""
+    """Draw faces, (K N,), and weights of their corners, (K N, 3), by the square-root map (Osada et al. 2002, eq. 1)."""
     uniform = like.new_empty(len(generators), 3, count)
     for numbers, generator in zip(uniform, generators, strict=True):
         numbers.uniform_(generator=generator)
     if like.device.type == "cpu":
-        # Points in the order of their faces are the same points, and k-d trees answer neighbouring queries faster.
+        # The order of the faces does not change the distribution, and k-d trees answer neighbouring queries faster.
         uniform[:, 0].numpy().sort(axis=1)
     root = uniform[:, 1].sqrt()
     third = root * uniform[:, 2]
@@ -77,7 +77,7 @@ def _draw(table: AreaTable, count: int, generators: Sequence[Generator], like: T
 
 
 class _Points(Function):
-    """Weighted sums of three verts each."""
+    """Weighted sums of three vertices each."""
 
     @staticmethod
     def forward(ctx: Any, verts: Tensor, corners: Tensor, weights: Tensor) -> Tensor:  # noqa: ANN401  torch's context

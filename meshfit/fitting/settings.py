@@ -1,4 +1,4 @@
-"""The settings of a fit. Free of torch, so that configs can be read and checked without it."""
+"""Settings of a fit. Importing them does not import torch, so that configs are read and checked quickly."""
 
 from typing import Annotated, Any, Literal
 
@@ -12,113 +12,112 @@ Dtype = Literal["float32", "float64"]
 
 
 class LossWeights(Settings):
-    """The weight of each term of the objective; a term of weight 0 is traced and does not act."""
+    """Weight of each term of the objective; a term of weight 0 is traced but has no effect."""
 
     chamfer: Weight = 1.0
-    """Squared distance between matched samples, both directions."""
+    """Weight (0 or more) of the chamfer term: mean squared distance to the nearest sample, summed both ways."""
     normal: Weight = 0.0
-    """1 - |cos| between the normals of matched samples, both directions."""
+    """Weight (0 or more) of the normal term: mean 1 - |cos| to the normal of the nearest sample, summed both ways."""
     edge: Weight = 1.0
-    """Mean squared edge length."""
+    """Weight (0 or more) of the edge term: mean squared edge length."""
     laplacian: Weight = 0.1
-    """Mean length of the Laplacian of the verts."""
+    """Weight (0 or more) of the Laplacian term: mean length of the Laplacian of the vertex positions."""
     consistency: Weight = 0.01
-    """Mean of 1 - cos between the normals of neighbouring faces."""
+    """Weight (0 or more) of the normal-consistency term: mean 1 - cos between normals of adjacent faces."""
 
 
 class Schedule(Settings):
-    """How the learning rate changes over the steps."""
+    """Change of the learning rate over the steps."""
 
     name: Literal["constant", "cosine", "step"] = "constant"
-    """`constant`; `cosine`, down to `final` of the rate; or `step`, times `factor` after every `every` steps."""
+    """`constant`; `cosine` decay to `final` times `lr`; or `step`, times `factor` after every `every` steps."""
     final: Annotated[float, Field(ge=0, le=1)] = 0.0
-    """For `cosine`: the fraction of the rate that is left when all steps are done."""
+    """Fraction of `lr` (0 to 1) that `cosine` ends at."""
     every: Annotated[int, Field(ge=1)] = 500
-    """For `step`: steps between two reductions."""
+    """Number of steps (1 or more) between two reductions by `step`."""
     factor: Annotated[float, Field(gt=0, le=1)] = 0.5
-    """For `step`: the factor of a reduction."""
+    """Factor (above 0, at most 1) of each reduction by `step`."""
 
 
 class OptimizerSettings(Settings):
-    """What turns gradients into steps."""
+    """The optimiser, which turns gradients into steps."""
 
     name: Literal["sgd", "adam"] = "sgd"
-    """`sgd` (with momentum) or `adam`."""
+    """Optimiser: `sgd` (with momentum) or `adam`."""
     lr: Annotated[float, Field(gt=0)] = 1.0
-    """Learning rate."""
+    """Learning rate (above 0)."""
     momentum: Annotated[float, Field(ge=0, lt=1)] = 0.9
-    """Momentum of `sgd`; the first beta of `adam`."""
+    """Momentum (0 or more, below 1) of `sgd`, or the first beta of `adam`."""
     schedule: Schedule = Schedule()
-    """How the learning rate changes over the steps."""
+    """Change of the learning rate over the steps."""
 
 
 class FirstOrderSettings(Settings):
-    """A first-order fit: what is minimised, how, and for how long. Lengths are in the target's normalised frame."""
+    """A first-order fit: gradient descent on weighted losses. Lengths are in the target's normalised frame."""
 
     method: Literal["first-order"] = "first-order"
-    """The engine: `first-order` moves each vertex of the source along the gradient of weighted losses."""
+    """Engine: `first-order` moves the source's vertices along the gradient of the weighted losses."""
     steps: Annotated[int, Field(ge=0)] = 2000
-    """Number of optimiser steps."""
+    """Number of optimiser steps (0 or more)."""
     samples: Annotated[int, Field(ge=1)] = 5000
-    """Points drawn afresh at every step, uniformly by area, on the source and as many on the target."""
+    """Number of points (1 or more) sampled at every step on each of source and target, uniformly by area."""
     losses: LossWeights = LossWeights()
-    """Weights of the terms of the objective."""
+    """Weights of the loss terms."""
     laplacian: Literal["uniform", "cotangent"] = "uniform"
-    """Weights of the Laplacian term."""
+    """Laplacian of the Laplacian term: `uniform` or `cotangent` weights of the neighbours."""
     optimizer: OptimizerSettings = OptimizerSettings()
-    """What turns gradients into steps."""
+    """The optimiser and its learning rate."""
     trace_every: Every = 10
-    """Steps between two rows of `trace.csv`; the first and the last step always have one."""
+    """Number of steps (1 or more) from one row of `trace.csv` to the next; the first and last steps always have one."""
     snapshots: Every | None = None
-    """Steps between two snapshots of the surface, for `meshfit animate`; null takes none. No figure depends on it."""
+    """Number of steps (1 or more) between snapshots for `meshfit animate`, or null for none; no effect on results."""
 
 
 class GaussNewtonSettings(Settings):
-    """A Gauss–Newton fit, coarse to fine: how fine it gets, how its connectivity may change, how stiff it is."""
+    """A Gauss–Newton fit, coarse to fine. Lengths are in the target's normalised frame."""
 
-    # Without it, settings are those of the other method.
-    model_config = ConfigDict(json_schema_extra={"required": [KIND_KEY]})
+    # Settings without the key are first-order.
+    model_config = ConfigDict(json_schema_extra={"required": [TAG]})
 
     method: Literal["gauss-newton"] = "gauss-newton"
-    """The engine: `gauss-newton` solves for the step of all verts at once, level by level of the scheme."""
+    """Engine: `gauss-newton` solves for the step of all vertices at once, level by level of the scheme."""
     connectivity: Literal["remeshed", "fixed"] = "remeshed"
-    """`remeshed` puts verts where they are needed; `fixed` keeps the source's faces, refined by the scheme."""
+    """Faces of the result: `remeshed` adapts them to the target; `fixed` keeps the source's, refined by the scheme."""
     variables: Literal["verts", "control"] = "verts"
-    """What is solved for: the `verts` of the surface, or those of a coarse `control` mesh that the surface is the
-    refinement of."""
+    """Unknowns: the `verts` of the surface, or those of a coarse `control` mesh that is refined to the surface."""
     limit: bool = False
-    """For `control` and the scheme `loop`: fit the limit surface."""
+    """Whether to fit the limit surface; requires `variables: control` and the scheme `loop`."""
     verts: Annotated[int, Field(ge=100)] = 10242
-    """For `remeshed`: the most verts of the result, or of its control mesh. For `fixed`, the rough shape has a quarter
-    of them, or as many as the source."""
+    """Largest number of vertices (100 or more) of a `remeshed` result, or of its control mesh; the rough shape of a
+    `fixed` fit has a quarter of it, or as many as the source if that has more."""
     levels: Annotated[int, Field(ge=0, le=5)] = 1
-    """Levels of the scheme: those that carry the fit from coarse to fine, or that refine the control mesh."""
+    """Number of subdivision levels (0 to 5) from coarse to fine, or from the control mesh to the surface."""
     coarse_steps: Annotated[int, Field(ge=0)] = 40
-    """Steps that find the rough shape."""
+    """Number of steps (0 or more) of each search for the rough shape."""
     tries: Annotated[int, Field(ge=1, le=10)] = 2
-    """How often the rough shape is looked for at most, anew from the source, where parts of it have stayed off the
-    target."""
+    """Largest number of searches (1 to 10) for the rough shape; each restarts from the source, and only while parts of
+    the surface stay off the target."""
     level_steps: Annotated[int, Field(ge=1)] = 8
-    """Steps at each level."""
+    """Number of steps (1 or more) at each level."""
     last_steps: Annotated[int, Field(ge=0)] = 5
-    """Steps at the end, on the finest level."""
+    """Number of final steps (0 or more) on the finest level."""
     fairness: Annotated[float, Field(gt=0)] = 0.1
-    """Weight of smoothness that each level ends with."""
+    """Weight of smoothness (above 0) at the end of each level."""
     last_fairness: Annotated[float, Field(gt=0)] = 0.02
-    """Weight of smoothness that the last steps end with."""
+    """Weight of smoothness (above 0) at the end of the last steps."""
     trace_every: Every = 1
-    """Steps between two rows of `trace.csv`; the first and the last step always have one."""
+    """Number of steps (1 or more) from one row of `trace.csv` to the next; the first and last steps always have one."""
     snapshots: Every | None = None
-    """Steps between two snapshots of the surface, for `meshfit animate`; null takes none. No figure depends on it."""
+    """Number of steps (1 or more) between snapshots for `meshfit animate`, or null for none; no effect on results."""
 
     @property
     def steps(self) -> int:
-        """The number of steps in all."""
+        """Total number of steps."""
         levels = 2 if self.variables == "control" else self.levels + 1
         return self.tries * self.coarse_steps + levels * self.level_steps + self.last_steps
 
 
-def _method(settings: Any) -> str:  # noqa: ANN401  settings, or what is to become some
+def _method(settings: Any) -> str:  # noqa: ANN401  settings, or a mapping to build them from
     if isinstance(settings, dict):
         return str(settings.get(KIND_KEY, "first-order"))
     return str(getattr(settings, KIND_KEY, DEFAULT_KIND))
@@ -128,7 +127,7 @@ FitSettings = Annotated[
     Annotated[FirstOrderSettings, Tag("first-order")] | Annotated[GaussNewtonSettings, Tag("gauss-newton")],
     Discriminator(_method),
 ]
-"""The settings of a fit by one engine or the other; `method` says which, and is `first-order` where it is left out."""
+"""Settings of a fit by either engine, told apart by `method`, which defaults to `first-order`."""
 
 METHODS: dict[str, type[FirstOrderSettings] | type[GaussNewtonSettings]] = {
     "first-order": FirstOrderSettings,

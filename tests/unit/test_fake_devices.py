@@ -59,7 +59,7 @@ def on_meta(monkeypatch):
         __getattr__ = staticmethod(partial(getattr, torch))
 
     monkeypatch.setattr(first_order, "torch", Here())
-    monkeypatch.setattr(FirstOrder, "_find_lost_positions", lambda _: None)
+    monkeypatch.setattr(FirstOrder, "_fail_on_positions", lambda _: None)
     return lambda problems, **changes: engine_on("meta", problems, **changes)
 
 
@@ -151,7 +151,7 @@ def test_faces_of_padded_members_are_not_mixed_up_in_float32(monkeypatch):
     problems = [Problem(icosahedron(), cube(), 1), *RAGGED]
     pretend_elsewhere(monkeypatch)
     engine = engine_on("cpu", problems, samples=3000)
-    picked = engine._evaluate_eagerly().state.source.picked.view(len(problems), -1)
+    picked = engine._evaluate_eagerly().inputs.source.picked.view(len(problems), -1)
     ends = np.cumsum([problem.source.num_faces for problem in problems]).tolist()
     for first, end, faces in zip([0, *ends], ends, picked.tolist(), strict=False):
         assert set(faces) == set(range(first, end))
