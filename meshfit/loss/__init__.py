@@ -1,1 +1,1 @@
-"""Layer 2: the terms of the fitting objective, each a function of tensors."""
+"""Layer 2: the loss terms of first-order fits, as functions of tensors."""

@@ -1,4 +1,4 @@
-"""Several meshes side by side: which rows of a tensor belong to which of them, and sums over each one's rows."""
+"""Segments of a batch: which rows of a tensor belong to which mesh, and sums over the rows of each."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,13 +11,13 @@ from torch import Tensor
 
 @dataclass(frozen=True, eq=False)
 class BatchSegments:
-    """The rows of the segments of a batch, one member after the other.
+    """The rows of K meshes in a tensor, one mesh after the other.
 
     Attributes:
-        sizes: the number of rows of each of the K segments.
+        sizes: number of rows of each of the K meshes.
         counts: (K,) the same as a tensor, at least 1.
-        first: (K,) the row that each begins at.
-        index: (N,) the member of each row.
+        first: (K,) first row of each.
+        index: (N,) mesh of each row.
     """
 
     sizes: tuple[int, ...]
@@ -27,35 +27,35 @@ class BatchSegments:
 
     @classmethod
     def of(cls, sizes: Sequence[int], device: torch.device) -> "BatchSegments":
-        """Members of so many rows each."""
+        """Return the segments of these sizes."""
         counts = torch.tensor(sizes)
         first, index = counts.cumsum(0) - counts, torch.repeat_interleave(counts)
         return cls(tuple(sizes), counts.clamp_min(1).to(device), first.to(device), index.to(device))
 
     def parts(self, values: Tensor) -> Sequence[Tensor]:
-        """The rows of each member."""
+        """Split a tensor into the rows of each mesh."""
         return torch.split(values, list(self.sizes))
 
     def sums(self, values: Float[Tensor, " N"]) -> Float[Tensor, " K"]:
-        """The sum over the rows of each member.
+        """Return the sum over the rows of each mesh.
 
-        On the CPU every member is summed by itself, so that its sum has the same bytes in any company.
+        On the CPU each is summed by itself, so that its sum is byte-identical regardless of the rest of the batch.
         """
         if values.device.type == "cpu":
             return torch.stack([part.sum() for part in self.parts(values)])
         return values.new_zeros(len(self.sizes)).index_add(0, self.index, values)
 
     def means(self, values: Float[Tensor, " N"]) -> Float[Tensor, " K"]:
-        """The mean over the rows of each member."""
+        """Return the mean over the rows of each mesh."""
         return self.sums(values) / self.counts
 
     def spread(self, gradient: Float[Tensor, " K"]) -> Float[Tensor, "N 1"] | Float[Tensor, "1 1"]:
-        """The gradient of `means` with respect to its values, as a column: one number for all where K is 1."""
+        """Return the gradient of `means` with respect to its values, as a column, or as one number if K is 1."""
         share = (gradient / self.counts)[:, None]
         return share if len(self.sizes) == 1 else share.index_select(0, self.index)
 
     def padded(self, values: Float[Tensor, " N"]) -> Float[Tensor, "K M"]:
-        """A row for each member, with zeros after the end of all but the largest."""
+        """Return one row per mesh, padded with zeros to the largest."""
         return (
             values.new_zeros(len(self.sizes) * max(self.sizes))
             .index_copy(0, self._slots, values)

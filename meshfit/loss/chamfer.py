@@ -1,4 +1,4 @@
-"""The chamfer distance between two point sets."""
+"""Chamfer distance between two point sets."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,13 +12,13 @@ from meshfit.loss.autograd import apply
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """Nearest neighbours, constant in the backward pass.
+    """Nearest neighbours between two point sets, constant in the backward pass.
 
-    Points of K batch_size lie one member after the other, P of each on one side and Q of each on the other.
+    The points of K problems follow each other, P of each in one set and Q of each in the other.
 
     Attributes:
-        forward: (K P,) for each p, the row of the nearest q of the same member.
-        backward: (K Q,) for each q, the row of the nearest p of the same member.
+        forward: (K P,) row of the nearest q of the same problem, for each p.
+        backward: (K Q,) row of the nearest p of the same problem, for each q.
         batch_size: K.
     """
 
@@ -27,26 +27,26 @@ class Matches:
     batch_size: int = 1
 
     def means(self, values: Float[Tensor, "N *C"]) -> Float[Tensor, " K"]:
-        """The mean over the points of each member; columns, where there are some, are added up."""
+        """Return the mean over the points of each problem; columns, if any, are summed."""
         return values.reshape(self.batch_size, -1).sum(1) / (len(values) // self.batch_size)
 
     def spread(self, values: Float[Tensor, "N 3"], factors: Float[Tensor, " K"]) -> Float[Tensor, "N 3"]:
-        """Values times the factor of their member over the number of its points, as the gradient of `means` is."""
+        """Return values times the factor of their problem over its number of points, as in the gradient of `means`."""
         scale = (factors / (len(values) // self.batch_size))[:, None, None]
         return (values.view(self.batch_size, -1, 3) * scale).view(-1, 3)
 
 
 def chamfer(p: Float[Tensor, "KP 3"], q: Float[Tensor, "KQ 3"], matches: Matches) -> Float[Tensor, " K"]:
-    """Mean squared distance to the nearest point of the other set, both ways added (Fan et al. 2017, eq. 1).
+    """Return the mean squared distance to the nearest point of the other set, both ways added (Fan et al. 2017, eq. 1).
 
-    Differences are taken before they are squared: |p|² + |q|² - 2p·q would lose all digits where p is near q.
+    Differences are squared, since |p|² + |q|² - 2p·q loses all digits where p is near q.
     """
     value: Tensor = apply(_Chamfer, p, q, matches)
     return value
 
 
 class _Chamfer(Function):
-    """A difference d of two matched points adds 2 d / P to the gradient at one, and its negative at the other."""
+    """The difference d of a pair adds 2 d / P to the gradient at one point, and its negative at the other."""
 
     @staticmethod
     def forward(ctx: Any, p: Tensor, q: Tensor, matches: Matches) -> Tensor:  # noqa: ANN401  torch's context

@@ -1,4 +1,4 @@
-"""The bend between neighbouring faces."""
+"""Consistency of the normals of adjacent faces."""
 
 from typing import Any
 
@@ -10,31 +10,28 @@ from meshfit.loss.autograd import apply
 from meshfit.loss.operators import FaceGeometry, MeshOperators
 
 
-def consistency(faces: FaceGeometry, surface: MeshOperators) -> Float[Tensor, " K"]:
-    """Mean over pairs of faces with a common edge of 1 - cos of the angle between their normals; 0 on a plane.
-
-    It is 0, too, where no two faces have a common edge.
-    """
-    value: Tensor = apply(_Bend, faces.normals, surface)
+def consistency(faces: FaceGeometry, operators: MeshOperators) -> Float[Tensor, " K"]:
+    """Return the mean of 1 - cos of the angle between the normals of adjacent faces; 0 if there are none."""
+    value: Tensor = apply(_Bend, faces.normals, operators)
     return value
 
 
 class _Bend(Function):
-    """The mean of cos over P pairs is Σ n·s / 2P, where s is the sum of the normals across a face's edges.
+    """The mean of cos over P pairs is Σ n·s / 2P, with s the sum of the normals of a face's neighbours.
 
-    Each pair is seen from both of its faces, and neighbours are so mutually; so its gradient is s / P.
+    Being neighbours is symmetric, so its gradient is s / P.
     """
 
     @staticmethod
-    def forward(ctx: Any, normals: Tensor, surface: MeshOperators) -> Tensor:  # noqa: ANN401  torch's context
-        across = surface.neighbours @ normals
-        ctx.save_for_backward(across)
-        ctx.surface = surface
-        cosines = (normals * across).sum(1)
-        return surface.faces.segments.sums(surface.valence_of_face - cosines) / (2 * surface.face_pairs)
+    def forward(ctx: Any, normals: Tensor, operators: MeshOperators) -> Tensor:  # noqa: ANN401  torch's context
+        sums = operators.neighbours @ normals
+        ctx.save_for_backward(sums)
+        ctx.operators = operators
+        cosines = (normals * sums).sum(1)
+        return operators.faces.segments.sums(operators.valence_of_face - cosines) / (2 * operators.face_pairs)
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:  # noqa: ANN401  likewise
-        (across,), segments = ctx.saved_tensors, ctx.surface.faces.segments
-        return across * segments.spread(-gradient / ctx.surface.face_pairs * segments.counts), None
+        (sums,), segments = ctx.saved_tensors, ctx.operators.faces.segments
+        return sums * segments.spread(-gradient / ctx.operators.face_pairs * segments.counts), None

@@ -1,4 +1,4 @@
-"""The squared length of edges."""
+"""Squared length of edges."""
 
 from typing import Any
 
@@ -11,14 +11,14 @@ from meshfit.loss.batch_segments import BatchSegments
 from meshfit.loss.operators import MeshOperators
 
 
-def edge(edges: Float[Tensor, "E 3"], surface: MeshOperators) -> Float[Tensor, " K"]:
-    """Mean over edges of the squared length, in squared units of length (Gkioxari, Malik and Johnson 2019).
+def edge(edges: Float[Tensor, "E 3"], operators: MeshOperators) -> Float[Tensor, " K"]:
+    """Return the mean squared length of edges (Gkioxari, Malik and Johnson 2019).
 
     Args:
-        edges: `surface.edges @ verts`.
-        surface: whose edges they are.
+        edges: (E, 3) `operators.edges @ verts`.
+        operators: of the meshes.
     """
-    value: Tensor = apply(_MeanSquare, edges, surface.of_edge)
+    value: Tensor = apply(_MeanSquare, edges, operators.of_edge)
     return value
 
 

@@ -1,4 +1,4 @@
-"""The length of the Laplacian of the vertex positions, uniform or by cotangents."""
+"""Length of the Laplacian of the vertex positions, with uniform or cotangent weights."""
 
 from typing import Any
 
@@ -12,49 +12,49 @@ from meshfit.loss.batch_segments import BatchSegments
 from meshfit.loss.operators import LEAST_DOUBLE_AREA, FaceGeometry, MeshOperators
 
 
-def laplacian_uniform(edges: Float[Tensor, "E 3"], surface: MeshOperators) -> Float[Tensor, " K"]:
-    """Mean over verts of the distance from the mean of the neighbours (Desbrun et al. 1999, umbrella operator).
+def laplacian_uniform(edges: Float[Tensor, "E 3"], operators: MeshOperators) -> Float[Tensor, " K"]:
+    """Return the mean distance of vertices from the mean of their neighbours (Desbrun et al. 1999, umbrella operator).
 
-    A vertex without neighbours counts as 0. Differences are summed, not positions, which would lose digits.
+    A vertex without neighbours counts as 0. Differences are summed, since sums of positions lose digits.
 
     Args:
-        edges: `surface.edges @ verts`.
-        surface: whose edges they are.
+        edges: (E, 3) `operators.edges @ verts`.
+        operators: of the meshes.
     """
-    value: Tensor = apply(_MeanLength, surface.umbrella @ edges, surface.of_vert)
+    value: Tensor = apply(_MeanLength, operators.umbrella @ edges, operators.of_vert)
     return value
 
 
-def laplacian_cotangent(verts: Float[Tensor, "V 3"], surface: MeshOperators) -> Float[Tensor, " K"]:
-    """Mean over verts of the distance from the cotangent-weighted mean of the neighbours (Desbrun et al. 1999).
+def laplacian_cotangent(verts: Float[Tensor, "V 3"], operators: MeshOperators) -> Float[Tensor, " K"]:
+    """Return the mean distance of vertices from the cotangent-weighted mean of their neighbours (Desbrun et al. 1999).
 
-    The weights are constants in the backward pass. Where they sum to nothing positive, they are not normalised, as in
-    PyTorch3D. A vertex without neighbours counts as 0.
+    The weights are constant in the backward pass. As in PyTorch3D, they are not normalised unless their sum is
+    positive. A vertex without neighbours counts as 0.
     """
     with torch.no_grad():
-        cotangents = corner_cotangents(verts, surface).reshape(-1)
-        # The cotangent at a corner belongs to the edge opposite to it: corner k to the edge of corners k+1 and k+2.
-        start, end = (surface.faces.verts.roll(-shift, 1).reshape(-1) for shift in (1, 2))
+        cotangents = corner_cotangents(verts, operators).reshape(-1)
+        # The cotangent at corner k is the weight of the opposite edge, of corners k+1 and k+2.
+        start, end = (operators.faces.verts.roll(-shift, 1).reshape(-1) for shift in (1, 2))
         total = torch.zeros_like(verts[:, 0]).index_add(0, start, cotangents).index_add(0, end, cotangents)
         scale = torch.where(total > 0, 1 / total, total)[:, None]
     weight = cotangents[:, None]
     sums = torch.zeros_like(verts).index_add(0, start, weight * verts.index_select(0, end))
     sums = sums.index_add(0, end, weight * verts.index_select(0, start))
-    value: Tensor = apply(_MeanLength, scale * sums - surface.joined * verts, surface.of_vert)
+    value: Tensor = apply(_MeanLength, scale * sums - operators.joined * verts, operators.of_vert)
     return value
 
 
-def corner_cotangents(verts: Float[Tensor, "V 3"], surface: MeshOperators) -> Float[Tensor, "F 3"]:
-    """Cotangent of the angle at each corner of each face."""
-    corners = verts.index_select(0, surface.faces.verts.reshape(-1)).reshape(-1, 3, 3)
+def corner_cotangents(verts: Float[Tensor, "V 3"], operators: MeshOperators) -> Float[Tensor, "F 3"]:
+    """Return the cotangent of the angle at each corner of each face."""
+    corners = verts.index_select(0, operators.faces.verts.reshape(-1)).reshape(-1, 3, 3)
     ahead, behind = corners.roll(-1, 1) - corners, corners.roll(1, 1) - corners
-    double_area = FaceGeometry.of(surface.faces, verts).double_area
+    double_area = FaceGeometry.of(operators.faces, verts).double_area
     cotangents: Tensor = (ahead * behind).sum(2) / double_area.clamp_min(LEAST_DOUBLE_AREA)[:, None]
     return cotangents
 
 
 class _MeanLength(Function):
-    """The gradient of a length is the unit vector, and 0 where the length is."""
+    """The gradient of a length is the unit vector; 0 where the length is 0."""
 
     @staticmethod
     def forward(ctx: Any, vectors: Tensor, segments: BatchSegments) -> Tensor:  # noqa: ANN401  torch's context

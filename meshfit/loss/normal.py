@@ -1,4 +1,4 @@
-"""The disagreement of normals between matched points."""
+"""Deviation of the normals of matched points."""
 
 from jaxtyping import Float
 from torch import Tensor
@@ -10,10 +10,9 @@ _EPS = 1e-6
 
 
 def normal(p_normals: Float[Tensor, "KP 3"], q_normals: Float[Tensor, "KQ 3"], matches: Matches) -> Float[Tensor, " K"]:
-    """Mean of 1 - |cos| between the normals of matched points, both ways added; 0 where all agree up to sign.
+    """Return the mean of 1 - |cos| between the normals of matched points, both ways added; 0 if all agree up to sign.
 
-    This is the normal distance of Mesh R-CNN (Gkioxari, Malik and Johnson 2019, eq. 2), raised by 2 so as not to be
-    negative, which is how PyTorch3D reports it.
+    This is the normal distance of Mesh R-CNN (Gkioxari, Malik and Johnson 2019, eq. 2) plus 2, as in PyTorch3D.
     """
     forward = cosine_similarity(p_normals, q_normals.index_select(0, matches.forward), dim=1, eps=_EPS)
     backward = cosine_similarity(q_normals, p_normals.index_select(0, matches.backward), dim=1, eps=_EPS)

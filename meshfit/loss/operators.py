@@ -1,4 +1,4 @@
-"""What of some meshes stays the same while their verts move: indices and operators, made once before the first step."""
+"""Operators of K meshes, built once before the first step, and the geometry of their faces at each step."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,12 +22,12 @@ LEAST_DOUBLE_AREA = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class Faces:
-    """The faces of K meshes, as one mesh of K pieces that have nothing in common.
+    """The faces of K meshes, as one mesh of K disconnected parts.
 
     Attributes:
-        verts: (F, 3) the verts at the corners of each face.
-        segments: which of the meshes each face belongs to.
-        sides: (2 F, V) takes positions to the sides of faces from their first corner, all first ones before all second.
+        verts: (F, 3) vertices at the corners of each face.
+        segments: the mesh of each face.
+        sides: (2 F, V) maps positions to two sides of each face from its first corner; all first sides come first.
     """
 
     verts: Int64[Tensor, "F 3"]
@@ -36,7 +36,7 @@ class Faces:
 
     @classmethod
     def of(cls, meshes: Sequence[Mesh], dtype: torch.dtype, device: torch.device) -> "Faces":
-        """The faces of some meshes."""
+        """Return the faces of some meshes."""
         faces = _shifted([mesh.faces for mesh in meshes], [mesh.num_verts for mesh in meshes])
         sides = np.concatenate([faces[:, [0, 1]], faces[:, [0, 2]]])
         return cls(
@@ -48,17 +48,17 @@ class Faces:
 
 @dataclass(frozen=True, eq=False)
 class MeshOperators:
-    """The constant part of K moving meshes, on one device.
+    """Linear operators of K meshes whose vertices move, on one device.
 
     Attributes:
-        faces: their faces.
-        of_vert, of_edge: which of the meshes each vertex and each edge belongs to.
-        edges: (E, V) takes positions to edges, head minus tail.
-        umbrella: (V, E) takes edges to the mean, at each vertex, of itself minus its neighbours.
-        joined: (V, 1) 1 where a vertex has edges, 0 where it has none.
-        neighbours: (F, F) sums over the faces across each edge, with -1 for those that are oriented the other way.
-        valence_of_face: (F,) the number of those faces.
-        face_pairs: (K,) the pairs of faces with a common edge, at least 1.
+        faces: the faces.
+        of_vert, of_edge: the mesh of each vertex and of each edge.
+        edges: (E, V) maps positions to edge vectors, head minus tail.
+        umbrella: (V, E) maps edge vectors to each vertex minus the mean of its neighbours.
+        joined: (V, 1) 1 for vertices with edges, 0 for others.
+        neighbours: (F, F) sums over adjacent faces, with sign -1 for those of opposite orientation.
+        valence_of_face: (F,) number of adjacent faces.
+        face_pairs: (K,) number of pairs of adjacent faces, at least 1.
     """
 
     faces: Faces
@@ -73,26 +73,28 @@ class MeshOperators:
 
     @classmethod
     def of(cls, meshes: Sequence[Mesh], dtype: torch.dtype, device: torch.device) -> "MeshOperators":
-        """The surface of some meshes; edges with three faces or more count every pair of them."""
-        place: dict[str, Any] = {"dtype": dtype, "device": device}
+        """Return the operators of some meshes; on edges with three faces or more, every pair of faces counts."""
+        options: dict[str, Any] = {"dtype": dtype, "device": device}
         of_mesh = {mesh: Topology.of(mesh) for mesh in dict.fromkeys(meshes)}
-        topologies, faces = [of_mesh[mesh] for mesh in meshes], Faces.of(meshes, **place)
+        topologies, faces = [of_mesh[mesh] for mesh in meshes], Faces.of(meshes, **options)
         of_vert = BatchSegments.of([mesh.num_verts for mesh in meshes], device)
         edges = _shifted([topology.edges for topology in topologies], of_vert.sizes)
         pairs = _shifted([topology.face_pairs // 3 for topology in topologies], faces.segments.sizes)
-        alike = np.concatenate([_alike(topology) for topology in topologies])
+        signs = np.concatenate([_orientation(topology) for topology in topologies])
         valence = np.bincount(edges.reshape(-1), minlength=len(of_vert.index))
         differences = _differences(edges, len(valence))
         return cls(
             faces=faces,
             of_vert=of_vert,
             of_edge=BatchSegments.of([len(topology.edges) for topology in topologies], device),
-            edges=Sparse.of(differences, **place),
-            umbrella=Sparse.of(diags_array(1 / valence.clip(min=1)) @ differences.T, **place),
-            joined=torch.tensor(valence.clip(max=1)[:, None], **place),
-            neighbours=Sparse.of(_across(pairs, alike, len(faces.segments.index)), **place),
-            valence_of_face=torch.tensor(np.bincount(pairs.reshape(-1), minlength=len(faces.segments.index)), **place),
-            face_pairs=torch.tensor([max(len(topology.face_pairs), 1) for topology in topologies], **place),
+            edges=Sparse.of(differences, **options),
+            umbrella=Sparse.of(diags_array(1 / valence.clip(min=1)) @ differences.T, **options),
+            joined=torch.tensor(valence.clip(max=1)[:, None], **options),
+            neighbours=Sparse.of(_face_adjacency(pairs, signs, len(faces.segments.index)), **options),
+            valence_of_face=torch.tensor(
+                np.bincount(pairs.reshape(-1), minlength=len(faces.segments.index)), **options
+            ),
+            face_pairs=torch.tensor([max(len(topology.face_pairs), 1) for topology in topologies], **options),
         )
 
 
@@ -101,10 +103,10 @@ def _shifted(indices: Sequence[np.ndarray], sizes: Sequence[int]) -> np.ndarray:
     return np.concatenate([part + offset for part, offset in zip(indices, offsets, strict=True)])
 
 
-def _alike(topology: Topology) -> np.ndarray:
-    """1 for pairs of faces that run through their common edge opposite ways, as they ought to; -1 for others."""
-    one, other = topology.face_pairs.T
-    return np.where(topology.tail[one] == topology.tail[other], -1.0, 1.0)
+def _orientation(topology: Topology) -> np.ndarray:
+    """Return 1 for adjacent faces of the same orientation, which traverse their edge opposite ways; -1 for others."""
+    first, second = topology.face_pairs.T
+    return np.where(topology.tail[first] == topology.tail[second], -1.0, 1.0)
 
 
 def _differences(edges: np.ndarray, num_verts: int) -> coo_array:
@@ -112,20 +114,20 @@ def _differences(edges: np.ndarray, num_verts: int) -> coo_array:
     return coo_array((np.repeat([-1.0, 1.0], len(edges)), (rows, edges.T.reshape(-1))), shape=(len(edges), num_verts))
 
 
-def _across(pairs: np.ndarray, alike: np.ndarray, num_faces: int) -> coo_array:
-    there, back = pairs.T.reshape(-1), pairs[:, ::-1].T.reshape(-1)
-    return coo_array((np.tile(alike, 2), (there, back)), shape=(num_faces, num_faces))
+def _face_adjacency(pairs: np.ndarray, signs: np.ndarray, num_faces: int) -> coo_array:
+    rows, columns = pairs.T.reshape(-1), pairs[:, ::-1].T.reshape(-1)
+    return coo_array((np.tile(signs, 2), (rows, columns)), shape=(num_faces, num_faces))
 
 
 @dataclass(frozen=True, eq=False)
 class FaceGeometry:
-    """Where the faces are now.
+    """The faces at their current positions.
 
     Attributes:
-        faces: which they are.
-        verts: (V, 3) the positions.
+        faces: the faces.
+        verts: (V, 3) positions.
         double_area: (F,) twice the area of each face, constant in the backward pass.
-        normals: (F, 3) unit normals, shorter where a face has next to no area.
+        normals: (F, 3) unit normals; shorter for faces of nearly no area.
     """
 
     faces: Faces
@@ -135,15 +137,15 @@ class FaceGeometry:
 
     @classmethod
     def of(cls, faces: Faces, verts: Float[Tensor, "V 3"]) -> "FaceGeometry":
-        """The faces with their verts at these places."""
+        """Return the faces at these positions."""
         normals, double_area = apply(_Normals, faces.sides @ verts)
         return cls(faces, verts, double_area, normals)
 
 
 class _Normals(Function):
-    """With sides u and v, n = u × v / max(|u × v|, ε).
+    """Normals n = u × v / max(|u × v|, ε) of faces with sides u and v.
 
-    Its gradient is dL/du = v × g, dL/dv = g × u, with g = (dL/dn - n (n · dL/dn)) / |u × v|, or dL/dn / ε where ε acts.
+    The gradient is dL/du = v × g, dL/dv = g × u, with g = (dL/dn - n (n · dL/dn)) / |u × v|, or dL/dn / ε where ε acts.
     """
 
     @staticmethod

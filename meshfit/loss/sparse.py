@@ -1,4 +1,4 @@
-"""Constant sparse matrices that act on the rows of a tensor, forwards and in the backward pass."""
+"""Constant sparse matrices, differentiable with respect to what they are multiplied with."""
 
 import warnings
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from meshfit.loss.autograd import apply
 
 @dataclass(frozen=True, eq=False)
 class Gather:
-    """A sparse matrix as its entries, for devices whose torch has no compressed rows."""
+    """A sparse matrix as a list of entries, for devices without compressed sparse rows."""
 
     rows: Int64[Tensor, " N"]
     columns: Int64[Tensor, " N"]
@@ -29,14 +29,14 @@ class Gather:
 
 @dataclass(frozen=True, eq=False)
 class Sparse:
-    """A matrix of R rows and C columns: `matrix @ x` maps (C, 3) to (R, 3), and gradients flow back through it."""
+    """An (R, C) matrix: `matrix @ x` maps (C, 3) to (R, 3), differentiably."""
 
     forward: Any
     backward: Any
 
     @classmethod
     def of(cls, entries: coo_array | csr_array, dtype: torch.dtype, device: torch.device) -> "Sparse":
-        """The matrix of these entries; those at the same place add up."""
+        """Return the matrix of these entries; duplicates are summed."""
         return cls(_matrix(entries.tocsr(), dtype, device), _matrix(entries.T.tocsr(), dtype, device))
 
     @property
@@ -65,23 +65,23 @@ class _Product(Function):
 def _matrix(rows: csr_array, dtype: torch.dtype, device: torch.device) -> Any:  # noqa: ANN401  a tensor or a Gather
     rows.sort_indices()
     if device.type != "cpu":
-        found = rows.tocoo()
-        row, column = (torch.tensor(part, dtype=torch.int64, device=device) for part in (found.row, found.col))
-        return Gather(row, column, torch.tensor(found.data, dtype=dtype, device=device)[:, None], rows.shape[0])
+        entries = rows.tocoo()
+        row, column = (torch.tensor(part, dtype=torch.int64, device=device) for part in (entries.row, entries.col))
+        return Gather(row, column, torch.tensor(entries.data, dtype=dtype, device=device)[:, None], rows.shape[0])
     start, columns = (torch.tensor(part, dtype=torch.int32) for part in (rows.indptr, rows.indices))
     return compressed_rows(start, columns, torch.tensor(rows.data, dtype=dtype), rows.shape[1])
 
 
 def compressed_rows(start: Tensor, columns: Tensor, values: Tensor, width: int) -> Tensor:
-    """A sparse tensor by compressed rows.
+    """Return a sparse tensor in compressed rows.
 
     Args:
-        start: (R + 1,) int32, where each row begins, and the end of the last.
-        columns: (N,) int32, rising in each row.
-        values: (N,).
-        width: the number of columns.
+        start: (R + 1,) int32, start of each row, and end of the last.
+        columns: (N,) int32, ascending in each row.
+        values: (N,) entries.
+        width: number of columns.
     """
     with warnings.catch_warnings():
-        for said in ("Sparse CSR tensor support is in beta", "Sparse invariant checks are implicitly disabled"):
-            warnings.filterwarnings("ignore", said, UserWarning)
+        for text in ("Sparse CSR tensor support is in beta", "Sparse invariant checks are implicitly disabled"):
+            warnings.filterwarnings("ignore", text, UserWarning)
         return torch.sparse_csr_tensor(start, columns, values, (len(start) - 1, width), check_invariants=False)

@@ -1,4 +1,4 @@
-"""The table of loss terms. The same names stand in configs, in traces and in tables; adding a term is an entry here."""
+"""The table of loss terms, by their names in configs, traces and tables; add a term here."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,11 +17,11 @@ from meshfit.loss.operators import FaceGeometry, MeshOperators
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Points on a surface.
+    """Points on surfaces.
 
     Attributes:
         points: (N, 3).
-        picked: (N,) the face that each lies on.
+        picked: (N,) face of each point.
         faces: all faces.
     """
 
@@ -31,25 +31,25 @@ class Samples:
 
     @cached_property
     def normals(self) -> Float[Tensor, "N 3"]:
-        """The unit normals of their faces."""
+        """Unit normals of the points' faces."""
         return self.faces.normals.index_select(0, self.picked)
 
 
 @dataclass(frozen=True, eq=False)
 class LossInputs:
-    """All that a term may look at in one step, of K meshes at once.
+    """Inputs of the loss terms in one step, of K meshes at once.
 
     Attributes:
-        verts: (V, 3) the current positions.
-        surface: what is constant of the meshes.
-        faces: where their faces are now.
-        source: points on them, as many on each.
-        target: points on the targets, likewise.
-        matches: which of them are nearest to each other.
+        verts: (V, 3) current positions.
+        operators: operators of the meshes.
+        faces: faces at their current positions.
+        source: points on the meshes, equally many on each.
+        target: points on the targets, equally many on each.
+        matches: nearest neighbours between the two.
     """
 
     verts: Float[Tensor, "V 3"]
-    surface: MeshOperators
+    operators: MeshOperators
     faces: FaceGeometry
     source: Samples
     target: Samples
@@ -57,21 +57,21 @@ class LossInputs:
 
     @cached_property
     def edges(self) -> Float[Tensor, "E 3"]:
-        """From tail to head of each edge."""
-        return self.surface.edges @ self.verts
+        """Vectors from tail to head of each edge."""
+        return self.operators.edges @ self.verts
 
 
 Term = Callable[[LossInputs], Float[Tensor, " K"]]
 
 LAPLACIANS: dict[str, Term] = {
-    "uniform": lambda state: laplacian_uniform(state.edges, state.surface),
-    "cotangent": lambda state: laplacian_cotangent(state.verts, state.surface),
+    "uniform": lambda inputs: laplacian_uniform(inputs.edges, inputs.operators),
+    "cotangent": lambda inputs: laplacian_cotangent(inputs.verts, inputs.operators),
 }
 
 TERMS: dict[str, Term] = {
-    "chamfer": lambda state: chamfer(state.source.points, state.target.points, state.matches),
-    "normal": lambda state: normal(state.source.normals, state.target.normals, state.matches),
-    "edge": lambda state: edge(state.edges, state.surface),
+    "chamfer": lambda inputs: chamfer(inputs.source.points, inputs.target.points, inputs.matches),
+    "normal": lambda inputs: normal(inputs.source.normals, inputs.target.normals, inputs.matches),
+    "edge": lambda inputs: edge(inputs.edges, inputs.operators),
     "laplacian": LAPLACIANS["uniform"],
-    "consistency": lambda state: consistency(state.faces, state.surface),
+    "consistency": lambda inputs: consistency(inputs.faces, inputs.operators),
 }

@@ -1,1 +1,1 @@
-"""Changes of connectivity, and the soundness of moving surfaces, in torch."""
+"""Remeshing and self-intersection tests, in torch."""

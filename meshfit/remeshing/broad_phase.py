@@ -1,4 +1,4 @@
-"""Which boxes lie near some of them: a grid of cells, and sums over it."""
+"""Broad phase of intersection tests: pairs of overlapping boxes, and boxes near some of them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -7,84 +7,36 @@ import torch
 from jaxtyping import Bool, Float64, Int32, Int64
 from torch import Tensor
 
-_CELLS = 32
-
-
-def boxes_near(
-    low: Float64[Tensor, "N 3"], high: Float64[Tensor, "N 3"], some: Bool[Tensor, " N"]
-) -> Bool[Tensor, " N"]:
-    """Which boxes have a cell, of a grid over all of them, in common with one of `some`: at least those that meet one.
-
-    Args:
-        low: float64, the least corners, finite.
-        high: float64, the greatest.
-        some: which boxes.
-    """
-    if not bool(some.any()):
-        return torch.zeros_like(some)
-    floor = low.amin(0)
-    width = ((high.amax(0) - floor) / _CELLS).clamp_min(torch.finfo(torch.float64).tiny)
-    first, last = (((ends - floor) / width).long().clamp_(0, _CELLS - 1) for ends in (low, high))
-    taken = _count(_marked(first[some], last[some]))
-    # The number of taken cells within each box, by inclusion and exclusion from sums up to its corners.
-    found = torch.zeros(len(low), dtype=torch.int64, device=low.device)
-    for corner in range(8):
-        upper = [bool(corner >> axis & 1) for axis in range(3)]
-        x, y, z = (last[:, axis] + 1 if up else first[:, axis] for axis, up in enumerate(upper))
-        found += taken[x, y, z] * (1 if sum(upper) % 2 else -1)
-    return found > 0
-
-
-def _marked(first: Tensor, last: Tensor) -> Tensor:
-    """How the number of boxes over a cell changes from cell to cell, of (32 + 1)³."""
-    change = torch.zeros((_CELLS + 1,) * 3, dtype=torch.int64, device=first.device)
-    one = torch.ones(len(first), dtype=torch.int64, device=first.device)
-    for corner in range(8):
-        after = [bool(corner >> axis & 1) for axis in range(3)]
-        place = tuple(last[:, axis] + 1 if up else first[:, axis] for axis, up in enumerate(after))
-        change.index_put_(place, one if sum(after) % 2 == 0 else -one, accumulate=True)
-    return change
-
-
-def _count(change: Tensor) -> Tensor:
-    """The number of taken cells before each corner of the grid, along all axes."""
-    for axis in range(3):
-        change = change.cumsum(axis)
-    taken = torch.zeros((_CELLS + 1,) * 3, dtype=torch.int64, device=change.device)
-    taken[1:, 1:, 1:] = (change > 0)[:-1, :-1, :-1]
-    for axis in range(3):
-        taken = taken.cumsum(axis)
-    return taken
-
-
 Pairs = tuple[Tensor, Tensor]
 Rows = Tensor | slice
 
 _BLOCK = 1 << 20
 _STRIDE = 8
-# What is laid into columns: boxes over no more than 64 in x or y, 8 entries a box together. Few boxes are left out.
+# Boxes over at most 64 columns in x or y are laid into columns, with at most 8 entries per box on average; few are not.
 _MOST_COLUMNS = 64
 _MOST_ENTRIES = 8
 _MOST_WIDE = 0.01
 _FAR = float(1 << 40)
+# Cells per axis of the grid of `boxes_near`.
+_CELLS = 32
 
 
 def overlapping_boxes(
     low: Float64[Tensor, "N 3"], high: Float64[Tensor, "N 3"], members: Int64[Tensor, " N"]
 ) -> Iterator[Pairs]:
-    """Pairs of boxes of the same member that overlap or touch, in blocks, so that memory stays bounded.
+    """Yield pairs of boxes of the same mesh that overlap or touch, in blocks, so that memory stays bounded.
 
-    A box has an entry in each column, of a grid over x and y, that it reaches. The entries of a column, sorted by where
-    they begin in z, are compared with the next, with the next but one, and so on until no box reaches that far: sweep
-    and prune (Cohen, Lin, Manocha and Ponamgi, I-COLLIDE, 1995). Boxes much wider than a column are compared with all.
+    A box has an entry in each column of an x-y grid that it reaches. The entries of a column, sorted by their start in
+    z, are compared with the next entry, the next but one, and so on, until no box reaches that far: sweep and prune
+    (Cohen, Lin, Manocha and Ponamgi, I-COLLIDE, 1995). Boxes much wider than a column are compared with all.
 
     Args:
-        low: float64, the least corners, finite.
-        high: float64, the greatest.
-        members: int64, at least 0.
+        low: (N, 3) float64, least corners, finite.
+        high: (N, 3) float64, greatest corners.
+        members: (N,) int64, at least 0: mesh of each box.
 
     Yields:
-        Two (P,) int64 tensors, the one box and the other; of each pair in one order only, and seldom more than once.
+        Two (P,) int64 tensors of boxes; each pair in one order only, and seldom more than once.
     """
     if not len(low):
         return
@@ -100,15 +52,15 @@ def overlapping_boxes(
 def _columns(
     low: Float64[Tensor, "N 3"], high: Float64[Tensor, "N 3"]
 ) -> tuple[Int64[Tensor, "N 2"], Int64[Tensor, "N 2"], Bool[Tensor, " N"]]:
-    """The first and last column of each box in x and y, and which boxes are too wide to be laid into columns.
+    """Return the first and last column of each box in x and y, and which boxes are too wide for columns.
 
-    Columns are twice as wide as the geometric mean of the boxes, and wider where that makes too many entries.
+    Columns are twice as wide as the geometric mean of the boxes, and wider if that gives too many entries.
     """
     extents = (high - low).amax(1)
     usual = extents.clamp_min(0.01 * float(extents.median())).log().mean().exp()
     width = 2.0 * float(usual) or float(extents.amax()) or 1.0
     while True:
-        # Beyond the clamp columns are one: boxes that overlap still share one, and that is all that is asked of them.
+        # All columns beyond the clamp are one; boxes that overlap still share it.
         first, last = ((ends[:, :2] / width).floor().clamp(-_FAR, _FAR) for ends in (low, high))
         spans = last - first + 1
         wide = spans.amax(1) > _MOST_COLUMNS
@@ -120,13 +72,13 @@ def _columns(
 
 @dataclass(frozen=True, eq=False)
 class _Sweep:
-    """The entries of all columns, one column after the other, each sorted by where its boxes begin in z.
+    """The entries of all columns, column by column, sorted by the start of their boxes in z.
 
     Attributes:
-        boxes: (E,) the box of each entry.
-        columns: (E,) the number of its column. Columns far from each other may have the same one.
-        low, high: (E,) in x, y and z, where its box begins and ends.
-        leads: (E,) in x and y, whether its column is the first of its box.
+        boxes: (E,) box of each entry.
+        columns: (E,) number of its column; distant columns may have the same number.
+        low, high: (E,) for x, y and z: start and end of its box.
+        leads: (E,) for x and y: whether its column is the first of its box.
     """
 
     boxes: Int64[Tensor, " E"]
@@ -144,7 +96,7 @@ class _Sweep:
         columns: tuple[Int64[Tensor, "N 2"], Int64[Tensor, "N 2"]],
         laid: Int64[Tensor, " L"],
     ) -> "_Sweep":
-        """The entries of the boxes `laid`, which are sorted by where they begin in z."""
+        """Return the entries of the boxes `laid`, which are sorted by their start in z."""
         first, last = (ends.index_select(0, laid) for ends in columns)
         deep, across = (last - first + 1).unbind(1)
         owners = torch.repeat_interleave(deep * across)
@@ -163,36 +115,36 @@ class _Sweep:
         return cls(boxes, sorting.values, begin, end, leading)
 
     def pairs(self) -> Iterator[Pairs]:
-        """Pairs of boxes that overlap; of the columns that two share, the one counts where the later begins."""
+        """Yield pairs of boxes that overlap, in the common column where the later one starts."""
         size = len(self.boxes)
         reached, ahead = self.boxes >= 0, 0
         while 4 * int(reached.sum()) > size > ahead + 1:
             ahead += 1
             i, j = slice(0, size - ahead), slice(ahead, size)
             reached = self._reach(i, j)
-            found = (reached & self._overlap(i, j)).nonzero()[:, 0]
-            yield self.boxes.index_select(0, found), self.boxes.index_select(0, found + ahead)
+            which = (reached & self._overlap(i, j)).nonzero()[:, 0]
+            yield self.boxes.index_select(0, which), self.boxes.index_select(0, which + ahead)
         yield from self._further(reached.nonzero()[:, 0], ahead + 1)
 
     def _further(self, rows: Int64[Tensor, " R"], ahead: int) -> Iterator[Pairs]:
-        """Pairs of some entries with those that far ahead or further: few, picked one by one, but several at a time."""
+        """Yield pairs of a few entries with those that far ahead or further, several distances at a time."""
         size = len(self.boxes)
         strides = torch.arange(_STRIDE, device=rows.device)
         while len(rows) and ahead < size:
             i, j = rows.repeat_interleave(_STRIDE), (rows[:, None] + (ahead + strides)).view(-1)
             reached = self._reach(i, j.clamp_max(size - 1)) & (j < size)
-            seen = reached.nonzero()[:, 0]
-            i, j = _at(i, seen), _at(j, seen)
-            found = self._overlap(i, j).nonzero()[:, 0]
-            yield _at(self.boxes, _at(i, found)), _at(self.boxes, _at(j, found))
+            which = reached.nonzero()[:, 0]
+            i, j = _at(i, which), _at(j, which)
+            which = self._overlap(i, j).nonzero()[:, 0]
+            yield _at(self.boxes, _at(i, which)), _at(self.boxes, _at(j, which))
             rows, ahead = rows[reached.view(-1, _STRIDE)[:, -1]], ahead + _STRIDE
 
     def _reach(self, i: Rows, j: Rows) -> Bool[Tensor, " P"]:
-        """Whether later entries j are in the columns of i and begin, in z, before these end."""
+        """Return whether later entries j are in the columns of i and start, in z, before these end."""
         return (_at(self.columns, i) == _at(self.columns, j)) & (_at(self.low[2], j) <= _at(self.high[2], i))
 
     def _overlap(self, i: Rows, j: Rows) -> Bool[Tensor, " P"]:
-        """Whether entries that overlap in z do so in x and y, and in the column that counts."""
+        """Return whether entries that overlap in z also do in x and y, in the column that counts."""
         tests = [
             (_at(low, j) <= _at(high, i)) & (_at(low, i) <= _at(high, j)) & (_at(leads, i) | _at(leads, j))
             for low, high, leads in zip(self.low[:2], self.high[:2], self.leads, strict=True)
@@ -203,24 +155,24 @@ class _Sweep:
 def _with_all(
     low: Float64[Tensor, "N 3"], high: Float64[Tensor, "N 3"], members: Int64[Tensor, " N"], wide: Bool[Tensor, " N"]
 ) -> Iterator[Pairs]:
-    """Pairs of which a box is wide, by comparing the wide ones with all."""
-    everyone = torch.arange(len(low), device=low.device)
+    """Yield pairs with a wide box, by comparing the wide ones with all."""
+    numbers = torch.arange(len(low), device=low.device)
     rows, size = wide.nonzero()[:, 0], max(1, _BLOCK // len(low))
     for start in range(0, len(rows), size):
-        some = rows[start : start + size]
-        here = some[:, None]
-        meet = (members[here] == members) & ~(wide & (everyone <= here))
+        block = rows[start : start + size]
+        column = block[:, None]
+        meet = (members[column] == members) & ~(wide & (numbers <= column))
         for k in range(3):
-            meet &= (low[:, k] <= high[here, k]) & (low[here, k] <= high[:, k])
+            meet &= (low[:, k] <= high[column, k]) & (low[column, k] <= high[:, k])
         i, j = meet.nonzero().unbind(1)
-        yield some[i], j
+        yield block[i], j
 
 
 def _in_blocks(pairs: Iterator[Pairs]) -> Iterator[Pairs]:
-    """The same pairs in fewer and larger blocks."""
+    """Yield the same pairs in fewer and larger blocks."""
     held: list[Pairs] = []
-    for some in pairs:
-        held.append(some)
+    for block in pairs:
+        held.append(block)
         if sum(len(i) for i, _ in held) > _BLOCK:
             yield _joined(held)
             held = []
@@ -234,3 +186,50 @@ def _joined(held: list[Pairs]) -> Pairs:
 
 def _at(values: Tensor, rows: Rows) -> Tensor:
     return values[rows] if isinstance(rows, slice) else values.index_select(0, rows)
+
+
+def boxes_near(
+    low: Float64[Tensor, "N 3"], high: Float64[Tensor, "N 3"], some: Bool[Tensor, " N"]
+) -> Bool[Tensor, " N"]:
+    """Return which boxes share a cell, of a grid over all of them, with one of `some`; these include all that meet one.
+
+    Args:
+        low: (N, 3) float64, least corners, finite.
+        high: (N, 3) float64, greatest corners.
+        some: (N,) which boxes.
+    """
+    if not bool(some.any()):
+        return torch.zeros_like(some)
+    floor = low.amin(0)
+    width = ((high.amax(0) - floor) / _CELLS).clamp_min(torch.finfo(torch.float64).tiny)
+    first, last = (((ends - floor) / width).long().clamp_(0, _CELLS - 1) for ends in (low, high))
+    occupied = _cumulative(_marked(first[some], last[some]))
+    # Number of occupied cells within each box, by inclusion and exclusion of sums up to its corners.
+    count = torch.zeros(len(low), dtype=torch.int64, device=low.device)
+    for corner in range(8):
+        upper = [bool(corner >> axis & 1) for axis in range(3)]
+        x, y, z = (last[:, axis] + 1 if up else first[:, axis] for axis, up in enumerate(upper))
+        count += occupied[x, y, z] * (1 if sum(upper) % 2 else -1)
+    return count > 0
+
+
+def _marked(first: Tensor, last: Tensor) -> Tensor:
+    """Return the change, from cell to cell, of the number of boxes over a cell, (32 + 1)³."""
+    change = torch.zeros((_CELLS + 1,) * 3, dtype=torch.int64, device=first.device)
+    one = torch.ones(len(first), dtype=torch.int64, device=first.device)
+    for corner in range(8):
+        after = [bool(corner >> axis & 1) for axis in range(3)]
+        place = tuple(last[:, axis] + 1 if up else first[:, axis] for axis, up in enumerate(after))
+        change.index_put_(place, one if sum(after) % 2 == 0 else -one, accumulate=True)
+    return change
+
+
+def _cumulative(change: Tensor) -> Tensor:
+    """Return the number of occupied cells before each corner of the grid, along all axes."""
+    for axis in range(3):
+        change = change.cumsum(axis)
+    occupied = torch.zeros((_CELLS + 1,) * 3, dtype=torch.int64, device=change.device)
+    occupied[1:, 1:, 1:] = (change > 0)[:-1, :-1, :-1]
+    for axis in range(3):
+        occupied = occupied.cumsum(axis)
+    return occupied

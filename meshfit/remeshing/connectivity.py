@@ -1,4 +1,4 @@
-"""Which faces and edges meet, in torch: a table of edges that is made anew after each change of the faces."""
+"""Edge table of a triangle mesh, in torch; rebuilt after each change of the faces."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,18 +14,18 @@ NONE = -1
 
 @dataclass(frozen=True, eq=False)
 class Edges:
-    """The edges of an oriented manifold, in the order of their keys.
+    """The edges of an oriented manifold, sorted by key.
 
-    The half-edge 3 f + k runs along face f from its corner k to its corner k + 1 (mod 3). An edge runs as the first of
-    its half-edges does: its left face is (tail, head, left apex), its right one (head, tail, right apex).
+    Half-edge 3 f + k goes along face f from its corner k to its corner k + 1 (mod 3). An edge has the direction of its
+    first half-edge: its left face is (tail, head, left apex), its right face (head, tail, right apex).
 
     Attributes:
-        num_verts: V; verts that no face uses are allowed.
-        keys: (E,) the smaller end times V plus the larger end, in rising order.
-        tail, head: (E,) the ends.
-        left, right: (E,) the half-edge on each side; `NONE` on the right of a boundary edge.
-        left_apex, right_apex: (E,) the verts across; on the right of a boundary edge, the left one again.
-        order: (3 F,) the half-edges in the order of their edges.
+        num_verts: V; unused vertices are allowed.
+        keys: (E,) smaller end times V plus larger end, ascending.
+        tail, head: (E,) ends.
+        left, right: (E,) half-edge on each side; `NONE` on the right of a boundary edge.
+        left_apex, right_apex: (E,) opposite vertices; on the right of a boundary edge, the left apex again.
+        order: (3 F,) half-edges, sorted by edge.
     """
 
     num_verts: int
@@ -40,7 +40,7 @@ class Edges:
 
     @classmethod
     def of(cls, faces: Int64[Tensor, "F 3"], num_verts: int) -> "Edges":
-        """The edges of some faces; an edge must not have more than two."""
+        """Return the edges of some faces, at most two per edge."""
         tails, heads, apexes = (faces.roll(-k, 1).reshape(-1) for k in range(3))
         keys, order = pair_keys(tails, heads, num_verts).sort(stable=True)
         first = torch.ones_like(keys, dtype=torch.bool)
@@ -61,7 +61,7 @@ class Edges:
         )
 
     def renumbered(self, number: Int64[Tensor, " V"], num_verts: int) -> "Edges":
-        """The same edges where verts have other numbers, which rise as the old ones do."""
+        """Return the same edges after an order-preserving renumbering of the vertices."""
         tail, head, left_apex, right_apex = (
             number.index_select(0, verts) for verts in (self.tail, self.head, self.left_apex, self.right_apex)
         )
@@ -70,43 +70,43 @@ class Edges:
 
     @cached_property
     def of_side(self) -> Int64[Tensor, "F 3"]:
-        """The edge that each half-edge lies on."""
+        """Edge of each half-edge."""
         number = torch.arange(len(self.keys), device=self.keys.device).repeat_interleave(1 + self.inner.long())
         return torch.empty_like(self.order).scatter_(0, self.order, number).view(-1, 3)
 
     @cached_property
     def inner(self) -> Bool[Tensor, " E"]:
-        """Which edges have a face on each side."""
+        """Whether each edge has two faces."""
         return self.right >= 0
 
     @cached_property
     def outer(self) -> Int64[Tensor, " B"]:
-        """The edges on the boundary."""
+        """Indices of the boundary edges."""
         return (~self.inner).nonzero()[:, 0]
 
     @cached_property
     def valence(self) -> Int64[Tensor, " V"]:
-        """The number of edges at each vertex."""
+        """Number of edges at each vertex."""
         return torch.bincount(torch.cat([self.tail, self.head]), minlength=self.num_verts)
 
     @cached_property
     def on_boundary(self) -> Bool[Tensor, " V"]:
-        """Which verts lie on a boundary edge."""
-        found = torch.zeros(self.num_verts, dtype=torch.bool, device=self.keys.device)
-        found[self.tail.index_select(0, self.outer)] = True
-        found[self.head.index_select(0, self.outer)] = True
-        return found
+        """Whether each vertex is on a boundary edge."""
+        mask = torch.zeros(self.num_verts, dtype=torch.bool, device=self.keys.device)
+        mask[self.tail.index_select(0, self.outer)] = True
+        mask[self.head.index_select(0, self.outer)] = True
+        return mask
 
     @cached_property
     def least_valence(self) -> Int64[Tensor, " V"]:
-        """The number of edges that no change may go below: 4, on the boundary 3."""
+        """Least valence that a change may leave: 4, or 3 on the boundary."""
         return 4 - self.on_boundary.long()
 
     @cached_property
     def scrambled(self) -> Int64[Tensor, " E"]:
-        """The number of each edge, with 20 bits above it that look random, so that ties are settled in no direction.
+        """The number of each edge below 20 pseudo-random bits, to break ties without a preferred direction.
 
-        Where they are settled by number, one change at a time goes ahead in a row of alike ones.
+        If ties are broken by number, a row of equal edges changes only one edge at a time.
         """
         number = torch.arange(len(self.keys), device=self.keys.device)
         bits = (number * 0x9E3779B1) & 0xFFFFFFFF
@@ -114,24 +114,24 @@ class Edges:
         return (((bits ^ (bits >> 13)) & 0xFFFFF) << 32) | number
 
     def have(self, a: Int64[Tensor, " N"], b: Int64[Tensor, " N"]) -> Bool[Tensor, " N"]:
-        """Between which verts there is an edge."""
+        """Return which pairs of vertices have an edge."""
         return contained(pair_keys(a, b, self.num_verts), self.keys)
 
     def flipped(self, normals: Float[Tensor, "F 3"]) -> Bool[Tensor, " F"]:
-        """Which faces look away from their surroundings: n · (n₁ + n₂ + n₃) < 0, with the normals of neighbours."""
+        """Return which faces are flipped: n · (n₁ + n₂ + n₃) < 0, with the normals of their neighbours."""
         inner = self.inner.nonzero()[:, 0]
         left, right = self.left.index_select(0, inner) // 3, self.right.index_select(0, inner) // 3
-        alike = dot(normals.index_select(0, left), normals.index_select(0, right))
-        return torch.zeros_like(normals[:, 0]).index_add_(0, left, alike).index_add_(0, right, alike) < 0
+        cosines = dot(normals.index_select(0, left), normals.index_select(0, right))
+        return torch.zeros_like(normals[:, 0]).index_add_(0, left, cosines).index_add_(0, right, cosines) < 0
 
 
 def pair_keys(a: Int64[Tensor, " N"], b: Int64[Tensor, " N"], num_verts: int) -> Int64[Tensor, " N"]:
-    """One number for each unordered pair of verts."""
+    """Return one number per unordered pair of vertices."""
     return torch.minimum(a, b) * num_verts + torch.maximum(a, b)
 
 
 def contained(keys: Int64[Tensor, " N"], ordered: Int64[Tensor, " M"]) -> Bool[Tensor, " N"]:
-    """Which keys are among others, which are in rising order."""
+    """Return which keys are among others, which are sorted."""
     if not len(ordered):
         return torch.zeros_like(keys, dtype=torch.bool)
     place = torch.searchsorted(ordered, keys).clamp_max(len(ordered) - 1)

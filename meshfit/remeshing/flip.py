@@ -1,4 +1,4 @@
-"""Flips: edges turned within their two faces, towards six neighbours a vertex and larger angles."""
+"""Edge flips, towards valence 6 and larger angles."""
 
 import math
 
@@ -11,7 +11,7 @@ from meshfit.remeshing.triangle_geometry import dot, normal_and_sine
 
 _PASSES = 8
 _LAYERS = 3
-# A pass that turns fewer edges, as a share of the verts, is the last one; there is another round.
+# A pass that flips fewer edges per vertex is the last of its round.
 _WORTHWHILE = 0.001
 _LEAN = math.cos(math.radians(30))
 _SINE = math.sin(math.radians(25))
@@ -19,29 +19,28 @@ _GAIN = math.sin(math.radians(2))
 
 
 def flip(surface: RemeshState) -> RemeshState:
-    """Turn edges so that valences come near 6, 4 on the boundary, or, where they stay as good, smallest angles grow.
+    """Flip edges towards valence 6, or 4 on the boundary, and for equal valences towards larger smallest angles.
 
-    An edge is left alone where its faces are not nearly in one plane, where a new face would lean by more than 30
-    degrees against an old one, or flip, or have a smallest angle below 25 degrees and below the old one, and where
-    the new edge exists already.
+    An edge stays where a new face would lean by more than 30 degrees against an old one, would be flipped, or would
+    have a smallest angle below 25 degrees that is smaller than the old one, or where the new edge exists already.
     """
     refused = surface.faces.new_empty(0)
     for _ in range(_PASSES):
         edge, rank = _candidates(surface)
-        fresh = ~contained(surface.edges.keys.index_select(0, edge), refused)
-        tried = _apart(surface.edges, edge.masked_select(fresh), rank.masked_select(fresh))
+        untried = ~contained(surface.edges.keys.index_select(0, edge), refused)
+        tried = _apart(surface.edges, edge.masked_select(untried), rank.masked_select(untried))
         if not len(tried):
             break
-        surface, turned, keys = *_without_flips(surface, tried), surface.edges.keys
-        bad = tried[~contained(tried, turned.sort().values)]
+        surface, done, keys = *_without_flips(surface, tried), surface.edges.keys
+        bad = tried[~contained(tried, done.sort().values)]
         refused = torch.cat([refused, keys.index_select(0, bad)]).sort().values
-        if len(turned) < _WORTHWHILE * len(surface.verts):
+        if len(done) < _WORTHWHILE * len(surface.verts):
             break
     return surface
 
 
 def _without_flips(surface: RemeshState, edge: Tensor) -> tuple[RemeshState, Tensor]:
-    """The surface with some edges turned, less those near faces that would flip by it, and the ones that are left."""
+    """Flip edges, except near faces that would look away from their neighbours; return the edges that were flipped."""
     while True:
         a, b, c, d = _quad(surface.edges, edge)
         faces = surface.faces.clone()
@@ -49,21 +48,20 @@ def _without_flips(surface: RemeshState, edge: Tensor) -> tuple[RemeshState, Ten
         faces[surface.edges.right.index_select(0, edge) // 3] = torch.stack([d, b, c], 1)
         after = RemeshState(surface.verts, faces, surface.lengths, on_sphere=surface.on_sphere)
         near = after.around_flipped(~surface.flipped)
-        touched = [near.index_select(0, vert) for vert in (a, b, c, d)]
-        fine = ~(touched[0] | touched[1] | touched[2] | touched[3])
-        if bool(fine.all()):
+        spoilt = torch.stack([near.index_select(0, vert) for vert in (a, b, c, d)]).any(0)
+        if not bool(spoilt.any()):
             return after, edge
-        edge = edge.masked_select(fine)
+        edge = edge.masked_select(~spoilt)
 
 
 def _quad(edges: Edges, edge: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Tail and head of edges, and the apexes left and right of them."""
+    """Return tail, head, left apex and right apex of edges."""
     a, b, c, d = (x.index_select(0, edge) for x in (edges.tail, edges.head, edges.left_apex, edges.right_apex))
     return a, b, c, d
 
 
 def _gain_in_valence(edges: Edges) -> Tensor:
-    """By how much the sum of squared deviations falls with each edge; -99 where a vertex would keep too few edges."""
+    """Return the decrease of the sum of squared valence errors per flip; -99 where a valence would become too low."""
     # (x - 1)² and (x + 1)² differ from x² by 1 ∓ 2 x.
     twice = 2 * (edges.valence - torch.where(edges.on_boundary, 4, 6))
     gain = twice.index_select(0, edges.tail) + twice.index_select(0, edges.head) - 4
@@ -73,16 +71,16 @@ def _gain_in_valence(edges: Edges) -> Tensor:
 
 
 def _candidates(surface: RemeshState) -> tuple[Tensor, Tensor]:
-    """Edges worth turning, and a rank of each, lower for a larger gain."""
+    """Return the edges worth flipping, and their ranks, lower for a larger gain."""
     edges, gain = surface.edges, _gain_in_valence(surface.edges)
     edge = (gain >= 0).nonzero()[:, 0]
     a, b, c, d = (surface.verts.index_select(0, vert) for vert in _quad(edges, edge))
     (left, old_left), (right, old_right) = normal_and_sine(a, b, c), normal_and_sine(b, a, d)
-    (one, new_one), (two, new_two) = normal_and_sine(a, d, c), normal_and_sine(d, b, c)
-    old, new = torch.minimum(old_left, old_right), torch.minimum(new_one, new_two)
+    (first, new_first), (second, new_second) = normal_and_sine(a, d, c), normal_and_sine(d, b, c)
+    old, new = torch.minimum(old_left, old_right), torch.minimum(new_first, new_second)
     gain = gain.index_select(0, edge)
     worth = torch.where(gain > 0, new >= old.clamp_max(_SINE), new - old > _GAIN)
-    for normal in (one, two):
+    for normal in (first, second):
         worth &= (dot(normal, left) > _LEAN) & (dot(normal, right) > _LEAN)
     which = worth.nonzero()[:, 0]
     edge, steps = edge.index_select(0, which), 15 - (gain.index_select(0, which) // 2).clamp_max(15)
@@ -92,7 +90,7 @@ def _candidates(surface: RemeshState) -> tuple[Tensor, Tensor]:
 
 
 def _apart(edges: Edges, edge: Tensor, rank: Tensor) -> Tensor:
-    """Edges of which no two have a vertex of their faces in common, those of lower rank first."""
+    """Choose edges whose pairs of faces have no common vertices, by ascending rank."""
     chosen, last = [], torch.iinfo(torch.int64).max
     for _ in range(_LAYERS):
         quad = torch.stack(_quad(edges, edge))

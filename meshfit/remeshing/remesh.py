@@ -1,4 +1,4 @@
-"""Remeshing: new connectivity for a moving surface, with edges of the lengths that are wanted."""
+"""Isotropic remeshing towards target edge lengths that vary over the surface."""
 
 import torch
 from jaxtyping import Float, Int64
@@ -13,9 +13,9 @@ from meshfit.remeshing.split import split
 from meshfit.remeshing.state import RemeshState
 
 _LONG, _SHORT = 4 / 3, 4 / 5
-# Beyond this share of the number of verts expected, further edges are split or collapsed to make up for it.
+# Deviation from the predicted number of vertices from which further edges are split or collapsed.
 _TOLERANCE = 0.03
-# For these: which edges may be split, which collapsed, and how long an edge may become by it.
+# Of those: edges that may be split, edges that may be collapsed, and the longest edge that may result.
 _ABOVE, _BELOW, _LOOSE = 1.05, 1.0, 1.5
 
 
@@ -23,39 +23,39 @@ _ABOVE, _BELOW, _LOOSE = 1.05, 1.0, 1.5
 def remesh(
     verts: Float[Tensor, "V 3"], faces: Int64[Tensor, "F 3"], lengths: Float[Tensor, " V"], *, rounds: int = 5
 ) -> tuple[Float[Tensor, "W 3"], Int64[Tensor, "G 3"], Float[Tensor, " W"]]:
-    """Give a surface edges of the lengths wanted, and triangles near equilateral, without moving it much.
+    """Remesh a surface to target edge lengths and nearly equilateral triangles, without moving it much.
 
-    Each round splits edges longer than 4/3 of the length wanted, collapses those shorter than 4/5, turns edges towards
-    valence 6, and slides verts within the surface (Botsch and Kobbelt, A remeshing approach to multiresolution
-    modeling, 2004), to a length that differs from place to place (Dunyach, Vanderhaeghe, Barthe and Botsch, Adaptive
-    remeshing for real-time mesh deformation, 2013), with operations that do not touch each other done at once
-    (compare Palfinger, Continuous remeshing for inverse rendering, 2022). Where all edges are alike, none or all may
-    lie between 4/5 and 4/3, so that from the second round on the number of verts is led to `num_verts_for`.
+    Each round splits edges longer than 4/3 of their target, collapses those shorter than 4/5, flips edges towards
+    valence 6, and slides vertices within the surface (Botsch and Kobbelt, A remeshing approach to multiresolution
+    modeling, 2004), with targets that vary (Dunyach, Vanderhaeghe, Barthe and Botsch, Adaptive remeshing for real-time
+    mesh deformation, 2013), and all independent operations at once (compare Palfinger, Continuous remeshing for
+    inverse rendering, 2022). Where all edges are equal, all or none may be between 4/5 and 4/3; therefore, from the
+    second round on, the number of vertices is steered towards `num_verts_for`.
 
-    The topology is kept: the surface stays a manifold with the same pieces, Euler number and boundary loops, and no
-    face comes to look away from its surroundings. Verts on the boundary do not leave it, and bends of it stay. Nothing
-    is projected back; collapses keep the volume, so that it changes by less than 0.5 % with lengths up to 1/50 of the
-    diagonal, more where parts are thinner than two edges. On the CPU the result is the same, to the bit, each time.
+    The topology is kept: the surface stays a manifold with the same components, Euler number and boundary loops, and
+    no face becomes flipped. Boundary vertices stay on the boundary, and its bends stay. Nothing is projected back;
+    collapses keep the volume, which changes by less than 0.5 % for lengths up to 1/50 of the diagonal, and by more
+    where parts are thinner than two edges. On the CPU the result is bit-identical every time.
 
     Args:
         verts: (V, 3) positions, float64 or float32.
         faces: (F, 3) int64, an oriented manifold, closed or with boundary.
-        lengths: (V,) the length wanted at each vertex, in the unit of the verts. A field that changes by more than
-            some 30 % from a vertex to the next leaves poor triangles: see `limited`.
-        rounds: how many; 3 do where lengths are much as they were.
+        lengths: (V,) target length at each vertex, in the unit of the verts. Changes of more than some 30 % between
+            adjacent vertices give poor triangles; see `limited`.
+        rounds: number of rounds; 3 are enough where the targets are close to the current lengths.
 
     Returns:
-        Verts, faces and lengths wanted, of as many verts as there are then; verts that no face uses are left out.
+        Vertices, faces and target lengths, without unused vertices.
 
     Raises:
-        MeshError: no faces, an edge with more than two, or a length or position that is no sound number.
+        MeshError: there are no faces, an edge has more than two, or a length or position is not finite or positive.
     """
     surface = remeshed(RemeshState(verts, faces, lengths), rounds)
     return surface.verts, surface.faces, surface.lengths
 
 
 def remeshed(surface: RemeshState, rounds: int) -> RemeshState:
-    """What `remesh` does, to a surface that may have a map to the sphere; that stays one to one.
+    """Remesh a state as `remesh` does; a sphere map stays one to one.
 
     Raises:
         MeshError: as `remesh`.
@@ -67,7 +67,7 @@ def remeshed(surface: RemeshState, rounds: int) -> RemeshState:
         missing = round(expected) - len(surface.verts)
         if done >= 1 and missing > _TOLERANCE * expected:
             surface = split(surface, _ABOVE, missing)
-        # After two rounds verts go of themselves: what is too many before is not what will be.
+        # In the first two rounds surplus vertices go away without help.
         if done >= 2 and missing < -_TOLERANCE * expected:
             surface = collapse(surface, _BELOW, _LOOSE, -missing)
         surface = relax(flip(surface))
@@ -77,9 +77,9 @@ def remeshed(surface: RemeshState, rounds: int) -> RemeshState:
 def _checked(surface: RemeshState) -> RemeshState:
     if not len(surface.faces):
         raise MeshError("remeshing needs faces, and there are none")
-    for values, least, what in ((surface.verts, -torch.inf, "positions"), (surface.lengths, 0, "positive lengths")):
+    for values, least, name in ((surface.verts, -torch.inf, "positions"), (surface.lengths, 0, "positive lengths")):
         if not bool((torch.isfinite(values) & (values > least)).all()):
-            raise MeshError(f"remeshing needs {what} that are finite")
+            raise MeshError(f"remeshing needs {name} that are finite")
     if len(surface.edges.order) != len(surface.edges.keys) + int(surface.edges.inner.sum()):
         raise MeshError("remeshing needs a manifold mesh: an edge has more than 2 faces")
     return surface

@@ -1,4 +1,4 @@
-"""Sizing fields: the edge length wanted at each vertex."""
+"""Sizing fields: target edge lengths per vertex."""
 
 import math
 
@@ -9,7 +9,7 @@ from torch import Tensor
 from meshfit.remeshing.connectivity import Edges
 from meshfit.remeshing.triangle_geometry import area_vectors, length_of
 
-# Faces that `remesh` leaves, over those that equilateral ones of the lengths wanted would be; see `num_verts_for`.
+# Number of faces after `remesh`, relative to equilateral faces of the target lengths; see `num_verts_for`.
 _SHARE = 0.98
 
 
@@ -17,16 +17,16 @@ _SHARE = 0.98
 def limited(
     lengths: Float[Tensor, " V"], verts: Float[Tensor, "V 3"], faces: Int64[Tensor, "F 3"], gradation: float
 ) -> Float[Tensor, " V"]:
-    """The largest field below a given one that grows along each edge by at most `gradation` times its length.
+    """Return the largest field below a given one that grows along each edge by at most `gradation` times its length.
 
     Args:
-        lengths: (V,) in the unit of the verts.
+        lengths: (V,) target lengths, in the unit of the verts.
         verts: (V, 3) positions.
         faces: (F, 3) int64, a manifold.
-        gradation: 0 or more; 0.1 to 0.3 keeps triangles well shaped where lengths change.
+        gradation: 0 or more; 0.1 to 0.3 keeps triangles well shaped where lengths vary.
 
     Returns:
-        (V,) no larger than `lengths`; it is found by passing lengths on over edges until none changes.
+        (V,) lengths, found by propagation along edges until none changes.
     """
     edges = Edges.of(faces, len(verts))
     side = verts.index_select(0, edges.head) - verts.index_select(0, edges.tail)
@@ -42,21 +42,21 @@ def limited(
 
 @torch.no_grad()
 def num_verts_for(verts: Float[Tensor, "V 3"], faces: Int64[Tensor, "F 3"], lengths: Float[Tensor, " V"]) -> float:
-    """The number of verts that `remesh` is expected to give: (faces + boundary edges) / 2 + the Euler number.
+    """Predict the number of vertices after `remesh`: (faces + boundary edges) / 2 + the Euler number.
 
-    The faces are 0.98 times the integral of 1 / (√3 / 4 · length²): splits at 4/3 and collapses at 4/5 of the length
-    leave edges 1.5 % longer than wanted in the mean, and triangles that are not quite equilateral. The share is what
-    5 rounds of `remesh` gave at the median, its own guidance of the number off, on bunny, bone, airplane and mousehead
-    decimated to 5,000 and 20,000 faces, with lengths alike everywhere and 4-fold different, for a ninth to six times
-    as many verts; all came within 7 % of it then, and come within 3 % with the guidance.
+    The number of faces is 0.98 times the integral of 1 / (√3 / 4 · length²): splits at 4/3 and collapses at 4/5 of the
+    length leave edges 1.5 % longer than their targets on average, and triangles that are not quite equilateral. The
+    factor is the median over 5 rounds of `remesh`, without its control of the number, on bunny, bone, airplane and
+    mousehead decimated to 5,000 and 20,000 faces, with uniform lengths and with lengths that vary 4-fold, for a ninth
+    to six times as many vertices. All were within 7 % of it, and are within 3 % with that control.
 
-    It does not hold for lengths that the shape has no room for, such as more than half of what is around a tube. Since
-    it is nearly as 1 / length², a field times √(expected / wanted) gives the number wanted.
+    The prediction fails for lengths that do not fit the shape, such as more than half the girth of a tube. Since the
+    number is nearly proportional to 1 / length², scaling the lengths by √(predicted / wanted) gives a wanted number.
 
     Args:
         verts: (V, 3) positions.
         faces: (F, 3) int64, a manifold.
-        lengths: (V,) the length wanted at each vertex, in the unit of the verts.
+        lengths: (V,) target length at each vertex, in the unit of the verts.
     """
     edges = Edges.of(faces, len(verts))
     density = lengths.square().reciprocal().index_select(0, faces.reshape(-1)).view(-1, 3).mean(1)

@@ -1,4 +1,4 @@
-"""Splits: new verts at the midpoints of long edges, all at once."""
+"""Edge splits: new vertices at the midpoints of long edges, all at once."""
 
 import torch
 from jaxtyping import Bool
@@ -9,20 +9,20 @@ from meshfit.remeshing.triangle_geometry import length_of, unit
 
 
 def split(surface: RemeshState, long: float, most: int | None = None) -> RemeshState:
-    """Halve the edges that are longer than `long` times the length wanted; the surface stays where it is.
+    """Split the edges that are longer than `long` times their target length; the surface does not move.
 
     Faces with one, two or three such edges become two, three or four. Of the two ways to cut in three, the one with
     the shorter new edge is taken.
 
     Args:
-        surface: what to split.
-        long: a share of the length wanted.
-        most: how many edges to split at most, the longest for what is wanted of them.
+        surface: the surface.
+        long: longest edge that is kept, relative to its target length.
+        most: largest number of splits, of the relatively longest edges.
     """
     edges, verts, lengths = surface.edges, surface.verts, surface.lengths
     which = (surface.ratio > long).nonzero()[:, 0]
     if most is not None and len(which) > most:
-        # In steps of 5 %, so that edges as good as equal are taken from everywhere.
+        # Ranks of 5 % with pseudo-random ties, so that nearly equal edges are taken from everywhere.
         steps = 1000 - (surface.ratio.index_select(0, which) * 20).long().clamp_max(1000)
         rank = (steps << 52) | edges.scrambled.index_select(0, which)
         which = which.index_select(0, rank.sort().indices[:most])
@@ -33,7 +33,7 @@ def split(surface: RemeshState, long: float, most: int | None = None) -> RemeshS
     number = torch.full_like(edges.keys, -1)
     number[which] = torch.arange(len(lengths), len(verts), device=verts.device)
     middles = number.index_select(0, edges.of_side.reshape(-1)).view(-1, 3)
-    lengths = torch.cat([lengths, surface.wanted.index_select(0, which)])
+    lengths = torch.cat([lengths, surface.target_lengths.index_select(0, which)])
     on_sphere = surface.on_sphere
     if on_sphere is not None:
         on_sphere = torch.cat([on_sphere, unit(on_sphere.index_select(0, tail) + on_sphere.index_select(0, head))])
@@ -41,23 +41,23 @@ def split(surface: RemeshState, long: float, most: int | None = None) -> RemeshS
 
 
 def _cut(verts: Tensor, faces: Tensor, middles: Tensor) -> Tensor:
-    """Faces cut at the verts on their sides, -1 where there is none."""
+    """Cut faces at the new vertices on their sides; -1 for none."""
     count = (middles >= 0).sum(1)
-    one, two, three = (_turned(faces, middles, count == cuts, cuts) for cuts in (1, 2, 3))
+    single, double, triple = (_rotated(faces, middles, count == cuts, cuts) for cuts in (1, 2, 3))
     parts = [faces[count == 0]]
-    a, b, c, m, _, _ = one
+    a, b, c, m, _, _ = single
     parts += _rows((a, m, c), (m, b, c))
-    a, b, c, m, n, _ = two
+    a, b, c, m, n, _ = double
     an, mc = (length_of(verts.index_select(0, p) - verts.index_select(0, q)) for p, q in ((a, n), (m, c)))
     along = an <= mc
     parts += _rows((m, b, n), (a, m, torch.where(along, n, c)), (torch.where(along, a, m), n, c))
-    a, b, c, m, n, p = three
+    a, b, c, m, n, p = triple
     parts += _rows((a, m, p), (m, b, n), (p, n, c), (m, n, p))
     return torch.cat(parts)
 
 
-def _turned(faces: Tensor, middles: Tensor, mask: Bool[Tensor, " F"], cuts: int) -> tuple[Tensor, ...]:
-    """The corners and middles of some faces, turned so that the cut sides are the first ones."""
+def _rotated(faces: Tensor, middles: Tensor, mask: Bool[Tensor, " F"], cuts: int) -> tuple[Tensor, ...]:
+    """Return corners and middles of some faces, rotated so that the cut sides come first."""
     which = mask.nonzero()[:, 0]
     corners, middles = faces.index_select(0, which), middles.index_select(0, which)
     cut = (middles >= 0).int()

@@ -1,4 +1,4 @@
-"""A surface between two changes of its connectivity, with what is known of it."""
+"""The state of remeshing: a surface between two changes of its connectivity."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,21 +10,21 @@ from torch import Tensor
 from meshfit.remeshing.connectivity import Edges
 from meshfit.remeshing.triangle_geometry import area_vectors, length_of, turned_over, unit
 
-# What a face on the sphere has to exceed, as `turned_over` has it; from a needle, there is no way to a better map.
+# Least shape of a face on the sphere, as in `turned_over`; sphere maps with needles cannot be improved.
 NEEDLE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class RemeshState:
-    """An oriented manifold, with or without boundary, and the edge lengths wanted of it.
+    """An oriented manifold, with or without boundary, and its target edge lengths.
 
     Attributes:
         verts: (V, 3) positions.
         faces: (F, 3) vertex indices, counter-clockwise seen from outside.
-        lengths: (V,) the edge length wanted at each vertex, in the unit of the verts.
-        known: the edges of these faces, if they are known already.
-        on_sphere: (V, 3) where each vertex is on the unit sphere, if the surface has a map to it that turns no face
-            over; a change that would make it turn one over counts as one that flips it.
+        lengths: (V,) target edge length at each vertex, in the unit of the verts.
+        known: the edges of the faces, if known.
+        on_sphere: (V, 3) places on the unit sphere, if the surface has a sphere map. Faces must not be turned over on
+            the sphere, just as they must not flip.
     """
 
     verts: Float[Tensor, "V 3"]
@@ -35,34 +35,37 @@ class RemeshState:
 
     @cached_property
     def edges(self) -> Edges:
-        """The edges of the faces."""
+        """Edges of the faces."""
         return self.known or Edges.of(self.faces, len(self.verts))
 
     @cached_property
     def normals(self) -> Float[Tensor, "F 3"]:
-        """Unit normals, 0 for faces without area."""
+        """Unit normals of the faces; 0 without area."""
         return unit(area_vectors(self.verts, self.faces))
 
     @cached_property
     def flipped(self) -> Bool[Tensor, " F"]:
-        """Which faces look away from their surroundings, or are turned over on the sphere or nearly so."""
+        """Whether each face is flipped, or turned over on the sphere or nearly so."""
         flipped = self.edges.flipped(self.normals)
         return flipped if self.on_sphere is None else flipped | turned_over(self.on_sphere, self.faces, NEEDLE)
 
     @cached_property
-    def wanted(self) -> Float[Tensor, " E"]:
-        """The length wanted of each edge, the mean of its ends."""
+    def target_lengths(self) -> Float[Tensor, " E"]:
+        """Target length of each edge: the mean of its ends."""
         lengths, edges = self.lengths, self.edges
         return (lengths.index_select(0, edges.head) + lengths.index_select(0, edges.tail)) / 2
 
     @cached_property
     def ratio(self) -> Float[Tensor, " E"]:
-        """The length of each edge over the length wanted."""
+        """Length of each edge over its target length."""
         edges = self.edges
-        return length_of(self.verts.index_select(0, edges.head) - self.verts.index_select(0, edges.tail)) / self.wanted
+        return (
+            length_of(self.verts.index_select(0, edges.head) - self.verts.index_select(0, edges.tail))
+            / self.target_lengths
+        )
 
     def compact(self) -> "RemeshState":
-        """The same without the verts that no face uses; the others stay in their order."""
+        """Remove unused vertices; the others keep their order."""
         used = self.edges.valence > 0
         if bool(used.all()):
             return self
@@ -76,9 +79,9 @@ class RemeshState:
         )
 
     def around_flipped(self, among: Bool[Tensor, " F"]) -> Bool[Tensor, " V"]:
-        """The verts of flipped faces, of some that count, and of the neighbours of these.
+        """Return the vertices of the flipped faces among some, and of their neighbours.
 
-        Those that are turned over on the sphere count always: what was nearly so before must not come to be.
+        Faces turned over on the sphere always count: those that nearly were before must not become so.
         """
         flipped = self.flipped & among
         if self.on_sphere is not None:
@@ -87,12 +90,12 @@ class RemeshState:
 
 
 def around(edges: Edges, faces: Int64[Tensor, "F 3"], mask: Bool[Tensor, " F"]) -> Bool[Tensor, " V"]:
-    """The verts of some faces and of their neighbours."""
-    found = torch.zeros(edges.num_verts, dtype=torch.bool, device=faces.device)
+    """Return the vertices of some faces and of their neighbours."""
+    verts = torch.zeros(edges.num_verts, dtype=torch.bool, device=faces.device)
     which = mask.nonzero()[:, 0]
     if len(which):
         sides = edges.of_side.index_select(0, which).reshape(-1)
-        found[faces.index_select(0, which).reshape(-1)] = True
-        found[edges.left_apex.index_select(0, sides)] = True
-        found[edges.right_apex.index_select(0, sides)] = True
-    return found
+        verts[faces.index_select(0, which).reshape(-1)] = True
+        verts[edges.left_apex.index_select(0, sides)] = True
+        verts[edges.right_apex.index_select(0, sides)] = True
+    return verts

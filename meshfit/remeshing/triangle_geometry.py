@@ -1,4 +1,4 @@
-"""The shape of triangles: normals and smallest angles."""
+"""Vectors, and the normals, areas and angles of triangles."""
 
 import torch
 from jaxtyping import Bool, Float, Int64
@@ -6,41 +6,41 @@ from torch import Tensor
 
 
 def dot(a: Float[Tensor, "N 3"], b: Float[Tensor, "N 3"]) -> Float[Tensor, " N"]:
-    """Inner products of rows."""
+    """Return inner products of rows, rounded the same for every row."""
     products = a * b
     return products[:, 0] + products[:, 1] + products[:, 2]
 
 
 def length_of(vectors: Float[Tensor, "N 3"]) -> Float[Tensor, " N"]:
-    """Lengths of rows."""
+    """Return lengths of rows."""
     return dot(vectors, vectors).sqrt()
 
 
 def unit(vectors: Float[Tensor, "N 3"]) -> Float[Tensor, "N 3"]:
-    """Rows over their lengths; 0 stays 0."""
+    """Return rows divided by their lengths; 0 stays 0."""
     return vectors / length_of(vectors).clamp_min(torch.finfo(vectors.dtype).tiny)[:, None]
 
 
 def corners_of(verts: Float[Tensor, "V 3"], faces: Int64[Tensor, "F 3"]) -> tuple[Tensor, Tensor, Tensor]:
-    """Three times (F, 3), the positions of the corners."""
+    """Return three (F, 3) tensors, the positions of the corners."""
     first, second, third = (verts.index_select(0, faces[:, k]) for k in range(3))
     return first, second, third
 
 
 def area_vectors(verts: Float[Tensor, "V 3"], faces: Int64[Tensor, "F 3"]) -> Float[Tensor, "F 3"]:
-    """Vectors across the faces, as long as twice their areas."""
+    """Return normal vectors of the faces, of twice their area as length."""
     a, b, c = corners_of(verts, faces)
-    across: Tensor = torch.linalg.cross(b - a, c - a)
-    return across
+    vectors: Tensor = torch.linalg.cross(b - a, c - a)
+    return vectors
 
 
 def turned_over(on_sphere: Float[Tensor, "V 3"], faces: Int64[Tensor, "F 3"], least: float = 0.0) -> Bool[Tensor, " F"]:
-    """Which faces of verts on a sphere are seen from outside the wrong way round, or are needles.
+    """Return which faces on a sphere are turned over, seen from outside, or are needles.
 
     Args:
         on_sphere: (V, 3) unit vectors.
         faces: (F, 3) vertex indices.
-        least: six times the volume below a face, over its longest side squared, that it has to exceed.
+        least: least six-fold volume below a face over its longest side squared.
     """
     a, b, c = corners_of(on_sphere, faces)
     volume = dot(torch.linalg.cross(a, b), c)
@@ -53,9 +53,9 @@ def turned_over(on_sphere: Float[Tensor, "V 3"], faces: Int64[Tensor, "F 3"], le
 def normal_and_sine(
     a: Float[Tensor, "N 3"], b: Float[Tensor, "N 3"], c: Float[Tensor, "N 3"]
 ) -> tuple[Float[Tensor, "N 3"], Float[Tensor, " N"]]:
-    """The unit normals, 0 without area, and the sines of the smallest angles of triangles.
+    """Return the unit normals of triangles, 0 without area, and the sines of their smallest angles.
 
-    The smallest angle lies across from the shortest side, so that its sine is the double area over the two others.
+    The smallest angle is opposite the shortest side; its sine is the double area over the product of the other two.
     """
     tiny = torch.finfo(a.dtype).tiny
     ab, bc, ca = b - a, c - b, a - c

@@ -8,7 +8,7 @@ import torch
 
 from meshfit.fitting.callbacks import Interrupted
 from meshfit.fitting.fit import fit, fit_batch
-from meshfit.fitting.gauss_newton import engine as rough_shape
+from meshfit.fitting.gauss_newton import engine as gauss_newton
 from meshfit.fitting.gauss_newton import target
 from meshfit.fitting.gauss_newton.engine import GaussNewton
 from meshfit.fitting.loop import run
@@ -40,7 +40,7 @@ RESTORED = (0, 6, 11, 12, 14)
 @pytest.fixture(autouse=True)
 def fewer_points(monkeypatch):
     monkeypatch.setattr(target, "_POINTS", 5000)
-    monkeypatch.setattr(rough_shape, "_ENOUGH", 2.0)
+    monkeypatch.setattr(gauss_newton, "_ENOUGH", 2.0)
 
 
 @pytest.fixture

@@ -8,9 +8,9 @@ import torch
 
 from meshfit.fitting.gauss_newton import equations
 from meshfit.fitting.gauss_newton.correspondences import Correspondences
-from meshfit.fitting.gauss_newton.equations import Control, SparsityPattern, conjugate_gradients, solve_step
+from meshfit.fitting.gauss_newton.equations import ControlledSurface, SparsityPattern, conjugate_gradients, solve_step
 from meshfit.fitting.gauss_newton.fairness import Fairness, Tension
-from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
+from meshfit.fitting.gauss_newton.surface import Connectivity
 from meshfit.loss.sparse import Sparse
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
@@ -25,10 +25,6 @@ UPPER = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
 
 def connectivity(mesh):
     return Connectivity(torch.tensor(mesh.faces), mesh.num_verts, torch.float64)
-
-
-def shape(mesh):
-    return Shape(connectivity(mesh), torch.tensor(mesh.verts))
 
 
 def some_pairs(mesh, seed=0, count=400):
@@ -82,7 +78,7 @@ def system(mesh, pairs, fairness, point_weight, fine=None, operator=None):
 
 
 def solved(mesh, pairs, fairness, point_weight):
-    step, _ = solve_step(shape(mesh), SparsityPattern(connectivity(mesh)), pairs, fairness, point_weight)
+    step, _ = solve_step(SparsityPattern(connectivity(mesh)), torch.tensor(mesh.verts), pairs, fairness, point_weight)
     return step.numpy()
 
 
@@ -109,9 +105,10 @@ def test_the_step_of_a_control_mesh_is_the_least_squares_solution_of_its_own_ver
     refinement = refine(Topology.of(mesh), resolve("loop"))
     fine, matrix = Mesh(refinement(mesh.verts), refinement.faces), refinement.matrix
     operators = (Sparse.of(entries, torch.float64, torch.device("cpu")) for entries in (matrix, matrix.power(2)))
-    control = Control(torch.tensor(mesh.verts), *operators)
+    surface = ControlledSurface(SparsityPattern(connectivity(fine)), *operators)
     pairs, fairness = some_pairs(fine), some_fairness(mesh)
-    step, _ = solve_step(shape(fine), SparsityPattern(connectivity(fine)), pairs, fairness, 0.3, control)
+    pattern, verts = SparsityPattern(connectivity(mesh)), torch.tensor(mesh.verts)
+    step, _ = solve_step(pattern, verts, pairs, fairness, 0.3, surface)
     expected = np.linalg.lstsq(*system(mesh, pairs, fairness, 0.3, fine, matrix.toarray()))[0].reshape(-1, 3)
     np.testing.assert_allclose(step.numpy(), expected, atol=1e-9 * np.abs(expected).max())
 

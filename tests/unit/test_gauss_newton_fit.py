@@ -8,8 +8,7 @@ import torch
 
 import meshfit
 from meshfit.errors import ConfigError, MeshError
-from meshfit.fitting.gauss_newton import fit_state as moving_surface
-from meshfit.fitting.gauss_newton import target
+from meshfit.fitting.gauss_newton import fit_state, target
 from meshfit.fitting.gauss_newton.engine import COLUMNS
 from meshfit.fitting.gauss_newton.fit_state import FitState
 from meshfit.fitting.gauss_newton.refinement import refined
@@ -165,19 +164,19 @@ def test_rows_are_as_far_apart_as_is_asked_for_and_the_last_step_has_one(every):
 
 @pytest.mark.parametrize("when", [0, 9])
 def test_a_step_that_is_not_finite_ends_the_fit_with_the_last_good_mesh(monkeypatch, when):
-    calls, solve, before = [], moving_surface.solve_step, []
+    calls, solve, before = [], fit_state.solve_step, []
 
-    def failing(shape, *arguments):
-        calls.append(shape)
-        step, count = solve(shape, *arguments)
+    def failing(pattern, verts, *arguments):
+        calls.append(pattern.connectivity.mesh(verts))
+        step, count = solve(pattern, verts, *arguments)
         return step * (torch.nan if len(calls) == when + 1 else 1.0), count
 
-    monkeypatch.setattr(moving_surface, "solve_step", failing)
+    monkeypatch.setattr(fit_state, "solve_step", failing)
     with pytest.raises(Diverged, match=rf"^the fit diverged at step {when}: the step is not finite; raise ") as caught:
         fitted(ellipsoid(), on_step=before.append, **SHORT)
     assert len(before) == when
-    np.testing.assert_array_equal(caught.value.last_good.verts, calls[-1].verts.double())
-    np.testing.assert_array_equal(caught.value.last_good.faces, calls[-1].connectivity.faces)
+    np.testing.assert_array_equal(caught.value.last_good.verts, calls[-1].verts)
+    np.testing.assert_array_equal(caught.value.last_good.faces, calls[-1].faces)
     assert [row[0] for row in caught.value.trace.rows] == list(range(when))
 
 

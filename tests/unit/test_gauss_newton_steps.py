@@ -35,8 +35,8 @@ def test_a_step_goes_with_rotations_translations_and_scale(mesh):
     meshes["turned"] = tuple(Mesh(each.verts @ turn.T + [1, 2, 3], each.faces) for each in (mesh, goal))
     taken = {name: stepped(*pair) for name, pair in meshes.items()}
     before, after = taken["as it is"], taken["turned"]
-    np.testing.assert_allclose(after.surface.verts, before.surface.verts.numpy() @ turn.T + [1, 2, 3], atol=1e-9)
-    assert np.abs(before.surface.verts.numpy() - mesh.verts).max() > 1e-3
+    np.testing.assert_allclose(after.state.verts, before.state.verts.numpy() @ turn.T + [1, 2, 3], atol=1e-9)
+    assert np.abs(before.state.verts.numpy() - mesh.verts).max() > 1e-3
     assert after.held == before.held
     assert after.pairs.distance == pytest.approx(2.5 * before.pairs.distance)
 
@@ -46,7 +46,7 @@ def test_the_first_step_of_a_ball_leads_most_of_the_way_to_a_ball_about_it(radiu
     ball = subdivide(icosahedron(), "loop", 2)
     unit = ball.verts / np.linalg.norm(ball.verts, axis=1, keepdims=True)
     taken = stepped(Mesh(unit, ball.faces), Mesh(radius * unit, ball.faces), fairness=1e-6)
-    found = np.linalg.norm(taken.surface.verts.numpy(), axis=1)
+    found = np.linalg.norm(taken.state.verts.numpy(), axis=1)
     assert taken.held == 0
     assert taken.pairs.matched == 1
     assert float(taken.pairs.weights.sum()) == pytest.approx(2)
@@ -57,7 +57,7 @@ def test_a_vertex_of_no_face_stays_where_it_is():
     ball = icosahedron()
     loose = Mesh(np.concatenate([ball.verts, [[7.0, 8.0, 9.0]]]), ball.faces)
     taken = stepped(loose, cube())
-    np.testing.assert_array_equal(taken.surface.verts[-1], [7, 8, 9])
+    np.testing.assert_array_equal(taken.state.verts[-1], [7, 8, 9])
 
 
 def test_distances_are_those_of_the_surface_to_the_target_both_ways():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from meshfit.fitting.gauss_newton import engine as rough_shape
+from meshfit.fitting.gauss_newton import engine as gauss_newton
 from meshfit.fitting.gauss_newton import target
 from meshfit.fitting.gauss_newton.engine import GaussNewton, Restarts
 from meshfit.fitting.gauss_newton.fit_state import FitState
@@ -44,7 +44,7 @@ def test_the_try_with_most_points_matched_is_kept_and_a_good_one_is_enough(share
 @pytest.mark.parametrize("best", [None, FIRST])
 def test_it_is_restored_to_the_byte(best):
     rough = Restarts(best, 0.5, 0.25, 0.125)
-    again = Restarts.restored(rough.state(), torch.float64, torch.device("cpu"))
+    again = Restarts.restored(rough.saved(), torch.float64, torch.device("cpu"))
     assert (again.share, again.matched, again.distance) == (0.5, 0.25, 0.125)
     assert (again.best is None) == (best is None)
     if again.best is not None:
@@ -67,7 +67,7 @@ def taken_to_the_end(fit):
 
 
 def test_tries_that_are_not_needed_take_no_step_and_change_nothing(monkeypatch):
-    monkeypatch.setattr(rough_shape, "_ENOUGH", 0.5)
+    monkeypatch.setattr(gauss_newton, "_ENOUGH", 0.5)
     (once, _, _), (thrice, steps, distances) = taken_to_the_end(engine(1)), taken_to_the_end(engine(3))
     np.testing.assert_array_equal(once.verts, thrice.verts)
     assert steps == [*range(8), *range(24, 27)]
@@ -75,7 +75,7 @@ def test_tries_that_are_not_needed_take_no_step_and_change_nothing(monkeypatch):
 
 
 def test_tries_that_are_needed_are_made_anew_from_the_source(monkeypatch):
-    monkeypatch.setattr(rough_shape, "_ENOUGH", 2.0)
+    monkeypatch.setattr(gauss_newton, "_ENOUGH", 2.0)
     _, steps, distances = taken_to_the_end(engine(2))
     assert steps == list(range(19))
     # Both begin as far off as the source is, and draw other points.

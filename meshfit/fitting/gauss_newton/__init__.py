@@ -1,1 +1,1 @@
-"""The second engine: Gauss–Newton steps on sparse normal equations, coarse to fine through a subdivision scheme."""
+"""The Gauss–Newton engine: sparse normal equations, solved coarse to fine through a subdivision scheme."""

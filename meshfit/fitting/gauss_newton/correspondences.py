@@ -1,40 +1,41 @@
-"""Pairs of points that a step is to bring together: of the surface to the target, and of the target to the surface."""
+"""Correspondences: pairs of points that a step brings together, from the surface to the target and back."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float, Int64
 from torch import Generator, Tensor
 
-from meshfit.fitting.gauss_newton.boundary import BoundaryPairs, boundary_correspondences
 from meshfit.fitting.gauss_newton.fairness import in_membranes, membrane_share
 from meshfit.fitting.gauss_newton.surface import Shape
-from meshfit.fitting.gauss_newton.target import TargetCloud
+from meshfit.fitting.gauss_newton.target import TargetBoundary, TargetCloud
 from meshfit.fitting.nearest_neighbours import nearest_neighbour_search
-from meshfit.remeshing.triangle_geometry import dot
+from meshfit.remeshing.triangle_geometry import dot, unit
 
-# Places within a face, as weights of its corners: the middle, and three towards the corners.
-_PLACES = ((1 / 3, 1 / 3, 1 / 3), (0.7, 0.15, 0.15), (0.15, 0.7, 0.15), (0.15, 0.15, 0.7))
+# Points of a face, as weights of its corners: the middle, and one towards each corner.
+_FACE_POINTS = ((1 / 3, 1 / 3, 1 / 3), (0.7, 0.15, 0.15), (0.15, 0.7, 0.15), (0.15, 0.15, 0.7))
 _SHARE_OF_VERTS = 0.25
 _LEAST_DRAWN, _DRAWN_PER_VERT = 2000, 4
-# Cosines between the normals of a pair above which it counts: from the surface, and from the target, of which points
-# on thin parts find the far side first.
+# Least cosines between the normals of a pair, from the surface, and from the target, from where the far side of a thin
+# part is often nearest.
 _FACING, _FACING_BACK = 0.0, -0.3
+# Weight of the boundary: that of a strip of the surface of this many edge lengths.
+_STRIP = 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class Correspondences:
-    """Points of the surface and where they are to go.
+    """Points of the surface, and where they should go.
 
     Attributes:
-        face: (M,) the face that each point of the surface lies on.
-        corners: (M, 3) its place there, as weights of the corners.
-        normals: (M, 3) unit normals of the target at the other point.
-        residuals: (M, 3) from the point of the surface to the other one.
-        weights: (M,) that add up to about 2, 1 for each direction.
-        matched: the share of points, in both directions, that found one facing alike.
-        membranes: (V,) the share of the area at each vertex that spans a gap of the target.
+        face: (M,) face of each point.
+        corners: (M, 3) barycentric coordinates of each point in its face.
+        normals: (M, 3) unit normals of the target at the corresponding points.
+        residuals: (M, 3) vectors from the points to the corresponding points.
+        weights: (M,) with a sum of about 2, 1 per direction.
+        matched: share of the points, in both directions, whose nearest neighbour faces the same way.
+        membranes: (V,) share of the area at each vertex that spans a gap of the target.
     """
 
     face: Int64[Tensor, " M"]
@@ -47,71 +48,56 @@ class Correspondences:
 
     @property
     def distance(self) -> float:
-        """The root of the weighted mean of squared residuals."""
+        """Root of the weighted mean of squared residuals."""
         total = (self.weights * self.residuals.square().sum(1)).sum()
         return math.sqrt(float(total / self.weights.sum().clamp_min(1e-30)))
 
-    def with_boundary(self, boundary: BoundaryPairs) -> "Correspondences":
-        """These and those of boundaries."""
-        return Correspondences(
-            torch.cat([self.face, boundary.face]),
-            torch.cat([self.corners, boundary.corners]),
-            torch.cat([self.normals, boundary.normals]),
-            torch.cat([self.residuals, boundary.residuals]),
-            torch.cat([self.weights, boundary.weights]),
-            self.matched,
-            self.membranes,
-        )
-
 
 def find_correspondences(shape: Shape, target: TargetCloud, generator: Generator) -> Correspondences:
-    """Pair points of the surface with the nearest of the target, and the other way round; those that face alike.
+    """Pair points of the surface with the nearest of the target, and the other way round, where normals agree.
 
-    Points of webs are paired with none.
-
-    Points of the target are drawn at random. Those of the surface are its verts and fixed places in each face,
-    weighted by area; a point of the target that finds one of them is paired with the nearest point of its face. Where
-    both have a boundary, so are points of these.
+    The points of the surface are its vertices and fixed points of each face, weighted by area; those on membranes are
+    left out. The points of the target are drawn at random; each is paired with the nearest point of the face on which
+    its nearest point of the surface lies. If both have a boundary, its points are paired as well.
 
     Args:
         shape: the surface.
         target: the target.
-        generator: of the random points, on the CPU.
+        generator: generator of the random points, on the CPU.
     """
-    face, corners, weights = _places(shape)
+    face, corners, weights = _surface_points(shape)
     points = (corners[:, :, None] * shape.corners[face]).sum(1)
-    normals = torch.cat([shape.normals.repeat_interleave(len(_PLACES), 0), shape.vert_normals])
-    there = target.nearest(points)
-    spanning = in_membranes(shape, face, points - target.points[there], normals, target.normals[there])
-    in_faces = spanning[: len(_PLACES) * len(shape.corners)].view(-1, len(_PLACES))
-    ahead = (dot(normals, target.normals[there]) > _FACING) & ~spanning
+    normals = torch.cat([shape.normals.repeat_interleave(len(_FACE_POINTS), 0), shape.vert_normals])
+    nearest = target.nearest(points)
+    spanning = in_membranes(shape, face, points - target.points[nearest], normals, target.normals[nearest])
+    spanning_in_faces = spanning[: len(_FACE_POINTS) * len(shape.corners)].view(-1, len(_FACE_POINTS))
+    forward = (dot(normals, target.normals[nearest]) > _FACING) & ~spanning
     drawn = target.draw(max(_LEAST_DRAWN, _DRAWN_PER_VERT * len(shape.verts)), generator)
-    here = nearest_neighbour_search(points)(target.points[drawn])
-    back = dot(normals[here], target.normals[drawn]) > _FACING_BACK
-    here, drawn = here[back], drawn[back]
-    found = torch.cat([there[ahead], drawn])
-    of_face = torch.cat([face[ahead], face[here]])
-    exact = nearest_in_triangles(target.points[drawn], shape.corners[face[here]])
-    at = torch.cat([corners[ahead], exact])
-    start = (at[:, :, None] * shape.corners[of_face]).sum(1)
+    hit = nearest_neighbour_search(points)(target.points[drawn])
+    backward = dot(normals[hit], target.normals[drawn]) > _FACING_BACK
+    hit, drawn = hit[backward], drawn[backward]
+    goals = torch.cat([nearest[forward], drawn])
+    faces = torch.cat([face[forward], face[hit]])
+    at = torch.cat([corners[forward], nearest_in_triangles(target.points[drawn], shape.corners[face[hit]])])
+    start = (at[:, :, None] * shape.corners[faces]).sum(1)
     pairs = Correspondences(
-        face=of_face,
+        face=faces,
         corners=at,
-        normals=target.normals[found],
-        residuals=target.points[found] - start,
-        weights=torch.cat([weights[ahead], weights.new_full((len(drawn),), 1 / len(back))]),
-        matched=float(ahead.sum() + back.sum()) / (len(ahead) + len(back)),
-        membranes=membrane_share(shape, in_faces.to(points).mean(1)),
+        normals=target.normals[goals],
+        residuals=target.points[goals] - start,
+        weights=torch.cat([weights[forward], weights.new_full((len(drawn),), 1 / len(backward))]),
+        matched=float(forward.sum() + backward.sum()) / (len(forward) + len(backward)),
+        membranes=membrane_share(shape, spanning_in_faces.to(points).mean(1)),
     )
     if target.boundary is None or not len(shape.connectivity.edges.outer):
         return pairs
-    return pairs.with_boundary(boundary_correspondences(shape, target.boundary, generator))
+    return _with_boundary(pairs, shape, target.boundary, generator)
 
 
-def _places(shape: Shape) -> tuple[Tensor, Tensor, Tensor]:
-    """Faces, weights of corners and weights in the sum of the places on the surface: those in faces, then the verts."""
+def _surface_points(shape: Shape) -> tuple[Tensor, Tensor, Tensor]:
+    """Return faces, barycentric coordinates and weights of the points in faces, then of the vertices."""
     area = shape.double_area / shape.double_area.sum()
-    pattern = area.new_tensor(_PLACES)
+    pattern = area.new_tensor(_FACE_POINTS)
     numbers = torch.arange(len(area), device=area.device)
     face_of_vert, corner = shape.connectivity.face_of_vert
     at_verts = shape.connectivity.at_verts(area[:, None] / 3)[:, 0]
@@ -124,28 +110,64 @@ def _places(shape: Shape) -> tuple[Tensor, Tensor, Tensor]:
 
 
 def nearest_in_triangles(points: Float[Tensor, "N 3"], corners: Float[Tensor, "N 3 3"]) -> Float[Tensor, "N 3"]:
-    """The point of each triangle that is nearest to a point, as weights of its corners.
+    """Return the point of each triangle that is nearest to a point, in barycentric coordinates.
 
-    It is the nearest of four: the foot of the perpendicular, if that falls inside, and the nearest on each side. So
-    triangles without area need no rule of their own.
+    It is the nearest of four: the foot of the perpendicular, if inside, and the nearest point of each side. Triangles
+    without area therefore need no special case.
     """
-    found = [_inside(points, corners)]
+    candidates = [_foot(points, corners)]
     for k in range(3):
         start, side = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
         tiny = torch.finfo(points.dtype).tiny
         share = (dot(points - start, side) / dot(side, side).clamp_min(tiny)).clamp(0, 1)
-        found.append(torch.stack([1 - share, share, torch.zeros_like(share)], 1).roll(k, 1))
-    weights = torch.stack(found)
+        candidates.append(torch.stack([1 - share, share, torch.zeros_like(share)], 1).roll(k, 1))
+    weights = torch.stack(candidates)
     distances = ((weights[:, :, :, None] * corners).sum(2) - points).square().sum(2)
     best = distances.nan_to_num(torch.inf).argmin(0)
     return weights[best, torch.arange(len(points), device=points.device)]
 
 
-def _inside(points: Tensor, corners: Tensor) -> Tensor:
-    """Weights of the corners at the foot of the perpendicular; NaN where that is outside."""
+def _foot(points: Tensor, corners: Tensor) -> Tensor:
+    """Return the foot of the perpendicular in barycentric coordinates; NaN where it is outside."""
     a, b, c = corners.unbind(1)
-    across = torch.linalg.cross(b - a, c - a)
+    normal = torch.linalg.cross(b - a, c - a)
     parts = [torch.linalg.cross(q - p, points - p) for p, q in ((b, c), (c, a), (a, b))]
-    weights = torch.stack([dot(part, across) for part in parts], 1)
+    weights = torch.stack([dot(part, normal) for part in parts], 1)
     weights = weights / weights.sum(1, keepdim=True)
     return weights.masked_fill(~(weights >= 0).all(1, keepdim=True), torch.nan)
+
+
+def _with_boundary(
+    pairs: Correspondences, shape: Shape, boundary: TargetBoundary, generator: Generator
+) -> Correspondences:
+    """Add pairs of boundary points, which are free to slide along the target's boundary.
+
+    Vertices and middles of boundary edges go to the nearest points of the target's boundary, and random points of that
+    to the nearest of these. Each pair is there twice, once for each of two normals of the target's boundary curve.
+    """
+    side = shape.connectivity.edges.left[shape.connectivity.edges.outer]
+    first = torch.nn.functional.one_hot(side % 3, 3).to(shape.verts)
+    second = torch.nn.functional.one_hot((side + 1) % 3, 3).to(shape.verts)
+    face, corners = (side // 3).repeat(2), torch.cat([first, (first + second) / 2])
+    points = (corners[:, :, None] * shape.corners[face]).sum(1)
+    drawn = torch.randint(len(boundary.points), (len(points),), generator=generator).to(points.device)
+    goals = torch.cat([nearest_neighbour_search(boundary.points)(points), drawn])
+    nearest = nearest_neighbour_search(points)(boundary.points[drawn])
+    rows = torch.cat([torch.arange(len(points), device=points.device), nearest])
+    outer = shape.edge_lengths[shape.connectivity.edges.outer]
+    weight = _STRIP * float(outer.sum() * outer.mean() / (shape.double_area.sum() / 2)) / len(points)
+    return replace(
+        pairs,
+        face=torch.cat([pairs.face, face[rows].repeat(2)]),
+        corners=torch.cat([pairs.corners, corners[rows].repeat(2, 1)]),
+        normals=torch.cat([pairs.normals, *_curve_normals(boundary.tangents[goals])]),
+        residuals=torch.cat([pairs.residuals, (boundary.points[goals] - points[rows]).repeat(2, 1)]),
+        weights=torch.cat([pairs.weights, points.new_full((2 * len(rows),), weight)]),
+    )
+
+
+def _curve_normals(tangents: Float[Tensor, "N 3"]) -> tuple[Float[Tensor, "N 3"], Float[Tensor, "N 3"]]:
+    """Return two unit vectors orthogonal to each tangent and to each other."""
+    least = torch.nn.functional.one_hot(tangents.abs().argmin(1), 3).to(tangents)
+    normal = unit(torch.linalg.cross(tangents, least))
+    return normal, torch.linalg.cross(tangents, normal)

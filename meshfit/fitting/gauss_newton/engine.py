@@ -1,6 +1,6 @@
-"""The best of several tries at the rough shape: parts that stay off the target in one seldom do in all."""
+"""The Gauss–Newton engine: fits that follow a schedule of stages, with restarts of the rough shape."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Any
@@ -9,7 +9,7 @@ import torch
 from torch import Generator, Tensor
 
 from meshfit.errors import ConfigError
-from meshfit.fitting.gauss_newton.fit_state import FitState, StepReport
+from meshfit.fitting.gauss_newton.fit_state import FitState
 from meshfit.fitting.gauss_newton.refinement import refined, with_control_mesh
 from meshfit.fitting.gauss_newton.schedule import Stage, schedule
 from meshfit.fitting.gauss_newton.sphere_map import initial_sphere_map
@@ -24,20 +24,23 @@ from meshfit.subdivision.limit import has_loop_limit
 from meshfit.subdivision.refine import growth
 from meshfit.subdivision.registry import resolve
 
-# From this share of points on that have found others facing alike, there is nothing to gain from another try: webs
-# and strangled parts are among those that find none.
+COLUMNS = ("step", "distance", "verts", "matched", "fairness", "point_weight", "held_back")
+
+_REMEDY = "raise fit.fairness, or place the source nearer to the target"
+# From this share of matched points on, a restart gains nothing: the points of membranes and of pinched-off parts are
+# among the unmatched.
 _ENOUGH = 0.992
 
 
 @dataclass
 class Restarts:
-    """What is known of the tries that have been made.
+    """The searches for a rough shape that have been made: parts that stay off the target in one seldom do in all.
 
     Attributes:
-        best: the surface of the best try.
-        share: of its points that found others facing alike; -1 where no try has ended.
-        matched: that share in the last step.
-        distance: that the last step began with.
+        best: state at the end of the best search.
+        share: its share of matched points; -1 before the end of the first search.
+        matched: share of matched points in the last step.
+        distance: distance before the last step.
     """
 
     best: FitState | None = None
@@ -47,42 +50,38 @@ class Restarts:
 
     @property
     def settled(self) -> bool:
-        """Whether no further try is needed."""
+        """Whether no further restart is necessary."""
         return self.share >= _ENOUGH
 
-    def best_of(self, surface: FitState) -> FitState:
-        """The best surface so far, this one included, with which a try ends."""
+    def best_of(self, state: FitState) -> FitState:
+        """End a search with a state, and return the best state so far."""
         if self.best is None or (not self.settled and self.matched > self.share):
-            self.best, self.share = surface, self.matched
+            self.best, self.share = state, self.matched
         return self.best
 
-    def state(self) -> dict[str, Any]:
-        """What `restored` makes it from."""
-        best = None if self.best is None else self.best.state()
+    def saved(self) -> dict[str, Any]:
+        """Return everything as numbers and tensors, for `restored`."""
+        best = None if self.best is None else self.best.saved()
         return {"best": best, "share": self.share, "matched": self.matched, "distance": self.distance}
 
     @classmethod
-    def restored(cls, state: dict[str, Any], dtype: torch.dtype, device: torch.device) -> "Restarts":
-        """What `state` was taken of."""
-        best = None if state["best"] is None else FitState.restored(state["best"], dtype, device)
-        return cls(best, state["share"], state["matched"], state["distance"])
-
-
-COLUMNS = ("step", "distance", "verts", "matched", "fairness", "point_weight", "held_back")
-_REMEDY = "raise fit.fairness, or place the source nearer to the target"
+    def restored(cls, saved: dict[str, Any], dtype: torch.dtype, device: torch.device) -> "Restarts":
+        """Return the restarts that `saved` returned."""
+        best = None if saved["best"] is None else FitState.restored(saved["best"], dtype, device)
+        return cls(best, saved["share"], saved["matched"], saved["distance"])
 
 
 class GaussNewton:
-    """Fits in progress, of the same settings: `step` advances all of them by one, each by itself.
+    """K fits with the same settings, stepped one after the other.
 
     Attributes:
         problems: the K problems.
-        settings: of all of them.
-        device: what they run on.
-        steps: how many steps there are to make.
-        done: how many have been made.
-        traces: of each problem; distances are root mean squares of the residuals of all pairs.
-        failed: those that have diverged, by their place among the problems; they are not to be stepped further.
+        settings: settings of all problems.
+        device: device of all tensors.
+        steps: total number of steps.
+        done: number of steps made.
+        traces: trace of each problem; distances are root mean squares of all residuals.
+        failed: problems that have diverged, by index; call `without_failed` before the next step.
     """
 
     def __init__(
@@ -96,157 +95,151 @@ class GaussNewton:
         self.problems, self.settings, self.device, self.done = tuple(problems), settings, device, 0
         self.steps, self._dtype = settings.steps, dtype
         self.traces, self.failed = [Trace(COLUMNS) for _ in problems], dict[int, Diverged]()
-        place: Mapping[str, Any] = {"dtype": dtype, "device": device}
-        clouds = {target: TargetCloud.of(target, **place) for target in dict.fromkeys(p.target for p in problems)}
+        targets = dict.fromkeys(problem.target for problem in problems)
+        clouds = {target: TargetCloud.of(target, dtype, device) for target in targets}
         self._targets = [clouds[problem.target] for problem in problems]
         self._generators = [Generator().manual_seed(problem.seed) for problem in problems]
         self._plan = [(stage, k) for stage in schedule(settings) for k in range(len(stage.weights))]
-        self._mapped = dict[Mesh, Tensor | None]()
-        self._surfaces = [self._start(problem) for problem in problems]
-        self._rough = [Restarts() for _ in problems]
+        self._sphere_maps = dict[Mesh, Tensor | None]()
+        self._states = [self._start(problem) for problem in problems]
+        self._restarts = [Restarts() for _ in problems]
 
     @property
     def stage(self) -> str:
-        """What the next step is a part of."""
+        """Name of the next step's stage."""
         return self._plan[min(self.done, self.steps - 1)][0].name if self._plan else ""
 
     def mesh(self, member: int) -> Mesh:
-        """A surface as it lies now, in float64."""
-        shape = self._surfaces[member].shape
+        """Return the current surface, in float64."""
+        shape = self._states[member].shape
         return shape.connectivity.mesh(shape.verts)
 
     def polygons(self, member: int) -> PolygonMesh | None:
-        """The polygons whose fans the faces of a surface are, if no remesh came after them."""
-        surface = self._surfaces[member]
-        polygons = surface.polygons if surface.controlled is None else surface.controlled.polygons
+        """Return the polygons whose fan triangulation the current surface is, if it has not been remeshed since."""
+        state = self._states[member]
+        polygons = state.polygons if state.controlled is None else state.controlled.polygons
         if polygons is None:
             return None
         return PolygonMesh(self.mesh(member).verts, polygons.corners, polygons.sizes)
 
     def control(self, member: int) -> Mesh | None:
-        """The control mesh that a surface follows, if it follows one."""
-        surface = self._surfaces[member]
-        return None if surface.controlled is None else surface.pattern.connectivity.mesh(surface.verts)
+        """Return the current control mesh, if one is solved for."""
+        state = self._states[member]
+        return None if state.controlled is None else state.pattern.connectivity.mesh(state.verts)
 
     @torch.no_grad()
     def step(self) -> list[float]:
-        """Make one step; the distance of each problem before it is returned. `failed` is brought up to date."""
+        """Make one step and return the distance of each problem before it. Updates `failed`."""
         stage, number = self._plan[self.done]
         distances = [self._step(member, stage, number) for member in range(len(self.problems))]
         self.done += 1
         if stage.attempt is not None and (self.done == self.steps or self._plan[self.done][0].attempt != stage.attempt):
-            self._surfaces = [rough.best_of(now) for rough, now in zip(self._rough, self._surfaces, strict=True)]
+            self._states = [past.best_of(state) for past, state in zip(self._restarts, self._states, strict=True)]
         if self.done == self.steps:
-            # What was unsound when it was put in place, and no step made worse.
-            self._surfaces = [surface.untangled() for surface in self._surfaces]
+            # Faces that were unsound when they were put in place, and that no step has made worse.
+            self._states = [state.untangled() for state in self._states]
         return distances
 
     def checkpoint(self, member: int) -> Checkpoint:
-        """Everything that the next step of one problem depends on."""
+        """Return a copy of everything that the next step of one problem depends on."""
         return {
             "done": self.done,
-            "surface": self._surfaces[member].state(),
-            "rough": self._rough[member].state(),
+            "surface": self._states[member].saved(),
+            "rough": self._restarts[member].saved(),
             "generator": self._generators[member].get_state(),
             "trace": list(self.traces[member].rows),
         }
 
     def restore(self, checkpoints: Sequence[Checkpoint]) -> None:
-        """Go back, or on, to where checkpoints of the same problems were taken, all after as many steps."""
-        self._surfaces = [self._restored(*each) for each in zip(checkpoints, self.problems, strict=True)]
-        place: Mapping[str, Any] = {"dtype": self._dtype, "device": self.device}
-        self._rough = [Restarts.restored(checkpoint["rough"], **place) for checkpoint in checkpoints]
+        """Continue from checkpoints of the same problems, all taken after the same number of steps."""
+        self._states = [self._restored(*pair) for pair in zip(checkpoints, self.problems, strict=True)]
+        self._restarts = [Restarts.restored(saved["rough"], self._dtype, self.device) for saved in checkpoints]
         for generator, checkpoint in zip(self._generators, checkpoints, strict=True):
             generator.set_state(checkpoint["generator"].cpu())
         self.traces = [Trace(COLUMNS, [tuple(row) for row in checkpoint["trace"]]) for checkpoint in checkpoints]
         self.done = checkpoints[0]["done"]
 
     def without_failed(self) -> "GaussNewton":
-        """The same fits without those that have failed."""
+        """Return the same fits without those that have failed."""
         left = [member for member in range(len(self.problems)) if member not in self.failed]
         others = GaussNewton([self.problems[k] for k in left], self.settings, self.device, self._dtype)
         others.restore([self.checkpoint(member) for member in left])
         return others
 
     def _start(self, problem: Problem) -> FitState:
-        verts, faces = self._source(problem)
+        require_manifold(Topology.of(problem.source), "a Gauss–Newton fit")
         has_limit = has_loop_limit(resolve(problem.scheme))
         if self.settings.limit and (self.settings.variables != "control" or not has_limit):
             raise ConfigError("limit: limit surfaces are fitted with variables: control and the scheme loop")
-        on_sphere = self._on_sphere(problem) if self.settings.connectivity == "fixed" else None
-        return FitState.of(verts, faces, on_sphere, _polygons_of(problem))
+        verts = torch.tensor(problem.source.verts, dtype=self._dtype, device=self.device)
+        on_sphere = self._sphere_map(problem) if self.settings.connectivity == "fixed" else None
+        return FitState.of(verts, self._faces(problem), on_sphere, _polygons_of(problem))
 
-    def _on_sphere(self, problem: Problem) -> Tensor | None:
-        """Where the verts of a source are on the sphere; looked for once, since that may take seconds."""
-        if problem.source not in self._mapped:
-            self._mapped[problem.source] = initial_sphere_map(problem.source)
-        found = self._mapped[problem.source]
-        return None if found is None else found.to(self.device)
+    def _faces(self, problem: Problem) -> Tensor:
+        return torch.tensor(problem.source.faces, device=self.device)
 
-    def _source(self, problem: Problem) -> tuple[Tensor, Tensor]:
-        place: Mapping[str, Any] = {"device": self.device}
-        require_manifold(Topology.of(problem.source), "a Gauss–Newton fit")
-        verts = torch.tensor(problem.source.verts, dtype=self._dtype, **place)
-        return verts, torch.tensor(problem.source.faces, **place)
+    def _sphere_map(self, problem: Problem) -> Tensor | None:
+        """Return the positions of a source on the sphere; computed once, as it may take seconds."""
+        if problem.source not in self._sphere_maps:
+            self._sphere_maps[problem.source] = initial_sphere_map(problem.source)
+        on_sphere = self._sphere_maps[problem.source]
+        return None if on_sphere is None else on_sphere.to(self.device)
 
     def _restored(self, checkpoint: Checkpoint, problem: Problem) -> FitState:
-        surface = FitState.restored(checkpoint["surface"], self._dtype, self.device)
+        state = FitState.restored(checkpoint["surface"], self._dtype, self.device)
         before = self._plan[checkpoint["done"] - 1][0] if checkpoint["done"] else None
         if before is None or before.change != "control":
-            return surface
-        return self._controlling(surface, problem, checkpoint["surface"].get("followed"))
+            return state
+        return self._with_control_mesh(state, problem, checkpoint["surface"].get("followed"))
 
-    def _controlling(self, surface: FitState, problem: Problem, corners: Tensor | None = None) -> FitState:
-        return with_control_mesh(
-            surface, problem.scheme, self.settings.levels, limit=self.settings.limit, corners=corners
-        )
+    def _with_control_mesh(self, state: FitState, problem: Problem, corners: Tensor | None = None) -> FitState:
+        levels, limit = self.settings.levels, self.settings.limit
+        return with_control_mesh(state, problem.scheme, levels, limit=limit, corners=corners)
 
     def _step(self, member: int, stage: Stage, number: int) -> float:
-        problem, target, rough = self.problems[member], self._targets[member], self._rough[member]
-        before = self._surfaces[member]
-        if stage.attempt is not None and rough.settled:
-            return rough.distance
+        problem, target, restarts = self.problems[member], self._targets[member], self._restarts[member]
+        before = self._states[member]
+        if stage.attempt is not None and restarts.settled:
+            return restarts.distance
         if number == 0:
             before = self._changed(before, problem, stage, target)
         fairness, point_weight = stage.weights[number]
-        taken = before.step(target, fairness, point_weight, self._generators[member])
-        distance, after = taken.pairs.distance, taken.surface
+        report = before.step(target, fairness, point_weight, self._generators[member])
+        distance, matched, after = report.pairs.distance, report.pairs.matched, report.state
         if not bool(after.verts.isfinite().all()):
             last_good = before.shape.connectivity.mesh(before.shape.verts)
             self.failed[member] = Diverged(self.done, "the step", last_good, self.traces[member], _REMEDY)
             return distance
-        self._surfaces[member] = after
-        rough.matched, rough.distance = taken.pairs.matched, distance
+        self._states[member] = after
+        restarts.matched, restarts.distance = matched, distance
         if self.done % self.settings.trace_every == 0 or self.done == self.steps - 1:
-            self._record(member, taken, fairness, point_weight)
+            verts = after.shape.connectivity.num_verts
+            row = (self.done, distance, verts, matched, fairness, point_weight, report.held)
+            self.traces[member].rows.append(row)
         return distance
 
-    def _record(self, member: int, taken: StepReport, fairness: float, point_weight: float) -> None:
-        pairs, verts = taken.pairs, len(taken.surface.shape.verts)
-        row = (self.done, pairs.distance, verts, pairs.matched, fairness, point_weight, taken.held)
-        self.traces[member].rows.append(row)
-
-    def _changed(self, surface: FitState, problem: Problem, stage: Stage, target: TargetCloud) -> FitState:
-        """The surface after what a stage begins with."""
+    def _changed(self, state: FitState, problem: Problem, stage: Stage, target: TargetCloud) -> FitState:
+        """Return the state after the change that a stage begins with."""
         if stage.change == "start" and stage.attempt:
-            surface = self._start(problem)
+            state = self._start(problem)
         if stage.change == "refine":
-            fine = refined(surface, problem.scheme)
+            fine = refined(state, problem.scheme)
             too_many = self.settings.connectivity == "remeshed" and len(fine.verts) > self.settings.verts
-            return surface if too_many else fine
+            return state if too_many else fine
         if stage.change == "control":
-            return self._controlling(surface, problem)
-        if stage.change == "place" and surface.on_sphere is not None:
-            faces, places = self._source(problem)[1], self._on_sphere(problem)
-            return surface if places is None else surface.carrying(faces, places, target, _polygons_of(problem))
-        movable = self.settings.connectivity == "remeshed" or surface.on_sphere is not None
+            return self._with_control_mesh(state, problem)
+        if stage.change == "place" and state.on_sphere is not None:
+            on_sphere = self._sphere_map(problem)
+            polygons = _polygons_of(problem)
+            return state if on_sphere is None else state.carrying(self._faces(problem), on_sphere, target, polygons)
+        movable = self.settings.connectivity == "remeshed" or state.on_sphere is not None
         count = self._rough_verts(problem) * stage.share * growth(resolve(problem.scheme), stage.refined)
-        if movable and (stage.change == "remesh" or (stage.change == "start" and len(surface.verts) > count)):
-            return surface.remeshed(count, target if stage.sized else None)
-        return surface
+        if movable and (stage.change == "remesh" or (stage.change == "start" and len(state.verts) > count)):
+            return state.remeshed(count, target if stage.sized else None)
+        return state
 
     def _rough_verts(self, problem: Problem) -> float:
-        """The number of verts at the end of the rough stage."""
+        """Return the number of vertices at the end of the rough shape."""
         if self.settings.connectivity == "fixed":
             # A coarse source is no reason to miss thin parts.
             return max(float(problem.source.num_verts), self.settings.verts / 4.0)

@@ -1,4 +1,4 @@
-"""The normal equations of a step: sparse, symmetric and positive definite, solved by conjugate gradients."""
+"""The normal equations of a step: sparse, symmetric positive definite, solved by conjugate gradients."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,31 +11,30 @@ from torch import Tensor
 
 from meshfit.fitting.gauss_newton.correspondences import Correspondences
 from meshfit.fitting.gauss_newton.fairness import Fairness
-from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
+from meshfit.fitting.gauss_newton.surface import Connectivity
 from meshfit.loss.sparse import Sparse, compressed_rows
+from meshfit.mesh.topology import PolygonTopology
 from meshfit.remeshing.triangle_geometry import dot
 
-_UPPER = tuple(combinations_with_replacement(range(3), 2))
-# Where each entry of a symmetric 3 × 3 matrix is in its upper half.
+UPPER = tuple(combinations_with_replacement(range(3), 2))
+"""Rows and columns of the upper half of a 3 × 3 matrix, in the order in which symmetric matrices are stored."""
+
+# Place of each entry of a symmetric 3 × 3 matrix in its upper half.
 _FULL = (0, 1, 2, 1, 3, 4, 2, 4, 5)
-# The side of a face between two of its corners.
+# Side of a face between two of its corners.
 _SIDE = {(0, 1): 0, (1, 2): 1, (0, 2): 2}
 _TOLERANCE, _MOST_ITERATIONS = 1e-3, 60
 
 
 @dataclass(frozen=True, eq=False)
 class SparsityPattern:
-    """Where the matrix of a connectivity has entries: 3 × 3 blocks for each vertex and for each edge, both ways.
-
-    Attributes:
-        connectivity: the faces.
-    """
+    """Block-sparsity of a mesh's matrices: a 3 × 3 block for each vertex, and two for each edge."""
 
     connectivity: Connectivity
 
     @cached_property
     def _order(self) -> tuple[Tensor, Tensor, Tensor]:
-        """Block rows and columns in the order of rows, and where verts, edges and edges backwards are among them."""
+        """Row and column of each block, sorted by row, and the places of vertices, edges and reversed edges."""
         n, (tail, head) = self.connectivity.num_verts, self.connectivity.ends
         vert = torch.arange(n, device=tail.device)
         rows, columns = torch.cat([vert, tail, head]), torch.cat([vert, head, tail])
@@ -46,22 +45,22 @@ class SparsityPattern:
 
     @property
     def columns(self) -> Int64[Tensor, " B"]:
-        """The block column of each block."""
+        """Block column of each block."""
         return self._order[1]
 
     @property
     def rows(self) -> Int64[Tensor, " B"]:
-        """The block row of each block."""
+        """Block row of each block."""
         return self._order[0]
 
     @property
     def diagonal(self) -> Int64[Tensor, " V"]:
-        """Which blocks are on the diagonal."""
+        """Indices of the diagonal blocks."""
         return self._order[2][: self.connectivity.num_verts]
 
     @cached_property
     def _scalars(self) -> tuple[Tensor, Tensor, Tensor]:
-        """Row starts and columns of the matrix in numbers, and where each number of each block goes."""
+        """Row starts and columns of the scalar matrix, and the place of each entry of each block."""
         n, three = self.connectivity.num_verts, torch.arange(3, device=self.rows.device)
         count = torch.bincount(self.rows, minlength=n)
         start = count.cumsum(0) - count
@@ -74,7 +73,7 @@ class SparsityPattern:
         return starts, columns, place
 
     def times(self, blocks: Float[Tensor, "B 3 3"]) -> Callable[[Tensor], Tensor]:
-        """The product with (V, 3) vectors of the matrix of these blocks."""
+        """Return the product of the matrix of these blocks with (V, 3) vectors."""
         starts, columns, place = self._scalars
         values = torch.empty_like(blocks.view(-1))
         values[place] = blocks.reshape(-1)
@@ -82,11 +81,11 @@ class SparsityPattern:
         return lambda x: (matrix @ x.reshape(-1)).view(-1, 3)
 
     def blocks(self, per_face: Float[Tensor, "F 6 6"]) -> Float[Tensor, "B 3 3"]:
-        """Sums of what faces have for pairs of their corners (upper half) and of coordinates (likewise)."""
+        """Assemble face matrices, given as upper halves over pairs of corners and over pairs of coordinates."""
         faces, of_side = self.connectivity.faces, self.connectivity.edges.of_side
         n, num_edges = self.connectivity.num_verts, len(self.connectivity.edges.keys)
         total = per_face.new_zeros(len(self.rows), 6)
-        for k, (i, j) in enumerate(_UPPER):
+        for k, (i, j) in enumerate(UPPER):
             if i == j:
                 total.index_add_(0, self.diagonal[faces[:, i]], per_face[:, k])
                 continue
@@ -97,56 +96,58 @@ class SparsityPattern:
 
 
 @dataclass(frozen=True, eq=False)
-class Control:
-    """Verts of a control mesh that a surface follows.
+class ControlledSurface:
+    """A surface that is the subdivision of a control mesh.
 
     Attributes:
-        verts: (C, 3) where they are.
-        operator: (V, C) takes them to the surface.
-        squares: (V, C) its squared entries.
+        pattern: sparsity pattern of the surface.
+        operator: (V, C) subdivision matrix S, from the control mesh's positions to the surface's.
+        squares: (V, C) squared entries of S.
+        polygons: the polygons whose fan triangulation the surface is, if any.
     """
 
-    verts: Float[Tensor, "C 3"]
+    pattern: SparsityPattern
     operator: Sparse
     squares: Sparse
+    polygons: PolygonTopology | None = None
 
     def diagonal(self, blocks: Float[Tensor, "V 3 3"]) -> Float[Tensor, "C 3 3"]:
-        """About the diagonal blocks of Sᵀ A S, from those of A; what is off A's diagonal is left out."""
+        """Approximate the diagonal blocks of Sᵀ A S from the diagonal blocks of A."""
         return torch.stack([self.squares.T @ blocks[:, i] for i in range(3)], 1)
 
 
 def solve_step(
-    shape: Shape,
     pattern: SparsityPattern,
+    verts: Float[Tensor, "V 3"],
     pairs: Correspondences,
     fairness: Fairness,
     point_weight: float,
-    control: Control | None = None,
+    controlled: ControlledSurface | None = None,
 ) -> tuple[Float[Tensor, "V 3"], int]:
-    """The step d that minimises Σ w [(n · (B d - r))² + μ |B d - r|²] + fairness of the verts after it.
+    """Return the step d that minimises Σ w [(n · (B d - r))² + μ |B d - r|²] plus the fairness after it.
 
-    B takes verts to the points of the pairs, r are their residuals, n the target's normals.
+    B maps vertices to the points of the correspondences; r are the residuals, n the target's normals.
 
     Args:
-        shape: the surface.
-        pattern: of its connectivity.
-        pairs: what is to come together.
-        fairness: what is to stay smooth.
-        point_weight: μ, how much of a residual along the target counts beside the one across it.
-        control: if the surface follows a control mesh, that; the step is then of its verts, and so is the fairness.
+        pattern: sparsity pattern of the mesh that is solved for.
+        verts: (V, 3) its current positions.
+        pairs: correspondences of the surface.
+        fairness: fairness of the mesh that is solved for.
+        point_weight: μ, the weight of residuals along the target relative to those across it.
+        controlled: the surface, if the mesh that is solved for is its control mesh.
 
     Returns:
-        (V, 3) the step, (C, 3) with a control mesh, and the number of iterations it took.
+        (V, 3) the step, and the number of iterations.
     """
-    connectivity = shape.connectivity
-    table = _table(len(connectivity.faces), pairs, point_weight)
-    blocks = pattern.blocks(table[:, :36].view(-1, 6, 6))
-    pull, diagonal = _gathered(connectivity, table[:, 36:].view(-1, 3, 3)), blocks[pattern.diagonal]
-    times, verts = pattern.times(blocks), shape.verts
-    if control is not None:
-        operator, fine = control.operator, times
-        pull, diagonal, verts = operator.T @ pull, control.diagonal(diagonal), control.verts
-        times = lambda x: operator.T @ fine(operator @ x)  # noqa: E731  the other one has no name, either
+    surface = pattern if controlled is None else controlled.pattern
+    table = _table(len(surface.connectivity.faces), pairs, point_weight)
+    blocks = surface.blocks(table[:, :36].view(-1, 6, 6))
+    pull, diagonal = _at_verts(surface.connectivity, table[:, 36:].view(-1, 3, 3)), blocks[surface.diagonal]
+    times = surface.times(blocks)
+    if controlled is not None:
+        operator, fine = controlled.operator, times
+        pull, diagonal = operator.T @ pull, controlled.diagonal(diagonal)
+        times = lambda x: operator.T @ fine(operator @ x)  # noqa: E731  like the function it replaces
     eye = torch.eye(3, dtype=blocks.dtype, device=blocks.device)
     diagonal = diagonal + (fairness.diagonal()[:, :, None] + torch.finfo(blocks.dtype).tiny ** 0.5) * eye
     inverse = torch.linalg.inv(diagonal)
@@ -159,17 +160,18 @@ def solve_step(
 
 
 def _table(num_faces: int, pairs: Correspondences, point_weight: float) -> Tensor:
-    """Per face, Σ w (b bᵀ) ⊗ (n nᵀ + μ I) in upper halves, and Σ w b ⊗ (n (n · r) + μ r)."""
+    """Return, per face, Σ w (b bᵀ) ⊗ (n nᵀ + μ I) in upper halves, and Σ w b ⊗ (n (n · r) + μ r)."""
     n, r, b = pairs.normals, pairs.residuals, pairs.corners
-    metric = torch.stack([n[:, i] * n[:, j] + point_weight * (i == j) for i, j in _UPPER], 1)
-    share = torch.stack([b[:, i] * b[:, j] for i, j in _UPPER], 1) * pairs.weights[:, None]
+    metric = torch.stack([n[:, i] * n[:, j] + point_weight * (i == j) for i, j in UPPER], 1)
+    share = torch.stack([b[:, i] * b[:, j] for i, j in UPPER], 1) * pairs.weights[:, None]
     pull = (n * dot(n, r)[:, None] + point_weight * r) * pairs.weights[:, None]
     left = (share[:, :, None] * metric[:, None, :]).view(-1, 36)
     right = (b[:, :, None] * pull[:, None, :]).view(-1, 9)
     return n.new_zeros(num_faces, 45).index_add_(0, pairs.face, torch.cat([left, right], 1))
 
 
-def _gathered(connectivity: Connectivity, per_corner: Tensor) -> Tensor:
+def _at_verts(connectivity: Connectivity, per_corner: Tensor) -> Tensor:
+    """Sum (F, 3, 3) vectors of the corners of faces at each vertex."""
     total = per_corner.new_zeros(connectivity.num_verts, 3)
     for k in range(3):
         total.index_add_(0, connectivity.faces[:, k], per_corner[:, k])
@@ -183,16 +185,17 @@ def conjugate_gradients(
     tolerance: float,
     most: int = _MOST_ITERATIONS,
 ) -> tuple[Float[Tensor, "V 3"], int]:
-    """Solve A x = b for a symmetric positive definite A, to a residual of so much of b.
-
-    Preconditioned conjugate gradients (Hestenes and Stiefel 1952).
+    """Solve A x = b, A symmetric positive definite, by preconditioned conjugate gradients (Hestenes and Stiefel 1952).
 
     Args:
-        times: the product with A.
+        times: product with A.
         right: b.
-        precondition: the product with an approximate inverse of A.
-        tolerance: on |b - A x| / |b|.
-        most: iterations.
+        precondition: product with an approximate inverse of A.
+        tolerance: largest |b - A x| / |b|.
+        most: largest number of iterations.
+
+    Returns:
+        x, and the number of iterations.
     """
     x, residual = torch.zeros_like(right), right
     if not bool(right.any()):

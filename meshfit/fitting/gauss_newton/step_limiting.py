@@ -1,29 +1,29 @@
-"""Steps that leave the surface sound: no face crosses another, flips over, or shrinks to a needle."""
+"""Step limiting: steps are shortened where faces would intersect, flip, or become needles."""
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from meshfit.fitting.gauss_newton.equations import ControlledSurface
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
-from meshfit.loss.sparse import Sparse
 from meshfit.remeshing.self_intersections import intersecting_faces
 
-# The least double area of a face, in squares of its longest edge.
+# Least double area of a face, in squares of its longest edge.
 _NEEDLE = 0.02
-_TRIES, _HALVINGS = 12, 4
-# What verts of a control mesh have to do with a place of the surface, at least, to be held back for it.
-_FELT = 0.05
+_ATTEMPTS, _HALVINGS = 12, 4
+# Least weight of a control vertex at a place of the surface to be held back for it.
+_LEAST_WEIGHT = 0.05
 _UNTANGLINGS, _PATIENCE = 30, 8
 
 
 def unsound_faces(shape: Shape, among: Bool[Tensor, " F"] | None = None) -> Bool[Tensor, " F"]:
-    """Which faces cross others, are flipped, or are needles.
+    """Return which faces intersect others, are flipped, or are needles.
 
-    A face is flipped where n · (n₁ + n₂ + n₃) < 0, with the normals of its neighbours.
+    A face is flipped if n · (n₁ + n₂ + n₃) < 0, with the normals of its neighbours.
 
     Args:
         shape: the surface.
-        among: look only for crossings of these faces.
+        among: look for intersections of these faces only.
     """
     connectivity = shape.connectivity
     longest = shape.edge_lengths[connectivity.edges.of_side].amax(1)
@@ -33,61 +33,61 @@ def unsound_faces(shape: Shape, among: Bool[Tensor, " F"] | None = None) -> Bool
 
 def limited_step(
     connectivity: Connectivity,
-    start: Float[Tensor, "C 3"],
-    end: Float[Tensor, "C 3"],
-    control: tuple[Connectivity, Sparse] | None = None,
-) -> tuple[Float[Tensor, "C 3"], Bool[Tensor, " C"]]:
-    """Go from one place to another as far as no face becomes unsound that was not so before.
+    start: Float[Tensor, "V 3"],
+    end: Float[Tensor, "V 3"],
+    controlled: ControlledSurface | None = None,
+) -> tuple[Float[Tensor, "V 3"], Bool[Tensor, " V"]]:
+    """Move vertices as far towards their ends as no sound face becomes unsound.
 
-    The step is halved at the verts of such faces, and then refused, in growing surroundings. In the worst case nothing
-    moves, so that a surface which was sound stays so.
+    The step is halved at the vertices of newly unsound faces, then refused there, in growing neighbourhoods. In the
+    worst case nothing moves, so that a sound surface stays sound.
 
     Args:
-        connectivity: of the surface.
-        start: where its verts are, or those of its control mesh.
-        end: where they are to go.
-        control: the control mesh's connectivity, and what takes its verts to those of the surface, if it has one.
+        connectivity: the mesh that moves.
+        start: (V, 3) its current positions.
+        end: (V, 3) where they should go.
+        controlled: the surface that has to stay sound, if the mesh is its control mesh.
 
     Returns:
-        Where they go, and which were held back.
+        The new positions, and which vertices were held back.
     """
+    surface = connectivity if controlled is None else controlled.pattern.connectivity
 
-    def surface(verts: Tensor) -> Shape:
-        return Shape(connectivity, verts if control is None else control[1] @ verts)
+    def shape(verts: Tensor) -> Shape:
+        return Shape(surface, verts if controlled is None else controlled.operator @ verts)
 
-    moving = connectivity if control is None else control[0]
     step, share = end - start, torch.ones_like(start[:, :1])
     held = torch.zeros(len(start), dtype=torch.bool, device=start.device)
     before: Tensor | None = None
     changed: Tensor | None = None
-    for attempt in range(_TRIES):
+    for attempt in range(_ATTEMPTS):
         verts = start + share * step
-        bad = unsound_faces(surface(verts), changed)
+        bad = unsound_faces(shape(verts), changed)
         if bool(bad.any()) and before is None:
-            before = unsound_faces(surface(start))
+            before = unsound_faces(shape(start))
         if before is not None:
             bad &= ~before
         if not bool(bad.any()):
             return verts, held
-        near = connectivity.verts_of(bad)
-        if control is not None:
-            near = (control[1].T @ near[:, None].expand(-1, 3).to(start))[:, 0] > _FELT
+        near = surface.verts_of(bad)
+        if controlled is not None:
+            near = (controlled.operator.T @ near[:, None].expand(-1, 3).to(start))[:, 0] > _LEAST_WEIGHT
         for _ in range(min(attempt // 2, _HALVINGS)):
-            near = moving.grown(near)
+            near = connectivity.grown(near)
         held |= near
         share = torch.where(near[:, None], share / 2 if attempt < _HALVINGS else 0, share)
-        # Faces that cross are among those that move next, so that no others can come to cross.
-        changed = near[connectivity.faces].any(1) if control is None else None
+        # Faces that intersect now will move next, so that no other faces can come to intersect.
+        changed = near[surface.faces].any(1) if controlled is None else None
     return start, torch.ones_like(held)
 
 
 def untangled(
     connectivity: Connectivity, verts: Float[Tensor, "V 3"], most: int = _UNTANGLINGS
 ) -> tuple[Float[Tensor, "V 3"], int]:
-    """Smooth unsound faces, then growing surroundings of them, until there are none, or there is no progress.
+    """Smooth unsound faces, in growing neighbourhoods, until there are none or no progress is made.
 
     Returns:
-        The places of the verts with the fewest unsound faces, and how many those are.
+        The positions with the fewest unsound faces, and their number.
     """
     best, fewest, last = verts, len(connectivity.faces) + 1, 0
     for attempt in range(most):

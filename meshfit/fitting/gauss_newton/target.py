@@ -1,4 +1,4 @@
-"""The target as a cloud of points with normals, made once, and the nearest of them to any others."""
+"""The target as a cloud of points with normals, and its boundary as points with tangents."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,43 +8,74 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Generator, Tensor
 
-from meshfit.fitting.gauss_newton.boundary import TargetBoundary
 from meshfit.fitting.nearest_neighbours import nearest_neighbour_search
 from meshfit.mesh.geometry import area_vectors, face_normals, unit_vectors
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.sampling import sample_surface
+from meshfit.mesh.topology import Topology
+from meshfit.remeshing.triangle_geometry import unit
 
 _POINTS = 200_000
+_BOUNDARY_POINTS = 5000
+
+
+@dataclass(frozen=True, eq=False)
+class TargetBoundary:
+    """The boundary of a target.
+
+    Attributes:
+        points: (N, 3) evenly spaced points along it.
+        tangents: (N, 3) unit tangents.
+    """
+
+    points: Float[Tensor, "N 3"]
+    tangents: Float[Tensor, "N 3"]
+
+    @classmethod
+    def of(cls, mesh: Mesh, dtype: torch.dtype, device: torch.device) -> "TargetBoundary | None":
+        """Return the boundary of a mesh; None if it has none."""
+        topology = Topology.of(mesh)
+        edges = topology.edges[topology.faces_per_edge == 1]
+        if not len(edges):
+            return None
+        start, side = mesh.verts[edges[:, 0]], mesh.verts[edges[:, 1]] - mesh.verts[edges[:, 0]]
+        length = np.linalg.norm(side, axis=1)
+        total = length.cumsum()
+        arc = (np.arange(_BOUNDARY_POINTS) + 0.5) * (total[-1] / _BOUNDARY_POINTS)
+        edge = np.searchsorted(total, arc).clip(max=len(edges) - 1)
+        along = 1 - (total[edge] - arc) / np.maximum(length[edge], np.finfo(float).tiny)
+        points = torch.tensor(start[edge] + along[:, None] * side[edge], dtype=dtype, device=device)
+        return cls(points, unit(torch.tensor(side[edge], dtype=dtype, device=device)))
 
 
 @dataclass(frozen=True, eq=False)
 class TargetCloud:
-    """Points on a target: so many of its faces, evenly by area, then its verts.
+    """Points on a target: samples of its faces, uniform by area, then its vertices.
 
     Attributes:
         points: (N, 3).
-        normals: (N, 3) unit normals, at verts those of their faces weighted by area.
-        num_even: how many of them, the first ones, are spread evenly.
-        boundary: its boundary, if it has one.
-        nearest: (M, 3) points to the (M,) indices of the nearest of the cloud.
+        normals: (N, 3) unit normals; at vertices, the area-weighted mean of the face normals.
+        num_uniform: number of uniform samples, which come first.
+        boundary: the target's boundary, if it has one.
+        nearest: maps (M, 3) points to the (M,) indices of the nearest points of the cloud.
     """
 
     points: Float[Tensor, "N 3"]
     normals: Float[Tensor, "N 3"]
-    num_even: int
+    num_uniform: int
     boundary: TargetBoundary | None
     nearest: Callable[[Tensor], Tensor]
 
     @classmethod
     def of(cls, mesh: Mesh, dtype: torch.dtype, device: torch.device) -> "TargetCloud":
-        """The cloud of a mesh, always the same one: one point from each of as many parts of equal area."""
-        even = sample_surface(mesh, _POINTS, np.random.default_rng(0))
+        """Return the cloud of a mesh, always the same: one random point per stratum of equal area."""
+        samples = sample_surface(mesh, _POINTS, np.random.default_rng(0))
         normals = np.zeros_like(mesh.verts)
         for k in range(3):
             np.add.at(normals, mesh.faces[:, k], area_vectors(mesh))
         used = normals.any(axis=1)
-        points = np.concatenate([even.points, mesh.verts[used]])
-        normals = np.concatenate([face_normals(mesh)[even.faces], unit_vectors(normals[used])])
+        points = np.concatenate([samples.points, mesh.verts[used]])
+        normals = np.concatenate([face_normals(mesh)[samples.faces], normalised(normals[used])])
         cloud = torch.tensor(points, dtype=dtype, device=device)
         return cls(
             cloud,
@@ -55,6 +86,6 @@ class TargetCloud:
         )
 
     def draw(self, count: int, generator: Generator) -> Int64[Tensor, " C"]:
-        """Some of the evenly spread points, in their order, which is the faces' and so makes queries fast."""
+        """Draw some of the uniform samples, in the order of their faces, which makes queries fast."""
         uniform = torch.rand(count, generator=generator, dtype=torch.float64, device=generator.device)
-        return (uniform * self.num_even).long().clamp_max(self.num_even - 1).sort().values.to(self.points.device)
+        return (uniform * self.num_uniform).long().clamp_max(self.num_uniform - 1).sort().values.to(self.points.device)
