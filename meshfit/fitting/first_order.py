@@ -10,9 +10,10 @@ import torch
 from torch import Tensor
 
 from meshfit.fitting.device import as_cuda_graph
+from meshfit.fitting.loop import Engine
 from meshfit.fitting.nearest_neighbours import match_nearest
-from meshfit.fitting.optimizer import OPTIMIZERS, learning_rate
-from meshfit.fitting.problem import Checkpoint, Diverged, Problem, Trace
+from meshfit.fitting.optimizer import Optimizer, learning_rate
+from meshfit.fitting.problem import Checkpoint, Diverged, Problem
 from meshfit.fitting.sampling import AreaTable, sample
 from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.loss.operators import FaceGeometry, Faces, MeshOperators
@@ -39,19 +40,13 @@ class Evaluation:
     gradient: Tensor
 
 
-class FirstOrder:
-    """K fits with the same settings, stepped side by side as one mesh of K disconnected parts.
+class FirstOrder(Engine):
+    """Fits that are stepped side by side, as one mesh of K disconnected parts.
 
     On the CPU, each result is byte-identical regardless of the rest of the batch.
-
-    Attributes:
-        problems: the K problems.
-        settings: settings of all problems.
-        device: device of all tensors.
-        done: number of steps made.
-        traces: trace of each problem.
-        failed: problems that have diverged, by index; call `without_failed` before the next step.
     """
+
+    settings: FirstOrderSettings
 
     def __init__(
         self,
@@ -61,19 +56,19 @@ class FirstOrder:
         dtype: torch.dtype,
         pool: Executor | None = None,
     ) -> None:
+        super().__init__(problems, settings, device, dtype, pool)
         options: Mapping[str, Any] = {"dtype": dtype, "device": device}
-        self.problems, self.settings, self.device, self.done = tuple(problems), settings, device, 0
-        self._pool = pool
-        self.traces, self.failed = [Trace() for _ in problems], dict[int, Diverged]()
         sources = _map_unique(in_spatial_order, [problem.source for problem in problems])
-        targets = _map_unique(_in_spatial_order, [problem.target for problem in problems])
+        targets = _map_unique(
+            lambda mesh: renumbered_by_faces(in_spatial_order(mesh)), [problem.target for problem in problems]
+        )
         self._operators = MeshOperators.of(sources, **options)
         self._start = torch.cat([torch.tensor(mesh.verts, **options) for mesh in sources])
         target_verts = torch.cat([torch.tensor(mesh.verts, **options) for mesh in targets])
         self._target = FaceGeometry.of(Faces.of(targets, **options), target_verts)
         self._target_table = AreaTable.of(self._target)
         self._offsets = torch.zeros_like(self._start)
-        self._optimizer = OPTIMIZERS[settings.optimizer.name](self._offsets, settings.optimizer)
+        self._optimizer = Optimizer(self._offsets, settings.optimizer)
         self._generators = [torch.Generator(device).manual_seed(problem.seed) for problem in problems]
         self._last_good = self._start
         weights = settings.losses.model_dump()
@@ -85,16 +80,6 @@ class FirstOrder:
         self._evaluate = as_cuda_graph(self._evaluate_eagerly, self._generators, device)
         self._fail_on_positions()
 
-    @property
-    def steps(self) -> int:
-        """Total number of steps."""
-        return self.settings.steps
-
-    @property
-    def stage(self) -> str:
-        """Empty: a first-order fit has one stage only."""
-        return ""
-
     def mesh(self, member: int) -> Mesh:
         """Return the current surface, in float64."""
         return self._as_mesh(member, self._start + self._offsets)
@@ -104,11 +89,8 @@ class FirstOrder:
         polygons = self.problems[member].polygons
         return None if polygons is None else polygons.with_verts(self.mesh(member).verts)
 
-    def control(self, _member: int) -> None:
-        """Return None: the vertices themselves are solved for."""
-
     def step(self) -> list[float]:
-        """Make one step and return the loss of each problem before it. Updates `failed`."""
+        """Make one step, update `failed`, and return the loss of each problem before the step."""
         evaluation = self._evaluate()
         values: dict[str, list[float]] = dict(zip(evaluation.terms, evaluation.values.tolist(), strict=True))
         losses = [sum(self._weighted(values, k).values(), 0.0) for k in range(len(self.problems))]
@@ -127,34 +109,20 @@ class FirstOrder:
     def checkpoint(self, member: int) -> Checkpoint:
         """Return a copy of everything that the next step of one problem depends on."""
         rows = self._rows(member)
-        return {
-            "done": self.done,
+        return super().checkpoint(member) | {
             "offsets": self._offsets[rows].clone(),
             "last_good": self._last_good[rows].clone(),
             "optimizer": self._optimizer.state_of(rows),
-            "generator": self._generators[member].get_state(),
-            "trace": list(self.traces[member].rows),
         }
 
     def restore(self, checkpoints: Sequence[Checkpoint]) -> None:
         """Continue from checkpoints of the same problems, all taken after the same number of steps."""
+        super().restore(checkpoints)
         with torch.no_grad():
             self._offsets.copy_(torch.cat([checkpoint["offsets"] for checkpoint in checkpoints]))
         self._last_good = torch.cat([checkpoint["last_good"] for checkpoint in checkpoints]).to(self._start)
         self._optimizer.put([checkpoint["optimizer"] for checkpoint in checkpoints])
-        for generator, checkpoint in zip(self._generators, checkpoints, strict=True):
-            generator.set_state(checkpoint["generator"].cpu())
-        self.traces = [Trace(rows=[tuple(row) for row in checkpoint["trace"]]) for checkpoint in checkpoints]
-        self.done = checkpoints[0]["done"]
         self._fail_on_positions()
-
-    def without_failed(self) -> "FirstOrder":
-        """Return the same fits without those that have failed."""
-        left = [member for member in range(len(self.problems)) if member not in self.failed]
-        problems = [self.problems[member] for member in left]
-        others = FirstOrder(problems, self.settings, self.device, self._start.dtype, self._pool)
-        others.restore([self.checkpoint(member) for member in left])
-        return others
 
     def _evaluate_eagerly(self) -> Evaluation:
         verts, count = (self._start + self._offsets).requires_grad_(), self.settings.samples
@@ -229,10 +197,6 @@ def _map_unique(prepare: Callable[[Mesh], Mesh], meshes: Sequence[Mesh]) -> list
     """Apply a function to every mesh; once to a mesh that several problems share."""
     prepared = {mesh: prepare(mesh) for mesh in dict.fromkeys(meshes)}
     return [prepared[mesh] for mesh in meshes]
-
-
-def _in_spatial_order(mesh: Mesh) -> Mesh:
-    return renumbered_by_faces(in_spatial_order(mesh))
 
 
 def _farthest(dtype: torch.dtype) -> float:

@@ -1,58 +1,97 @@
-"""The step loop that both engines share: progress, snapshots, checkpoints, and problems that diverge."""
+"""The base of both engines, and the loop that steps them: progress, snapshots, checkpoints and divergence."""
 
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import ClassVar
 
 import torch
 
 from meshfit.fitting.callbacks import Interrupted, Step
-from meshfit.fitting.problem import Checkpoint, Diverged, Problem, Trace
+from meshfit.fitting.problem import COLUMNS, Checkpoint, Diverged, Problem, Trace
+from meshfit.fitting.settings import FirstOrderSettings, GaussNewtonSettings
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh
 
 SECONDS_BETWEEN_CHECKPOINTS = 2.0
 
 
-@runtime_checkable
-class Engine(Protocol):
-    """A batch of fits in progress, stepped together; `member` is the index of a problem in the batch."""
+class Engine(ABC):
+    """A batch of fits with the same settings, stepped together; `member` is the index of a problem in the batch.
 
-    problems: tuple[Problem, ...]
-    device: torch.device
-    done: int
-    traces: list[Trace]
-    failed: dict[int, Diverged]
+    Attributes:
+        problems: the problems.
+        settings: settings of all problems.
+        device: device of all tensors.
+        dtype: precision of all tensors.
+        done: number of steps made.
+        traces: trace of each problem.
+        failed: problems that have diverged, by index; call `without_failed` before the next step.
+    """
+
+    settings: FirstOrderSettings | GaussNewtonSettings
+    columns: ClassVar[tuple[str, ...]] = COLUMNS
+    _generators: list[torch.Generator]
+
+    def __init__(
+        self,
+        problems: Sequence[Problem],
+        settings: FirstOrderSettings | GaussNewtonSettings,
+        device: torch.device,
+        dtype: torch.dtype,
+        pool: Executor | None = None,
+    ) -> None:
+        self.problems, self.settings, self.device, self.dtype = tuple(problems), settings, device, dtype
+        self.done, self._pool = 0, pool
+        self.traces, self.failed = [Trace(self.columns) for _ in problems], dict[int, Diverged]()
 
     @property
     def steps(self) -> int:
         """Total number of steps."""
+        return self.settings.steps
 
     @property
     def stage(self) -> str:
-        """Name of the next step's stage."""
+        """Name of the next step's stage; empty if there is one only."""
+        return ""
 
+    @abstractmethod
     def mesh(self, member: int) -> Mesh:
-        """Return the current surface."""
+        """Return the current surface, in float64."""
 
+    @abstractmethod
     def polygons(self, member: int) -> PolygonMesh | None:
         """Return the polygons whose fan triangulation the current surface is, if any."""
 
-    def control(self, member: int) -> Mesh | None:
+    def control(self, _member: int) -> Mesh | None:
         """Return the current control mesh, if one is solved for."""
+        return None
 
+    @abstractmethod
     def step(self) -> list[float]:
-        """Make one step and return the loss of each problem before it."""
+        """Make one step, update `failed`, and return the loss of each problem before the step."""
 
     def checkpoint(self, member: int) -> Checkpoint:
         """Return a copy of everything that the next step of one problem depends on."""
+        trace, generator = list(self.traces[member].rows), self._generators[member].get_state()
+        return {"done": self.done, "trace": trace, "generator": generator}
 
     def restore(self, checkpoints: Sequence[Checkpoint]) -> None:
         """Continue from checkpoints of the same problems, all taken after the same number of steps."""
+        for generator, checkpoint in zip(self._generators, checkpoints, strict=True):
+            generator.set_state(checkpoint["generator"].cpu())
+        self.traces = [Trace(self.columns, [tuple(row) for row in checkpoint["trace"]]) for checkpoint in checkpoints]
+        self.done = checkpoints[0]["done"]
 
     def without_failed(self) -> "Engine":
         """Return the same fits without those that have failed."""
+        left = [member for member in range(len(self.problems)) if member not in self.failed]
+        problems = [self.problems[member] for member in left]
+        engine = type(self)(problems, self.settings, self.device, self.dtype, self._pool)
+        engine.restore([self.checkpoint(member) for member in left])
+        return engine
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,8 +1,8 @@
 """The optimisers of torch, and the learning rate at each step."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from math import cos, pi
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -13,25 +13,36 @@ from meshfit.fitting.settings import OptimizerSettings
 
 OptimizerState = dict[str, Tensor]
 
+# Features of torch's optimisers that are not used.
+_OFF: dict[str, Any] = {"weight_decay": 0, "maximize": False, "foreach": False}
 
-class Optimizer(ABC):
-    """Moves a variable. Each tensor of its state has one row per row of the variable, or is one number for all.
 
-    It calls the functions of `torch.optim`, not the classes: those load torch's compiler, which takes longer than a
-    hundred steps and as much memory as a fit.
+class Optimizer:
+    """Gradient descent with momentum, or Adam (Kingma and Ba 2015) with the momentum as its first beta.
+
+    Each tensor of the state has one row per row of the variable, or is one number for all. The functions of
+    `torch.optim` are called, not its classes: those load torch's compiler, which takes longer than a hundred steps and
+    as much memory as a fit.
     """
 
     def __init__(self, variable: Tensor, settings: OptimizerSettings) -> None:
-        self._variable, self._momentum = variable, settings.momentum
-        self._state = self._initial_state(torch.zeros_like(variable, requires_grad=False))
+        self._variable, self._settings = variable, settings
+        zeros = torch.zeros_like(variable, requires_grad=False)
+        self._state: OptimizerState = {"velocity": zeros}
+        if settings.name == "adam":
+            self._state = {"mean": zeros, "square": zeros.clone(), "steps": torch.tensor(0.0)}
 
-    @abstractmethod
-    def _initial_state(self, zeros: Tensor) -> OptimizerState:
-        """Return the state before the first step."""
-
-    @abstractmethod
+    @torch.no_grad()
     def step(self, gradient: Tensor, lr: float) -> None:
         """Move the variable by one step."""
+        variable, momentum = [self._variable], self._settings.momentum
+        if self._settings.name == "sgd":
+            velocity: list[Tensor | None] = [self._state["velocity"]]
+            sgd(variable, [gradient], velocity, lr=lr, momentum=momentum, dampening=0, nesterov=False, **_OFF)
+            return
+        means, squares, steps = ([self._state[name]] for name in ("mean", "square", "steps"))
+        rates: dict[str, Any] = {"lr": lr, "beta1": momentum, "beta2": 0.999, "eps": 1e-8}
+        adam(variable, [gradient], means, squares, [], steps, amsgrad=False, **rates, **_OFF)
 
     def state_of(self, rows: slice) -> OptimizerState:
         """Return a copy of the state of some rows."""
@@ -42,59 +53,6 @@ class Optimizer(ABC):
         for name, value in self._state.items():
             parts = [state[name] for state in states]
             value.copy_(torch.cat(parts) if value.dim() else parts[0])
-
-
-class Sgd(Optimizer):
-    """Gradient descent with momentum."""
-
-    def _initial_state(self, zeros: Tensor) -> OptimizerState:
-        return {"velocity": zeros}
-
-    @torch.no_grad()
-    def step(self, gradient: Tensor, lr: float) -> None:
-        """Move the variable by one step."""
-        sgd(
-            [self._variable],
-            [gradient],
-            [self._state["velocity"]],
-            lr=lr,
-            momentum=self._momentum,
-            dampening=0,
-            weight_decay=0,
-            nesterov=False,
-            maximize=False,
-            foreach=False,
-        )
-
-
-class Adam(Optimizer):
-    """Adam (Kingma and Ba 2015); the momentum is its first beta."""
-
-    def _initial_state(self, zeros: Tensor) -> OptimizerState:
-        return {"mean": zeros, "square": zeros.clone(), "steps": torch.tensor(0.0)}
-
-    @torch.no_grad()
-    def step(self, gradient: Tensor, lr: float) -> None:
-        """Move the variable by one step."""
-        adam(
-            [self._variable],
-            [gradient],
-            [self._state["mean"]],
-            [self._state["square"]],
-            [],
-            [self._state["steps"]],
-            lr=lr,
-            beta1=self._momentum,
-            beta2=0.999,
-            eps=1e-8,
-            weight_decay=0,
-            amsgrad=False,
-            maximize=False,
-            foreach=False,
-        )
-
-
-OPTIMIZERS: dict[str, type[Optimizer]] = {"sgd": Sgd, "adam": Adam}
 
 
 def learning_rate(settings: OptimizerSettings, step: int, steps: int) -> float:

@@ -8,7 +8,6 @@ import pytest
 
 from meshfit.errors import MeshError
 from meshfit.fitting import fit as fitting
-from meshfit.fitting import fit as packs
 from meshfit.fitting.first_order import FirstOrder
 from meshfit.fitting.fit import fit, fit_batch
 from meshfit.fitting.problem import Problem
@@ -42,7 +41,7 @@ def together(places, kind, **changes):
 
 @pytest.fixture
 def one_pack(monkeypatch):
-    monkeypatch.setattr(packs, "_CPU_BYTES", 1e18)
+    monkeypatch.setattr(fitting, "_CPU_BYTES", 1e18)
 
 
 @EACH_KIND
@@ -64,13 +63,12 @@ def test_neither_order_nor_company_matters(kind):
 def test_problems_are_independent_however_many_fit_into_a_pack(room, in_packs, monkeypatch):
     sizes = []
 
-    class Spy(FirstOrder):
-        def __init__(self, problems, *arguments):
-            sizes.append(len(problems))
-            super().__init__(problems, *arguments)
+    def spy(problems, *arguments):
+        sizes.append(len(problems))
+        return FirstOrder(problems, *arguments)
 
-    monkeypatch.setattr(packs, "_CPU_BYTES", room)
-    monkeypatch.setitem(fitting.ENGINES, "first-order", Spy)
+    monkeypatch.setattr(fitting, "_CPU_BYTES", room)
+    monkeypatch.setitem(fitting.ENGINES, "first-order", spy)
     outcomes = together([6, 0, 5, 3, 1, 4, 2], KINDS[0])
     assert sizes == in_packs
     assert outcomes == [expected(i, KINDS[0]) for i in (6, 0, 5, 3, 1, 4, 2)]

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from meshfit.fitting.first_order import FirstOrder
-from meshfit.fitting.optimizer import OPTIMIZERS, learning_rate
+from meshfit.fitting.optimizer import Optimizer, learning_rate
 from meshfit.fitting.problem import Problem
 from meshfit.fitting.settings import FirstOrderSettings, OptimizerSettings, Schedule
 from meshfit.mesh.solids import cube, icosahedron
@@ -19,7 +19,7 @@ GRADIENTS = np.random.default_rng(0).normal(size=(len(RATES), 4, 3))
 
 
 def optimizer_of(variable, settings):
-    return OPTIMIZERS[settings.name](variable, settings)
+    return Optimizer(variable, settings)
 
 
 def path_of(settings):

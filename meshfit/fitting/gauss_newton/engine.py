@@ -14,7 +14,8 @@ from meshfit.fitting.gauss_newton.refinement import refined, with_control_mesh
 from meshfit.fitting.gauss_newton.schedule import Stage, schedule
 from meshfit.fitting.gauss_newton.sphere_map import initial_sphere_map
 from meshfit.fitting.gauss_newton.target import TargetCloud
-from meshfit.fitting.problem import Checkpoint, Diverged, Problem, Trace
+from meshfit.fitting.loop import Engine
+from meshfit.fitting.problem import Checkpoint, Diverged, Problem
 from meshfit.fitting.settings import GaussNewtonSettings
 from meshfit.mesh.manifold import require_manifold
 from meshfit.mesh.mesh import Mesh
@@ -71,18 +72,14 @@ class Restarts:
         return cls(best, saved["share"], saved["matched"], saved["distance"])
 
 
-class GaussNewton:
-    """K fits with the same settings, stepped one after the other.
+class GaussNewton(Engine):
+    """Fits that are stepped one after the other.
 
-    Attributes:
-        problems: the K problems.
-        settings: settings of all problems.
-        device: device of all tensors.
-        steps: total number of steps.
-        done: number of steps made.
-        traces: trace of each problem; distances are root mean squares of all residuals.
-        failed: problems that have diverged, by index; call `without_failed` before the next step.
+    The distance in progress and traces is the root mean square of all residuals.
     """
+
+    settings: GaussNewtonSettings
+    columns = COLUMNS
 
     def __init__(
         self,
@@ -90,11 +87,9 @@ class GaussNewton:
         settings: GaussNewtonSettings,
         device: torch.device,
         dtype: torch.dtype,
-        _pool: Executor | None = None,
+        pool: Executor | None = None,
     ) -> None:
-        self.problems, self.settings, self.device, self.done = tuple(problems), settings, device, 0
-        self.steps, self._dtype = settings.steps, dtype
-        self.traces, self.failed = [Trace(COLUMNS) for _ in problems], dict[int, Diverged]()
+        super().__init__(problems, settings, device, dtype, pool)
         targets = dict.fromkeys(problem.target for problem in problems)
         clouds = {target: TargetCloud.of(target, dtype, device) for target in targets}
         self._targets = [clouds[problem.target] for problem in problems]
@@ -129,7 +124,7 @@ class GaussNewton:
 
     @torch.no_grad()
     def step(self) -> list[float]:
-        """Make one step and return the distance of each problem before it. Updates `failed`."""
+        """Make one step, update `failed`, and return the distance of each problem before the step."""
         stage, number = self._plan[self.done]
         distances = [self._step(member, stage, number) for member in range(len(self.problems))]
         self.done += 1
@@ -142,36 +137,21 @@ class GaussNewton:
 
     def checkpoint(self, member: int) -> Checkpoint:
         """Return a copy of everything that the next step of one problem depends on."""
-        return {
-            "done": self.done,
-            "surface": self._states[member].saved(),
-            "rough": self._restarts[member].saved(),
-            "generator": self._generators[member].get_state(),
-            "trace": list(self.traces[member].rows),
-        }
+        saved = {"surface": self._states[member].saved(), "rough": self._restarts[member].saved()}
+        return super().checkpoint(member) | saved
 
     def restore(self, checkpoints: Sequence[Checkpoint]) -> None:
         """Continue from checkpoints of the same problems, all taken after the same number of steps."""
+        super().restore(checkpoints)
         self._states = [self._restored(*pair) for pair in zip(checkpoints, self.problems, strict=True)]
-        self._restarts = [Restarts.restored(saved["rough"], self._dtype, self.device) for saved in checkpoints]
-        for generator, checkpoint in zip(self._generators, checkpoints, strict=True):
-            generator.set_state(checkpoint["generator"].cpu())
-        self.traces = [Trace(COLUMNS, [tuple(row) for row in checkpoint["trace"]]) for checkpoint in checkpoints]
-        self.done = checkpoints[0]["done"]
-
-    def without_failed(self) -> "GaussNewton":
-        """Return the same fits without those that have failed."""
-        left = [member for member in range(len(self.problems)) if member not in self.failed]
-        others = GaussNewton([self.problems[k] for k in left], self.settings, self.device, self._dtype)
-        others.restore([self.checkpoint(member) for member in left])
-        return others
+        self._restarts = [Restarts.restored(saved["rough"], self.dtype, self.device) for saved in checkpoints]
 
     def _start(self, problem: Problem) -> FitState:
         require_manifold(Topology.of(problem.source), "a Gauss–Newton fit")
         has_limit = has_loop_limit(resolve(problem.scheme))
         if self.settings.limit and (self.settings.variables != "control" or not has_limit):
             raise ConfigError("limit: limit surfaces are fitted with variables: control and the scheme loop")
-        verts = torch.tensor(problem.source.verts, dtype=self._dtype, device=self.device)
+        verts = torch.tensor(problem.source.verts, dtype=self.dtype, device=self.device)
         on_sphere = self._sphere_map(problem) if self.settings.connectivity == "fixed" else None
         return FitState.of(verts, self._faces(problem), on_sphere, _polygons_of(problem))
 
@@ -186,7 +166,7 @@ class GaussNewton:
         return None if on_sphere is None else on_sphere.to(self.device)
 
     def _restored(self, checkpoint: Checkpoint, problem: Problem) -> FitState:
-        state = FitState.restored(checkpoint["surface"], self._dtype, self.device)
+        state = FitState.restored(checkpoint["surface"], self.dtype, self.device)
         before = self._plan[checkpoint["done"] - 1][0] if checkpoint["done"] else None
         if before is None or before.change != "control":
             return state
