@@ -58,9 +58,9 @@ class FirstOrder(Engine):
     ) -> None:
         super().__init__(problems, settings, device, dtype, pool)
         options: Mapping[str, Any] = {"dtype": dtype, "device": device}
-        sources = _map_unique(in_spatial_order, [problem.source for problem in problems])
+        sources = _map_unique(sort_faces_spatially, [problem.source for problem in problems])
         targets = _map_unique(
-            lambda mesh: renumbered_by_faces(in_spatial_order(mesh)), [problem.target for problem in problems]
+            lambda mesh: renumber_verts_by_faces(sort_faces_spatially(mesh)), [problem.target for problem in problems]
         )
         self._operators = MeshOperators.of(sources, **options)
         self._start = torch.cat([torch.tensor(mesh.verts, **options) for mesh in sources])

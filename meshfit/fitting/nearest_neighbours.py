@@ -56,7 +56,7 @@ def nearest_neighbour_search(points: Tensor) -> Callable[[Tensor], Tensor]:
 
 def _kd_tree(queries: Tensor, points: Tensor, member: int) -> Tensor:
     """Return the nearest points of one problem as rows of all problems' points."""
-    nearest = nearest_in(points.numpy())(queries.numpy())
+    nearest = nearest_point_query(points.numpy())(queries.numpy())
     # Where squared distances overflow, the tree returns an index that is out of range.
     return torch.from_numpy(np.minimum(nearest, len(points) - 1) + member * len(points))
 

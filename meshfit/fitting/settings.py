@@ -77,7 +77,7 @@ class GaussNewtonSettings(Settings):
     """A Gauss–Newton fit, coarse to fine. Lengths are in the target's normalised frame."""
 
     # Settings without the key are first-order.
-    model_config = ConfigDict(json_schema_extra={"required": [TAG]})
+    model_config = ConfigDict(json_schema_extra={"required": [KIND_KEY]})
 
     method: Literal["gauss-newton"] = "gauss-newton"
     """Engine: `gauss-newton` solves for the step of all vertices at once, level by level of the scheme."""

@@ -75,7 +75,7 @@ class TargetCloud:
             np.add.at(normals, mesh.faces[:, k], area_vectors(mesh))
         used = normals.any(axis=1)
         points = np.concatenate([samples.points, mesh.verts[used]])
-        normals = np.concatenate([face_normals(mesh)[samples.faces], normalised(normals[used])])
+        normals = np.concatenate([face_normals(mesh)[samples.faces], unit_vectors(normals[used])])
         cloud = torch.tensor(points, dtype=dtype, device=device)
         return cls(
             cloud,
