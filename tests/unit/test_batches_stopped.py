@@ -65,7 +65,7 @@ def test_a_term_or_a_gradient_that_is_not_finite_stops_its_own_problem_alone(fac
     def kinked(state):
         if torch.is_grad_enabled():
             calls.append(state)
-        moved = (state.verts - state.verts.detach() + 1).split(state.surface.of_vert.sizes)
+        moved = (state.verts - state.verts.detach() + 1).split(state.operators.of_vert.sizes)
         late = len(calls) > 3
         return torch.stack([_kink(part) * factor if late and len(part) == stopped else part.sum() for part in moved])
 

@@ -137,7 +137,7 @@ def test_the_numbers_of_other_devices_are_those_of_the_cpu(problems, laplacian, 
         patch.setattr(sparse, "_matrix", lambda entries, dtype, _: matrix(entries, dtype, torch.device("meta")))
         make_here(patch)
         pretend_elsewhere(patch)
-        patch.setattr(matching, "nearest_in", pytest.fail)
+        patch.setattr(matching, "nearest_point_query", pytest.fail)
         engine = engine_on("cpu", problems, **changes)
         assert isinstance(engine._operators.edges.forward, sparse.Gather)
         assert isinstance(engine._target_table.sums, torch.Tensor)

@@ -234,7 +234,7 @@ def bent():
 
 def legged():
     """A ball with long legs."""
-    return table(4)
+    return table(3)
 
 
 @pytest.mark.parametrize("make", [bent, legged])
