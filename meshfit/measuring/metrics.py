@@ -71,7 +71,7 @@ MEASURED: Mapping[str, Metric] = MappingProxyType(
         "quality.watertight": _more("watertight", ""),
         "quality.components": _neutral("components", _COUNT),
         "quality.euler_number": _neutral("Euler number", _COUNT),
-        "quality.verts": _neutral("verts", _COUNT),
+        "quality.verts": _neutral("vertices", _COUNT),
         "quality.faces": _neutral("faces", _COUNT),
     }
 )
@@ -81,7 +81,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
     {
         **MEASURED,
         "source.area": _neutral("area of the source", ".6g"),
-        "source.verts": _neutral("verts of the source", _COUNT),
+        "source.verts": _neutral("vertices of the source", _COUNT),
         "source.faces": _neutral("faces of the source", _COUNT),
     }
 )

@@ -16,7 +16,7 @@ from meshfit.report.tables.table import Table
 from meshfit.settings import Settings, build
 from meshfit.statistics import Summary
 
-SCHEMA_VERSION = 1
+_FORMAT_VERSION = 1
 
 # Tolerances, of which `tolerance` gives the reasons.
 _SPREADS = 4
@@ -114,7 +114,7 @@ def expectation(tables: Sequence[Table]) -> dict[str, Any]:
     """
     metrics = dict.fromkeys(metric for table in tables for metric in table.metrics)
     expected = [_expected_table(table, metric) for metric in metrics for table in tables]
-    return {"schema_version": SCHEMA_VERSION, "tables": expected}
+    return {"schema_version": _FORMAT_VERSION, "tables": expected}
 
 
 def tolerance(summary: Summary, noise: float) -> float:

@@ -17,7 +17,7 @@ FIELDS = (
     "mean", "mean_low", "mean_high", "spread", "median", "count", "seeds", "best", "paper", "paper_other_reading",
     "baseline", "difference", "low", "high", "common_seeds", "significant", "improvement", "seeds_needed",
 )  # fmt: skip
-_VERSION = 1
+_FORMAT_VERSION = 1
 
 
 def to_csv(tables: Sequence[Table]) -> str:
@@ -93,7 +93,7 @@ def _csv_value(value: object) -> object:
 
 def to_json(tables: Sequence[Table]) -> str:
     """Write an object whose `tables` has one object for each variation and metric."""
-    content = {"schema_version": _VERSION, "tables": [_json_table(part) for part in _split(tables)]}
+    content = {"schema_version": _FORMAT_VERSION, "tables": [_json_table(part) for part in _split(tables)]}
     return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
