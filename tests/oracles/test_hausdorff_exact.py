@@ -19,6 +19,7 @@ from meshfit.mesh.meshlab import decimate
 from meshfit.mesh.solids import icosahedron
 from meshfit.mesh.targets import load_target
 from meshfit.mesh.topology import Topology
+from tests.for_all import for_all
 
 
 def triangles(verts, faces):
@@ -121,7 +122,7 @@ def bounds(origin, destination, eps):
     return max(largest * (1 - SINGLE) - reach, 0.0), (largest + eps) * (1 + SINGLE)
 
 
-@pytest.mark.parametrize("name", PAIRS)
+@for_all("name", PAIRS)
 def test_largest_distance_lies_within_the_exact_bounds(name):
     result, goal = PAIRS[name]()
     eps = bounding_box_diagonal(goal.verts) / 400
@@ -134,7 +135,7 @@ def test_largest_distance_lies_within_the_exact_bounds(name):
     assert found.symmetric == max(found.forward, found.backward)
 
 
-@pytest.mark.parametrize("name", PAIRS)
+@for_all("name", PAIRS)
 def test_largest_distance_covers_verts_and_edge_midpoints(name):
     result, goal = PAIRS[name]()
     found, _ = surface_distances(result, goal, 100, 0)
@@ -144,7 +145,7 @@ def test_largest_distance_covers_verts_and_edge_midpoints(name):
         assert figure >= exact(features, destination).max() * (1 - SINGLE)
 
 
-@pytest.mark.parametrize("name", PAIRS)
+@for_all("name", PAIRS)
 def test_mean_and_rms_agree_with_exact_distances_of_independent_points(name):
     """Within five standard errors of both draws; ours, being stratified, has less than is granted it."""
     result, goal = PAIRS[name]()

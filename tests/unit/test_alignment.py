@@ -10,6 +10,7 @@ from meshfit.mesh.alignment import align, boxes_are_disjoint
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron
 from meshfit.subdivision.refine import subdivide
+from tests.for_all import for_all
 
 
 def pear():
@@ -37,8 +38,8 @@ def test_center_takes_back_a_shift_and_nothing_else():
     np.testing.assert_allclose(found.verts, source.verts, atol=1e-9)
 
 
-@pytest.mark.parametrize("angle", [0.3, 1.5, 3.0])
-@pytest.mark.parametrize("scale", [0.01, 1.0, 30.0])
+@for_all("angle", [0.3, 1.5, 3.0])
+@for_all("scale", [0.01, 1.0, 30.0])
 def test_pca_takes_back_turn_scale_and_shift(angle, scale):
     source = pear()
     found = align(moved(source, angle, scale, (7, 8, -9)), source, "pca")

@@ -11,6 +11,7 @@ from meshfit.errors import ConfigError
 from meshfit.mesh.io.files import save_mesh
 from meshfit.mesh.solids import cube
 from meshfit.settings import build
+from tests.for_all import for_all
 
 
 @pytest.fixture
@@ -31,7 +32,7 @@ def refusal(*arguments):
     return str(caught.value)
 
 
-@pytest.mark.parametrize("name", bundled_configs())
+@for_all("name", bundled_configs())
 def test_bundled_configs_load_by_name_and_by_path(name):
     experiment = load_experiment(name)
     assert experiment.name == name
@@ -98,7 +99,7 @@ OVERRIDES = [
 TEXT = "seeds: [0]\nfit:\n  steps: 9\n  losses: {edge: 3, chamfer: 4}\n"
 
 
-@pytest.mark.parametrize(("overrides", "value", "expected"), OVERRIDES, ids=[" ".join(case[0]) for case in OVERRIDES])
+@for_all(("overrides", "value", "expected"), OVERRIDES)
 def test_overrides(config, overrides, value, expected):
     assert value(config(TEXT, *overrides)) == expected
 
@@ -124,7 +125,7 @@ BAD_OVERRIDES = {
 }
 
 
-@pytest.mark.parametrize("text", BAD_OVERRIDES)
+@for_all("text", BAD_OVERRIDES)
 def test_overrides_at_fault_are_named(tmp_path, text):
     (tmp_path / "c.yaml").write_text(TEXT)
     assert refusal(str(tmp_path / "c.yaml"), [text]).startswith(BAD_OVERRIDES[text])
@@ -137,7 +138,7 @@ def test_faults_of_the_file_are_not_blamed_on_overrides(tmp_path):
     )
 
 
-@pytest.mark.parametrize("name", bundled_configs())
+@for_all("name", bundled_configs())
 def test_resolved_settings_are_written_and_read_back(name):
     settings = load_experiment(name, ["fit.trace_every=7", "source.centre=null"]).settings
     assert build(ExperimentSettings, parse_document(dump(settings.model_dump(mode="json")), "it").data) == settings

@@ -9,6 +9,7 @@ from meshfit.config.loading import load_experiment
 from meshfit.config.strict_yaml import parse_document
 from meshfit.errors import ConfigError
 from meshfit.settings import build
+from tests.for_all import for_all
 
 RANGES = {
     "source.decimate": (["4", "100"], ["3", "-1", "4.5"]),
@@ -82,7 +83,7 @@ def test_every_key_is_tested_here():
     assert set(keys_of(ExperimentSettings())) - {"device"} <= RANGES.keys()
 
 
-@pytest.mark.parametrize(("key", "value"), INSIDE)
+@for_all(("key", "value"), INSIDE)
 def test_what_lies_inside_is_taken(key, value):
     text, _ = nested(key, value)
     assert build(ExperimentSettings, parse_document(text, "it").data) is not None
@@ -100,14 +101,14 @@ def refused(tmp_path, key, value):
     return said.removeprefix(f"{path}, line {line}: {key}")
 
 
-@pytest.mark.parametrize(("key", "value"), OUTSIDE)
+@for_all(("key", "value"), OUTSIDE)
 def test_what_lies_outside_is_refused_with_its_line(tmp_path, key, value):
     said = refused(tmp_path, key, value)
     assert re.search("got|duplicate|allowed|missing", said)
 
 
-@pytest.mark.parametrize("value", ["true", "false", "'1'", "[1]", "{a: 1}"])
-@pytest.mark.parametrize("key", NUMBERS)
+@for_all("value", ["true", "false", "'1'", "[1]", "{a: 1}"])
+@for_all("key", NUMBERS)
 def test_truth_texts_and_collections_are_no_numbers(tmp_path, key, value):
     assert refused(tmp_path, key, value).startswith(": expected ")
 
@@ -137,7 +138,7 @@ SAID = [
 ]
 
 
-@pytest.mark.parametrize(("key", "value", "expected"), SAID)
+@for_all(("key", "value", "expected"), SAID)
 def test_what_is_said(tmp_path, key, value, expected):
     assert refused(tmp_path, key, value).startswith(expected)
 
@@ -159,7 +160,7 @@ def test_settings_nested_beyond_what_json_can_hold(tmp_path):
         load_experiment(str(tmp_path / "c.yaml"))
 
 
-@pytest.mark.parametrize("value", ["0", "many", "2.5", "[1]"])
+@for_all("value", ["0", "many", "2.5", "[1]"])
 def test_a_count_that_is_refused_says_both_things_that_are_allowed(tmp_path, value):
     (tmp_path / "a.yaml").write_text(f"jobs: {value}\n", encoding="utf-8")
     with pytest.raises(ConfigError, match=r"line 1: jobs: expected auto or an integer of 1 or more, got .+"):

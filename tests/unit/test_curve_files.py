@@ -12,6 +12,7 @@ from meshfit.mesh.io.files import CURVE_FORMATS, encode_curves, load_curves, loa
 from meshfit.mesh.solids import octahedron
 from tests.curve_shapes import SHAPES, many
 from tests.damaged import read_or_refused
+from tests.for_all import for_all
 
 MEGABYTE = 2**20
 SCALES = (1.0, 1e-30, 1e30, 1 / 3)
@@ -48,9 +49,9 @@ def loaded(folder, content: bytes, name: str = "a.obj") -> Curves:
     return load_curves(folder / name)
 
 
-@pytest.mark.parametrize("scale", SCALES)
+@for_all("scale", SCALES)
 @pytest.mark.parametrize("suffix", CURVE_FORMATS)
-@pytest.mark.parametrize("shape", SHAPES)
+@for_all("shape", SHAPES)
 def test_round_trip_to_the_last_bit(tmp_path, shape, suffix, scale):
     curves = without_unused(SHAPES[shape]())
     curves = Curves(curves.verts * scale * np.pi, curves.corners, curves.sizes, curves.closed)
@@ -84,7 +85,7 @@ def test_ply_is_binary_little_endian_and_double():
     assert body == np.eye(3).astype("<f8").tobytes() + np.array([0, 1, 1, 2, 2, 0], "<i4").tobytes()
 
 
-@pytest.mark.parametrize(
+@for_all(
     ("lines", "corners", "closed"),
     [
         (b"l 1 2 3 4\n", [[0, 1, 2, 3]], [False]),
@@ -134,7 +135,7 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("content", REFUSED, ids=lambda content: content[-20:].decode())
+@for_all("content", REFUSED)
 def test_what_is_wrong_is_said_in_one_line(tmp_path, content):
     with pytest.raises(MeshError) as error:
         loaded(tmp_path, content)
@@ -158,7 +159,7 @@ PLY_REFUSED = {
 }
 
 
-@pytest.mark.parametrize("name", PLY_REFUSED)
+@for_all("name", PLY_REFUSED)
 def test_what_is_wrong_with_a_ply(tmp_path, name):
     content, said = PLY_REFUSED[name]
     with pytest.raises(MeshError) as error:
@@ -217,8 +218,8 @@ def test_a_damaged_file_is_refused_or_gives_sane_curves(tmp_path, name):
     assert 0 < refused < 200
 
 
-@pytest.mark.parametrize("announced", [b"edge 1000000000", b"vertex 1000000000"])
-@pytest.mark.parametrize("name", ["a.ply", "text.ply"])
+@for_all("announced", [b"edge 1000000000", b"vertex 1000000000"])
+@for_all("name", ["a.ply", "text.ply"])
 def test_what_a_file_announces_is_not_allocated_before_it_is_there(tmp_path, name, announced):
     what = announced.split()[0]
     head, _, body = VALID[name].partition(b"element " + what)

@@ -20,13 +20,14 @@ from meshfit.subdivision.refine import refine, subdivide
 from meshfit.subdivision.registry import SCHEMES, domain_of, resolve
 from meshfit.subdivision.triangles.table import TRIANGLE_SCHEMES
 from tests.curve_shapes import single
+from tests.for_all import for_all
 
-by_curve_scheme = pytest.mark.parametrize("name", CURVE_SCHEMES)
+by_curve_scheme = for_all("name", CURVE_SCHEMES)
 ON_CURVES, ON_TRIANGLES = ", ".join(CURVE_SCHEMES), ", ".join(TRIANGLE_SCHEMES)
 
 
 @by_curve_scheme
-@pytest.mark.parametrize("levels", [0, 1])
+@for_all("levels", [0, 1])
 def test_a_scheme_on_curves_on_a_mesh(name, levels):
     said = f"^a scheme on curves cannot refine triangles; schemes on triangles: {ON_TRIANGLES}$"
     with pytest.raises(SchemeError, match=said):
@@ -35,8 +36,8 @@ def test_a_scheme_on_curves_on_a_mesh(name, levels):
         build_source(SourceSettings(levels=levels), name)
 
 
-@pytest.mark.parametrize("name", TRIANGLE_SCHEMES)
-@pytest.mark.parametrize("levels", [0, 1])
+@for_all("name", TRIANGLE_SCHEMES)
+@for_all("levels", [0, 1])
 def test_a_scheme_on_triangles_on_curves(name, levels):
     said = f"^a scheme on triangles cannot refine curves; schemes on curves: {ON_CURVES}$"
     with pytest.raises(SchemeError, match=said):
@@ -51,14 +52,14 @@ def test_curves_that_branch(name):
 
 
 @by_curve_scheme
-@pytest.mark.parametrize("levels", [-1, -5])
+@for_all("levels", [-1, -5])
 def test_negative_levels(name, levels):
     with pytest.raises(SchemeError, match=f"levels={levels} is not allowed: 0 or more is"):
         subdivide(single(3, closed=True), name, levels)
 
 
 @by_curve_scheme
-@pytest.mark.parametrize("count", [0, 1])
+@for_all("count", [0, 1])
 def test_no_curves_at_all_are_refined_to_none(name, count):
     fine = subdivide(Curves(np.ones((count, 3)), [], [], []), name, 2)
     assert np.array_equal(fine.verts, np.ones((count, 3)))
@@ -72,7 +73,7 @@ def test_level_0_changes_nothing():
     assert np.array_equal(same.corners, curves.corners)
 
 
-@pytest.mark.parametrize(
+@for_all(
     ("spec", "parameters", "message"),
     [
         ("four-point", {"tension": 0.2}, "four-point: tension=0.2 is not allowed: a number from 0 to 0.154508 is"),
@@ -96,13 +97,13 @@ def test_parameters(spec, parameters, message):
         subdivide(single(3, closed=True), spec, **parameters)
 
 
-@pytest.mark.parametrize("inserted", [(), LINEAR.inserted * 3])
+@for_all("inserted", [(), LINEAR.inserted * 3])
 def test_masks_that_divide_segments_otherwise(inserted):
     with pytest.raises(SchemeError, match=f"a curve mask of {len(inserted)} inserted vertices; 1 or 2 are allowed"):
         CurveScheme(CurveMask(KEPT, inserted))
 
 
-@pytest.mark.parametrize(
+@for_all(
     ("vert", "inserted", "message"),
     [
         ({-2: Fraction(1)}, LINEAR.inserted, "offset -2; -1 to 1 are allowed"),

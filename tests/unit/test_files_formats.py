@@ -8,6 +8,7 @@ import pytest
 
 from meshfit.errors import MeshfitWarning
 from meshfit.mesh.io.files import load_mesh
+from tests.for_all import for_all
 
 VERTS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
@@ -60,7 +61,7 @@ VARIANTS = {
 }
 
 
-@pytest.mark.parametrize("name", VARIANTS)
+@for_all("name", VARIANTS)
 def test_one_tetrahedron_in_many_hands(tmp_path, name):
     (tmp_path / name).write_text(VARIANTS[name], encoding="utf-8", newline="")
     found = load_mesh(tmp_path / name)
@@ -83,8 +84,8 @@ def binary_ply(order, kinds, faces, verts=VERTS):
     return head.encode() + verts.astype(order + kinds[1]).tobytes() + rows
 
 
-@pytest.mark.parametrize("kinds", [("float", "f4"), ("double", "f8")])
-@pytest.mark.parametrize("order", ["<", ">"])
+@for_all("kinds", [("float", "f4"), ("double", "f8")])
+@for_all("order", ["<", ">"])
 def test_binary_ply_of_either_byte_order(tmp_path, order, kinds):
     (tmp_path / "a.ply").write_bytes(binary_ply(order, kinds, FACES.tolist()))
     found = load_mesh(tmp_path / "a.ply")
@@ -96,8 +97,8 @@ PENTAGON = [[0.0, 0, 0], [2, 0, 0], [3, 1, 0], [1, 3, 0], [-1, 1, 0]]
 HOUSE = [(0, 1, 2, 3, 4), (0, 1, 2), (0, 2, 3, 4)]
 
 
-@pytest.mark.parametrize("polygon", HOUSE)
-@pytest.mark.parametrize("suffix", [".obj", ".off", ".ply"])
+@for_all("polygon", HOUSE)
+@for_all("suffix", [".obj", ".off", ".ply"])
 def test_polygons_become_a_fan_of_triangles(tmp_path, suffix, polygon):
     rows = "\n".join(" ".join(map(str, vert)) for vert in PENTAGON)
     corners = " ".join(map(str, polygon))

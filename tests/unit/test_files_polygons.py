@@ -10,6 +10,7 @@ from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.cleaning import clean_polygons
 from meshfit.mesh.io.files import encode_mesh, load_mesh, load_polygons, save_mesh
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup, face_rows
+from tests.for_all import for_all
 from tests.quads import EVERY, mixed, prism, quad_cube, quad_torus
 
 OF_POLYGONS = (".obj", ".off", ".ply")
@@ -17,7 +18,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::meshfit.errors.MeshfitWarning")
 
 
 @pytest.mark.parametrize("suffix", OF_POLYGONS)
-@pytest.mark.parametrize("shape", EVERY)
+@for_all("shape", EVERY)
 def test_polygons_come_back_as_they_are_and_to_the_last_bit(tmp_path, suffix, shape):
     mesh = EVERY[shape]()
     save_mesh(mesh, tmp_path / f"a{suffix}")
@@ -27,8 +28,8 @@ def test_polygons_come_back_as_they_are_and_to_the_last_bit(tmp_path, suffix, sh
     assert encode_mesh(found, suffix) == encode_mesh(mesh, suffix)
 
 
-@pytest.mark.parametrize("suffix", [*OF_POLYGONS, ".stl", ".glb"])
-@pytest.mark.parametrize("make", [mixed, quad_torus, lambda: prism(7)])
+@for_all("suffix", [*OF_POLYGONS, ".stl", ".glb"])
+@for_all("make", [mixed, quad_torus, lambda: prism(7)])
 def test_a_reader_of_triangles_gets_the_fan_of_each(tmp_path, suffix, make):
     mesh = make().with_short_diagonals()
     save_mesh(mesh, tmp_path / f"a{suffix}")
@@ -62,7 +63,7 @@ def test_ply_of_polygons_byte_by_byte():
 OBJ = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 2 0 1\n"
 
 
-@pytest.mark.parametrize(
+@for_all(
     ("faces", "rows"),
     [
         ("f 1 2 3 4\nf 2 5 3\n", [[0, 1, 2, 3], [1, 4, 2]]),
@@ -76,8 +77,8 @@ def test_obj_in_all_its_ways_of_writing(tmp_path, faces, rows):
     assert face_rows(load_polygons(tmp_path / "a.obj")) == rows
 
 
-@pytest.mark.parametrize("load", [load_mesh, load_polygons])
-@pytest.mark.parametrize(
+@for_all("load", [load_mesh, load_polygons])
+@for_all(
     ("faces", "message"),
     [
         ("f 1 2 3 4\nf 1 2\n", "line 7: expected a face of 3 or more corners, got 2"),
@@ -129,8 +130,8 @@ def test_what_is_dropped_is_told():
     assert face_rows(mesh) == SIDES
 
 
-@pytest.mark.parametrize("roll", range(4))
-@pytest.mark.parametrize("step", [1, -1])
+@for_all("roll", range(4))
+@for_all("step", [1, -1])
 def test_duplicates_are_found_whichever_way_they_are_turned(roll, step):
     again = list(np.roll(SIDES[3], roll)[::step])
     mesh, said = cleaned(CUBE.verts, [*SIDES, again])
@@ -154,7 +155,7 @@ def test_soup_of_polygons_is_welded():
         assert np.array_equal(found.verts[found.corners], mesh.verts[mesh.corners])
 
 
-@pytest.mark.parametrize(
+@for_all(
     ("verts", "rows", "message"),
     [
         (np.zeros((0, 3)), [], "no vertices"),

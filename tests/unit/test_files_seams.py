@@ -1,7 +1,6 @@
 """Seams, which formats cut for textures, normals or want of an index, are welded; real contact is left alone."""
 
 import numpy as np
-import pytest
 import trimesh
 
 from meshfit.mesh.cleaning import weld_seams
@@ -11,6 +10,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import SOLIDS, cube, icosahedron, octahedron
 from meshfit.mesh.targets import load_target
 from meshfit.mesh.topology import Topology
+from tests.for_all import for_all
 from tests.shapes import patch, torus
 
 
@@ -37,7 +37,7 @@ CORNERS = {
 }
 
 
-@pytest.mark.parametrize("corner", CORNERS)
+@for_all("corner", CORNERS)
 def test_texture_and_normal_seams_of_obj_do_not_cut_the_surface(tmp_path, corner):
     mesh = icosahedron()
     (tmp_path / "a.obj").write_text(obj_text(mesh, CORNERS[corner]))
@@ -56,7 +56,7 @@ def test_textured_obj_loads_without_its_material(tmp_path):
     assert np.array_equal(found.faces, cube().faces)
 
 
-@pytest.mark.parametrize("solid", SOLIDS)
+@for_all("solid", SOLIDS)
 def test_soup_is_welded_into_one_closed_surface(solid):
     mesh = SOLIDS[solid]()
     welded = weld_seams(soup(mesh))

@@ -10,6 +10,7 @@ from meshfit.mesh.geometry import bounding_box_diagonal
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import SOLIDS, cube, icosahedron
 from meshfit.mesh.topology import Topology
+from tests.for_all import for_all
 
 
 def triangles(verts, faces):
@@ -63,12 +64,12 @@ def figures(result, target, samples=SAMPLES, seed=0):
     return np.array([*lengths, *vars(distance).values()])
 
 
-@pytest.mark.parametrize("mesh", [*(make() for make in SOLIDS.values()), square(), sphere(), rough_sphere(1)])
+@for_all("mesh", [*(make() for make in SOLIDS.values()), square(), sphere(), rough_sphere(1)])
 def test_a_mesh_is_at_no_distance_from_itself(mesh):
     assert figures(mesh, mesh).max() <= NOTHING * bounding_box_diagonal(mesh.verts)
 
 
-@pytest.mark.parametrize("height", [1e-3, 0.25, 3.0])
+@for_all("height", [1e-3, 0.25, 3.0])
 def test_a_lifted_square_is_everywhere_as_far_as_it_was_lifted(height):
     assert figures(square(height=height), square()) == pytest.approx(height, rel=SINGLE)
 
@@ -118,7 +119,7 @@ def test_a_spike_is_seen_from_its_own_side_only():
         assert distance.mean < 0.02
 
 
-@pytest.mark.parametrize("diagonals", [5, 50])
+@for_all("diagonals", [5, 50])
 def test_a_total_failure_is_not_reported_as_a_fit(diagonals):
     mesh = sphere(times=2)
     shift = diagonals * bounding_box_diagonal(mesh.verts)
@@ -133,7 +134,7 @@ def test_verts_that_no_face_uses_are_not_part_of_the_surface():
     assert figures(littered, mesh).max() <= NOTHING * 4
 
 
-@pytest.mark.parametrize("seed", range(3))
+@for_all("seed", range(3))
 def test_swapping_the_meshes_swaps_the_directions(seed):
     """Exactly so for the largest, up to how far apart the points are; means agree within their standard errors."""
     first, second = rough_sphere(seed), rough_sphere(seed + 10)
@@ -145,7 +146,7 @@ def test_swapping_the_meshes_swaps_the_directions(seed):
     assert one_mean.rms == pytest.approx(other_mean.rms, rel=0.1)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@for_all("seed", range(3))
 def test_figures_are_those_of_the_shape_not_of_its_place(seed):
     """Under a rigid motion and a scaling the same points are drawn, so only rounding differs."""
     first, second = rough_sphere(seed), rough_sphere(seed + 10)

@@ -13,6 +13,7 @@ from meshfit.measuring.metrics import MEASURED
 from meshfit.measuring.settings import MeasureSettings
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, octahedron
+from tests.for_all import for_all
 
 FEW = MeasureSettings(samples=1000, points=500)
 
@@ -40,7 +41,7 @@ def test_the_table_cannot_be_changed():
         MEASURED["hausdorff.forward"] = MEASURED["hausdorff.backward"]
 
 
-@pytest.mark.parametrize("name", [name for name, metric in MEASURED.items() if metric.smaller_is_better is not None])
+@for_all("name", [name for name, metric in MEASURED.items() if metric.smaller_is_better is not None])
 def test_a_perfect_result_is_no_worse_than_a_poor_one(name):
     poor = Mesh(
         np.concatenate([0.5 * cube().verts, 0.4 * cube().verts + 0.2]),
@@ -62,7 +63,7 @@ def test_overrides_count_as_settings():
     assert measure(octahedron(), cube(), FEW, seed=3) != measure(octahedron(), cube(), FEW)
 
 
-@pytest.mark.parametrize(
+@for_all(
     ("override", "message"),
     [({"sample": 10}, "sample: no such key.*samples"), ({"samples": 5}, "samples: expected .*100.* got 5")],
 )
@@ -79,7 +80,7 @@ def test_a_result_with_nan_is_refused_before_meshlab_sees_it():
         measure(Mesh(verts, cube().faces), cube(), FEW)
 
 
-@pytest.mark.parametrize("module", ["metrics", "settings"])
+@for_all("module", ["metrics", "settings"])
 def test_help_and_configs_load_nothing_heavy(module):
     heavy = "{'torch', 'pymeshlab', 'trimesh', 'scipy', 'pykdtree'}"
     code = f"import sys, meshfit.measuring.{module}; print(sorted({heavy} & set(sys.modules)))"

@@ -11,6 +11,7 @@ from meshfit.mesh.cleaning import clean
 from meshfit.mesh.io.files import load_mesh, save_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron, octahedron
+from tests.for_all import for_all
 from tests.shapes import CLOSED, mixed_open, patch
 
 SOLID = octahedron()
@@ -27,7 +28,7 @@ def cleaned(verts, faces):
     return mesh, [text.removeprefix("it: ") for text in said]
 
 
-@pytest.mark.parametrize("shape", CLOSED)
+@for_all("shape", CLOSED)
 def test_a_clean_closed_mesh_is_left_alone_in_silence(shape):
     mesh = CLOSED[shape]()
     found, said = cleaned(mesh.verts, mesh.faces)
@@ -52,7 +53,7 @@ def test_welded_verts_are_not_called_unreferenced():
     assert said == ["dropped 1 unreferenced vertices"]
 
 
-@pytest.mark.parametrize("turn", [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0]])
+@for_all("turn", [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0]])
 def test_duplicate_faces_are_dropped_whichever_way_they_are_turned(turn):
     faces = np.concatenate([SOLID.faces, SOLID.faces[[3, 5, 3]][:, turn]])
     found, said = cleaned(SOLID.verts, faces)
@@ -119,7 +120,7 @@ def test_everything_at_once_is_told_in_a_line_each():
     ]
 
 
-@pytest.mark.parametrize(
+@for_all(
     ("verts", "faces", "message"),
     [
         (np.empty((0, 3)), [[0, 1, 2]], "it: the mesh has no vertices"),

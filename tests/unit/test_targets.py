@@ -13,6 +13,7 @@ from meshfit.mesh.manifold import euler_number, is_watertight, num_components
 from meshfit.mesh.solids import cube
 from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path, target_title
 from meshfit.mesh.topology import Topology
+from tests.for_all import for_all
 
 COUNTS = {
     "bunny": (28088, 56172, 2),
@@ -88,7 +89,7 @@ def test_a_slip_of_the_pen_is_answered_with_the_nearest_name():
     assert "did you mean" not in said_of("dragon")
 
 
-@pytest.mark.parametrize("name", ["gone.obj", "gone/bunny"])
+@for_all("name", ["gone.obj", "gone/bunny"])
 def test_what_looks_like_a_path_is_called_a_file(name):
     assert said_of(name).startswith(name)
     assert ": no such file" in said_of(name)

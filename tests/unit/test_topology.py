@@ -19,12 +19,13 @@ from meshfit.mesh.manifold import (
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron, octahedron, tetrahedron
 from meshfit.mesh.topology import NONE, Topology, next_in_face, previous_in_face
+from tests.for_all import for_all
 from tests.shapes import ALL, CLOSED, fan, patch, wheel
 
 BOOK = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]])
 BOW_TIE = np.array([[0, 1, 2], [0, 3, 4]])
 TWISTED = np.array([[0, 1, 2], [0, 1, 3]])
-every_shape = pytest.mark.parametrize("shape", ALL)
+every_shape = for_all("shape", ALL)
 
 
 def topology_of(shape: str) -> Topology:
@@ -130,7 +131,7 @@ def test_turning_around_a_vertex_is_counter_clockwise():
     assert open_fan.next_around_tail(last).tolist() == [NONE]
 
 
-@pytest.mark.parametrize(
+@for_all(
     ("mesh", "euler"), [(tetrahedron(), 2), (icosahedron(), 2), (patch(4, 3), 1), (ALL["torus"](), 0), (wheel(5), 1)]
 )
 def test_euler_number_does_not_count_verts_without_faces(mesh, euler):
@@ -150,7 +151,7 @@ def test_components_and_watertightness():
     assert not is_watertight(Topology(3, np.empty((0, 3), dtype=np.int64)))
 
 
-@pytest.mark.parametrize(
+@for_all(
     ("faces", "fault", "number", "message"),
     [
         (BOOK, nonmanifold_edges, 0, r"the test needs a manifold mesh: edge \(0, 1\) has 3 faces"),
@@ -182,7 +183,7 @@ def test_manifolds_are_let_through(shape):
         assert len(faults(topology)) == 0
 
 
-@pytest.mark.parametrize("faces", [[[0, 1, 2], [0, 2, 1]], [[0, 0, 1]]], ids=["doubled triangle", "degenerate face"])
+@for_all("faces", [[[0, 1, 2], [0, 2, 1]], [[0, 0, 1]]])
 def test_faces_that_no_manifold_has_are_refused(faces):
     """Two faces on the same three verts, or one that meets a vertex twice: no complex of triangles has them."""
     with pytest.raises(MeshError):
