@@ -85,6 +85,16 @@ PAIRS = {
 }
 
 
+@cache
+def pair(name):
+    return PAIRS[name]()
+
+
+@cache
+def measured(name):
+    return surface_distances(*pair(name), SAMPLES, 0)
+
+
 def exact(points, surface):
     squared, _, _ = igl.point_mesh_squared_distance(
         np.ascontiguousarray(points), np.array(surface.verts), np.ascontiguousarray(surface.faces, dtype=np.int64)
@@ -124,9 +134,9 @@ def bounds(origin, destination, eps):
 
 @for_all("name", PAIRS)
 def test_largest_distance_lies_within_the_exact_bounds(name):
-    result, goal = PAIRS[name]()
+    result, goal = pair(name)
     eps = bounding_box_diagonal(goal.verts) / 400
-    found, _ = surface_distances(result, goal, SAMPLES, 0)
+    found, _ = measured(name)
     for figure, (low, high) in (
         (found.forward, bounds(result, goal, eps)),
         (found.backward, bounds(goal, result, eps)),
@@ -137,7 +147,7 @@ def test_largest_distance_lies_within_the_exact_bounds(name):
 
 @for_all("name", PAIRS)
 def test_largest_distance_covers_verts_and_edge_midpoints(name):
-    result, goal = PAIRS[name]()
+    result, goal = pair(name)
     found, _ = surface_distances(result, goal, 100, 0)
     for figure, origin, destination in ((found.forward, result, goal), (found.backward, goal, result)):
         ends = origin.verts[Topology.of(origin).edges]
@@ -148,8 +158,8 @@ def test_largest_distance_covers_verts_and_edge_midpoints(name):
 @for_all("name", PAIRS)
 def test_mean_and_rms_agree_with_exact_distances_of_independent_points(name):
     """Within five standard errors of both draws; ours, being stratified, has less than is granted it."""
-    result, goal = PAIRS[name]()
-    _, found = surface_distances(result, goal, SAMPLES, 0)
+    result, goal = pair(name)
+    _, found = measured(name)
     for mean, rms, origin, destination in (
         (found.forward_mean, found.forward_rms, result, goal),
         (found.backward_mean, found.backward_rms, goal, result),
@@ -161,7 +171,7 @@ def test_mean_and_rms_agree_with_exact_distances_of_independent_points(name):
 
 
 def test_obtuse_faces_of_an_open_surface_are_measured_exactly():
-    """MeshLab alone overrates these distances by up to 0.2; `without_obtuse_corners` is there for that."""
+    """MeshLab alone overestimates these distances by up to 0.2; `split_obtuse_faces` prevents it."""
     sliver = triangles([[0, 0.5, 0], [0.5, 0.6, 0], [1, 0.5, 0]], [[0, 1, 2]])
     square = triangles([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
     _, found = surface_distances(square, sliver, SAMPLES, 0)

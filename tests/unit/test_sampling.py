@@ -49,7 +49,7 @@ def test_each_face_gets_its_share_of_points_but_for_the_ends_of_its_stretch(coun
 def test_faces_are_hit_in_proportion_to_their_area():
     """One point a draw, so that no stratification helps."""
     mesh, generator = mixed_closed(), np.random.default_rng(3)
-    draws = 8_000
+    draws = 4_000
     hits = np.bincount([sample_surface(mesh, 1, generator).faces[0] for _ in range(draws)], minlength=mesh.num_faces)
     expected = draws * face_areas(mesh) / face_areas(mesh).sum()
     assert chisquare(hits, expected).pvalue > LEAST_P
