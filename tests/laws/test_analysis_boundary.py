@@ -12,6 +12,7 @@ from meshfit.errors import SchemeError
 from meshfit.subdivision.registry import resolve
 from tests.laws.local_matrix import boundary_matrix
 from tests.laws.test_subdivision_spectra import moduli
+from tests.loops import over
 
 INTERP_LOOP = {
     2: (0.5, 0.25, 0.25),
@@ -45,7 +46,7 @@ def test_loop_in_closed_form():
 
 
 @pytest.mark.parametrize("spec", ["loop", "interp-loop", "butterfly", "modified-butterfly", "interp-loop:alpha=0.5"])
-@pytest.mark.parametrize("count", [3, 5, 6])
+@over("count", [3, 5, 6])
 def test_the_tests_own_matrices_have_the_same_eigenvalues(spec, count):
     place = analyse_boundary(stencil_meshes(resolve(spec)), 1, 2, 2, count)
     theirs = moduli(boundary_matrix(count, spec, 3))

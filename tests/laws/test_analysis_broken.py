@@ -13,6 +13,7 @@ from meshfit.errors import SchemeError
 from meshfit.subdivision.masks import CurveMask
 from meshfit.subdivision.registry import resolve
 from meshfit.subdivision.triangles.scheme import EdgeMask, Split, SpokeMask, TriangleScheme, VertMask
+from tests.loops import over
 
 BUTTERFLY = resolve("butterfly")
 HALF = Fraction(1, 2)
@@ -88,7 +89,7 @@ def test_characteristic_map_that_folds(valence, folds):
 
 
 @pytest.mark.parametrize("spec", ["loop", "interp-loop", "modified-butterfly", "sqrt3", "interp-sqrt3"])
-@pytest.mark.parametrize("n", [4, 7])
+@over("n", [4, 7])
 def test_all_of_the_map_around_the_centre_is_looked_at(spec, n):
     """Every corner of a refined face in the first ring is finite; the net is an eigenvector, which turns once."""
     scheme = resolve(spec)

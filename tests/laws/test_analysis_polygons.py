@@ -10,6 +10,7 @@ from meshfit.analysis.local_matrix import map_wheel
 from meshfit.analysis.regular_lattice import regular_mask
 from meshfit.analysis.stencil_meshes import stencil_meshes
 from meshfit.subdivision.registry import SCHEMES, resolve
+from tests.loops import over
 
 NAMES = [name for name, entry in SCHEMES.items() if entry.domain == "polygons"]
 # Exponent, degrees reproduced and generated, and continuity: of tensor products of splines and of the four-point
@@ -96,7 +97,7 @@ def test_valences_without_a_rule_are_told(name):
 
 
 @pytest.mark.parametrize(("spec", "steps"), [("catmull-clark", 1), ("doo-sabin", 1), ("sqrt2", 2), ("kobbelt", 1)])
-@pytest.mark.parametrize("n", [3, 4, 7])
+@over("n", [3, 4, 7])
 def test_rings_are_matched_where_they_lie(spec, steps, n):
     """Linear interpolation shrinks a wheel towards its centre, so that the directions of the first row stay."""
     wheel = stencil_meshes(resolve(spec)).wheel(n, 6)

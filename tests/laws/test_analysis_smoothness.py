@@ -13,6 +13,7 @@ from meshfit.analysis.stencil_meshes import stencil_meshes
 from meshfit.subdivision.registry import resolve
 from tests.laws.test_subdivision_polynomials import DEGREE
 from tests.laws.variants import VARIANTS
+from tests.loops import over
 
 # Sobolev exponent and order of the sum rules, found by others than this code.
 EXPONENTS = {
@@ -64,8 +65,8 @@ def exponents(mask: RegularMask) -> tuple[int, float, float, int]:
 
 
 @pytest.mark.parametrize("degree", range(6))
-@pytest.mark.parametrize("dilation", [2, 3])
-@pytest.mark.parametrize("make", [line, squared])
+@over("dilation", [2, 3])
+@over("make", [line, squared])
 def test_bsplines(degree, dilation, make):
     order, s2, bound, smooth = exponents(make(bspline(degree, dilation), dilation))
     assert order == degree + 1

@@ -16,6 +16,7 @@ from meshfit.subdivision.triangles.scheme import TriangleScheme
 from tests.laws import local_matrix as own
 from tests.laws.test_subdivision_spectra import CASES, TABLES, VALENCES, mode_block, moduli
 from tests.laws.variants import VARIANTS
+from tests.loops import over
 
 SQRT3 = resolve("sqrt3")
 
@@ -131,7 +132,7 @@ def test_closed_forms(n):
 
 
 @pytest.mark.parametrize("spec", VARIANTS)
-@pytest.mark.parametrize("n", [3, 5, 6, 8])
+@over("n", [3, 5, 6, 8])
 def test_blocks_are_those_of_the_tests_own_local_matrix(spec, n):
     """Their rings are found by walking straight and turning, these by walking both meshes side by side."""
     rings = 2 if "sqrt3" not in spec or spec == "sqrt3" else 3

@@ -14,6 +14,7 @@ from meshfit.subdivision.refine import refine, subdivide
 from meshfit.subdivision.registry import resolve
 from meshfit.subdivision.triangles.table import TRIANGLE_SCHEMES
 from tests.curve_shapes import SHAPES, arity, dense, rows_along
+from tests.loops import over
 from tests.shapes import OPEN
 
 # Up to the common denominator, which is their sum: the old vertex at offsets -1, 0, 1, and each new one at -1, 0, 1, 2.
@@ -85,7 +86,7 @@ def test_rules_on_the_shortest_curves(spec):
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize(
+@over(
     ("blend", "end"),
     [
         ("interp-bspline", "four-point"),
@@ -169,7 +170,7 @@ def rim(topology: Topology) -> np.ndarray:
     return np.stack([topology.tail[out], topology.head[out]], axis=1)
 
 
-@pytest.mark.parametrize("shape", OPEN)
+@over("shape", OPEN)
 @pytest.mark.parametrize("surface", BOUNDARIES)
 def test_the_boundary_of_a_surface_is_refined_as_the_curve_that_it_is(surface, shape):
     """Its verts and segments alike, at two levels of the curve; √3 schemes refine it at every second step."""

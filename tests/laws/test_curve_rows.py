@@ -6,9 +6,10 @@ import pytest
 from meshfit.mesh.curves import Curves
 from meshfit.subdivision.refine import subdivide
 from tests.curve_shapes import INTERPOLATORY, SHAPES, VARIANTS, arity, dense, many, ordered, refined, single
+from tests.loops import over
 
 by_spec = pytest.mark.parametrize("spec", VARIANTS)
-by_shape = pytest.mark.parametrize("shape", SHAPES)
+by_shape = over("shape", SHAPES)
 LEVELS = 3
 
 
@@ -68,8 +69,8 @@ def test_numbering_does_not_matter(spec):
 
 
 @by_spec
-@pytest.mark.parametrize("closed", [False, True])
-@pytest.mark.parametrize("size", [2, 3, 7])
+@over("closed", [False, True])
+@over("size", [2, 3, 7])
 def test_a_curve_run_through_backwards_is_refined_to_the_same_points(spec, closed, size):
     curves = single(size, closed=closed)
     back = Curves(curves.verts, curves.corners[::-1], curves.sizes, curves.closed)
@@ -79,7 +80,7 @@ def test_a_curve_run_through_backwards_is_refined_to_the_same_points(spec, close
 
 
 @by_spec
-@pytest.mark.parametrize("size", [2, 3, 8])
+@over("size", [2, 3, 8])
 def test_it_does_not_matter_where_a_closed_curve_starts(spec, size):
     curves = single(size, closed=True)
     rolled = Curves(curves.verts, np.roll(curves.corners, -1), curves.sizes, curves.closed)
@@ -119,7 +120,7 @@ def test_interpolatory_schemes_keep_old_verts_and_the_others_do_not(spec, shape)
 
 
 @by_spec
-@pytest.mark.parametrize("size", [2, 3, 6])
+@over("size", [2, 3, 6])
 def test_evenly_spaced_verts_of_a_line_stay_so_up_to_its_ends(spec, size):
     line = Curves.through(np.arange(size)[:, None] * np.array([1.0, -2.0, 0.5]) + 3)
     (points,) = ordered(subdivide(line, spec, LEVELS))
@@ -128,7 +129,7 @@ def test_evenly_spaced_verts_of_a_line_stay_so_up_to_its_ends(spec, size):
 
 
 @by_spec
-@pytest.mark.parametrize("closed", [False, True])
+@over("closed", [False, True])
 def test_levels_one_by_one_are_levels_at_once(spec, closed):
     curves = single(5, closed=closed)
     by_steps = curves

@@ -23,6 +23,7 @@ from meshfit.subdivision.refine import refine, subdivide
 from meshfit.subdivision.registry import resolve
 from tests.laws.local_matrix import boundary_matrix, local_matrix
 from tests.laws.test_subdivision_spectra import loop_ring, warren_ring
+from tests.loops import over
 from tests.shapes import fan, mixed_closed, mixed_open, opened, patch, wheel
 
 VALENCES = range(3, 13)
@@ -51,7 +52,7 @@ def dart_matrix(n: int, weights: str = "loop") -> np.ndarray:
 
 
 @pytest.mark.parametrize("n", VALENCES)
-@pytest.mark.parametrize("weights", ["loop", "warren"])
+@over("weights", ["loop", "warren"])
 def test_smooth_tangents_are_left_eigenvectors(n, weights):
     matrix = local_matrix(n, f"loop:weights={weights}", 1)
     for mask in smooth_tangents(n):
@@ -69,7 +70,7 @@ def test_tangents_at_a_boundary_are_left_eigenvectors(k):
 
 
 @pytest.mark.parametrize("n", [*VALENCES, 20, 40])
-@pytest.mark.parametrize(("weights", "ring"), [("loop", loop_ring), ("warren", warren_ring)])
+@over(("weights", "ring"), [("loop", loop_ring), ("warren", warren_ring)])
 def test_dart_masks_are_the_leading_left_eigenvectors(n, weights, ring):
     """The midpoint on the sharp edge makes the two tangents' eigenvalues differ, but both still lead all others."""
     matrix = dart_matrix(n, weights)
@@ -85,8 +86,8 @@ def test_dart_masks_are_the_leading_left_eigenvectors(n, weights, ring):
     assert moduli[3] < moduli[2] - 1e-4
 
 
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("make", [mixed_closed, mixed_open], ids=["closed", "open"])
+@over("seed", range(4))
+@over("make", [mixed_closed, mixed_open], ids=["closed", "open"])
 @pytest.mark.parametrize("spec", ["loop", "loop:weights=warren"])
 def test_limit_positions_stay_when_a_mesh_with_creases_is_refined(make, spec, seed):
     mesh, generator, scheme = make(), np.random.default_rng(seed), resolve(spec)
@@ -109,7 +110,7 @@ def test_limit_masks_on_a_crease_and_at_a_corner():
 
 
 @pytest.mark.parametrize("make", [mixed_closed, mixed_open, *SOLIDS.values()])
-@pytest.mark.parametrize("weights", ["loop", "warren"])
+@over("weights", ["loop", "warren"])
 def test_refinement_tends_to_the_normals(make, weights):
     """But for boundary verts of many neighbours: slowly at 6, and from 7 on the surface is not smooth there."""
     mesh, spec = make(), f"loop:weights={weights}"

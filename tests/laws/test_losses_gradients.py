@@ -14,11 +14,12 @@ from meshfit.loss.laplacian import laplacian_cotangent, laplacian_uniform
 from meshfit.loss.normal import normal
 from meshfit.loss.operators import FaceGeometry, MeshOperators
 from meshfit.mesh.mesh import Mesh
+from tests.loops import over
 from tests.shapes import mixed_closed, mixed_open
 
 OPEN, CLOSED = mixed_open(4), mixed_closed(4, inserted=6)
 TRIANGLE = Mesh(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.5], [2, 2, 2]]), np.array([[0, 1, 2]]))
-MESHES = pytest.mark.parametrize(
+MESHES = over(
     "meshes", [[CLOSED], [OPEN], [TRIANGLE, OPEN, mixed_closed(5, inserted=1)]], ids=["closed", "open", "side by side"]
 )
 MEMBERS = pytest.mark.parametrize("members", [1, 3])

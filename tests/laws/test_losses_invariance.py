@@ -11,14 +11,13 @@ from meshfit.loss.operators import FaceGeometry, MeshOperators
 from meshfit.loss.terms import LAPLACIANS, TERMS, LossInputs
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube
+from tests.loops import over
 from tests.shapes import mixed_closed, mixed_open, permuted
 
 ALL_TERMS = TERMS | {"cotangent": LAPLACIANS["cotangent"]}
 DEGREES = {"chamfer": 2, "normal": 0, "edge": 2, "laplacian": 1, "cotangent": 1, "consistency": 0}
 LOOSE = Mesh(np.concatenate([mixed_open(2).verts, [[3.0, 4.0, 5.0]]]), mixed_open(2).faces)
-SOURCES = pytest.mark.parametrize(
-    "source", [mixed_closed(2), mixed_open(2), LOOSE], ids=["closed", "open", "with a vertex of no face"]
-)
+SOURCES = over("source", [mixed_closed(2), mixed_open(2), LOOSE], ids=["closed", "open", "with a vertex of no face"])
 
 
 def values(source, target):
@@ -55,7 +54,7 @@ def test_no_term_changes_under_a_reflection_of_both(source):
 
 
 @SOURCES
-@pytest.mark.parametrize("factor", [0.01, 3.0, 1000.0])
+@over("factor", [0.01, 3.0, 1000.0])
 def test_every_term_scales_by_its_degree(source, factor):
     before = values(source, cube())
     after = values(*(mapped(mesh, factor * np.eye(3), 0) for mesh in (source, cube())))

@@ -12,6 +12,7 @@ from meshfit.settings import build
 from meshfit.subdivision.limit import has_loop_limit
 from meshfit.subdivision.refine import refine
 from meshfit.subdivision.registry import NamedScheme, UserSchemes, canonical, registry_with, resolve
+from tests.loops import over
 from tests.shapes import fan, mixed_closed, mixed_open, patch, wheel
 
 LOOP_RING = "5/8 - (3/8 + cos(2*pi/n)/4)^2"
@@ -73,7 +74,7 @@ def matrix(spec, mesh, levels=2):
 
 
 @pytest.mark.parametrize("spec", EQUAL)
-@pytest.mark.parametrize("shape", MESHES)
+@over("shape", MESHES)
 def test_the_operators_are_those_of_the_built_in_schemes(spec, shape):
     mesh = MESHES[shape]()
     ours, theirs = matrix(spec, mesh), refine(Topology.of(mesh), resolve(EQUAL[spec]), 2).matrix.toarray()
@@ -83,7 +84,7 @@ def test_the_operators_are_those_of_the_built_in_schemes(spec, shape):
         assert np.array_equal(ours, theirs)
 
 
-@pytest.mark.parametrize("valence", [3, 4, 5, 7, 12, 30])
+@over("valence", [3, 4, 5, 7, 12, 30])
 @pytest.mark.parametrize("spec", EQUAL)
 def test_so_they_are_at_extraordinary_verts(spec, valence):
     mesh = wheel(valence, 3)
@@ -122,7 +123,7 @@ ANY = build(
 ).define
 
 
-@pytest.mark.parametrize("shape", MESHES)
+@over("shape", MESHES)
 @pytest.mark.parametrize("spec", ["odd", "odd-sqrt3", "pushed", "pushed:alpha=0.1"])
 def test_whatever_is_declared_is_affinely_invariant(spec, shape):
     mesh, scheme = MESHES[shape](), resolve(spec, registry_with(ANY))

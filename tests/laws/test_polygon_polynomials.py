@@ -7,6 +7,7 @@ from meshfit.mesh.geometry import area_vectors
 from meshfit.mesh.topology import PolygonTopology
 from meshfit.subdivision.refine import subdivide
 from tests.laws.polygon_variants import ANYWHERE, VARIANTS, refined
+from tests.loops import over
 from tests.quads import quad_patch, quad_wheel
 
 # The highest degree that a level of the scheme reproduces, wherever the boundary is out of reach.
@@ -62,7 +63,7 @@ def test_the_lattice_stays_one(spec):
 
 
 @pytest.mark.parametrize("spec", ANYWHERE)
-@pytest.mark.parametrize("n", [3, 4, 5, 7])
+@over("n", [3, 4, 5, 7])
 def test_flat_counter_clockwise_disks_stay_so(spec, n):
     for levels in (1, 2, 3):
         fine = subdivide(quad_wheel(n, 3), spec, levels)

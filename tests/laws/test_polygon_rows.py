@@ -9,6 +9,7 @@ from meshfit.mesh.topology import PolygonTopology, Topology
 from meshfit.subdivision.refine import refine, subdivide
 from meshfit.subdivision.registry import resolve
 from tests.laws.polygon_variants import ANYWHERE, CASES, INTERPOLATORY, KEEPING, REGULAR, dense, refined, shape_of
+from tests.loops import over
 from tests.quads import mixed, quad_cube, quad_patch, renumbered
 from tests.shapes import mixed_closed, mixed_open
 
@@ -37,7 +38,7 @@ def test_rows_sum_to_one(spec, shape):
 
 
 @every_case
-@pytest.mark.parametrize("levels", [1, 2, 3])
+@over("levels", [1, 2, 3])
 def test_the_surface_stays_an_oriented_manifold_of_the_same_topology(spec, shape, levels):
     mesh = shape_of(shape)
     before, after = PolygonTopology.of(mesh), refined(mesh, spec, levels).finest
@@ -111,7 +112,7 @@ def test_boundary_curves_depend_on_boundary_verts_alone(spec):
 
 
 @pytest.mark.parametrize("spec", ["catmull-clark", "interp-catmull-clark", "kobbelt", "sqrt2", "interp-sqrt2"])
-@pytest.mark.parametrize("curve", ["loop", "interp-loop"])
+@over("curve", ["loop", "interp-loop"])
 def test_boundaries_are_those_of_loop_or_its_interpolatory_form(spec, curve):
     """Edges are halved there by the cubic B-spline or the four-point rule, in √2 schemes at every second level."""
     if (spec in INTERPOLATORY) != curve.startswith("interp"):
@@ -126,7 +127,7 @@ def test_boundaries_are_those_of_loop_or_its_interpolatory_form(spec, curve):
 
 
 @pytest.mark.parametrize("spec", ANYWHERE)
-@pytest.mark.parametrize("make", [mixed_closed, mixed_open])
+@over("make", [mixed_closed, mixed_open])
 def test_triangles_go_in_as_polygons(spec, make):
     mesh = make()
     found, expected = subdivide(mesh, spec, 2), subdivide(PolygonMesh.of(mesh), spec, 2)

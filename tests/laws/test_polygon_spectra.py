@@ -7,6 +7,7 @@ import pytest
 
 from tests.laws.polygon_matrix import mode_block, moduli, quad_matrix
 from tests.laws.polygon_variants import dense
+from tests.loops import over
 from tests.quads import prism
 
 VALENCES = (3, 4, 5, 6, 7, 8, 9, 10, 11, 12)
@@ -48,7 +49,7 @@ def test_eigenvalues(spec, n):
 
 
 @pytest.mark.parametrize("spec", [*RINGS, "interp-catmull-clark:alpha=0.5", "interp-sqrt2:alpha=0.5"])
-@pytest.mark.parametrize("n", VALENCES)
+@over("n", VALENCES)
 def test_a_leading_pair_alone_comes_after_the_one(spec, n):
     leading, rest = split_by_mode(n, spec)
     assert rest < leading < 1

@@ -10,6 +10,7 @@ from meshfit.mesh.topology import Topology
 from meshfit.subdivision.refine import refine, subdivide
 from meshfit.subdivision.registry import resolve
 from tests.laws.variants import dense
+from tests.loops import over
 from tests.shapes import mixed_closed, mixed_open
 
 MESHES = {"closed": mixed_closed, "open": mixed_open}
@@ -23,7 +24,7 @@ def with_alphas(mesh: Mesh, alphas, options: str = "weights=loop", levels: int =
 
 
 @anywhere
-@pytest.mark.parametrize("options", OPTIONS)
+@over("options", OPTIONS)
 def test_alpha_0_is_loop_exactly(make, options):
     base = "warren" if "warren" in options else "loop"
     blend, loop = dense(make(), f"interp-loop:alpha=0,{options}", 2), dense(make(), f"loop:weights={base}", 2)
@@ -31,7 +32,7 @@ def test_alpha_0_is_loop_exactly(make, options):
 
 
 @anywhere
-@pytest.mark.parametrize("options", OPTIONS)
+@over("options", OPTIONS)
 def test_the_matrix_is_affine_in_alpha(make, options):
     """Of one level; the blend at 0.3 lies three tenths of the way."""
     start, end, between = (dense(make(), f"interp-loop:alpha={a},{options}") for a in (0, 1, 0.3))
@@ -40,7 +41,7 @@ def test_the_matrix_is_affine_in_alpha(make, options):
 
 
 @anywhere
-@pytest.mark.parametrize("options", OPTIONS)
+@over("options", OPTIONS)
 def test_one_alpha_for_all_verts_equals_an_array_of_it(make, options):
     mesh = make()
     found = with_alphas(mesh, np.full(mesh.num_verts, 0.3), options, levels=2)
@@ -82,7 +83,7 @@ def test_alpha_of_an_inserted_vertex_is_the_mean_of_the_ends_of_its_edge(make, o
 
 
 @anywhere
-@pytest.mark.parametrize("levels", [1, 2, 3])
+@over("levels", [1, 2, 3])
 def test_unified_sqrt3_takes_an_alpha_for_each_vertex_too(make, levels):
     """Verts of α = 1 stay; one α for all equals an array of it, also where the boundary is trisected."""
     mesh = make()

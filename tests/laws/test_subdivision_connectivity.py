@@ -13,6 +13,7 @@ from meshfit.mesh.topology import Topology
 from meshfit.subdivision.refine import subdivide
 from meshfit.subdivision.triangles.table import TRIANGLE_SCHEMES
 from tests.laws.variants import QUADRISECTING, SQRT3, VARIANTS, refined
+from tests.loops import over
 from tests.shapes import ALL, CLOSED, OPEN, mixed_open, patch, wheel
 
 NAMES = tuple(TRIANGLE_SCHEMES)
@@ -30,8 +31,8 @@ def euler_by_counting(faces: np.ndarray) -> int:
 
 
 @by_name
-@pytest.mark.parametrize("shape", ALL)
-@pytest.mark.parametrize("levels", [1, 2, 3])
+@over("shape", ALL)
+@over("levels", [1, 2, 3])
 def test_counts(spec, shape, levels):
     mesh = ALL[shape]()
     coarse = Topology.of(mesh)
@@ -52,7 +53,7 @@ def test_counts(spec, shape, levels):
 
 
 @by_name
-@pytest.mark.parametrize("shape", ALL)
+@over("shape", ALL)
 def test_topology_is_kept(spec, shape):
     mesh = ALL[shape]()
     for levels in (1, 2, 3):
@@ -66,7 +67,7 @@ def test_topology_is_kept(spec, shape):
 
 
 @by_name
-@pytest.mark.parametrize("shape", ALL)
+@over("shape", ALL)
 def test_orientation_is_consistent_and_that_of_the_mesh(spec, shape):
     mesh = ALL[shape]()
     fine = subdivide(mesh, spec, 2)
@@ -80,7 +81,7 @@ def test_orientation_is_consistent_and_that_of_the_mesh(spec, shape):
 
 
 @by_name
-@pytest.mark.parametrize("make", [patch, lambda: wheel(7, 3), lambda: wheel(4, 3)])
+@over("make", [patch, lambda: wheel(7, 3), lambda: wheel(4, 3)])
 def test_flat_counter_clockwise_patches_stay_so(spec, make):
     for levels in (1, 2, 3):
         areas = area_vectors(subdivide(make(), spec, levels))
@@ -127,7 +128,7 @@ def test_valences_after_two_sqrt3_steps(spec):
 
 
 @pytest.mark.parametrize("spec", VARIANTS)
-@pytest.mark.parametrize("levels", [1, 2, 3])
+@over("levels", [1, 2, 3])
 def test_verts_without_faces_stay_put(spec, levels):
     solid = octahedron()
     loose = np.array([[5.0, 6.0, 7.0], [-1.0, 2.0, -3.0]])

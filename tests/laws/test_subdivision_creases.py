@@ -13,6 +13,7 @@ from meshfit.subdivision.creases import Creases, creases_by_angle
 from meshfit.subdivision.refine import refine, subdivide
 from meshfit.subdivision.registry import resolve
 from tests.laws.test_subdivision_masks import fractions_of
+from tests.loops import over
 from tests.shapes import ALL, mixed_closed, mixed_open, permuted, torus, wheel
 
 TAKING = (
@@ -28,7 +29,7 @@ TAKING = (
 COLUMNS, ROWS = 9, 8
 ROW = [(i, (i + 1) % COLUMNS) for i in range(COLUMNS)]
 by_spec = pytest.mark.parametrize("spec", TAKING)
-anywhere = pytest.mark.parametrize("make", [mixed_closed, mixed_open], ids=["closed", "open"])
+anywhere = over("make", [mixed_closed, mixed_open], ids=["closed", "open"])
 
 
 def operator_of(mesh: Mesh, spec: str, creases: Creases | None, levels: int = 1) -> np.ndarray:
@@ -108,7 +109,7 @@ def test_corners_stay_whether_tagged_or_made_by_three_creases(spec):
 
 
 @pytest.mark.parametrize("spec", ["loop", "interp-loop"])
-@pytest.mark.parametrize("s", [0.5, 1, inf])
+@over("s", [0.5, 1, inf])
 def test_a_crease_that_ends_alone_is_a_dart_and_smooth_there(spec, s):
     smooth, _ = on_torus(spec, 0.0)
     dart, topology = on_torus(spec, s, edges=[(3, 4)])
@@ -139,7 +140,7 @@ def test_sharpness_goes_down_by_one_with_each_level_and_stays_with_the_halves():
 
 @by_spec
 @anywhere
-@pytest.mark.parametrize("k", [0, 1, 2])
+@over("k", [0, 1, 2])
 def test_sharpness_k_is_k_sharp_levels_and_smooth_ones_after(spec, make, k):
     mesh = make()
     topology = Topology.of(mesh)
@@ -164,7 +165,7 @@ def test_levels_at_once_are_levels_one_by_one_with_what_is_left_of_the_creases(s
 
 
 @by_spec
-@pytest.mark.parametrize("shape", ALL)
+@over("shape", ALL)
 def test_creases_at_the_boundary_change_nothing(spec, shape):
     mesh = ALL[shape]()
     topology = Topology.of(mesh)
@@ -175,7 +176,7 @@ def test_creases_at_the_boundary_change_nothing(spec, shape):
 
 
 @by_spec
-@pytest.mark.parametrize("shape", ALL)
+@over("shape", ALL)
 def test_rows_sum_to_one(spec, shape):
     mesh = ALL[shape]()
     rows = operator_of(mesh, spec, some_creases(mesh), 2)
@@ -210,7 +211,7 @@ def test_a_mesh_is_refined_alike_under_any_numbering(spec, make):
 
 
 @by_spec
-@pytest.mark.parametrize("centre", [0, 5, 14])
+@over("centre", [0, 5, 14])
 def test_a_closed_crease_parts_the_surface_as_a_cut_would(spec, centre):
     """On either side, the mesh with a crease about a vertex's faces is refined as that side alone is, with a rim."""
     mesh = mixed_closed()

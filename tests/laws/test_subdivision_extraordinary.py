@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.laws.variants import dense
+from tests.loops import over
 from tests.shapes import wheel
 
 VALENCES = (3, 4, 5, 7, 8, 12)
@@ -36,7 +37,7 @@ def kobbelt_beta(n: int) -> float:
     return (4 - 2 * cos(2 * pi / n)) / (9 * n)
 
 
-@pytest.mark.parametrize(
+@over(
     ("spec", "beta"),
     [
         ("loop", loop_beta),
@@ -100,8 +101,8 @@ def displacement_row(matrix_of_loop: np.ndarray, vert: int) -> np.ndarray:
     return np.eye(matrix_of_loop.shape[1])[vert] - matrix_of_loop[vert]
 
 
-@pytest.mark.parametrize("alpha", [0.25, 0.5, 1])
-@pytest.mark.parametrize("weights", ["loop", "warren"])
+@over("alpha", [0.25, 0.5, 1])
+@over("weights", ["loop", "warren"])
 def test_interpolatory_loop_spokes(n, alpha, weights):
     """Loop's edge vertex plus half of α times the displacement of both ends."""
     loop = dense(wheel(n), f"loop:weights={weights}")
@@ -112,7 +113,7 @@ def test_interpolatory_loop_spokes(n, alpha, weights):
         assert count_of_row(matrix, expected) == 1
 
 
-@pytest.mark.parametrize("alpha", [0.5, 1])
+@over("alpha", [0.5, 1])
 def test_valence_3_safeguard_blends_towards_modified_butterfly_there_and_only_there(n, alpha):
     pure = dense(wheel(n), f"interp-loop:alpha={alpha}")
     safe = dense(wheel(n), f"interp-loop:alpha={alpha},valence3=zorin")
@@ -124,7 +125,7 @@ def test_valence_3_safeguard_blends_towards_modified_butterfly_there_and_only_th
         assert count_of_row(safe[changed], expected) == 1
 
 
-@pytest.mark.parametrize(("spec", "end", "opposite"), [("loop", 3 / 8, 1 / 8), ("midpoint", 1 / 2, 0)])
+@over(("spec", "end", "opposite"), [("loop", 3 / 8, 1 / 8), ("midpoint", 1 / 2, 0)])
 def test_schemes_of_one_edge_rule_use_it_at_any_valence(n, spec, end, opposite):
     matrix = dense(wheel(n), spec)
     for spoke in range(n):

@@ -11,6 +11,7 @@ from meshfit.subdivision.registry import resolve
 from meshfit.subdivision.triangles.assemble import assemble
 from meshfit.subdivision.triangles.splits import divide
 from tests.laws.variants import QUADRISECTING, SQRT3, VARIANTS, refined
+from tests.loops import over
 from tests.shapes import mixed_closed, mixed_open
 
 CASES = [(spec, make) for spec in VARIANTS for make in (mixed_closed, mixed_open)]
@@ -61,7 +62,7 @@ def test_the_matrix_is_the_product_of_its_levels(spec, make):
 
 
 @every_case
-@pytest.mark.parametrize("shape", SHAPES)
+@over("shape", SHAPES)
 def test_any_attribute_of_the_verts_is_carried(spec, make, shape):
     mesh = make()
     refinement = refined(mesh, spec, 2)

@@ -11,6 +11,7 @@ from meshfit.mesh.solids import SOLIDS
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.refine import subdivide
 from tests.laws.local_matrix import boundary_matrix, local_matrix
+from tests.loops import over
 
 VALENCES = (3, 4, 5, 6, 7, 8, 12)
 
@@ -40,7 +41,7 @@ def test_sqrt3_limit_position(n):
 
 
 @pytest.mark.parametrize("n", VALENCES)
-@pytest.mark.parametrize("alpha", [0, 0.25, 0.5, 0.75, 1])
+@over("alpha", [0, 0.25, 0.5, 0.75, 1])
 def test_blend_limit_position(n, alpha):
     """Sums over the rings; in the second ring, verts straight ahead on a spoke and those between alternate."""
     a, g = alpha, loop_ring(n)

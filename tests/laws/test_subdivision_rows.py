@@ -7,6 +7,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import SOLIDS
 from meshfit.subdivision.refine import subdivide
 from tests.laws.variants import INTERPOLATORY, VARIANTS, dense, refined
+from tests.loops import over
 from tests.shapes import ALL, mixed_closed, mixed_open, permuted
 
 pytestmark = pytest.mark.parametrize("spec", VARIANTS)
@@ -24,13 +25,13 @@ def face_set(faces: np.ndarray) -> set[tuple[int, ...]]:
     return {tuple(np.roll(face, -int(np.argmin(face)))) for face in faces}
 
 
-@pytest.mark.parametrize("shape", ALL)
+@over("shape", ALL)
 def test_rows_sum_to_one(spec, shape):
     matrix = refined(ALL[shape](), spec, LEVELS).matrix
     np.testing.assert_allclose(matrix.sum(axis=1), 1, rtol=0, atol=4e-15)
 
 
-@pytest.mark.parametrize("make", [mixed_closed, mixed_open])
+@over("make", [mixed_closed, mixed_open])
 def test_affine_maps_commute_with_refinement(spec, make):
     mesh, generator = make(), np.random.default_rng(0)
     linear, shift = generator.standard_normal((3, 3)), np.array([10.0, 20.0, 30.0])
@@ -39,7 +40,7 @@ def test_affine_maps_commute_with_refinement(spec, make):
     np.testing.assert_allclose(moved_first.verts, moved_last, rtol=0, atol=3e-13)
 
 
-@pytest.mark.parametrize("make", [mixed_closed, mixed_open])
+@over("make", [mixed_closed, mixed_open])
 def test_a_mesh_is_refined_alike_under_any_numbering(spec, make):
     mesh = make()
     generator = np.random.default_rng(1)
@@ -53,7 +54,7 @@ def test_a_mesh_is_refined_alike_under_any_numbering(spec, make):
     np.testing.assert_allclose(found[order], expected[:kept], rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize("make", [mixed_closed, mixed_open])
+@over("make", [mixed_closed, mixed_open])
 def test_it_does_not_matter_at_which_corner_a_face_row_starts(spec, make):
     mesh = make()
     shifts = np.random.default_rng(2).integers(3, size=mesh.num_faces)
@@ -66,7 +67,7 @@ def test_it_does_not_matter_at_which_corner_a_face_row_starts(spec, make):
     assert face_set(name[second.faces]) == face_set(first.faces)
 
 
-@pytest.mark.parametrize("make", [mixed_closed, mixed_open])
+@over("make", [mixed_closed, mixed_open])
 def test_the_mirror_image_is_refined_to_the_mirror_image(spec, make):
     mesh = make()
     mirrored = Mesh(mesh.verts, mesh.faces[:, ::-1])
@@ -86,7 +87,7 @@ def test_pieces_do_not_see_each_other(spec):
     np.testing.assert_allclose(found, sorted_rows(dense(two, spec)), rtol=0, atol=1e-15)
 
 
-@pytest.mark.parametrize("solid", SOLIDS)
+@over("solid", SOLIDS)
 def test_symmetric_solids_stay_symmetric(spec, solid):
     """All of them have the three mirror planes or half-turns, and the three-fold turn about (1, 1, 1)."""
     fine = subdivide(SOLIDS[solid](), spec, 3).verts

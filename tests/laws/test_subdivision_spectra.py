@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.laws.local_matrix import boundary_matrix, local_matrix
+from tests.loops import over
 
 VALENCES = range(3, 13)
 
@@ -44,7 +45,7 @@ def warren_ring(n: int) -> float:
 
 
 @pytest.mark.parametrize("n", VALENCES)
-@pytest.mark.parametrize(("weights", "ring"), [("loop", loop_ring), ("warren", warren_ring)])
+@over(("weights", "ring"), [("loop", loop_ring), ("warren", warren_ring)])
 def test_characteristic_polynomials_of_interpolatory_loop(n, weights, ring):
     matrix = local_matrix(n, f"interp-loop:weights={weights}")
     g = ring(n)

@@ -9,6 +9,7 @@ from scipy.interpolate import BSpline, CubicSpline, lagrange
 from meshfit.mesh.curves import Curves
 from meshfit.subdivision.refine import subdivide
 from tests.curve_shapes import arity, ordered, single
+from tests.loops import over
 
 LEVELS = 3
 
@@ -24,8 +25,8 @@ def bspline(points: np.ndarray, *, closed: bool) -> tuple[BSpline, int]:
 
 
 @pytest.mark.parametrize("spec", ["cubic-bspline", "ternary-bspline", "interp-bspline:alpha=0"])
-@pytest.mark.parametrize("closed", [False, True])
-@pytest.mark.parametrize("size", [3, 4, 9])
+@over("closed", [False, True])
+@over("size", [3, 4, 9])
 def test_refined_control_points_are_those_of_the_same_spline(spec, closed, size):
     """Fine verts, put to their limit by (1, 4, 1) / 6, lie on the spline of the coarse ones at their parameters."""
     curves = single(size, closed=closed)
@@ -108,8 +109,8 @@ def twin(points: list[Fraction], spec: str, *, closed: bool) -> list[Fraction]:
 
 
 @pytest.mark.parametrize("spec", TWINS)
-@pytest.mark.parametrize("closed", [False, True])
-@pytest.mark.parametrize("size", [2, 3, 4, 11])
+@over("closed", [False, True])
+@over("size", [2, 3, 4, 11])
 def test_a_twin_in_fractions_agrees(spec, closed, size):
     """It keeps the ends by mirroring alone: that they stay is not said anywhere."""
     values = np.random.default_rng(size).integers(-50, 50, size)

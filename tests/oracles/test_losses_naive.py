@@ -13,6 +13,7 @@ from meshfit.loss.laplacian import laplacian_cotangent, laplacian_uniform
 from meshfit.loss.normal import normal
 from meshfit.loss.operators import FaceGeometry, MeshOperators
 from meshfit.mesh.mesh import Mesh
+from tests.loops import over
 from tests.shapes import mixed_closed, mixed_open, patch, wheel
 
 
@@ -132,7 +133,7 @@ def values(term, meshes):
     return term(verts, MeshOperators.of(meshes, torch.float64, torch.device("cpu"))).tolist()
 
 
-@pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES)
+@over("mesh", MESHES.values(), ids=MESHES)
 @pytest.mark.parametrize(("term", "naive"), TERMS.values(), ids=TERMS)
 def test_a_mesh_term_equals_its_definition(mesh, term, naive):
     (found,) = values(term, [mesh])

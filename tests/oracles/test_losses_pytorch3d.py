@@ -17,6 +17,7 @@ from meshfit.loss.laplacian import laplacian_cotangent, laplacian_uniform
 from meshfit.loss.normal import normal
 from meshfit.loss.operators import FaceGeometry, MeshOperators
 from meshfit.mesh.mesh import Mesh
+from tests.loops import over
 
 GOLDEN = np.load(Path(__file__).with_name("pytorch3d_losses.npz"))
 MESH_TERMS = {
@@ -35,7 +36,7 @@ def assert_same(ours: Tensor, theirs: Tensor) -> None:
     torch.testing.assert_close(ours, theirs, rtol=1e-6, atol=1e-6 * float(theirs.abs().max()))
 
 
-@pytest.mark.parametrize("mesh", ["ico2", "cow500"])
+@over("mesh", ["ico2", "cow500"])
 @pytest.mark.parametrize("term", MESH_TERMS)
 def test_a_mesh_term_has_the_value_and_gradient_of_pytorch3d(mesh: str, term: str) -> None:
     surface = MeshOperators.of(

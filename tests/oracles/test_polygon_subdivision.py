@@ -9,6 +9,7 @@ from meshfit.mesh.polygons import PolygonMesh, face_rows
 from meshfit.mesh.solids import icosahedron
 from meshfit.subdivision.refine import subdivide
 from tests.laws.naive import same_face_sets
+from tests.loops import over
 from tests.quads import mixed, prism, quad_cube, quad_patch, quad_torus, quad_wheel
 
 CLOSED = {
@@ -83,7 +84,7 @@ def twin(mesh: PolygonMesh) -> tuple[np.ndarray, list[tuple[int, ...]]]:
 
 
 @pytest.mark.parametrize("make", (CLOSED | OPEN).values(), ids=CLOSED | OPEN)
-@pytest.mark.parametrize("levels", [1, 2])
+@over("levels", [1, 2])
 def test_catmull_clark(make, levels):
     mesh, ours = make(), subdivide(make(), "catmull-clark", levels)
     for _ in range(levels):

@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import SOLIDS
 from meshfit.subdivision.refine import subdivide
+from tests.loops import over
 from tests.shapes import mixed_closed, mixed_open, opened, patch, real, torus, without_faces
 
 
@@ -35,9 +36,7 @@ CLOSED = {
 }
 OPEN = {"patch": lambda: patch(5, 4), "mixed": mixed_open, "cow with holes": opened_cow}
 closed = pytest.mark.parametrize("make", CLOSED.values(), ids=CLOSED.keys())
-any_mesh = pytest.mark.parametrize(
-    "make", [*CLOSED.values(), *OPEN.values()], ids=[*CLOSED, *(f"open {name}" for name in OPEN)]
-)
+any_mesh = over("make", [*CLOSED.values(), *OPEN.values()], ids=[*CLOSED, *(f"open {name}" for name in OPEN)])
 
 
 def assert_same_surface(ours: Mesh, verts: np.ndarray, faces: np.ndarray, tolerance: float) -> None:
@@ -73,14 +72,14 @@ def by_vtk(mesh: Mesh, kind: str, levels: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @any_mesh
-@pytest.mark.parametrize("levels", [1, 2])
+@over("levels", [1, 2])
 def test_loop_is_pymeshlabs(make, levels):
     mesh = make()
     assert_same_surface(subdivide(mesh, "loop", levels), *by_pymeshlab(mesh, "loop", levels), 1e-14)
 
 
 @closed
-@pytest.mark.parametrize("levels", [1, 2])
+@over("levels", [1, 2])
 def test_loop_is_trimeshs(make, levels):
     mesh = make()
     found = trimesh.remesh.subdivide_loop(np.array(mesh.verts), np.array(mesh.faces), iterations=levels)
@@ -88,7 +87,7 @@ def test_loop_is_trimeshs(make, levels):
 
 
 @any_mesh
-@pytest.mark.parametrize("levels", [1, 2])
+@over("levels", [1, 2])
 def test_loop_with_warrens_weights_is_libigls(make, levels):
     mesh = make()
     found = igl.loop(np.array(mesh.verts), np.array(mesh.faces), levels)
@@ -110,22 +109,22 @@ def test_loop_is_vtks(make):
 
 
 @closed
-@pytest.mark.parametrize("levels", [1, 2])
+@over("levels", [1, 2])
 def test_plain_butterfly_is_pymeshlabs(make, levels):
     mesh = make()
     assert_same_surface(subdivide(mesh, "butterfly", levels), *by_pymeshlab(mesh, "butterfly", levels), 1e-14)
 
 
 @closed
-@pytest.mark.parametrize("levels", [1, 2])
+@over("levels", [1, 2])
 def test_modified_butterfly_is_vtks(make, levels):
     mesh = make()
     assert_same_surface(subdivide(mesh, "modified-butterfly", levels), *by_vtk(mesh, "butterfly", levels), 1e-6)
 
 
 @any_mesh
-@pytest.mark.parametrize("levels", [1, 2])
-@pytest.mark.parametrize("library", ["trimesh", "libigl", "pymeshlab", "vtk"])
+@over("levels", [1, 2])
+@over("library", ["trimesh", "libigl", "pymeshlab", "vtk"])
 def test_midpoint_is_everybodys(make, levels, library):
     mesh = make()
     verts, faces = np.array(mesh.verts), np.array(mesh.faces)

@@ -10,6 +10,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import SOLIDS
 from meshfit.subdivision.refine import subdivide
 from tests.laws.naive import Walk, same_face_sets, weighted
+from tests.loops import over
 from tests.shapes import mixed_closed, mixed_open, opened, patch, real, wheel
 
 MESHES = {
@@ -122,7 +123,7 @@ def test_modified_butterfly(make):
 
 
 @every_mesh
-@pytest.mark.parametrize("tension", [0, 1 / 16, 0.1])
+@over("tension", [0, 1 / 16, 0.1])
 def test_butterfly(make, tension):
     mesh = make()
     found = quadrisected(mesh, lambda walk, a, b: butterfly_edge(walk, a, b, tension))
@@ -130,9 +131,9 @@ def test_butterfly(make, tension):
 
 
 @every_mesh
-@pytest.mark.parametrize("alpha", [0, 0.4, 1])
-@pytest.mark.parametrize("weights", ["loop", "warren"])
-@pytest.mark.parametrize("valence3", ["displacement", "zorin"])
+@over("alpha", [0, 0.4, 1])
+@over("weights", ["loop", "warren"])
+@over("valence3", ["displacement", "zorin"])
 def test_interpolatory_loop(make, alpha, weights, valence3):
     mesh = make()
     found = quadrisected(

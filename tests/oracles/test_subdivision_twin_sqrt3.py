@@ -10,6 +10,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import SOLIDS
 from meshfit.subdivision.refine import subdivide
 from tests.laws.naive import Walk, same_face_sets, weighted
+from tests.loops import over
 from tests.shapes import OPEN, mixed_closed, mixed_open, opened, patch, real
 
 MESHES = {
@@ -132,8 +133,8 @@ RULES = {
 
 
 @pytest.mark.parametrize("spec", RULES)
-@pytest.mark.parametrize("make", MESHES.values(), ids=MESHES.keys())
-@pytest.mark.parametrize("levels", [1, 2, 3])
+@over("make", MESHES.values(), ids=MESHES.keys())
+@over("levels", [1, 2, 3])
 def test_twins(spec, make, levels):
     mesh = make()
     twin = mesh

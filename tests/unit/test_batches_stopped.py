@@ -7,6 +7,7 @@ from meshfit.fitting import first_order
 from meshfit.fitting import fit as packs
 from meshfit.fitting.fit import fit_batch
 from meshfit.fitting.problem import Diverged
+from tests.loops import over
 from tests.ragged import FAR, LATE, OUTSIDE, PROBLEMS, SHAKY, alone, bytes_of
 
 pytestmark = pytest.mark.usefixtures("one_pack")
@@ -26,7 +27,7 @@ def assert_as_alone(problems, **changes):
     return outcomes
 
 
-@pytest.mark.parametrize("place", [0, 2, 4])
+@over("place", [0, 2, 4])
 @pytest.mark.parametrize(("stopped", "term"), [(FAR, "chamfer"), (OUTSIDE, "vertex position")])
 def test_one_that_diverges_is_stopped_and_the_others_are_as_alone(place, stopped, term):
     outcomes = assert_as_alone([*PROBLEMS[:place], stopped, *PROBLEMS[place:4]], steps=5)

@@ -15,6 +15,7 @@ from meshfit.remeshing import broad_phase as overlaps
 from meshfit.remeshing.broad_phase import boxes_near, overlapping_boxes
 from meshfit.remeshing.self_intersections import intersecting_faces, intersecting_pairs
 from meshfit.subdivision.refine import subdivide
+from tests.loops import over
 from tests.shapes import torus
 
 FLOOR = [[0, 0, 0], [4, 0, 0], [0, 4, 0]]
@@ -193,7 +194,7 @@ SAFE = {"icosahedron": icosahedron, "octahedron": octahedron, "cube": cube, "bum
 
 
 @pytest.mark.parametrize("shape", SAFE)
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@over("dtype", [torch.float32, torch.float64])
 def test_children_in_the_planes_of_their_parents_do_not_cross(shape, dtype):
     for levels in (1, 2, 3):
         verts, faces = tensors(subdivide(SAFE[shape](), "midpoint", levels), torch.float64)
@@ -219,7 +220,7 @@ def test_the_cow_is_as_meshlab_has_it():
 
 
 @pytest.mark.parametrize("noise", [0.1, 0.25, 0.35, 0.5, 1.0])
-@pytest.mark.parametrize("levels", [2, 3, 4])
+@over("levels", [2, 3, 4])
 def test_shaken_spheres_are_as_meshlab_has_them(levels, noise):
     theirs, ours = reported(shaken(levels, noise))
     assert not (theirs & ~ours).any()
@@ -252,7 +253,7 @@ def test_small_shaken_spheres_are_as_exact_arithmetic_has_them(noise):
 
 
 @pytest.mark.parametrize("turns", [1, 2, 3])
-@pytest.mark.parametrize("sectors", [11, 16])
+@over("sectors", [11, 16])
 def test_fans_that_go_around_more_than_once_cross_themselves(sectors, turns):
     angles = 2 * np.pi * turns * np.arange(sectors) / sectors
     rim = np.stack([np.cos(angles), np.sin(angles), 0.2 * np.cos(angles / turns + 0.1)], axis=1)
@@ -351,7 +352,7 @@ def test_overlapping_boxes_are_all_found(monkeypatch, block, spread, seed):
 
 
 @pytest.mark.parametrize("share", [0.0, 0.02, 0.5])
-@pytest.mark.parametrize("seed", [0, 1])
+@over("seed", [0, 1])
 def test_looking_only_among_some_faces_finds_all_pairs_with_one_of_them(share, seed):
     generator = torch.Generator().manual_seed(seed)
     verts, faces = tensors(subdivide(load_target("bone"), "midpoint", 0))

@@ -10,6 +10,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, icosahedron, octahedron
 from meshfit.settings import build
 from meshfit.subdivision.refine import subdivide
+from tests.loops import over
 from tests.shapes import mixed_closed, mixed_open, patch
 
 QUICK = {"device": "cpu", "samples": 60}
@@ -33,7 +34,7 @@ def distance_to_ellipsoid(verts, axes):
 
 
 @pytest.mark.parametrize("axes", [np.full(3, 1.2), AXES], ids=["sphere", "ellipsoid"])
-@pytest.mark.parametrize(
+@over(
     ("changes", "factor"),
     [
         ({}, 2),  # edges of weight 1 keep the result small
@@ -111,7 +112,7 @@ ODD = {
 
 
 @pytest.mark.parametrize("mesh", ODD.values(), ids=ODD)
-@pytest.mark.parametrize("laplacian", ["uniform", "cotangent"])
+@over("laplacian", ["uniform", "cotangent"])
 def test_odd_sources_and_targets_are_fitted(mesh, laplacian):
     for source, target in ((mesh, cube()), (icosahedron(), mesh)):
         result = fit(source, target, steps=4, laplacian=laplacian, losses={"normal": 0.01}, **QUICK)

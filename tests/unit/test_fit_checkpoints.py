@@ -14,6 +14,7 @@ from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.mesh.solids import cube
 from meshfit.settings import build
 from tests.checkpoints import through_a_file
+from tests.loops import over
 from tests.shapes import mixed_closed
 
 STEPS = 8
@@ -49,7 +50,7 @@ def uninterrupted(settings, dtype=torch.float32):
 
 
 @EACH
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@over("dtype", [torch.float32, torch.float64])
 def test_restored_after_any_step_it_ends_at_the_same_bytes(settings, dtype):
     expected, moving = uninterrupted(settings, dtype), engine(settings, dtype)
     for done in range(STEPS + 1):
@@ -75,7 +76,7 @@ def test_a_checkpoint_that_is_held_does_not_change_as_the_fit_goes_on(settings):
 
 
 @EACH
-@pytest.mark.parametrize("stop", [1, 5, STEPS])
+@over("stop", [1, 5, STEPS])
 def test_a_fit_that_is_interrupted_saves_and_goes_on_from_there(settings, stop):
     saved, seen = [], []
 

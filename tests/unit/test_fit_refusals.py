@@ -10,6 +10,7 @@ from meshfit.errors import ConfigError, DeviceError, MeshError
 from meshfit.fitting.fit import fit
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, icosahedron
+from tests.loops import over
 
 
 def refusal(kind, source=None, target=None, **changes):
@@ -104,7 +105,7 @@ def spoilt(mesh, vertex, value):
 
 
 @pytest.mark.parametrize("role", ["source", "target"])
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@over("value", [np.nan, np.inf, -np.inf])
 def test_a_coordinate_that_is_not_finite_is_refused_with_its_vertex(role, value):
     text = refusal(MeshError, **{role: spoilt(cube(), 5, value)})
     assert text.startswith(f"{role}: vertex 5 ")
@@ -119,6 +120,6 @@ NO_AREA = {
 
 
 @pytest.mark.parametrize("role", ["source", "target"])
-@pytest.mark.parametrize("mesh", NO_AREA.values(), ids=NO_AREA)
+@over("mesh", NO_AREA.values(), ids=NO_AREA)
 def test_a_mesh_without_area_is_refused(role, mesh):
     assert refusal(MeshError, **{role: mesh}) == f"{role}: the mesh has no area"

@@ -9,6 +9,7 @@ from meshfit.fitting.sampling import AreaTable, sample
 from meshfit.loss.operators import FaceGeometry, Faces
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import SOLIDS
+from tests.loops import over
 from tests.shapes import mixed_closed, mixed_open, patch
 
 
@@ -65,7 +66,7 @@ def test_points_are_uniform_within_a_triangle():
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e-7, 1e7])
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@over("dtype", [torch.float32, torch.float64])
 def test_faces_without_area_are_never_picked(dtype, scale):
     areas = [0, 0, 1, 0, 2, 0, 0]
     heights = drawn(storeys(areas, scale=scale), 5000, dtype=dtype).points[:, 2] / scale

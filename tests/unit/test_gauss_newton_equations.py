@@ -16,6 +16,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.refine import refine
 from meshfit.subdivision.registry import resolve
+from tests.loops import over
 from tests.shapes import mixed_closed, mixed_open, torus
 
 MESHES = {"closed": mixed_closed, "open": mixed_open, "torus": lambda: torus(6, 5)}
@@ -190,7 +191,7 @@ def test_a_translated_copy_moves_back_in_one_step(mesh):
 
 
 @EACH
-@pytest.mark.parametrize("tension", [False, True])
+@over("tension", [False, True])
 def test_the_diagonal_of_fairness_is_that_of_its_matrix(mesh, tension):
     fairness = some_fairness(mesh, tension=tension)
     matrix = torch.stack([fairness(row[:, None].expand(-1, 3))[:, 0] for row in torch.eye(mesh.num_verts).double()])

@@ -21,6 +21,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.refine import subdivide
+from tests.loops import over
 from tests.ragged import BOOK
 from tests.shapes import torus
 
@@ -110,7 +111,7 @@ def test_a_source_of_another_genus_keeps_its_own_connectivity():
     np.testing.assert_array_equal(result.faces, subdivide(source, "loop", 1).faces)
 
 
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@over("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("scheme", ["interp-loop", "modified-butterfly", "midpoint"])
 def test_interpolatory_schemes_leave_the_coarse_verts_where_they_are(scheme, dtype):
     mesh = Mesh(ball(2).verts * [1.0, 0.8, 0.6], ball(2).faces)

@@ -12,6 +12,7 @@ from meshfit.mesh.meshlab import self_intersecting_faces
 from meshfit.mesh.solids import icosahedron, tetrahedron
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.refine import subdivide
+from tests.loops import over
 from tests.shapes import patch, torus
 
 
@@ -37,7 +38,7 @@ def sheets():
 
 SURFACES = {"ball": ball(), "torus": torus(16, 10), "bowl": bowl(), "patch": patch(9, 8), "two balls": sheets()}
 EACH = pytest.mark.parametrize("mesh", SURFACES.values(), ids=SURFACES)
-EACH_DTYPE = pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+EACH_DTYPE = over("dtype", [torch.float32, torch.float64])
 
 
 def connectivity(mesh, dtype=torch.float64):
@@ -76,7 +77,7 @@ def test_the_surfaces_are_sound_to_begin_with(mesh):
 
 @EACH
 @EACH_DTYPE
-@pytest.mark.parametrize("size", [0.3, 5.0])
+@over("size", [0.3, 5.0])
 def test_a_sound_surface_stays_sound_under_wild_steps(mesh, dtype, size):
     generator, before = np.random.default_rng(7), mesh
     for _ in range(1 + (size < 1)):
@@ -162,7 +163,7 @@ def test_a_sound_surface_is_left_as_it_is_by_untangling(mesh, dtype):
 
 
 @pytest.mark.parametrize("mesh", [ball(3), bowl()], ids=["ball", "bowl"])
-@pytest.mark.parametrize("number", [0, 5, 40])
+@over("number", [0, 5, 40])
 def test_a_surface_with_some_verts_pushed_through_it_is_mended(mesh, number):
     broken = pushed_through(mesh, number)
     assert num_unsound(broken) > 0

@@ -7,6 +7,7 @@ import torch
 from meshfit.fitting import nearest_neighbours as matching
 from meshfit.fitting.nearest_neighbours import brute_force, match_nearest, search_threads
 from meshfit.loss.chamfer import Matches
+from tests.loops import over
 
 GENERATOR = np.random.default_rng(0)
 CLOUDS = {
@@ -24,7 +25,7 @@ CLOUDS = {
     "on a line": (np.outer(GENERATOR.normal(size=100), [1, 0, 0]), np.outer(GENERATOR.normal(size=80), [1, 0, 0])),
 }
 CASES = pytest.mark.parametrize("cloud", CLOUDS.values(), ids=CLOUDS)
-DTYPES = pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+DTYPES = over("dtype", [torch.float32, torch.float64])
 
 
 def tensors(cloud, dtype):

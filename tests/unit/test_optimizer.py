@@ -13,6 +13,7 @@ from meshfit.fitting.problem import Problem
 from meshfit.fitting.settings import FirstOrderSettings, OptimizerSettings, Schedule
 from meshfit.mesh.solids import cube, icosahedron
 from meshfit.settings import build
+from tests.loops import over
 
 RATES = [0.3, 0.3, 0.1, 0.2, 0.05, 0.3]
 GRADIENTS = np.random.default_rng(0).normal(size=(len(RATES), 4, 3))
@@ -56,7 +57,7 @@ def test_adam_follows_its_recurrence(beta):
 
 
 @pytest.mark.parametrize("settings", [{}, {"momentum": 0}, {"name": "adam"}], ids=["sgd", "no momentum", "adam"])
-@pytest.mark.parametrize("steps", [0, 3])
+@over("steps", [0, 3])
 def test_the_state_of_some_rows_is_put_back_among_the_rows_of_others(settings, steps):
     """Rows 2, 3 and then 0, 1 of one variable go on as rows 0 to 3 of another, which so far saw none of them."""
 

@@ -30,6 +30,7 @@ from meshfit.subdivision.polygons.table import POLYGON_SCHEMES
 from meshfit.subdivision.refine import growth, subdivide
 from meshfit.subdivision.registry import resolve
 from tests.checkpoints import through_a_file
+from tests.loops import over
 from tests.quads import quad_cube
 from tests.small import experiment
 
@@ -92,7 +93,7 @@ def test_schemes_on_triangles_start_from_the_cube_of_triangles():
     assert polygons.sizes.tolist() == [4] * 6
 
 
-@pytest.mark.parametrize("mesh", ["octahedron", "icosphere:level=1", "cube"])
+@over("mesh", ["octahedron", "icosphere:level=1", "cube"])
 @pytest.mark.parametrize("scheme", ANYWHERE)
 def test_sources_may_be_put_on_a_sphere(mesh, scheme):
     found = build_source(SourceSettings(mesh=mesh, levels=2, project="sphere", radius=2.0, centre=(1, 0, 0)), scheme)
@@ -174,7 +175,7 @@ def uninterrupted(**changes):
 
 
 @pytest.mark.parametrize("changes", [{}, {"variables": "control"}], ids=["verts", "control"])
-@pytest.mark.parametrize("stop", [2, 3, 5])
+@over("stop", [2, 3, 5])
 def test_a_fit_goes_on_from_a_checkpoint_to_the_same_bytes(changes, stop):
     saved = []
 

@@ -20,6 +20,7 @@ from meshfit.report.tables.formats.markdown import to_markdown
 from meshfit.report.tables.formats.terminal import TablesView, to_text
 from meshfit.report.tables.notes import comparison_lines
 from meshfit.report.tables.table import build_tables, merge_tables
+from tests.loops import over
 from tests.unit.test_table import CLEAR, grid, result
 
 
@@ -79,7 +80,7 @@ def test_a_missing_cell_is_a_dash_and_fewer_seeds_are_noted(name):
 
 
 @pytest.mark.parametrize("width", [80, 120])
-@pytest.mark.parametrize("shown", [TABLES, WITH_A_GAP, WIDE], ids=["small", "gap", "wide"])
+@over("shown", [TABLES, WITH_A_GAP, WIDE], ids=["small", "gap", "wide"])
 def test_text_fits_its_width_with_no_cell_broken(width, shown):
     lines = to_text(shown, width).splitlines()
     assert max(map(len, lines)) <= width
@@ -313,7 +314,7 @@ def test_latex_has_targets_above_metrics_and_variations_above_schemes():
 
 
 @pytest.mark.parametrize("width", [40, 60, 80, 120])
-@pytest.mark.parametrize("shown", [SWEEP, ONE_SCHEME], ids=["sweep", "one scheme"])
+@over("shown", [SWEEP, ONE_SCHEME], ids=["sweep", "one scheme"])
 def test_sweeps_fit_their_width_too(width, shown):
     assert max(map(len, to_text(shown, width).splitlines())) <= width
 

@@ -11,13 +11,14 @@ from meshfit.mesh.topology import Topology
 from meshfit.subdivision.refine import refine, subdivide
 from meshfit.subdivision.registry import resolve
 from meshfit.subdivision.triangles.table import TRIANGLE_SCHEMES
+from tests.loops import over
 
 by_name = pytest.mark.parametrize("name", TRIANGLE_SCHEMES)
 POINTS = np.random.default_rng(0).standard_normal((7, 3))
 
 
 @by_name
-@pytest.mark.parametrize(
+@over(
     ("faces", "message"),
     [
         ([[0, 1, 2], [1, 0, 3], [0, 1, 4]], r"edge \(0, 1\) has 3 faces; allowed: 1 or 2 \(1 such edges\)"),
@@ -49,7 +50,7 @@ def test_faces_on_the_same_verts_or_on_one_vertex_twice(name, faces):
 
 
 @by_name
-@pytest.mark.parametrize("levels", [-1, -5])
+@over("levels", [-1, -5])
 def test_negative_levels(name, levels):
     with pytest.raises(SchemeError, match=f"levels={levels} is not allowed: 0 or more is"):
         subdivide(octahedron(), name, levels)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from meshfit.statistics import differ, mean_difference, paired_difference, summarise
+from tests.loops import over
 
 
 def test_a_summary_has_the_known_mean_spread_and_median():
@@ -216,7 +217,7 @@ def test_a_target_that_hardly_varies_halves_the_interval():
 
 
 @pytest.mark.parametrize("spreads", [(1, 1), (1, 1, 1), (1, 0.1), (1, 0.3, 0.1)])
-@pytest.mark.parametrize("count", [2, 3, 5])
+@over("count", [2, 3, 5])
 def test_an_interval_over_targets_has_its_coverage_for_few_seeds(count, spreads):
     # 400 draws leave a standard deviation of 0.011. Two or three seeds tell little of which target varies more, so that
     # the interval is sometimes too wide; with the plain sum of degrees of freedom, (1, 0.1) would give 0.84 and 0.90.

@@ -10,6 +10,7 @@ import pytest
 from meshfit.fitting.fit import fit
 from meshfit.fitting.problem import COLUMNS, Trace
 from meshfit.mesh.solids import cube
+from tests.loops import over
 from tests.shapes import mixed_closed
 
 TERMS = COLUMNS[2:-1]
@@ -39,7 +40,7 @@ def test_the_first_and_the_last_step_and_every_nth_have_a_row(steps, every, expe
 
 
 @pytest.mark.parametrize("weights", [{}, {"normal": 0.3, "edge": 0}, {"chamfer": 0}, {"laplacian": 2.5, "normal": 1}])
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@over("dtype", ["float32", "float64"])
 def test_the_loss_is_the_weighted_sum_of_the_terms(weights, dtype):
     for row in rows_of(steps=4, trace_every=1, losses=weights, dtype=dtype):
         values = dict(zip(TERMS, row[2:-1], strict=True))

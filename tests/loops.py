@@ -1,0 +1,37 @@
+"""Loops over the cases of a test, where a case each in the report would be too many."""
+
+import functools
+import inspect
+from collections.abc import Iterable
+
+
+def over(names: str | tuple[str, ...], values: Iterable, ids=None):
+    """Call the test once for each value, within one case. Its arguments are those of `pytest.mark.parametrize`.
+
+    A failure carries a note that names the values. A `tmp_path` is a folder of its own for each of them.
+    """
+    arguments = [name.strip() for name in names.split(",")] if isinstance(names, str) else list(names)
+    several = len(arguments) > 1 or not isinstance(names, str)
+    rows = list(values)
+    assert rows
+
+    def decorate(test):
+        @functools.wraps(test)
+        def looped(**given):
+            for number, row in enumerate(rows):
+                case = dict(zip(arguments, row if several else [row], strict=True))
+                if "tmp_path" in given:
+                    case["tmp_path"] = given["tmp_path"] / str(number)
+                    case["tmp_path"].mkdir()
+                try:
+                    test(**(given | case))
+                except BaseException as error:
+                    error.add_note(f"in the case {case}")
+                    raise
+
+        signature = inspect.signature(test)
+        left = [parameter for name, parameter in signature.parameters.items() if name not in arguments]
+        looped.__signature__ = signature.replace(parameters=left)
+        return looped
+
+    return decorate
