@@ -12,7 +12,7 @@ from meshfit.report.figures.animation import read_animation
 from tests.cli import answered, invoke, refused
 from tests.small import config_file
 from tests.unit.test_snapshots import SECOND, quietly, taken
-from tests.unit.test_trial import prepared, run_trial
+from tests.unit.test_trial_runner import prepared, run_trial
 
 pillow = pytest.importorskip("PIL.Image", reason="films need pillow")
 pytest.importorskip("pyvista")

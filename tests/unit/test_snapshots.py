@@ -14,7 +14,7 @@ from meshfit.fitting.fit import fit
 from meshfit.mesh.io.files import load_mesh
 from meshfit.mesh.solids import octahedron
 from tests.small import experiment
-from tests.unit.test_trial import prepared, run_trial
+from tests.unit.test_trial_runner import prepared, run_trial
 
 FIRST = {"steps": 20}
 SECOND = {"method": "gauss-newton", "verts": 200, "coarse_steps": 6, "tries": 1, "level_steps": 4, "last_steps": 2}

@@ -10,7 +10,7 @@ from meshfit.errors import ConfigError
 from meshfit.report.tables.expected import check, expectation, parse_expected, read_expected, tolerance
 from meshfit.report.tables.table import build_tables
 from meshfit.statistics import summarise
-from tests.unit.test_table import CLEAR, grid, result
+from tests.unit.test_table_model import CLEAR, grid, result
 
 TABLES = build_tables(grid(CLEAR))
 EXPECTED = expectation(TABLES)

@@ -5,7 +5,7 @@ import pytest
 from meshfit.report.tables.comparisons import Row
 from meshfit.report.tables.table import VARIED, build_tables, merge_tables
 from meshfit.statistics import mean_difference, paired_difference
-from tests.unit.test_table import CLEAR, grid, result
+from tests.unit.test_table_model import CLEAR, grid, result
 
 DEFAULT = "hausdorff.symmetric"
 EDGES = (10.0, 0.1, 1.0)

@@ -21,7 +21,7 @@ from meshfit.report.tables.formats.terminal import TablesView, to_text
 from meshfit.report.tables.notes import comparison_lines
 from meshfit.report.tables.table import build_tables, merge_tables
 from tests.loops import over
-from tests.unit.test_table import CLEAR, grid, result
+from tests.unit.test_table_model import CLEAR, grid, result
 
 
 def merged(results, *metrics, **options):
