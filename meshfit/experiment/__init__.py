@@ -1,1 +1,1 @@
-"""Layer 5: from a config to trials, their running, and the directory that holds their results."""
+"""Experiments: plan, runs, run directory and status."""

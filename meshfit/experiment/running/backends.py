@@ -21,7 +21,7 @@ from meshfit.experiment.storage.trial_log import read_progress
 from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
 
 Transfer = Literal["auto", "shared", "returned"]
-"""How files travel: workers write to a `shared` directory, or files are `returned` to the sender of the trial."""
+"""Transfer of files: workers write to a `shared` directory, or files are `returned` to the sender of the trial."""
 
 _SECONDS_BETWEEN_READS = 2.0
 
@@ -45,7 +45,7 @@ class Backend(Protocol):
 
     @property
     def workers(self) -> int:
-        """How many trials run side by side on the CPU."""
+        """The number of trials that run side by side on the CPU."""
 
     @property
     def is_local(self) -> bool:
@@ -101,9 +101,9 @@ class Remote:
     Attributes:
         executor: anything with the interface of `concurrent.futures.Executor`. If it runs two jobs in threads of one
             process, the second waits for the first.
-        gpus: how many trials can each have a GPU at the same time.
-        transfer: how files travel; `auto` checks whether workers see the run directory.
-        workers: how many there are, as far as is known.
+        gpus: the number of trials that can each have a GPU at the same time.
+        transfer: transfer of files; `auto` checks whether workers see the run directory.
+        workers: the number of workers, as far as is known.
     """
 
     workers = 1

@@ -1,4 +1,4 @@
-"""Scan of run directories: experiments, their trials and the status of each, told from file names and locks."""
+"""Scan of run directories: experiments, their trials, and the status of each by its files and lock."""
 
 import os
 import re
@@ -180,13 +180,13 @@ def _experiment(
 ) -> ScannedExperiment:
     plan = read_plan(folder)
     absolute = _absolute(folder)
-    planned = {absolute / trial.folder: trial for trial in plan.trials} if plan else {}
+    planned = {absolute / entry.folder: entry for entry in plan.trials} if plan else {}
     folders = dict(begun)
-    for path, trial in planned.items():
+    for path, entry in planned.items():
         if path not in folders and any(path.is_relative_to(root) for root in within):
             # Not there during the scan, or reached by a link: links are not followed.
-            folders[path] = TrialFolder(folder / trial.folder, frozenset())
-    trials = (ScannedTrial(found, status_of(found, now), planned.get(path)) for path, found in folders.items())
+            folders[path] = TrialFolder(folder / entry.folder, frozenset())
+    trials = (ScannedTrial(trial, status_of(trial, now), planned.get(path)) for path, trial in folders.items())
     ordered = sorted(trials, key=lambda trial: trial.folder.sort_key)
     return ScannedExperiment(absolute.name, folder, plan, tuple(ordered))
 
@@ -289,10 +289,10 @@ def _is_fresh(folder: Path, now: datetime, *, only_other_hosts: bool = False) ->
     return not progress.is_stale(now)
 
 
-_Found = tuple[ScannedExperiment, ScannedTrial]
+_TrialOfExperiment = tuple[ScannedExperiment, ScannedTrial]
 
 
-def find_trial(text: str, runs: Path, now: datetime) -> _Found:
+def find_trial(text: str, runs: Path, now: datetime) -> _TrialOfExperiment:
     """Find a trial, and the experiment that it belongs to.
 
     Args:
@@ -310,9 +310,9 @@ def find_trial(text: str, runs: Path, now: datetime) -> _Found:
     trials = list(_trials(scan_experiments([runs], now)))
     digits = text.lower()
     if _IDENTITY.fullmatch(digits):
-        matches = [found for found in trials if _matches(found[1].identity, digits)]
+        matches = [pair for pair in trials if _matches(pair[1].identity, digits)]
     else:
-        matches = [found for found in trials if _absolute(found[1].path) == _absolute(path)]
+        matches = [pair for pair in trials if _absolute(pair[1].path) == _absolute(path)]
     if len(matches) == 1:
         return matches[0]
     if matches:
@@ -321,15 +321,15 @@ def find_trial(text: str, runs: Path, now: datetime) -> _Found:
     raise ConfigError(f"no trial under {runs} is '{text}'; expected {expected}; there are: {_listed(trials)}")
 
 
-def _trial_in(folder: Path, now: datetime) -> _Found:
+def _trial_in(folder: Path, now: datetime) -> _TrialOfExperiment:
     trials = list(_trials(scan_experiments([folder], now)))
-    matches = [found for found in trials if found[1].path == folder]
+    matches = [pair for pair in trials if pair[1].path == folder]
     if len(matches) == 1:
         return matches[0]
     raise ConfigError(f"{folder}: not the folder of a trial, but one above it; there are: {_listed(trials)}")
 
 
-def _trials(experiments: Iterable[ScannedExperiment]) -> Iterator[_Found]:
+def _trials(experiments: Iterable[ScannedExperiment]) -> Iterator[_TrialOfExperiment]:
     return ((experiment, trial) for experiment in experiments for trial in experiment.trials)
 
 
@@ -338,7 +338,7 @@ def _matches(identity: str, digits: str) -> bool:
     return bool(identity) and (identity.startswith(digits) or digits.startswith(identity))
 
 
-def _listed(trials: Sequence[_Found]) -> str:
+def _listed(trials: Sequence[_TrialOfExperiment]) -> str:
     shown = [f"{trial.identity[:10]} ({experiment.name}, {trial.label})" for experiment, trial in trials[:_MOST_LISTED]]
     more = len(trials) - len(shown)
     return ", ".join(shown) + (f" and {more} more" if more else "")
