@@ -75,8 +75,15 @@ target shapes, measures the result, and prints the table.
   meshfit --install-completion  # lets the Tab key complete all this"""
 
 
-def _use_readable_colors() -> None:
-    """Keep dim text and yellow out of Typer's help: neither can be read on every background."""
+_SETTINGS: dict[str, Any] = {
+    "rich_markup_mode": "rich",
+    "pretty_exceptions_enable": False,
+    "context_settings": {"help_option_names": ["-h", "--help"]},
+}
+
+
+def _style_help() -> None:
+    """Keep dim text and yellow, which not every background shows, out of Typer's help, and limit its width."""
     from typer import rich_utils
 
     for name, style in vars(rich_utils).copy().items():
@@ -87,11 +94,11 @@ def _use_readable_colors() -> None:
 
 
 class Command(TyperCommand):
-    """A command with readable help."""
+    """A command whose help is readable on every background."""
 
     def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401  Typer's types are not public
         """Print the help."""
-        _use_readable_colors()
+        _style_help()
         super().format_help(ctx, formatter)
 
 
@@ -112,7 +119,7 @@ class Group(TyperGroup):
             for panel, summaries in COMMANDS.items()
             for name, summary in summaries.items()
         }
-        _use_readable_colors()
+        _style_help()
         super().format_help(ctx, formatter)
 
 
@@ -142,11 +149,6 @@ def help_text(command: Callable[..., int]) -> str:
     return "\n\n".join(text if text.startswith(("Example", " ")) else text.replace("\n", " ") for text in paragraphs)
 
 
-_SETTINGS: dict[str, Any] = {
-    "rich_markup_mode": "rich",
-    "pretty_exceptions_enable": False,
-    "context_settings": {"help_option_names": ["-h", "--help"]},
-}
 app = typer.Typer(name="meshfit", help=HELP, cls=Group, **_SETTINGS)
 
 

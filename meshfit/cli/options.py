@@ -57,7 +57,7 @@ Metrics = Annotated[
     list[str] | None,
     typer.Option(
         "--metric",
-        help="Metric in the cells, such as distance.mean or quality.self_intersecting_faces. Repeatable.",
+        help="Metric in the cells, such as distance.mean or quality.self_intersecting_faces. May be repeated.",
         show_default=DEFAULT_METRIC,
         metavar="NAME",
         rich_help_panel=OUTPUT,
@@ -96,7 +96,7 @@ class RunOptions:
         list[str] | None,
         typer.Option(
             "--set",
-            help="Override a setting; the value is YAML. Repeatable.",
+            help="Override a setting; the value is YAML. May be repeated.",
             metavar="KEY=VALUE",
             rich_help_panel=SELECTION,
             autocompletion=completions.settings,
