@@ -1,8 +1,8 @@
 """Make the target mesh ``mousehead``: a mouse's head as one closed genus-0 triangle mesh.
 
-The head is the zero set of a smooth blend of a few primitives.  It is cut out of a grid, remeshed
-isotropically, relaxed along the surface, and put back exactly on the zero set.  y is up and the
-mouse looks towards +z.  Run ``python data/mousehead.py [OUT]``; the default output lies beside this file.
+The head is the zero set of a smooth blend of a few primitives.  It is extracted from a grid, remeshed
+isotropically, relaxed along the surface, and projected back onto the zero set.  y is up and the
+mouse looks towards +z.  Run ``python data/mousehead.py [OUT]``; by default, the file is written next to this script.
 """
 
 import sys
@@ -23,8 +23,8 @@ TINY = 1e-24
 
 def lengths(vectors: Floats) -> Floats:
     """Return the lengths, (N,) float64, of ``vectors``, (N, 3) float64, never quite zero."""
-    found: Floats = np.sqrt(np.sum(vectors**2, axis=1) + TINY)
-    return found
+    norms: Floats = np.sqrt(np.sum(vectors**2, axis=1) + TINY)
+    return norms
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Ellipsoid:
     radii: Vec
 
     def __call__(self, points: Floats) -> Floats:
-        """Return about the signed distance, (N,) float64, of ``points``, (N, 3) float64."""
+        """Return the approximate signed distance, (N,) float64, of ``points``, (N, 3) float64."""
         scaled = (points - self.centre) / self.radii
         size = lengths(scaled)
         return size * (size - 1.0) / lengths(scaled / self.radii)
@@ -50,7 +50,7 @@ class Cone:
     radii: tuple[float, float]
 
     def __call__(self, points: Floats) -> Floats:
-        """Return about the signed distance, (N,) float64, of ``points``, (N, 3) float64."""
+        """Return the approximate signed distance, (N,) float64, of ``points``, (N, 3) float64."""
         axis: Floats = np.subtract(self.end, self.start)
         along: Floats = np.clip((points - self.start) @ axis / (axis @ axis), 0.0, 1.0)
         away = lengths(points - self.start - along[:, None] * axis)
@@ -193,7 +193,7 @@ def remesh(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
 
 
 def relax(points: Floats, faces: Ints) -> Floats:
-    """Return ``points``, (V, 3) float64, evened out along the surface and put on the zero set."""
+    """Return ``points``, (V, 3) float64, relaxed along the surface and projected onto the zero set."""
     source, target = faces[:, [0, 1, 2]].ravel(), faces[:, [1, 2, 0]].ravel()
     valence = np.bincount(source, minlength=len(points))[:, None]
     for _ in range(RELAX_STEPS):
@@ -203,7 +203,7 @@ def relax(points: Floats, faces: Ints) -> Floats:
 
 
 def check(points: Floats, faces: Ints) -> None:
-    """Raise ValueError unless the mesh, (V, 3) float64 and (F, 3) int32, has every property that is promised of it."""
+    """Raise ValueError unless the mesh, (V, 3) float64 and (F, 3) int32, has every promised property."""
     mesh = trimesh.Trimesh(points, faces, process=False)
     meshes = mesh_set(points, faces)
     meshes.compute_selection_by_self_intersections_per_face()
@@ -236,7 +236,7 @@ def write_ply(path: Path, points: Floats, faces: Ints) -> None:
 
 
 def main() -> None:
-    """Make the head, check it, write it to the path given or beside this file, and say what it is."""
+    """Make the head, check it, write it to the given path or next to this script, and print its size."""
     path = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_name("mousehead.ply")
     points, faces = remesh(*cut_out())
     points = relax(points, faces)

@@ -62,14 +62,12 @@ def refined_mesh(source: str, destination: Path, scheme: "Scheme", levels: int, 
     from meshfit.mesh.io.files import save_mesh
     from meshfit.mesh.mesh import Mesh
     from meshfit.mesh.polygons import PolygonMesh
-    from meshfit.mesh.targets import load_polygon_target_with_vertex_map, load_target_with_vertex_map, target_path
+    from meshfit.mesh.targets import load_target_with_vertex_map, target_path
     from meshfit.subdivision.polygons.scheme import PolygonScheme
     from meshfit.subdivision.refine import subdivide
 
     on_polygons = isinstance(scheme, PolygonScheme)
-    mesh, numbering = (
-        load_polygon_target_with_vertex_map(source) if on_polygons else load_target_with_vertex_map(source)
-    )
+    mesh, numbering = load_target_with_vertex_map(source, polygons=on_polygons)
     if wishes.alphas is not None:
         scheme = scheme.with_alpha(_alphas(wishes.alphas, target_path(source), numbering))
     finer: Mesh | PolygonMesh

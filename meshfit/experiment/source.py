@@ -17,7 +17,6 @@ from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.solids import POLYGON_SOLIDS, SOLIDS
 from meshfit.mesh.targets import (
     NAMED_TARGETS,
-    load_polygon_target_with_vertex_map,
     load_target_with_vertex_map,
     target_path,
 )
@@ -105,7 +104,7 @@ def _control_mesh(settings: SourceSettings, *, polygons: bool) -> tuple[AnyMesh,
 
 def _load(name: str, *, polygons: bool) -> tuple[AnyMesh, Indices]:
     if _control_mesh_path(name) is not None:
-        return load_polygon_target_with_vertex_map(name) if polygons else load_target_with_vertex_map(name)
+        return load_target_with_vertex_map(name, polygons=polygons)
     mesh: AnyMesh
     if polygons and name in POLYGON_SOLIDS:
         mesh = POLYGON_SOLIDS[name]()

@@ -36,32 +36,19 @@ def clean(verts: NDArray[np.floating], faces: NDArray[np.integer], origin: str) 
 
 
 def clean_polygons(soup: PolygonSoup, origin: str) -> PolygonMesh:
-    """Return a polygon mesh, cleaned as `clean` cleans triangles.
+    """Return a polygon mesh, cleaned as `clean` cleans triangles, with the same errors and warnings.
 
     A corner that repeats the previous one is dropped; a polygon is degenerate if no triangle of its fan has an area.
 
     Args:
         soup: positions and polygons.
         origin: name of the mesh in messages, usually its path.
-
-    Raises:
-        MeshError: as `clean`.
-
-    Warns:
-        MeshfitWarning: as `clean` does.
     """
     return clean_with_vertex_map(soup, origin)[0]
 
 
 def clean_with_vertex_map(soup: PolygonSoup, origin: str) -> tuple[PolygonMesh, Indices]:
-    """Return the mesh of `clean_polygons`, and (N,) the index in it of each given vertex; `NONE` for dropped ones.
-
-    Raises:
-        MeshError: as `clean`.
-
-    Warns:
-        MeshfitWarning: as `clean` does.
-    """
+    """Return the mesh of `clean_polygons`, and (N,) the index in it of each given vertex; `NONE` for dropped ones."""
     _require_valid(soup, origin)
     raw = PolygonMesh(*soup)
     welded = _weld_targets(PolygonTopology.of(raw), raw.verts)

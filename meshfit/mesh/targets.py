@@ -75,7 +75,7 @@ NAMED_TARGETS: dict[str, NamedTarget] = {
     ),
 }
 
-_Mesh = TypeVar("_Mesh")
+_Loaded = TypeVar("_Loaded")
 
 
 def target_path(target: str) -> Path:
@@ -108,42 +108,26 @@ def load_target(target: str) -> Mesh:
     Raises:
         MeshError: as `target_path` and `load_mesh` do.
     """
-    return load_target_with_vertex_map(target)[0]
+    from meshfit.mesh.io.files import load_mesh  # imports scipy, which a list of names does not need
+
+    return _load(target, load_mesh)
 
 
-def load_target_with_vertex_map(target: str) -> tuple[Mesh, Indices]:
-    """Load a target with its vertex map, as `load_mesh_with_vertex_map` does.
-
-    Raises:
-        MeshError: as `target_path` and `load_mesh` do.
-    """
-    # Imports scipy, which a list of names does not need.
-    from meshfit.mesh.io.files import load_mesh_with_vertex_map
-
-    return _load(target, load_mesh_with_vertex_map)
-
-
-def load_polygon_target(target: str) -> PolygonMesh:
-    """Load a target with the faces of its file as they are.
+def load_target_with_vertex_map(target: str, *, polygons: bool) -> tuple[Mesh | PolygonMesh, Indices]:
+    """Load a target as triangles or with the faces of its file, and with its vertex map.
 
     Raises:
-        MeshError: as `target_path` and `load_polygons` do.
+        MeshError: as `target_path` and `load_mesh_with_vertex_map` do.
     """
-    return load_polygon_target_with_vertex_map(target)[0]
+    from meshfit.mesh.io.files import load_mesh_with_vertex_map, load_polygons_with_vertex_map
+
+    load: Callable[[Path], tuple[Mesh | PolygonMesh, Indices]] = (
+        load_polygons_with_vertex_map if polygons else load_mesh_with_vertex_map
+    )
+    return _load(target, load)
 
 
-def load_polygon_target_with_vertex_map(target: str) -> tuple[PolygonMesh, Indices]:
-    """Load a target with the faces of its file as they are, and its vertex map.
-
-    Raises:
-        MeshError: as `target_path` and `load_polygons` do.
-    """
-    from meshfit.mesh.io.files import load_polygons_with_vertex_map
-
-    return _load(target, load_polygons_with_vertex_map)
-
-
-def _load(target: str, load: Callable[[Path], _Mesh]) -> _Mesh:
+def _load(target: str, load: Callable[[Path], _Loaded]) -> _Loaded:
     path = target_path(target)
     with warnings.catch_warnings():
         if target in NAMED_TARGETS:  # its faults are known, and listed in `origin`

@@ -2,9 +2,8 @@
 
 import warnings
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from jaxtyping import Float64
@@ -23,15 +22,10 @@ _Content = TypeVar("_Content")
 _LARGEST_SINGLE = float(np.finfo(np.float32).max)
 
 
-@dataclass(frozen=True)
-class Format:
-    """A mesh file format.
+class Format(NamedTuple):
+    """A mesh file format: its reader, its writer, and whether it holds vertex normals and double precision.
 
-    Attributes:
-        read: from the content of a file to its vertices and faces.
-        write: from a mesh to the content of a file; takes normals as well if `normals` is set.
-        normals: whether it can hold vertex normals.
-        double: whether it holds double precision.
+    A format with normals has a writer that takes them as a second argument.
     """
 
     read: Callable[[bytes], PolygonSoup]
@@ -40,15 +34,8 @@ class Format:
     double: bool = True
 
 
-@dataclass(frozen=True)
-class CurveFormat:
-    """A curve file format.
-
-    Attributes:
-        read: from the content of a file to its vertices and segments.
-        write: from curves to the content of a file.
-        elements: what such a file holds segments as.
-    """
+class CurveFormat(NamedTuple):
+    """A curve file format: its reader of vertices and segments, its writer, and the name of its segments."""
 
     read: Callable[[bytes], tuple[Verts, Segments]]
     write: Callable[[Curves], bytes]
@@ -86,13 +73,7 @@ def load_mesh(path: str | Path) -> Mesh:
 def load_mesh_with_vertex_map(path: str | Path) -> tuple[Mesh, Indices]:
     """Return the mesh of `load_mesh`, and (N,) the index in it of each vertex of the file.
 
-    Welded vertices share an index; dropped ones have `NONE`.
-
-    Raises:
-        MeshError: as `load_mesh`.
-
-    Warns:
-        MeshfitWarning: as `clean` does.
+    Welded vertices share an index; dropped ones have `NONE`. Errors and warnings are those of `load_mesh`.
     """
     soup = _read_soup(Path(path))
     triangles = PolygonSoup.of_triangles(soup.verts, fan_triangles(soup.corners, soup.sizes))
@@ -106,24 +87,13 @@ def load_polygons(path: str | Path) -> PolygonMesh:
     Example:
         >>> mesh = load_polygons("quads.obj")  # doctest: +SKIP
 
-    Raises:
-        MeshError: as `load_mesh` does.
-
-    Warns:
-        MeshfitWarning: as `clean_polygons` does.
+    Errors and warnings are those of `load_mesh`.
     """
     return load_polygons_with_vertex_map(path)[0]
 
 
 def load_polygons_with_vertex_map(path: str | Path) -> tuple[PolygonMesh, Indices]:
-    """Return the mesh of `load_polygons`, and (N,) the index in it of each vertex of the file.
-
-    Raises:
-        MeshError: as `load_mesh`.
-
-    Warns:
-        MeshfitWarning: as `clean_polygons` does.
-    """
+    """Return the mesh of `load_polygons`, and (N,) the index in it of each vertex of the file."""
     return clean_with_vertex_map(_read_soup(Path(path)), str(path))
 
 
