@@ -19,17 +19,14 @@ from meshfit.report.tables.notes import (
     best_note,
     cell_line,
     comparison_lines,
-    improvement_text,
     metric_line,
     not_significant_note,
     notes,
     sections_of,
-    seeds_text,
     setting_lines,
-    verdict,
     without_intervals,
 )
-from meshfit.report.tables.numbers import format_difference, format_number
+from meshfit.report.tables.numbers import format_number
 from meshfit.report.tables.table import VARIED, Table
 from meshfit.statistics import PairedDifference
 from meshfit.units import duration_text, size_text
@@ -63,7 +60,7 @@ def result_table(table: Table) -> dict[str, Any]:
         "first": row_names(table)[-1],
         "heads": [(column.heading, column.paper) for column in shown],
         "groups": rows,
-        "sections": [] if alone else [_difference_table(table, section) for section in sections_of(table)],
+        "sections": [] if alone else [_difference_table(section) for section in sections_of(table)],
         "lines": comparison_lines(table) if alone else [],
         "best": best_note(table),
         "alike": not_significant_note(table),
@@ -71,26 +68,12 @@ def result_table(table: Table) -> dict[str, Any]:
     }
 
 
-def _difference_table(table: Table, section: Section) -> dict[str, Any]:
-    """The texts of a section of differences; all of its whiskers share an axis."""
-    drawn = iter(whiskers([comparison.difference for found in section.places.values() for _, comparison in found]))
-    places = [
-        (place, [_difference(table, label, comparison.difference, next(drawn)) for label, comparison in found])
-        for place, found in section.places.items()
-    ]
+def _difference_table(section: Section) -> dict[str, Any]:
+    """Return the texts of a section of differences; all of its whiskers share an axis."""
+    differences = [text.comparison.difference for texts in section.places.values() for text in texts]
+    drawn = iter(whiskers(differences))
+    places = [(place, [(text, next(drawn)) for text in texts]) for place, texts in section.places.items()]
     return {"title": section.title, "places": places}
-
-
-def _difference(table: Table, label: str, paired: PairedDifference, whisker: Whisker | None) -> dict[str, Any]:
-    return {
-        "label": label,
-        "amount": format_difference(paired),
-        "verdict": verdict(table, paired),
-        "chance": improvement_text(paired),
-        "seeds": seeds_text(paired),
-        "doubtful": paired.significant is False,
-        "whisker": whisker,
-    }
 
 
 def whiskers(paired: Sequence[PairedDifference]) -> list[Whisker | None]:

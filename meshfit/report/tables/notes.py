@@ -11,7 +11,7 @@ from meshfit.report.tables.layout import columns_of, row_names
 from meshfit.report.tables.numbers import format_difference
 from meshfit.report.tables.paper_numbers import LIKELIER, OTHER, PAPER_METRIC, paper_value
 from meshfit.report.tables.table import VARIED, Table
-from meshfit.statistics import MOST_SEEDS, PairedDifference
+from meshfit.statistics import MOST_SEEDS
 from meshfit.units import count_text
 
 FRAMES = {
@@ -92,16 +92,42 @@ def _creases_and_alphas(settings: Mapping[str, Any]) -> Iterator[str]:
 
 
 @dataclass(frozen=True)
+class ComparisonText:
+    """A comparison in words.
+
+    Attributes:
+        label: names the rows, as far as this is not clear from the context.
+        difference: the difference and its interval.
+        verdict: whether it is significant, and for how many seeds if not all.
+        improvement: probability of improvement, `0.92`; empty for single runs, or if neither direction is better.
+        seeds_needed: `3`, or `> 10,000`; empty without an interval or a difference.
+        comparison: the comparison itself.
+    """
+
+    label: str
+    difference: str
+    verdict: str
+    improvement: str
+    seeds_needed: str
+    comparison: Comparison
+
+
+@dataclass(frozen=True)
 class Section:
     """Comparisons with the same row, or the same kind of row.
 
     Attributes:
         title: states what is compared, and with what.
-        places: labelled comparisons by place: each target, and all targets together.
+        places: comparisons by place: each target, and all targets together.
     """
 
     title: str
-    places: dict[str, list[tuple[str, Comparison]]]
+    places: dict[str, list[ComparisonText]]
+
+
+def without_intervals(table: Table) -> bool:
+    """Return whether there are several comparisons, and none has an interval."""
+    return len(table.comparisons) > 1 and not any(comparison.difference.interval for comparison in table.comparisons)
 
 
 def comparison_lines(table: Table) -> list[str]:
@@ -110,19 +136,14 @@ def comparison_lines(table: Table) -> list[str]:
         return ["Differences: one seed only, so no intervals; run several seeds to compare"]
     lines = []
     for comparison in table.comparisons:
-        difference = comparison.difference
         metric = f"{METRICS[comparison.metric].title}: " if len(table.metrics) > 1 else ""
         place = _place(table, comparison) if comparison.target is None else f"on {_place(table, comparison)}"
-        better, seeds = improvement_text(difference), seeds_text(difference).replace("> ", "more than ")
-        parts = [format_difference(difference), verdict(table, difference)]
-        parts += [f"P(better) {better}"] * bool(better) + [f"{seeds} seeds needed"] * bool(seeds)
-        lines.append(f"{metric}{_versus(table, comparison)} {place}: {', '.join(parts)}")
+        text = _in_words(table, comparison, _versus(table, comparison))
+        seeds = text.seeds_needed.replace("> ", "more than ")
+        parts = [text.difference, text.verdict]
+        parts += [f"P(better) {text.improvement}"] * bool(text.improvement) + [f"{seeds} seeds needed"] * bool(seeds)
+        lines.append(f"{metric}{text.label} {place}: {', '.join(parts)}")
     return lines
-
-
-def without_intervals(table: Table) -> bool:
-    """Return whether there are several comparisons, and none has an interval."""
-    return len(table.comparisons) > 1 and not any(comparison.difference.interval for comparison in table.comparisons)
 
 
 def sections_of(table: Table) -> list[Section]:
@@ -135,31 +156,28 @@ def sections_of(table: Table) -> list[Section]:
             of_kind = [comparison for comparison in comparisons if comparison.across_variations is across]
             if of_kind:
                 ending, label = _ending_and_labels(table, of_kind)
-                places: dict[str, list[tuple[str, Comparison]]] = {}
+                places: dict[str, list[ComparisonText]] = {}
                 for comparison in of_kind:
-                    places.setdefault(_place(table, comparison), []).append((label(comparison), comparison))
+                    text = _in_words(table, comparison, label(comparison))
+                    places.setdefault(_place(table, comparison), []).append(text)
                 sections.append(Section(prefix + ending, places))
     return sections
 
 
-def verdict(table: Table, difference: PairedDifference) -> str:
-    """Return whether a difference is significant, and for how many seeds if not all."""
-    if difference.significant is None:
-        return "one seed: no interval"
-    text = "significant" if difference.significant else "not significant"
-    return f"{text} ({difference.count} seeds)" if difference.count < len(table.seeds) else text
-
-
-def improvement_text(difference: PairedDifference) -> str:
-    """Return the probability of improvement, `0.92`; empty for single runs, or if neither direction is better."""
-    return "" if difference.improvement is None or difference.interval is None else f"{difference.improvement:.2f}"
-
-
-def seeds_text(difference: PairedDifference) -> str:
-    """Return the number of seeds needed, `3` or `> 10,000`; empty without an interval or a difference."""
-    if difference.interval is None or difference.mean == 0:
-        return ""
-    return f"> {MOST_SEEDS:,}" if difference.seeds_needed is None else f"{difference.seeds_needed:,}"
+def _in_words(table: Table, comparison: Comparison, label: str) -> ComparisonText:
+    difference = comparison.difference
+    single, better, seeds = difference.interval is None, difference.improvement, difference.seeds_needed
+    verdict = {None: "one seed: no interval", True: "significant", False: "not significant"}[difference.significant]
+    if not single and difference.count < len(table.seeds):
+        verdict += f" ({difference.count} seeds)"
+    return ComparisonText(
+        label,
+        format_difference(difference),
+        verdict,
+        improvement="" if single or better is None else f"{better:.2f}",
+        seeds_needed="" if single or difference.mean == 0 else f"> {MOST_SEEDS:,}" if seeds is None else f"{seeds:,}",
+        comparison=comparison,
+    )
 
 
 def _versus(table: Table, comparison: Comparison) -> str:

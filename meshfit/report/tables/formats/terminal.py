@@ -10,21 +10,18 @@ from rich.text import Text
 
 from meshfit.report.tables.layout import GAP, Block, Column, blocks_of
 from meshfit.report.tables.notes import (
+    ComparisonText,
     Section,
     best_note,
     cell_line,
     comparison_lines,
-    improvement_text,
     metric_line,
     not_significant_note,
     notes,
     sections_of,
-    seeds_text,
     setting_lines,
-    verdict,
     without_intervals,
 )
-from meshfit.report.tables.numbers import format_difference
 from meshfit.report.tables.table import Table
 
 _BEST, _NOT_SIGNIFICANT = "*", "≈"
@@ -61,7 +58,7 @@ class TablesView:
                 yield from map(Text, [*comparison_lines(table), ""])
             else:
                 for section in sections_of(table):
-                    yield from _section(table, section, options.max_width)
+                    yield from _section(section, options.max_width)
                     yield Text()
             yield _notes(table)
 
@@ -110,43 +107,18 @@ def _cell(column: Column, row: int, mark: int) -> list[_Styled]:
 # Comparisons: one line each, below the name of the target.
 
 
-@dataclass(frozen=True)
-class _Line:
-    """A comparison in text: its label; difference with interval, verdict, P(better) and seeds needed."""
-
-    label: str
-    texts: tuple[str, str, str, str]
-    significant: bool | None
-
-
 _HEADINGS = ("", "", "P(better)", "needed")
 _ABOVE_LAST = "seeds"
 _ALIGNMENT = ("<", "<", ">", ">")
 
 
-def _section(table: Table, section: Section, available: int) -> Iterator[Text]:
-    places = {
-        place: [
-            _Line(
-                _GAP + label,
-                (
-                    format_difference(comparison.difference),
-                    verdict(table, comparison.difference),
-                    improvement_text(comparison.difference),
-                    seeds_text(comparison.difference),
-                ),
-                comparison.difference.significant,
-            )
-            for label, comparison in comparisons
-        ]
-        for place, comparisons in section.places.items()
-    }
-    every = [line for lines in places.values() for line in lines]
-    columns = list(zip(*(line.texts for line in every), strict=True))
+def _section(section: Section, available: int) -> Iterator[Text]:
+    every = [text for texts in section.places.values() for text in texts]
+    columns = list(zip(*map(_texts, every), strict=True))
     headings = [heading if any(column) else "" for heading, column in zip(_HEADINGS, columns, strict=True)]
     widths = [max(map(len, (heading, *column))) for heading, column in zip(headings, columns, strict=True)]
     # Labels that leave too little room for the rest get lines of their own.
-    indent, rest = max(len(line.label) for line in every), sum(GAP + width for width in widths)
+    indent, rest = GAP + max(len(text.label) for text in every), sum(GAP + width for width in widths)
     stacked = indent + rest > available
     indent = 2 * GAP if stacked else indent
 
@@ -154,16 +126,23 @@ def _section(table: Table, section: Section, available: int) -> Iterator[Text]:
     title = title if len(title) <= available else section.title
     yield _with_heading(title, _ABOVE_LAST if headings[-1] else "", indent + rest)
     heading = _GAP.join(text.rjust(width) for text, width in zip(headings[2:], widths[2:], strict=True)).strip()
-    for place, lines in places.items():
+    for place, texts in section.places.items():
         yield _with_heading(place, heading, indent + rest)
         heading = ""
-        for line in lines:
+        for text in texts:
+            label = _GAP + text.label
             if stacked:
-                yield Text(line.label)
-            texts = (f"{text:{side}{width}}" for text, side, width in zip(line.texts, _ALIGNMENT, widths, strict=True))
-            label = "" if stacked else line.label
-            style = "magenta" if line.significant is False else ""
-            yield Text(_GAP.join([label.ljust(indent), *texts]).rstrip(), style)
+                yield Text(label)
+                label = ""
+            parts = (
+                f"{part:{side}{width}}" for part, side, width in zip(_texts(text), _ALIGNMENT, widths, strict=True)
+            )
+            style = "magenta" if text.comparison.difference.significant is False else ""
+            yield Text(_GAP.join([label.ljust(indent), *parts]).rstrip(), style)
+
+
+def _texts(text: ComparisonText) -> tuple[str, str, str, str]:
+    return text.difference, text.verdict, text.improvement, text.seeds_needed
 
 
 def _with_heading(text: str, heading: str, width: int) -> Text:
