@@ -12,6 +12,7 @@ from typing import Any
 from meshfit.config.experiment import NO_EFFECT_ON_RESULTS, ExperimentSettings, SourceSettings
 from meshfit.config.loading import Experiment
 from meshfit.config.sweeps import Variant, variants_of
+from meshfit.experiment.source import build_source, source_files
 from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path, target_title
 from meshfit.subdivision.registry import NamedScheme
 
@@ -66,8 +67,6 @@ class Trial:
     @property
     def files(self) -> dict[str, str]:
         """The user's files that it reads, by role."""
-        from meshfit.experiment.source import source_files  # loads torch, which readers of plans do without
-
         names = {"target": self.target, **source_files(self.settings.source)}
         return {role: names[role] for role, _ in self.inputs if names[role] not in NAMED_TARGETS}
 
@@ -160,8 +159,6 @@ def _check_target(target: str) -> str:
 @cache
 def _check_source(settings: SourceSettings, schemes: tuple[NamedScheme, ...]) -> tuple[tuple[str, str], ...]:
     """Build the first level of a source with each scheme, and return the SHA-256 of its files, by role."""
-    from meshfit.experiment.source import build_source, source_files
-
     files = source_files(settings)
     for scheme in schemes:
         short = settings.model_copy(update={"levels": min(settings.levels, 1), "wanted_verts": None})

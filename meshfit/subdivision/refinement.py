@@ -3,13 +3,11 @@
 from dataclasses import dataclass
 from functools import cached_property
 from math import prod
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
-import torch
 from jaxtyping import Int64
 from scipy.sparse import coo_array, csr_array, eye_array
-from torch import Tensor
 
 from meshfit.errors import MeshError
 from meshfit.mesh.curves import Chains
@@ -18,11 +16,16 @@ from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.topology import PolygonTopology
 from meshfit.subdivision.creases import Creases
 
-Values = TypeVar("Values", np.ndarray, Tensor)
+if TYPE_CHECKING:
+    import torch
+
+Values = TypeVar("Values", np.ndarray, "torch.Tensor")
 
 
-def sparse_tensor(operator: csr_array, dtype: torch.dtype, device: torch.device | str) -> Tensor:
+def sparse_tensor(operator: csr_array, dtype: "torch.dtype", device: "torch.device | str") -> "torch.Tensor":
     """Return the operator as a sparse COO tensor; its products are differentiable on every device."""
+    import torch  # plans refine sources without it
+
     entries = coo_array(operator)
     indices = torch.stack([torch.as_tensor(entries.row.astype("int64")), torch.as_tensor(entries.col.astype("int64"))])
     values = torch.as_tensor(entries.data, dtype=dtype)
@@ -77,6 +80,8 @@ class Operators:
                 rows = operator @ rows
             fine = rows.reshape(-1, *rest)
             return fine.astype(values.dtype) if np.issubdtype(values.dtype, np.floating) else fine
+        import torch
+
         tensor = values if values.is_floating_point() else values.double()
         flat = tensor.reshape(self.num_coarse, prod(rest))
         for operator in self.operators:
