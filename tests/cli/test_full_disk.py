@@ -6,6 +6,7 @@ import subprocess
 
 import pytest
 
+from tests.cli import answered, trials_in_this_process
 from tests.cli.processes import contents, meshfit
 from tests.small import CONFIG, config_file
 
@@ -31,7 +32,7 @@ def disk(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kib", [4, 16, 28])
-def test_a_full_disk_ends_the_run_in_one_line_and_with_room_it_goes_on(tmp_path, disk, kib):
+def test_a_full_disk_ends_the_run_in_one_line_and_with_room_it_goes_on(tmp_path, disk, kib, monkeypatch):
     config = config_file(tmp_path, SMALL)
     runs, resize = disk
     resize(kib)
@@ -41,7 +42,8 @@ def test_a_full_disk_ends_the_run_in_one_line_and_with_room_it_goes_on(tmp_path,
     assert not contents(runs, "result.json")
     assert not list(runs.rglob("*.json.*"))
     resize(4000)
-    out, _ = meshfit("run", config, "--runs", runs, "-q", "--json", folder=tmp_path)
-    undisturbed, _ = meshfit("run", config, "-q", "--json", folder=tmp_path)
+    monkeypatch.chdir(tmp_path)
+    with trials_in_this_process():
+        out, undisturbed = (answered("run", config, *place, "-q", "--json") for place in (("--runs", runs), ()))
     assert contents(runs, *NAMES) == contents(tmp_path / "runs", *NAMES)
     assert json.loads(out)[0]["hausdorff"] == json.loads(undisturbed)[0]["hausdorff"]
