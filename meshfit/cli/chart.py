@@ -16,9 +16,7 @@ if TYPE_CHECKING:
 
 def chart(
     runs: RunDirs,
-    output: Annotated[
-        Path, typer.Option("--output", "-o", help="The chart to write: .pdf, .svg or .png.", metavar="FILE")
-    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Chart to write: .pdf, .svg or .png.", metavar="FILE")],
     metric: Metric = DEFAULT_METRIC,
 ) -> int:
     """Draw the results of some runs as a chart, and print the means.

@@ -15,7 +15,7 @@ from meshfit.measuring.metrics import DEFAULT_METRIC
 def figure(
     runs: RunDirs,
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="The figure to write: .pdf, .svg or .png.", metavar="FILE")
+        Path, typer.Option("--output", "-o", help="Figure to write: .pdf, .svg or .png.", metavar="FILE")
     ],
     metric: Metric = DEFAULT_METRIC,
     targets: Annotated[

@@ -19,7 +19,7 @@ def render(
         ),
     ],
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="The picture to write: .png, .pdf or .svg.", metavar="FILE")
+        Path, typer.Option("--output", "-o", help="Picture to write: .png, .pdf or .svg.", metavar="FILE")
     ],
     against: Annotated[
         str | None,

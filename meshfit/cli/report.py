@@ -1,4 +1,4 @@
-"""`meshfit report`: one HTML page of some runs, to be opened anywhere and mailed."""
+"""`meshfit report`: one self-contained HTML page of some runs."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,15 +14,15 @@ from meshfit.measuring.metrics import DEFAULT_METRIC
 
 def report(
     runs: RunDirs,
-    output: Annotated[Path, typer.Option("--output", "-o", help="The folder to write index.html into.", metavar="DIR")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write index.html into.", metavar="DIR")],
     metrics: Metrics = None,
     baseline: Baseline = None,
     quiet: Quiet = False,
 ) -> int:
-    """Write a page of some runs that can be mailed.
+    """Write some runs as one self-contained HTML page.
 
-    It has tables, pictures, 3D views, curves, settings, failures and versions, in a single file, index.html, that needs
-    no network. Needs the extra: pip install 'meshfit[report]'.
+    The page has tables, pictures, 3D views, curves, settings, failures and versions. It is a single file, index.html,
+    that loads nothing from the network and can be mailed. Requires the extra: pip install 'meshfit[report]'.
 
     Examples:
         meshfit report runs/table1 -o report

@@ -114,15 +114,33 @@ def test_views_are_turned_zoomed_and_put_back_together(page):
     assert all(np.abs(a - b).mean() < 2 for a, b in zip(first, back, strict=True))
 
 
+def test_charts_have_the_colours_of_the_theme_and_text_that_can_be_read(page):
+    text = page.query_selector("#curves svg.chart text")
+    soft = page.evaluate("getComputedStyle(document.querySelector('#curves figcaption')).color")
+    assert text.evaluate("element => getComputedStyle(element).fill") == soft
+    heights = page.evaluate(
+        "[...document.querySelectorAll('svg.chart text')].map((t) => t.getBoundingClientRect().height)"
+    )
+    assert min(heights) > 10
+    line = page.query_selector("#curves .row-1 path").evaluate("element => getComputedStyle(element).stroke")
+    swatch = page.evaluate(
+        "getComputedStyle(document.querySelector('#curves [data-row=\"1\"] .swatch')).backgroundColor"
+    )
+    assert line == swatch
+
+
 def test_the_theme_can_be_changed_and_rows_left_out(page):
     shade = "getComputedStyle(document.body).backgroundColor"
     before = page.evaluate(shade)
     page.click("#theme")
     assert page.evaluate(shade) != before
-    lines = "document.querySelectorAll('#curve-0 .scatterlayer .trace').length"
-    shown = page.evaluate(lines)
-    page.click("#curve-keys button")
-    page.wait_for_function(f"{lines} < {shown}")
-    page.uncheck("#log-scale")
+    lines = (
+        "[...document.querySelectorAll('#curves .row-0')].filter((line) => line.getBoundingClientRect().width).length"
+    )
+    assert page.evaluate(lines) > 4
+    page.click("#curves .key")
+    assert page.evaluate(lines) == 0
+    page.click("#curves .key")
+    assert page.evaluate(lines) > 4
     page.check("#show-edges")
     assert all(np.ptp(view) > 60 for view in views(page))

@@ -8,6 +8,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron
 from meshfit.report.figures.camera import MARGIN
 from meshfit.report.figures.render import cameras_of, collect_meshes
+from meshfit.report.tables.notes import FRAMES
 
 BALL = icosahedron()
 LARGE = Mesh(3.0 * BALL.verts, BALL.faces)
@@ -50,7 +51,7 @@ def test_files_share_the_first_ones_view_and_named_targets_have_their_own(folder
 def test_against_a_target_all_are_seen_from_its_side_and_measured(folder):
     row, label = collect_meshes(["ball.ply", "bone"], "cow")
     assert len(set(cameras_of(row))) == 1
-    assert label == "distance to cow, in the tutorial frame, where the target's largest |coordinate| is 1"
+    assert label == f"distance to cow, in {FRAMES['tutorial']}"
     assert all(one.against is row[0].viewed_like for one in row)
     row, label = collect_meshes(["ball.ply"], "large.ply")
     assert label == "distance to large, in the unit of the target's file"

@@ -14,14 +14,10 @@ from meshfit.report.figures.camera import Camera, camera_of
 from meshfit.report.figures.colours import shared_limit
 from meshfit.report.figures.layout import DPI, ColourBar, PanelRow, distance_panel, mesh_panel, write_rows
 from meshfit.report.figures.trial_meshes import distances_to, read_trial_meshes
+from meshfit.report.tables.notes import FRAMES
 
 _PANEL = 2.6
 _FONT = 9.0
-_UNITS = {
-    "tutorial": "in the tutorial frame, where the target's largest |coordinate| is 1",
-    "box": "in the box frame, where the diagonal of the target's box is 1",
-    "none": "in the unit of the target's file",
-}
 
 
 @dataclass(frozen=True)
@@ -72,9 +68,9 @@ def collect_meshes(names: Sequence[str], against: str | None = None) -> tuple[li
     if against is None:
         return meshes, ""
     if len(frames) > 1:
-        units = ", others ".join(_UNITS[frame] for frame in frames)
+        units = ", others ".join(f"in {FRAMES[frame]}" for frame in frames)
         raise ConfigError(f"distances cannot share a scale: some are {units}")
-    return meshes, f"distance to {target_title(against)}, {_UNITS[next(iter(frames))]}"
+    return meshes, f"distance to {target_title(against)}, in {FRAMES[next(iter(frames))]}"
 
 
 def write_render(meshes: Sequence[RenderedMesh], path: Path, *, edges: bool = False, label: str = "") -> None:

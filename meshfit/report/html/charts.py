@@ -36,7 +36,8 @@ _DIGITS = 4
 _NEARNESS = ("distance", "chamfer")
 
 _WIDTH, _HEIGHT, _FONT = 380, 236, 12.0
-_RIGHT, _TOP, _BOTTOM, _LETTER = 10, 10, 42, 7.0
+_RIGHT, _TOP, _BOTTOM, _LETTER = 22, 10, 42, 7.0
+_LOG_RATIO = 3.0  # of the largest to the smallest value, above which an axis is logarithmic
 _DASHES = ("-", (0, (4, 2)), (0, (1.2, 1.6)), (0, (4, 1.6, 1.2, 1.6)))
 _ROW_COLOURS = 10
 # Placeholders that are replaced by CSS variables.
@@ -106,8 +107,8 @@ def draw_curves(section: TargetSection, curves: Sequence[Curve]) -> list[Chart]:
     if nearness and timed:
         label = "seconds, spread evenly over the steps"
         charts.append(Chart(f"{nearness} by time", _term_chart(section, timed, nearness, label, by_time=True)))
-    if any(_ends(section)):
-        charts.append(Chart(f"{section.metric} at the end", _end_chart(section)))
+    if ends := list(_ends(section)):
+        charts.append(Chart(f"{section.metric} at the end", _end_chart(section, ends)))
     charts += [Chart(term, _term_chart(section, curves, term, "step")) for term in terms]
     return charts
 
@@ -130,7 +131,7 @@ def draw_histogram(section: TargetSection) -> Chart | None:
         axes.set_xlim(0.0, section.limit)
         axes.set_ylim(bottom=0.0)
 
-    label = f"distance to the target ({section.unit})"
+    label = "distance to the target"
     return Chart("% of the area", _svg(draw, f"Histogram of distances, {section.title}", label, section.key))
 
 
@@ -205,23 +206,21 @@ def _term_chart(
             axes.plot(x, curve.values[term], linewidth=1.3, alpha=0.75, **style)
         finite = [value for curve in curves for value in curve.values[term] if not math.isnan(value)]
         axes.set_xlim(left=0.0)
-        if finite and min(finite) > 0:
+        if finite and min(finite) > 0 and max(finite) > _LOG_RATIO * min(finite):
             axes.set_yscale("log")
             set_log_ticks(axes.yaxis)
-        elif finite:
-            axes.set_ylim(bottom=min(0.0, *finite))
 
     return _svg(draw, f"{term}, {section.title}", label, f"{section.key}-{term}-{label}")
 
 
-def _end_chart(section: TargetSection) -> str:
+def _end_chart(section: TargetSection, ends: Sequence[tuple[int, int, float, float]]) -> str:
     def draw(axes: Any) -> None:  # noqa: ANN401  matplotlib is optional
-        for row, seed, seconds, value in _ends(section):
+        for row, seed, seconds, value in ends:
             style = {"color": _colour(row), "gid": f"row-{row}|{section.rows[row]}, seed {seed}: {value:.4g}"}
             axes.plot([seconds], [value], marker="o", markersize=7, markeredgewidth=0, **style)
-        axes.margins(0.08)
-        axes.set_xlim(left=0.0)
-        axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
+        values = [value for *_, value in ends]
+        axes.set_xlim(0.0, 1.05 * max(seconds for _, _, seconds, _ in ends))
+        axes.set_ylim(1.05 * min(0.0, *values), 1.05 * max(0.0, *values))
 
     name = f"{section.metric} at the end, {section.title}"
     return _svg(draw, name, "seconds of the fit", f"{section.key}-ends")
@@ -266,7 +265,7 @@ def _set_style(figure: Any, axes: Any, label: str) -> None:  # noqa: ANN401  mat
         axes.locator_params(axis="y", nbins=6)
         axes.yaxis.set_major_formatter(lambda value, _: f"{value:.3g}")
     axes.xaxis.set_major_formatter(lambda value, _: f"{value:.4g}")
-    axes.locator_params(axis="x", nbins=7)
+    axes.locator_params(axis="x", nbins=6)
     axes.grid(color=_RULE, linewidth=0.8)
     axes.set_axisbelow(True)
     axes.tick_params(which="both", length=0, labelcolor=_SOFT, pad=5)

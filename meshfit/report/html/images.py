@@ -33,7 +33,7 @@ class Picture:
         detail: further text; may be empty.
         alt: the alternative text.
         inset: a close-up of the worst vertex, if it shows distances.
-        ring: position of the worst vertex in percent from the left and the top, likewise.
+        ring: position of the worst vertex in percent from the left and the top.
         hidden: whether the worst vertex is hidden.
     """
 

@@ -110,16 +110,16 @@ def differing_settings(tables: Sequence[Table]) -> Grid:
         for variation in table.variations
     ]
     keys = differing_keys(settings)
-    rows = tuple((key, *(setting_text(some[key]) if key in some else "" for some in settings)) for key in keys)
+    rows = tuple((key, *(setting_text(values[key]) if key in values else "" for values in settings)) for key in keys)
     return Grid(("setting", *names), rows)
 
 
 def shared_by_all(tables: Sequence[Table]) -> Grid:
     """Return the settings that all results share."""
     settings = [table.settings for table in tables]
-    differing = {*differing_keys(settings), *(key for some in settings for key in some if some[key] == VARIED)}
-    found = settings[0] if settings else {}
-    return Grid(("setting", "value"), tuple((key, setting_text(found[key])) for key in found if key not in differing))
+    differing = {*differing_keys(settings), *(key for values in settings for key in values if values[key] == VARIED)}
+    first = settings[0] if settings else {}
+    return Grid(("setting", "value"), tuple((key, setting_text(first[key])) for key in first if key not in differing))
 
 
 def definitions_grid(results: Sequence[Result]) -> Grid:
@@ -162,7 +162,7 @@ def failures_grid(experiments: Sequence[ScannedExperiment]) -> Grid:
         )
         for trial, failure in ((trial, read_failure(trial.path)) for trial in failed)
     ]
-    return Grid(("trial", "kind", "step", "message", "look into"), tuple(rows))
+    return Grid(("trial", "kind", "step", "message", "details in"), tuple(rows))
 
 
 def states_grid(experiments: Sequence[ScannedExperiment]) -> Grid:
@@ -174,19 +174,24 @@ def states_grid(experiments: Sequence[ScannedExperiment]) -> Grid:
 
 def machines_grid(results: Sequence[Result]) -> Grid:
     """Return the versions and machines of the results, with time and memory; one column per combination."""
-    kinds: dict[tuple[tuple[str, str], ...], list[Result]] = {}
+    machines: dict[tuple[tuple[str, str], ...], list[Result]] = {}
     for result in results:
-        kinds.setdefault(_made_with(result), []).append(result)
-    names = list(dict.fromkeys(name for kind in kinds for name, _ in kind))
-    rows = [(name, *(dict(kind).get(name, "") for kind in kinds)) for name in names]
-    rows.append(("trials", *(f"{len(found):,}" for found in kinds.values())))
-    rows.append(
-        ("seconds a fit", *(_range_text([_seconds(result, "fit") for result in found]) for found in kinds.values()))
-    )
-    rows.append(("all together", *(duration_text(sum(map(_all_seconds, found))) for found in kinds.values())))
-    memory = [max(float(result.get("peak_memory_mb") or 0) for result in found) for found in kinds.values()]
-    rows.append(("most memory", *(size_text(most * 1e6) if most else "" for most in memory)))
-    return Grid(("", *(f"machine {place + 1}" if len(kinds) > 1 else "" for place in range(len(kinds)))), tuple(rows))
+        machines.setdefault(_made_with(result), []).append(result)
+    names = dict.fromkeys(name for machine in machines for name, _ in machine)
+    rows = [(name, *(dict(machine).get(name, "") for machine in machines)) for name in names]
+    summaries = {
+        "trials": lambda group: f"{len(group):,}",
+        "seconds per fit": lambda group: _range_text([_seconds(result, "fit") for result in group]),
+        "total time": lambda group: duration_text(sum(map(_all_seconds, group))),
+        "peak memory": _peak_memory,
+    }
+    rows += [(name, *map(summary, machines.values())) for name, summary in summaries.items()]
+    return Grid(("", *(f"machine {n}" if len(machines) > 1 else "" for n in range(1, len(machines) + 1))), tuple(rows))
+
+
+def _peak_memory(results: Sequence[Result]) -> str:
+    megabytes = max(float(result.get("peak_memory_mb") or 0) for result in results)
+    return size_text(megabytes * 1e6) if megabytes else ""
 
 
 def warnings_of(results: Sequence[Result]) -> list[str]:

@@ -24,14 +24,9 @@ from meshfit.report.figures.trial_meshes import (
 )
 from meshfit.report.tables.comparisons import Row
 from meshfit.report.tables.layout import row_labels
+from meshfit.report.tables.notes import FRAMES
 from meshfit.report.tables.numbers import format_number
 from meshfit.report.tables.table import Table
-
-_UNITS = {
-    "tutorial": "its largest |coordinate| is 1",
-    "box": "the diagonal of its bounding box is 1",
-    "none": "in the unit of its file",
-}
 
 TrialsByRow = Mapping[int, Mapping[int, Result]]
 """Results on one target, by index of the table's row, then by seed."""
@@ -68,12 +63,12 @@ class TargetSection:
 
     Attributes:
         key: short and unique on the page, for links and data.
-        title: the target's title, and the table's if there are several tables.
+        title: the target's title, and the experiment's name or the table's title if there are several tables.
         metric: title of the first metric.
-        unit: unit of lengths.
+        unit: the frame that states the unit of lengths.
         rows: labels of the table's rows.
         trials_by_row: all results on the target.
-        values_by_row: their values of the first metric, likewise.
+        values_by_row: their values of the first metric.
         target: the target mesh; None if it is missing or has changed.
         trials: the loaded trials, one per row.
         left_out: labels of the rows that there is no room for.
@@ -129,25 +124,30 @@ def read_sections(
         progress: called with the number of sections read, and of all.
     """
     index = TrialIndex(results)
-    found = [
+    targets = [
         (table, target, trials)
         for table in tables
         for target in table.targets
         if (trials := trials_by_row(table, target, index))
     ]
-    room = shares_of([len(trials) for *_, trials in found], most)
+    experiments = [table.experiment for table in tables]
+    unique = len(set(experiments)) == len(tables)
+    room = shares_of([len(trials) for *_, trials in targets], most)
     sections = []
-    for place, ((table, target, trials), rows) in enumerate(zip(found, room, strict=True)):
-        progress(place, len(found))
-        sections.append(_read_section(f"target-{place}", table, target, trials, rows, several=len(tables) > 1))
+    for place, ((table, target, trials), rows) in enumerate(zip(targets, room, strict=True)):
+        progress(place, len(targets))
+        name = "" if len(tables) == 1 else f" · {table.experiment if unique else table.title}"
+        sections.append(_read_section(f"target-{place}", f"{table.targets[target]}{name}", table, target, trials, rows))
     return sections
 
 
 def trials_by_row(table: Table, target: str, index: TrialIndex) -> dict[int, dict[int, Result]]:
     """Return the results of a table on one target; rows without results are left out."""
-    rows = ((place, table.variations[row.variation].settings, row.scheme) for place, row in enumerate(table.rows))
-    found = {place: index.by_seed(settings, target, scheme) for place, settings, scheme in rows}
-    return {place: trials for place, trials in found.items() if trials}
+    by_row = {
+        place: index.by_seed(table.variations[row.variation].settings, target, row.scheme)
+        for place, row in enumerate(table.rows)
+    }
+    return {place: trials for place, trials in by_row.items() if trials}
 
 
 def row_title(table: Table, row: Row) -> str:
@@ -163,9 +163,7 @@ def shares_of(wanted: Sequence[int], most: int) -> list[int]:
     return [min(count, share) for count in wanted]
 
 
-def _read_section(
-    key: str, table: Table, target: str, trials: TrialsByRow, most: int, *, several: bool
-) -> TargetSection:
+def _read_section(key: str, title: str, table: Table, target: str, trials: TrialsByRow, most: int) -> TargetSection:
     metric, titles = table.metrics[0], [row_title(table, row) for row in table.rows]
     values = {place: table.samples.get((metric, target, table.rows[place]), {}) for place in trials}
     chosen = {place: representative(by_seed, values[place]) for place, by_seed in trials.items()}
@@ -175,9 +173,9 @@ def _read_section(
     whole = METRICS[metric].format == "d"
     return TargetSection(
         key=key,
-        title=f"{table.targets[target]} · {table.title}" if several else table.targets[target],
+        title=title,
         metric=METRICS[metric].title,
-        unit=_UNITS.get(str(table.settings.get("normalise")), "in the unit of its frame"),
+        unit=FRAMES.get(str(table.settings.get("normalise")), "normalised units"),
         rows=titles,
         trials_by_row=trials,
         values_by_row=values,
