@@ -1,4 +1,4 @@
-"""What becomes of a problem does not depend on those beside it: to the byte, whatever they are."""
+"""On the CPU, each result is byte-identical regardless of the rest of the batch."""
 
 from functools import cache
 from itertools import product
@@ -40,27 +40,27 @@ def together(places, kind, **changes):
 
 
 @pytest.fixture
-def one_pack(monkeypatch):
+def one_batch(monkeypatch):
     monkeypatch.setattr(fitting, "_CPU_BYTES", 1e18)
 
 
 @EACH_KIND
-@pytest.mark.usefixtures("one_pack")
+@pytest.mark.usefixtures("one_batch")
 def test_problems_of_all_sizes_side_by_side_end_as_each_does_alone(kind):
     assert together(range(7), kind) == [expected(i, kind) for i in range(7)]
 
 
 @EACH_KIND
-@pytest.mark.usefixtures("one_pack")
-def test_neither_order_nor_company_matters(kind):
+@pytest.mark.usefixtures("one_batch")
+def test_neither_order_nor_the_rest_of_the_batch_matters(kind):
     generator = np.random.default_rng(KINDS.index(kind))
     for count in (7, generator.integers(2, 7)):
         places = generator.permutation(7)[:count].tolist()
         assert together(places, kind) == [expected(i, kind) for i in places], places
 
 
-@pytest.mark.parametrize(("room", "in_packs"), [(0.0, [1] * 7), (250e3, [2, 2, 2, 1]), (400e3, [4, 3]), (1e18, [7])])
-def test_problems_are_independent_however_many_fit_into_a_pack(room, in_packs, monkeypatch):
+@pytest.mark.parametrize(("room", "batch_sizes"), [(0.0, [1] * 7), (250e3, [2, 2, 2, 1]), (400e3, [4, 3]), (1e18, [7])])
+def test_problems_are_independent_however_many_fit_into_a_batch(room, batch_sizes, monkeypatch):
     sizes = []
 
     def spy(problems, *arguments):
@@ -70,11 +70,11 @@ def test_problems_are_independent_however_many_fit_into_a_pack(room, in_packs, m
     monkeypatch.setattr(fitting, "_CPU_BYTES", room)
     monkeypatch.setitem(fitting.ENGINES, "first-order", spy)
     outcomes = together([6, 0, 5, 3, 1, 4, 2], KINDS[0])
-    assert sizes == in_packs
+    assert sizes == batch_sizes
     assert outcomes == [expected(i, KINDS[0]) for i in (6, 0, 5, 3, 1, 4, 2)]
 
 
-@pytest.mark.usefixtures("one_pack")
+@pytest.mark.usefixtures("one_batch")
 def test_threads_change_no_byte():
     assert together(range(7), KINDS[0], threads=3) == [expected(i, KINDS[0]) for i in range(7)]
 
@@ -85,12 +85,12 @@ def test_a_batch_of_one_is_a_fit():
         assert [bytes_of(result)] == together([place], KINDS[0])
 
 
-@pytest.mark.usefixtures("one_pack")
+@pytest.mark.usefixtures("one_batch")
 def test_the_same_problem_twice_has_the_same_result_twice():
     assert together([2, 5, 2], KINDS[0]) == [expected(i, KINDS[0]) for i in (2, 5, 2)]
 
 
-@pytest.mark.usefixtures("one_pack")
+@pytest.mark.usefixtures("one_batch")
 def test_problems_that_differ_in_their_seed_alone_have_different_results():
     problems = [Problem(PROBLEMS[0].source, PROBLEMS[0].target, seed) for seed in range(3)]
     outcomes = [bytes_of(outcome) for outcome in fit_batch(problems, **options(KINDS[0]))]

@@ -1,4 +1,4 @@
-"""Gradients of every differentiable piece against finite differences, in float64."""
+"""Gradients of every differentiable function against finite differences, in float64."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""How every loss term changes, or does not, when source and target move, grow or are renumbered together."""
+"""Loss terms under rigid motions, scaling and renumbering of source and target."""
 
 import numpy as np
 import pytest

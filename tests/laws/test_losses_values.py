@@ -1,4 +1,4 @@
-"""Loss terms where their value is known by hand, and the digits they keep in float32."""
+"""Loss terms with values known by hand, and their precision in float32."""
 
 from functools import partial
 

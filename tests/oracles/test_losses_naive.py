@@ -1,4 +1,4 @@
-"""Every loss term beside its definition written out in plain loops, on closed, open and non-manifold meshes."""
+"""Loss terms against their definitions in plain loops, on closed, open and non-manifold meshes."""
 
 from math import acos, dist, hypot, tan
 

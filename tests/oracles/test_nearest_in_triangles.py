@@ -1,4 +1,4 @@
-"""The nearest point of a triangle, against libigl's distances to triangles, and to their sides where these are all."""
+"""Nearest points of triangles, against libigl's distances."""
 
 import igl
 import numpy as np

@@ -1,4 +1,4 @@
-"""Sums over the rows of each member, and back: against loops, for members of any size."""
+"""Sums over the segments of a batch and their gradients, against loops, for segments of any size."""
 
 import pytest
 import torch

@@ -1,4 +1,4 @@
-"""Which problems are computed together: all of them once, as many as there is room for, and alike in steps done."""
+"""Batching: every problem once, as many as fit in memory, and the same number of steps done."""
 
 from itertools import pairwise
 
@@ -8,7 +8,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from meshfit.fitting import fit as packing
+from meshfit.fitting import fit as fitting
 from meshfit.fitting.fit import batches, steps_done
 from meshfit.fitting.problem import Problem
 from meshfit.fitting.settings import FirstOrderSettings
@@ -35,40 +35,40 @@ PROBLEMS = st.lists(st.builds(problem, st.integers(1, 3000), st.none() | st.inte
 
 
 @given(PROBLEMS, st.floats(1, 4e6))
-def test_every_problem_has_one_place_and_no_pack_is_too_large_or_mixed(problems, room):
+def test_every_problem_is_in_one_batch_and_no_batch_is_too_large_or_mixed(problems, room):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(packing, "_CPU_BYTES", room)
+        patch.setattr(fitting, "_CPU_BYTES", room)
         found = batches(problems, SETTINGS, CPU)
-    assert sorted(place for pack in found for place in pack) == list(range(len(problems)))
-    for pack in found:
-        assert pack == sorted(pack)
-        assert len({steps_done(problems[place]) for place in pack}) == 1
-        assert len(pack) == 1 or sum(bytes_needed(problems[place]) for place in pack) <= room
+    assert sorted(index for batch in found for index in batch) == list(range(len(problems)))
+    for batch in found:
+        assert batch == sorted(batch)
+        assert len({steps_done(problems[index]) for index in batch}) == 1
+        assert len(batch) == 1 or sum(bytes_needed(problems[index]) for index in batch) <= room
 
 
 @given(PROBLEMS, st.floats(1, 4e6))
-def test_no_pack_ends_while_the_next_problem_would_fit_in(problems, room):
+def test_no_batch_ends_while_the_next_problem_would_fit_in(problems, room):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(packing, "_CPU_BYTES", room)
+        patch.setattr(fitting, "_CPU_BYTES", room)
         found = batches(problems, SETTINGS, CPU)
-    for pack, following in pairwise(found):
-        alike = steps_done(problems[pack[0]]) == steps_done(problems[following[0]])
-        filled = sum(bytes_needed(problems[place]) for place in (*pack, following[0]))
+    for batch, following in pairwise(found):
+        alike = steps_done(problems[batch[0]]) == steps_done(problems[following[0]])
+        filled = sum(bytes_needed(problems[index]) for index in (*batch, following[0]))
         assert not alike or filled > room
 
 
-def test_a_problem_that_is_larger_than_the_room_has_a_pack_of_its_own(monkeypatch):
-    monkeypatch.setattr(packing, "_CPU_BYTES", 1e6)
+def test_a_problem_larger_than_the_memory_has_a_batch_of_its_own(monkeypatch):
+    monkeypatch.setattr(fitting, "_CPU_BYTES", 1e6)
     assert batches([problem(n) for n in (10, 10, 3000, 10, 10)], SETTINGS, CPU) == [[0, 1], [2], [3, 4]]
     assert batches([problem(3000)] * 3, SETTINGS, CPU) == [[0], [1], [2]]
 
 
-def test_problems_that_go_on_are_together_with_those_as_far_as_they():
+def test_resumed_problems_are_batched_by_steps_done():
     problems = [problem(10, done) for done in (5, None, 3, 5, 0, 3)]
     assert batches(problems, SETTINGS, CPU) == [[1, 4], [2, 5], [0, 3]]
 
 
-def test_no_problems_make_no_packs():
+def test_no_problems_make_no_batches():
     assert batches([], SETTINGS, CPU) == []
 
 
@@ -77,7 +77,7 @@ def test_no_problems_make_no_packs():
 )
 def test_the_room_is_half_the_memory_of_the_device(device, places, monkeypatch):
     size = bytes_needed(problem(100))
-    monkeypatch.setattr(packing, "_CPU_BYTES", 1.0 * size)
+    monkeypatch.setattr(fitting, "_CPU_BYTES", 1.0 * size)
     monkeypatch.setattr(torch.cuda, "mem_get_info", lambda _: (4 * size, 99 * size))
     monkeypatch.setattr(torch.mps, "recommended_max_memory", lambda: 6 * size)
     assert batches([problem(100)] * 3, SETTINGS, torch.device(device)) == places

@@ -1,10 +1,10 @@
-"""Batches that are interrupted: all problems are saved, and end at the same bytes in whatever company they go on."""
+"""Interrupted batches: all problems are saved, and end at the same bytes in any batch in which they are resumed."""
 
 from functools import cache
 
 import pytest
 
-from meshfit.fitting import fit as packs
+from meshfit.fitting import fit as fitting
 from meshfit.fitting import loop as running
 from meshfit.fitting.callbacks import Interrupted
 from meshfit.fitting.fit import fit_batch
@@ -12,13 +12,13 @@ from meshfit.fitting.problem import Problem
 from tests.checkpoints import through_a_file
 from tests.ragged import LATE, PROBLEMS, SHAKY, alone, bytes_of
 
-pytestmark = pytest.mark.usefixtures("one_pack")
+pytestmark = pytest.mark.usefixtures("one_batch")
 QUICK = {"samples": 40, "trace_every": 2, "device": "cpu"}
 
 
 @pytest.fixture
-def one_pack(monkeypatch):
-    monkeypatch.setattr(packs, "_CPU_BYTES", 1e18)
+def one_batch(monkeypatch):
+    monkeypatch.setattr(fitting, "_CPU_BYTES", 1e18)
 
 
 def stopping_at(stop):
@@ -100,7 +100,7 @@ def test_every_problem_is_saved_each_time_the_interval_is_over(monkeypatch):
 
 
 def test_an_interruption_in_a_later_pack_leaves_checkpoints_of_the_ends_of_earlier_ones(monkeypatch):
-    monkeypatch.setattr(packs, "_CPU_BYTES", 1.0)
+    monkeypatch.setattr(fitting, "_CPU_BYTES", 1.0)
     saved = [[] for _ in range(3)]
     problems = [with_callbacks(PROBLEMS[i], stopping_at(5) if i == 1 else None, save=saved[i].append) for i in range(3)]
     with pytest.raises(Interrupted):

@@ -1,22 +1,22 @@
-"""Batches some of whose problems diverge: those are stopped, each at its own step, and the others are as if alone."""
+"""Batches with diverging problems: these stop, each at its own step, without effect on the others."""
 
 import pytest
 import torch
 
 from meshfit.fitting import first_order
-from meshfit.fitting import fit as packs
+from meshfit.fitting import fit as fitting
 from meshfit.fitting.fit import fit_batch
 from meshfit.fitting.problem import Diverged
 from tests.loops import over
 from tests.ragged import FAR, LATE, OUTSIDE, PROBLEMS, SHAKY, alone, bytes_of
 
-pytestmark = pytest.mark.usefixtures("one_pack")
+pytestmark = pytest.mark.usefixtures("one_batch")
 QUICK = {"samples": 40, "trace_every": 2, "device": "cpu"}
 
 
 @pytest.fixture
-def one_pack(monkeypatch):
-    monkeypatch.setattr(packs, "_CPU_BYTES", 1e18)
+def one_batch(monkeypatch):
+    monkeypatch.setattr(fitting, "_CPU_BYTES", 1e18)
 
 
 def assert_as_alone(problems, **changes):

@@ -1,4 +1,4 @@
-"""Steps that are captured once and replayed: how often the function is called, and what an engine makes of replays."""
+"""CUDA-graph capture: number of calls, and replays as the engine uses them."""
 
 from contextlib import contextmanager
 

@@ -1,4 +1,4 @@
-"""Choosing a device: what is there is taken, what is not is refused in one line that says what is allowed."""
+"""Device choice: available devices are taken; others are refused in one line that lists what is allowed."""
 
 import pytest
 import torch

@@ -1,4 +1,4 @@
-"""A fit from end to end: it comes near to its target, says what it does at every step, and starts from any mesh."""
+"""First-order fits from end to end: convergence, progress at every step, and any kind of source."""
 
 import numpy as np
 import pytest

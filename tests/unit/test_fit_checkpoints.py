@@ -1,4 +1,4 @@
-"""Checkpoints: a fit stopped at any step and gone on with ends at the bytes of one that was never stopped."""
+"""Checkpoints: an interrupted fit that is resumed ends at the same bytes."""
 
 import numpy as np
 import pytest

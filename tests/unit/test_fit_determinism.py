@@ -1,4 +1,4 @@
-"""What a result depends on: the seed, and neither threads nor anybody's global generators."""
+"""Determinism: results depend on the seed, not on threads or global generators."""
 
 import numpy as np
 import pytest

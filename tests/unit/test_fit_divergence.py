@@ -1,4 +1,4 @@
-"""A fit that diverges says at which step and in which term, and leaves its last good mesh and its trace."""
+"""Divergence: the error names step and term, and keeps the last good mesh and the trace."""
 
 import numpy as np
 import pytest

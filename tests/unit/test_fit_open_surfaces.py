@@ -1,4 +1,4 @@
-"""Open surfaces are fitted boundary to boundary, whatever becomes of their connectivity."""
+"""Boundaries of open surfaces are fitted to each other, with fixed and with changing connectivity."""
 
 import numpy as np
 import pytest
@@ -21,20 +21,20 @@ def disk(size, height):
     return Mesh(np.stack([u, v, height(u, v)], 1), np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]))
 
 
-def rim(mesh):
+def boundary(mesh):
     topology = Topology.of(mesh)
     return mesh.verts[np.unique(topology.edges[topology.faces_per_edge == 1])]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("changes", [{"connectivity": "fixed"}, {"verts": 1200}], ids=["fixed", "remeshed"])
-def test_the_boundary_of_a_disk_comes_to_lie_on_that_of_a_bowl(changes):
+def test_the_boundary_of_a_disk_is_fitted_to_that_of_a_bowl(changes):
     source = disk(9, lambda u, v: 0 * u)
     source = Mesh(0.6 * source.verts, source.faces)
     bowl = disk(41, lambda u, v: 0.5 * (1 - u * u - v * v) + 0.1 * np.sin(4 * u))
     result = fit(source, bowl, method="gauss-newton", device="cpu", **{"levels": 1, "tries": 1} | changes).mesh
     assert describe_topology(Topology.of(result)) == "1 piece, 1 boundary loop, genus 0"
-    assert cKDTree(rim(bowl)).query(rim(result))[0].max() < 0.1  # its verts are up to 0.08 apart
+    assert cKDTree(boundary(bowl)).query(boundary(result))[0].max() < 0.1  # its verts are up to 0.08 apart
     found = measure(result, bowl, samples=20_000)
     assert found.distance.mean < 0.002
     assert (found.quality.self_intersecting_faces, found.quality.flipped_faces) == (0, 0)
@@ -48,5 +48,5 @@ def test_the_boundary_of_a_disk_comes_to_lie_on_that_of_a_bowl(changes):
         (Mesh(np.zeros((6, 3)), [[0, 1, 2], [3, 4, 5]]), "2 pieces, 2 boundary loops, genus 0"),
     ],
 )
-def test_topology_is_said_in_words(mesh, words):
+def test_topology_in_words(mesh, words):
     assert describe_topology(Topology.of(mesh)) == words

@@ -1,4 +1,4 @@
-"""Fits whose source or scheme is of polygons: they are fitted as triangles, and come back as polygons."""
+"""Fits with polygons as source or scheme: fitted as triangles, returned as polygons."""
 
 from dataclasses import replace
 from functools import cache

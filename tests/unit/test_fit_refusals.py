@@ -1,4 +1,4 @@
-"""What a fit refuses before its first step, and in which words."""
+"""Errors of a fit before its first step."""
 
 import re
 

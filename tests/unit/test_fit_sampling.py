@@ -1,4 +1,4 @@
-"""Sampling by area: points on their faces, uniform over and within them, from a generator and nothing else."""
+"""Sampling by area: points on their faces, uniform over and within them, from one generator only."""
 
 import numpy as np
 import pytest

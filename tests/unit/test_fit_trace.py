@@ -1,4 +1,4 @@
-"""The trace: which steps have a row, what stands in it, and that its CSV loses nothing."""
+"""Traces: which steps have a row, its numbers, and lossless CSV."""
 
 import csv
 import io

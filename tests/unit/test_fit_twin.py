@@ -1,4 +1,4 @@
-"""The engine beside a twin: a plain torch loop that recomputes everything at every step, from the same draws."""
+"""The first-order engine against a plain torch loop that recomputes everything at every step, from the same samples."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What a Gauss–Newton fit depends on: the seed, and neither threads, company, nor where it was stopped; to the byte."""
+"""Byte-identity of Gauss–Newton fits: same seed, any number of threads, any batch, with and without interruption."""
 
 from functools import cache
 
@@ -156,7 +156,7 @@ def alone(place, kind):
 
 
 @pytest.mark.parametrize(("kind", "places"), [("remeshed", (1, 0)), ("fixed", (2, 0, 1)), ("fixed", (0, 2))])
-def test_neither_order_nor_company_matters(kind, places):
+def test_neither_order_nor_the_rest_of_the_batch_matters(kind, places):
     outcomes = fit_batch([PROBLEMS[place] for place in places], settings(kind, tries=1), device="cpu")
     assert [bytes_of(outcome) for outcome in outcomes] == [alone(place, kind) for place in places]
 

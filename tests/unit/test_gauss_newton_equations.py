@@ -1,4 +1,4 @@
-"""The equations of a step, against the same least squares written out as dense matrices in numpy."""
+"""The equations of a step, against the same least squares as dense matrices in numpy."""
 
 from functools import partial
 

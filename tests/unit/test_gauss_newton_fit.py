@@ -1,4 +1,4 @@
-"""Gauss–Newton fits from end to end: near the target, sound, and on the connectivity that was asked for."""
+"""Gauss–Newton fits from end to end: close to the target, sound, and with the requested connectivity."""
 
 from functools import cache
 
@@ -70,7 +70,7 @@ def fitted(goal, source=None, **changes):
     ("name", "changes"),
     [pytest.param("ellipsoid", {}, marks=pytest.mark.slow), ("rounded box", {}), ("bumpy", FIXED)],
 )
-def test_a_small_ball_becomes_the_shape_that_it_is_fitted_to(name, changes):
+def test_a_small_ball_is_fitted_to_a_shape(name, changes):
     """A chord of length h is at most κ h² / 8 off; in the mean surfaces have to be nearer than where they bend most."""
     make, curvature = TARGETS[name]
     goal = make()
@@ -99,7 +99,7 @@ def test_a_fixed_connectivity_is_that_of_the_refined_source(scheme, levels):
 @pytest.mark.parametrize(
     "changes", [{"coarse_steps": 0}, {"level_steps": 1}, {"last_steps": 0}, {"coarse_steps": 0, "last_steps": 0}]
 )
-def test_it_is_so_even_where_stages_have_no_steps(changes):
+def test_a_fixed_connectivity_is_kept_by_stages_without_steps(changes):
     source = ball(1, 0.3)
     result = fitted(ellipsoid(), source, **FEW | FIXED | changes).mesh
     np.testing.assert_array_equal(result.faces, subdivide(source, "loop", 1).faces)
@@ -126,7 +126,7 @@ def test_interpolatory_schemes_leave_the_coarse_verts_where_they_are(scheme, dty
 
 
 @pytest.mark.parametrize("scheme", ["loop", "modified-butterfly"])
-def test_what_follows_a_control_mesh_is_its_refinement(scheme):
+def test_the_surface_of_a_control_mesh_is_its_refinement(scheme):
     result = fitted(ellipsoid(), scheme=scheme, **FEW | {"variables": "control", "verts": 150})
     expected = subdivide(result.control, scheme, 1)
     np.testing.assert_array_equal(result.mesh.faces, expected.faces)
@@ -146,7 +146,7 @@ def test_a_target_of_another_topology_is_fitted_to_the_end(goal, changes):
     assert result.trace.rows[-1][1] < 0.5 * result.trace.rows[0][1]
 
 
-def test_every_step_is_told_with_its_stage_and_traced():
+def test_every_step_is_reported_with_its_stage_and_traced():
     seen, settings = [], GaussNewtonSettings(**SHORT)
     result = fitted(ellipsoid(), on_step=seen.append, **SHORT)
     assert result.control is None
@@ -162,7 +162,7 @@ def test_every_step_is_told_with_its_stage_and_traced():
 
 
 @pytest.mark.parametrize("every", [4, 100])
-def test_rows_are_as_far_apart_as_is_asked_for_and_the_last_step_has_one(every):
+def test_rows_are_trace_every_steps_apart_and_the_last_step_has_one(every):
     steps = [row[0] for row in fitted(ellipsoid(), **FEW, trace_every=every).trace.rows]
     assert steps == sorted({*range(0, 9, every), 8})
 

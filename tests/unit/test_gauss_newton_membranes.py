@@ -1,4 +1,4 @@
-"""Webs: which points belong to one, how they are drawn together, and what becomes of them in a fit."""
+"""Membranes: their detection, their tension, and their removal in a fit."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def shape(mesh):
     return Shape(Connectivity(faces, mesh.num_verts, torch.float64), torch.tensor(mesh.verts))
 
 
-def test_what_is_between_two_legs_is_a_web_and_what_is_in_them_is_not():
+def test_a_membrane_is_between_two_legs_and_not_in_them():
     surface, cloud = shape(film()), TargetCloud.of(legs(), torch.float64, torch.device("cpu"))
     found = find_correspondences(surface, cloud, torch.Generator().manual_seed(0)).membranes
     x = surface.verts[:, 0].abs()
@@ -54,14 +54,14 @@ def test_what_is_between_two_legs_is_a_web_and_what_is_in_them_is_not():
 
 
 @pytest.mark.parametrize("scale", [0.8, 1.0, 1.1])
-def test_what_faces_as_the_target_does_is_no_web_inside_it_or_out(scale):
+def test_a_surface_that_faces_as_the_target_has_no_membranes(scale):
     goal = subdivide(icosahedron(), "loop", 3)
     surface = shape(Mesh(scale * goal.verts, goal.faces))
     cloud = TargetCloud.of(goal, torch.float64, torch.device("cpu"))
     assert float(find_correspondences(surface, cloud, torch.Generator().manual_seed(0)).membranes.max()) == 0
 
 
-def test_a_point_is_in_a_web_if_it_is_outside_far_and_turned_aside():
+def test_a_point_is_on_a_membrane_if_it_is_outside_far_and_turned_aside():
     surface = shape(box([2.0, 2.0, 2.0], [0, 0, 0]))
     side = float(surface.edge_lengths[surface.connectivity.edges.of_side[0]].mean())
     up, aside = torch.tensor([[0.0, 0, 1]]).double(), torch.tensor([[1.0, 0, 0]]).double()
@@ -76,7 +76,7 @@ def test_a_point_is_in_a_web_if_it_is_outside_far_and_turned_aside():
     assert not found(side * up, up)
 
 
-def test_the_share_at_verts_is_a_mean_over_area():
+def test_the_membrane_share_of_verts_is_a_mean_over_area():
     surface = shape(film())
     per_face = torch.rand(len(surface.corners), generator=torch.Generator().manual_seed(1)).double()
     found, faces = membrane_share(surface, per_face).numpy(), surface.connectivity.faces.numpy()
@@ -86,7 +86,7 @@ def test_the_share_at_verts_is_a_mean_over_area():
         assert found[vert] == pytest.approx(np.average(per_face.numpy()[at], weights=area[at]))
 
 
-def test_only_edges_of_webs_that_are_not_short_already_are_drawn_together():
+def test_only_long_edges_of_membranes_are_under_tension():
     surface = shape(film())
     (tail, head), share = surface.connectivity.ends, (surface.verts[:, 0] > 0).double()
     found = membrane_tension(surface, share, fairness=1.0)
@@ -108,7 +108,7 @@ def fitted_from_a_ball():
 
 
 @pytest.mark.slow
-def test_webs_between_legs_go_with_tension_and_stay_without(monkeypatch):
+def test_membranes_between_legs_vanish_with_tension_and_stay_without(monkeypatch):
     assert fitted_from_a_ball().hausdorff.symmetric < 0.08
     monkeypatch.setattr(fairness, "_TENSION", 0.0)
     assert fitted_from_a_ball().hausdorff.forward > 0.2

@@ -1,4 +1,4 @@
-"""Tries at the rough shape: the best is kept, and none is made that is not needed."""
+"""Restarts of the rough shape: the best is kept, and unnecessary ones are skipped."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ FIRST, SECOND, THIRD = (surface(make()) for make in (icosahedron, octahedron, la
     ("shares", "best", "settled"),
     [((0.9, 0.8, 0.95), 2, False), ((0.9, 0.97, 0.95), 1, False), ((0.999, 0.8, 1.0), 0, True)],
 )
-def test_the_try_with_most_points_matched_is_kept_and_a_good_one_is_enough(shares, best, settled):
+def test_the_search_with_most_matched_points_is_kept_and_a_good_one_is_enough(shares, best, settled):
     rough = Restarts()
     assert not rough.settled
     for share, found in zip(shares, (FIRST, SECOND, THIRD), strict=True):
@@ -42,7 +42,7 @@ def test_the_try_with_most_points_matched_is_kept_and_a_good_one_is_enough(share
 
 
 @pytest.mark.parametrize("best", [None, FIRST])
-def test_it_is_restored_to_the_byte(best):
+def test_restarts_are_restored_to_the_byte(best):
     rough = Restarts(best, 0.5, 0.25, 0.125)
     again = Restarts.restored(rough.saved(), torch.float64, torch.device("cpu"))
     assert (again.share, again.matched, again.distance) == (0.5, 0.25, 0.125)
@@ -66,7 +66,7 @@ def taken_to_the_end(fit):
     return fit.mesh(0), [row[0] for row in fit.traces[0].rows], distances
 
 
-def test_tries_that_are_not_needed_take_no_step_and_change_nothing(monkeypatch):
+def test_unnecessary_restarts_take_no_step_and_change_nothing(monkeypatch):
     monkeypatch.setattr(gauss_newton, "_ENOUGH", 0.5)
     (once, _, _), (thrice, steps, distances) = taken_to_the_end(engine(1)), taken_to_the_end(engine(3))
     np.testing.assert_array_equal(once.verts, thrice.verts)
@@ -74,7 +74,7 @@ def test_tries_that_are_not_needed_take_no_step_and_change_nothing(monkeypatch):
     assert distances[8:24] == [distances[7]] * 16
 
 
-def test_tries_that_are_needed_are_made_anew_from_the_source(monkeypatch):
+def test_restarts_begin_from_the_source(monkeypatch):
     monkeypatch.setattr(gauss_newton, "_ENOUGH", 2.0)
     _, steps, distances = taken_to_the_end(engine(2))
     assert steps == list(range(19))

@@ -1,4 +1,4 @@
-"""The map to the sphere: it stays one to one, gets less distorted, tells where points are, and survives remeshing."""
+"""Sphere maps: one to one, less distorted after improvement, point location, and under remeshing."""
 
 from dataclasses import replace
 
@@ -238,7 +238,7 @@ def legged():
 
 
 @pytest.mark.parametrize("make", [bent, legged])
-def test_what_rays_do_not_map_one_to_one_is_mapped_by_way_of_the_plane(make):
+def test_shapes_without_a_central_projection_are_mapped_by_way_of_the_plane(make):
     mesh = make()
     rays = unit(tensor(mesh) - tensor(mesh).mean(0))
     assert bool(turned_over(rays, torch.tensor(mesh.faces)).any())
@@ -249,5 +249,5 @@ def test_what_rays_do_not_map_one_to_one_is_mapped_by_way_of_the_plane(make):
 
 
 @pytest.mark.parametrize("make", [torus, lambda: opened(ball(), 0), two_pieces])
-def test_what_is_no_sphere_has_no_map(make):
+def test_only_spheres_have_a_map(make):
     assert initial_sphere_map(make()) is None

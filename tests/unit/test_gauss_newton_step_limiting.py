@@ -1,4 +1,4 @@
-"""The guard: steps end where the surface is sound, are taken whole where nothing is in the way, and else near to it."""
+"""Step limiting: steps end where the surface is sound, and are full steps where nothing is in the way."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def connectivity(mesh, dtype=torch.float64):
 
 
 def moved(mesh, step, dtype=torch.float64):
-    """The surface after a guarded step, and which verts were held back."""
+    """The surface after a limited step, and which verts were held back."""
     start = torch.tensor(mesh.verts, dtype=dtype)
     verts, held = limited_step(connectivity(mesh, dtype), start, start + torch.tensor(step, dtype=dtype))
     return Mesh(verts.double().numpy(), mesh.faces), held.numpy()

@@ -1,4 +1,4 @@
-"""Steps of a surface towards a target: what they depend on, and what they leave alone."""
+"""Gauss–Newton steps: their invariances, and what they leave unchanged."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def stepped(source, goal, *, dtype=torch.float64, fairness=0.1, point_weight=0.3
 
 @pytest.mark.parametrize("mesh", [mixed_closed(), mixed_open()], ids=["closed", "open"])
 def test_a_step_goes_with_rotations_translations_and_scale(mesh):
-    """Of source and target alike; the points drawn of the target go along."""
+    """Of source and target together; the points drawn of the target move along."""
     turn = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0]
     turn *= 2.5 * np.sign(np.linalg.det(turn))
     box = subdivide(cube(), "loop", 2)
@@ -69,7 +69,7 @@ def test_distances_are_those_of_the_surface_to_the_target_both_ways():
     assert pairs.distance == pytest.approx(0.25, rel=2e-3)
 
 
-def test_what_faces_the_other_way_is_not_paired():
+def test_opposite_faces_do_not_correspond():
     fine = subdivide(icosahedron(), "midpoint", 2)
     inside_out = Mesh(1.1 * fine.verts, fine.faces[:, ::-1].copy())
     assert stepped(fine, inside_out).pairs.matched == 0

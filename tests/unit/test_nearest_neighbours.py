@@ -1,4 +1,4 @@
-"""Nearest neighbours: the k-d tree and the blocks find what comparing all pairs in float64 finds."""
+"""Nearest neighbours: k-d tree and brute force against all pairs in float64."""
 
 import numpy as np
 import pytest

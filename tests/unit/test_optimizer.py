@@ -1,4 +1,4 @@
-"""Optimisers against their recurrences by hand, schedules at known steps, and the rate that the engine uses."""
+"""Optimisers against their recurrences by hand, learning rates at known steps, and the rate that the engine uses."""
 
 from itertools import pairwise
 from math import cos, pi, sqrt

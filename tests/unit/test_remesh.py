@@ -1,4 +1,4 @@
-"""Remeshing: a sound surface of the same topology in the same place, with edges of the lengths that are wanted."""
+"""Remeshing: a sound surface of the same topology and place, with the target edge lengths."""
 
 import math
 from functools import cache

@@ -1,4 +1,4 @@
-"""Crossing faces: known answers, MeshLab's answers, exact answers for all pairs, and what they do not depend on."""
+"""Self-intersections: known answers, MeshLab's answers, exact answers for all pairs, and invariances."""
 
 from fractions import Fraction
 from itertools import combinations

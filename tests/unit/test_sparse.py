@@ -1,4 +1,4 @@
-"""Sparse matrices against dense ones: products, gradients, and the two ways in which they are held."""
+"""Sparse matrices against dense ones: products, gradients, and both representations."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The plan of a Gauss–Newton fit, and what is said of settings that it does not take."""
+"""The schedule of a Gauss–Newton fit, and errors about its settings."""
 
 from itertools import pairwise, product
 
@@ -35,7 +35,7 @@ def test_stages_have_as_many_steps_as_settings_say():
 
 
 @pytest.mark.parametrize(("fairness", "last"), FAIRNESS)
-def test_within_a_stage_nothing_gets_stiffer_nor_softer_than_it_may(fairness, last):
+def test_within_a_stage_weights_fall_to_no_less_than_their_limits(fairness, last):
     for settings in PLANS:
         changed = settings.model_copy(update={"fairness": fairness, "last_fairness": last})
         for stage in schedule(changed):
@@ -58,7 +58,7 @@ def test_the_rough_shape_gets_softer_from_part_to_part():
             assert all(a[0] >= b[0] and a[1] >= b[1] for a, b in pairwise(coarse))
 
 
-def test_every_try_at_the_rough_shape_starts_from_the_source():
+def test_every_search_for_the_rough_shape_starts_from_the_source():
     for settings in PLANS:
         tries = [stage for stage in schedule(settings) if stage.name == "rough shape"]
         starts = [stage.attempt for stage in tries if stage.change == "start"]
