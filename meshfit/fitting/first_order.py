@@ -59,9 +59,8 @@ class FirstOrder(Engine):
         super().__init__(problems, settings, device, dtype, pool)
         options: Mapping[str, Any] = {"dtype": dtype, "device": device}
         sources = _map_unique(sort_faces_spatially, [problem.source for problem in problems])
-        targets = _map_unique(
-            lambda mesh: renumber_verts_by_faces(sort_faces_spatially(mesh)), [problem.target for problem in problems]
-        )
+        targets = _map_unique(sort_faces_spatially, [problem.target for problem in problems])
+        targets = _map_unique(renumber_verts_by_faces, targets)
         self._operators = MeshOperators.of(sources, **options)
         self._start = torch.cat([torch.tensor(mesh.verts, **options) for mesh in sources])
         target_verts = torch.cat([torch.tensor(mesh.verts, **options) for mesh in targets])
@@ -158,24 +157,23 @@ class FirstOrder(Engine):
 
     def _fail_on_losses(self, values: Mapping[str, list[float]], losses: list[float]) -> None:
         """Fail the problems whose losses are not finite in the precision of the fit."""
-        largest = torch.finfo(self._start.dtype).max
+        largest = torch.finfo(self.dtype).max
         for member in (k for k, loss in enumerate(losses) if not abs(loss) <= largest):
             weighted = self._weighted(values, member)
             self._fail(member, next((name for name, value in weighted.items() if not abs(value) <= largest), "loss"))
 
     def _fail_on_gradients(self, evaluation: Evaluation) -> None:
-        terms = {
-            name: self._gradient(evaluation.inputs.verts, {name: value}) for name, value in evaluation.terms.items()
-        }
+        verts = evaluation.inputs.verts
+        gradients = {name: self._gradient(verts, {name: value}) for name, value in evaluation.terms.items()}
         for member in range(len(self.problems)):
             rows = self._rows(member)
             if not bool(evaluation.gradient[rows].isfinite().all()):
-                names = (name for name, gradient in terms.items() if not gradient[rows].isfinite().all())
+                names = (name for name, gradient in gradients.items() if not gradient[rows].isfinite().all())
                 self._fail(member, f"gradient of {next(names, 'loss')}")
 
     def _fail_on_positions(self) -> None:
         """Fail the problems with positions that are not finite, or so large that squared areas overflow."""
-        distance, limit = (self._start + self._offsets).abs(), _farthest(self._start.dtype)
+        distance, limit = (self._start + self._offsets).abs(), _farthest(self.dtype)
         if not float(distance.max()) < limit:
             for member in range(len(self.problems)):
                 if not float(distance[self._rows(member)].max()) < limit:

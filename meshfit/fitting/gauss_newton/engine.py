@@ -209,8 +209,7 @@ class GaussNewton(Engine):
         if stage.change == "control":
             return self._with_control_mesh(state, problem)
         if stage.change == "place" and state.on_sphere is not None:
-            on_sphere = self._sphere_map(problem)
-            polygons = _polygons_of(problem)
+            on_sphere, polygons = self._sphere_map(problem), _polygons_of(problem)
             return state if on_sphere is None else state.carrying(self._faces(problem), on_sphere, target, polygons)
         movable = self.settings.connectivity == "remeshed" or state.on_sphere is not None
         count = self._rough_verts(problem) * stage.share * growth(resolve(problem.scheme), stage.refined)
