@@ -17,6 +17,8 @@ from tests.unit.test_trial_runner import prepared, run_trial
 pillow = pytest.importorskip("PIL.Image", reason="films need pillow")
 pytest.importorskip("pyvista")
 
+pytestmark = pytest.mark.usefixtures("fewer_target_points")
+
 
 def pictures(path):
     with pillow.open(path) as film:

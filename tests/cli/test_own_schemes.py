@@ -10,7 +10,7 @@ import pytest
 from meshfit.mesh.io.files import load_mesh, save_mesh
 from meshfit.mesh.solids import octahedron
 from meshfit.subdivision.refine import subdivide
-from tests.cli import answered, invoke, refused
+from tests.cli import answered, invoke, refused, trials_in_this_process
 from tests.cli.processes import contents, meshfit
 from tests.small import config_file
 
@@ -51,7 +51,9 @@ def folder(tmp_path, monkeypatch):
 def complete(tmp_path_factory):
     """A folder in which the config was run, and what that printed."""
     found = laid_out(tmp_path_factory.mktemp("complete"))
-    return found, meshfit("run", "small.yaml", "--jobs", 2, folder=found)
+    with pytest.MonkeyPatch.context() as patch, trials_in_this_process():
+        patch.chdir(found)
+        return found, invoke("run", "small.yaml")
 
 
 def scheme_of(path):
@@ -59,7 +61,8 @@ def scheme_of(path):
 
 
 def test_a_run_gives_what_the_same_built_in_scheme_gives(complete):
-    folder, (out, err) = complete
+    folder, (code, out, err) = complete
+    assert code == 0
     assert "[8/8]" in err
     assert all(name in out for name in ("loop", "mine", "softer", "warren"))
     assert "Difference from loop" in out
@@ -102,11 +105,10 @@ def test_looking_after_runs(complete):
     (run / "all.csv").unlink()
 
 
-def test_compare_takes_names_of_a_config_and_files(complete):
+def test_compare_takes_names_of_a_config_and_files(complete, monkeypatch):
     folder, _ = complete
-    arguments = ("compare", "mine", "own/warren.yaml", "--config", "small.yaml", "--baseline", "own/warren.yaml")
-    out, err = meshfit(*arguments, folder=folder)
-    assert err == ""
+    monkeypatch.chdir(folder)
+    out = answered("compare", "mine", "own/warren.yaml", "--config", "small.yaml", "--baseline", "own/warren.yaml")
     assert "Difference from warren" in out
 
 

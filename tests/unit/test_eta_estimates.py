@@ -4,7 +4,9 @@ import pytest
 
 from meshfit.errors import TrialError
 from meshfit.experiment.plan import plan
+from meshfit.experiment.running.process_pool import ProcessPool
 from meshfit.experiment.status.eta import _work, estimate
+from tests.inline import Inline
 from tests.small import experiment
 
 
@@ -56,6 +58,7 @@ def test_a_long_trial_is_probed_by_its_first_steps(tmp_path):
     assert estimate(trials, []).seconds > 60
 
 
-def test_a_probe_that_fails_says_so(tmp_path):
+def test_a_probe_that_fails_says_so(tmp_path, monkeypatch):
+    monkeypatch.setattr(ProcessPool, "submit", lambda _pool, _device, fn, *arguments: Inline().submit(fn, *arguments))
     with pytest.raises(TrialError, match="seed 0: diverged"):
         estimate(plan([experiment(tmp_path, fit={"optimizer": {"lr": 1e30}})]), [])

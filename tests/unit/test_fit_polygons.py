@@ -16,7 +16,6 @@ from meshfit.experiment.source import build_source
 from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.experiment.trial_status import TrialStatus
 from meshfit.fitting.callbacks import Interrupted
-from meshfit.fitting.gauss_newton import target as cloud
 from meshfit.fitting.gauss_newton.fit_state import FitState
 from meshfit.fitting.gauss_newton.refinement import refined
 from meshfit.fitting.gauss_newton.schedule import schedule
@@ -39,9 +38,7 @@ FAST = ("catmull-clark", "doo-sabin", "sqrt2")
 ANYWHERE = sorted(POLYGON_SCHEMES.keys() - {"ternary", "interp-ternary"})
 
 
-@pytest.fixture(autouse=True)
-def fewer_points(monkeypatch):
-    monkeypatch.setattr(cloud, "_POINTS", 5_000)
+pytestmark = pytest.mark.usefixtures("fewer_target_points")
 
 
 def goal():
@@ -175,7 +172,7 @@ def uninterrupted(**changes):
 
 
 @pytest.mark.parametrize("changes", [{}, {"variables": "control"}], ids=["verts", "control"])
-@over("stop", [2, 3, 5])
+@over("stop", [2, 5])
 def test_a_fit_goes_on_from_a_checkpoint_to_the_same_bytes(changes, stop):
     saved = []
 

@@ -5,7 +5,6 @@ import pytest
 import torch
 
 from meshfit.fitting.gauss_newton import engine as gauss_newton
-from meshfit.fitting.gauss_newton import target
 from meshfit.fitting.gauss_newton.engine import GaussNewton, Restarts
 from meshfit.fitting.gauss_newton.fit_state import FitState
 from meshfit.fitting.problem import Problem
@@ -14,10 +13,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron, octahedron
 from meshfit.subdivision.refine import subdivide
 
-
-@pytest.fixture(autouse=True)
-def fewer_points(monkeypatch):
-    monkeypatch.setattr(target, "_POINTS", 5000)
+pytestmark = pytest.mark.usefixtures("fewer_target_points")
 
 
 def surface(mesh):

@@ -55,10 +55,13 @@ def test_results_do_not_depend_on_workers_or_companions_and_a_failing_trial_take
     anywhere = experiment(tmp_path, schemes=["loop", "interp-loop"], device="auto")
     bad = experiment(tmp_path, fit={"optimizer": {"lr": 1e30}})
     contents = []
-    for jobs, experiments in ((1, [good]), (2, [bad, anywhere])):
-        store = RunDirectory(tmp_path / str(jobs))
+    for name, experiments, where in (
+        ("here", [good], {"remote": Remote(Inline())}),
+        ("two", [bad, anywhere], {"jobs": 2}),
+    ):
+        store = RunDirectory(tmp_path / name)
         trials = plan(experiments)
-        outcomes = run_trials(trials, store, jobs=jobs)
+        outcomes = run_trials(trials, store, **where)
         complete = [trial for i, trial in enumerate(trials) if outcomes[i].status is TrialStatus.COMPLETE]
         assert len(complete) == 2
         folders = [store.folder(trial) for trial in complete]
@@ -117,11 +120,18 @@ def test_a_trial_that_is_killed_once_goes_on_from_its_checkpoint_and_disturbs_no
             assert (store.folder(trial) / name).read_bytes() == (quiet.folder(trial) / name).read_bytes()
 
 
-@pytest.mark.parametrize("transfer", ["auto", "shared", "returned"])
-def test_any_executor_can_run_trials(tmp_path, transfer):
-    trials = plan([experiment(tmp_path, seeds=[0, 1])])
-    here, there = RunDirectory(tmp_path / "here"), RunDirectory(tmp_path / "there")
+@pytest.fixture(scope="module")
+def run_by_one_worker(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("one_worker")
+    trials, here = plan([experiment(folder, seeds=[0, 1])]), RunDirectory(folder / "here")
     run_trials(trials, here, jobs=1)
+    return trials, here
+
+
+@pytest.mark.parametrize("transfer", ["auto", "shared", "returned"])
+def test_any_executor_can_run_trials(tmp_path, run_by_one_worker, transfer):
+    trials, here = run_by_one_worker
+    there = RunDirectory(tmp_path / "there")
     with ThreadPoolExecutor(2) as pool:
         outcomes = run_trials(trials, there, remote=Remote(pool, transfer=transfer))
     assert [outcomes[i].status for i in (0, 1)] == [TrialStatus.COMPLETE] * 2

@@ -63,6 +63,7 @@ def test_trials_travel_to_workers(tmp_path):
     assert again.named_scheme.resolve().alpha == 0.25
 
 
+@pytest.mark.usefixtures("fewer_target_points")
 @pytest.mark.parametrize(
     "fit",
     [
