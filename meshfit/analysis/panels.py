@@ -6,7 +6,7 @@ from math import ceil, log
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64, Int64, UInt8
 
 from meshfit.analysis.stencil_meshes import Patch, StencilMeshes
 from meshfit.mesh.curves import Curves
@@ -21,6 +21,7 @@ from meshfit.subdivision.polygons.scheme import PolygonScheme
 from meshfit.subdivision.refine import subdivide
 from meshfit.subdivision.registry import Scheme
 
+_Inset = UInt8[np.ndarray, "h w 4"]  # of another size than the image beside it
 _FINENESS = 24
 _MARGIN = 0.35
 
@@ -188,7 +189,7 @@ _POINTS, _NOTCH = 5, 0.45
 _CURVE, _POLYGON = "#3d2a7d", "#8b97a3"
 
 
-def draw_limit_surface(scheme: Scheme, size: tuple[int, int], *, regular: bool) -> tuple[Image, Image]:
+def draw_limit_surface(scheme: Scheme, size: tuple[int, int], *, regular: bool) -> tuple[Image, _Inset]:
     """Nearly the limit of a control mesh, and the control mesh itself, smaller, from the same side.
 
     Args:

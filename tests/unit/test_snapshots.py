@@ -138,5 +138,5 @@ def test_a_python_caller_gets_them_too():
 
 @pytest.mark.parametrize("key", ["fit.snapshots", "jobs", "sweep"])
 def test_what_moves_no_number_cannot_be_swept(tmp_path, key):
-    with pytest.raises(ConfigError, match="no result depends on it"):
+    with pytest.raises(ConfigError, match="no effect on results"):
         prepared(tmp_path, sweep={key: [1, 2]})
