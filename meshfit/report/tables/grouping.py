@@ -249,14 +249,13 @@ def _natural(value: object) -> tuple[int, float, list[tuple[int, float, str]]]:
     return 2, 0.0, [(1, 0.0, part) if not part[0].isdigit() else (0, float(part), "") for part in parts]
 
 
-# Schemes that users define. A result names its scheme by its spec, and has the definitions among its settings.
+# Custom schemes. A result names its scheme by a spec, and has the definitions among its settings.
 
 
 def distinguish_definitions(results: Sequence[Result]) -> list[Result]:
-    """Add to the name of a scheme in which way its definition differs from others of that name: `mine [edge.end=3/8]`.
+    """Distinguish different definitions of one scheme by what differs: `mine [edge.end=3/8]`.
 
-    One name has several definitions where a definition was changed between two runs, or is swept. All other results
-    stay as they are.
+    A name has several definitions if one was changed between two runs, or is swept. All other results stay as they are.
     """
     definitions: dict[str, dict[str, Mapping[str, Any]]] = {}
     for result in results:
@@ -288,7 +287,7 @@ def resolve_scheme(results: Sequence[Mapping[str, Any]], text: str) -> str:
 
 
 def describe_definitions(results: Sequence[Mapping[str, Any]]) -> dict[str, str]:
-    """Return the definition of each scheme among the results that users define, in one line each, by scheme."""
+    """Describe each custom scheme among the results in one line, by the name that results give it."""
     lines: dict[str, str] = {}
     for result in results:
         if result["scheme"] not in lines and (definitions := _definitions(result)):
@@ -322,7 +321,7 @@ def _key(definitions: Mapping[str, Any]) -> str:
 
 
 def _suffixes(name: str, by_key: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
-    """Return what to add to a scheme's name, by the key of its definitions."""
+    """Return the suffix of a scheme's name, by the key of its definitions."""
     names = variation_names([_entries(name, definitions) for definitions in by_key.values()], [""] * len(by_key))
     return {key: f" [{differences}]" if differences else "" for key, differences in zip(by_key, names, strict=True)}
 

@@ -20,6 +20,8 @@ FRAMES = {
     "none": "the unit of the target's file",
 }
 """The frame that lengths are stated in, by the setting `normalise`."""
+NOT_SIGNIFICANT = "≈"
+"""Mark of a cell without a significant difference."""
 _STAND_IN = "stand-in"
 
 
@@ -222,7 +224,7 @@ def _variation(table: Table, comparison: Comparison) -> str:
 
 
 def best_note(table: Table) -> str:
-    """Explain the mark of the best cell, whatever it is in a format; empty if no cell has it."""
+    """Explain the mark of the best cell of a column; empty if no cell has it."""
     other = "scheme" if len(table.variations) == 1 else "row"
     return f"best of its column, significantly better than every other {other}" if table.best else ""
 
@@ -238,6 +240,17 @@ def not_significant_note(table: Table) -> str:
         return ""
     single = len(against) == 1 and len(table.variations) == 1
     return f"not significantly different from {against.pop().scheme if single else 'the row it is compared with'}"
+
+
+def legend(table: Table, best: str) -> list[tuple[str, str]]:
+    """Return the marks that cells have, each with its explanation.
+
+    Args:
+        table: the table.
+        best: mark of the best cell of a column.
+    """
+    marks = [(best, best_note(table)), (NOT_SIGNIFICANT, not_significant_note(table))]
+    return [(mark, note) for mark, note in marks if note]
 
 
 def notes(table: Table) -> list[str]:

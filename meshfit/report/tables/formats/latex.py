@@ -7,11 +7,11 @@ from textwrap import wrap
 
 from meshfit.report.tables.layout import Block, Label, TextCell, blocks_of
 from meshfit.report.tables.notes import (
-    best_note,
+    NOT_SIGNIFICANT,
     cell_line,
     comparison_lines,
+    legend,
     metric_line,
-    not_significant_note,
     notes,
     setting_lines,
 )
@@ -20,7 +20,6 @@ from meshfit.report.tables.table import Table
 
 _WIDTH = 76
 """Characters of a line in \\footnotesize on the text width of an article, 345 pt, some of them bold."""
-_NOT_SIGNIFICANT = "≈"
 _ESCAPES = {
     **{character: f"\\{character}" for character in "&%$#_{}"},
     "\\": r"\textbackslash{}",
@@ -65,9 +64,8 @@ def _table(table: Table, number: int) -> Iterator[str]:
             yield from (f"  {line}" for line in [*head, r"\endfirsthead"])
         yield from (f"  {line}" for line in [*head, r"\endhead", r"\bottomrule", r"\endfoot", *_rows(block)])
         yield r"\end{longtable}"
-    marks = [("Bold", best_note(table)), (_NOT_SIGNIFICANT, not_significant_note(table))]
-    legend = [f"{mark}: {note}" for mark, note in marks if note]
-    below = ". ".join([*setting_lines(table), *legend, *notes(table)]) + "."
+    marks = [f"{mark}: {note}" for mark, note in legend(table, "Bold")]
+    below = ". ".join([*setting_lines(table), *marks, *notes(table)]) + "."
     yield rf"\noindent{{\scriptsize {escape(below)}\par}}"
     yield r"\endgroup"
     yield from (f"% {line}" for line in comparison_lines(table))
@@ -119,7 +117,7 @@ def _cell(cell: TextCell) -> list[str]:
     if cell.best:
         return [rf"\textbf{{{line}}}" for line in lines]
     # The mark takes no room, so that numbers stay aligned.
-    return [f"{lines[0]}\\rlap{{\\,{escape(_NOT_SIGNIFICANT)}}}", *lines[1:]] if cell.not_significant else lines
+    return [f"{lines[0]}\\rlap{{\\,{escape(NOT_SIGNIFICANT)}}}", *lines[1:]] if cell.not_significant else lines
 
 
 def _joined(cells: Sequence[str]) -> str:

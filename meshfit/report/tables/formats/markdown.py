@@ -5,17 +5,16 @@ from collections.abc import Sequence
 
 from meshfit.report.tables.layout import TextCell, columns_of, row_labels, row_names
 from meshfit.report.tables.notes import (
-    best_note,
+    NOT_SIGNIFICANT,
     cell_line,
     comparison_lines,
+    legend,
     metric_line,
-    not_significant_note,
     notes,
     setting_lines,
 )
 from meshfit.report.tables.table import Table
 
-_NOT_SIGNIFICANT = "≈"
 _SPECIAL = re.compile(r"([\\`*_\[\]<>|~#])")
 
 
@@ -31,14 +30,13 @@ def _section(table: Table) -> str:
         [*map(escape, row_labels(table, row)), *(_cell(column.cells[index]) for column in columns)]
         for index, row in enumerate(table.rows)
     ]
-    marks = [("Bold", best_note(table)), (_NOT_SIGNIFICANT, not_significant_note(table))]
     parts = [
         f"### {escape(table.title)}",
         escape(". ".join([metric_line(table), cell_line(table), *setting_lines(table)]) + "."),
         "\n".join(f"| {' | '.join(row)} |" for row in (head, ["---"] * len(names) + ["---:"] * len(columns), *rows)),
         "\n".join(f"- {escape(line)}" for line in comparison_lines(table)),
         # Paragraphs, since Markdown would join them to the list above.
-        *(f"{mark}: {escape(note)}" for mark, note in marks if note),
+        *(f"{mark}: {escape(note)}" for mark, note in legend(table, "Bold")),
         *(escape(note) for note in notes(table)),
     ]
     return "\n\n".join(part for part in parts if part) + "\n"
@@ -46,7 +44,7 @@ def _section(table: Table) -> str:
 
 def _cell(cell: TextCell) -> str:
     text = escape(" ".join(filter(None, (cell.text, cell.interval))))
-    return f"**{text}**" if cell.best else f"{text} {_NOT_SIGNIFICANT}" if cell.not_significant else text
+    return f"**{text}**" if cell.best else f"{text} {NOT_SIGNIFICANT}" if cell.not_significant else text
 
 
 def escape(text: str) -> str:

@@ -10,13 +10,13 @@ from rich.text import Text
 
 from meshfit.report.tables.layout import GAP, Block, Column, blocks_of
 from meshfit.report.tables.notes import (
+    NOT_SIGNIFICANT,
     ComparisonText,
     Section,
-    best_note,
     cell_line,
     comparison_lines,
+    legend,
     metric_line,
-    not_significant_note,
     notes,
     sections_of,
     setting_lines,
@@ -24,7 +24,7 @@ from meshfit.report.tables.notes import (
 )
 from meshfit.report.tables.table import Table
 
-_BEST, _NOT_SIGNIFICANT = "*", "≈"
+_BEST = "*"
 _GAP = " " * GAP
 
 
@@ -99,7 +99,7 @@ def _cell(column: Column, row: int, mark: int) -> list[_Styled]:
     cell = column.cells[row]
     width = column.width(mark) - mark * any(other.best or other.not_significant for other in column.cells)
     style, below = ("bold green", "green") if cell.best else ("italic", "") if column.paper else ("", "")
-    sign = f" {_BEST}" if cell.best else f" {_NOT_SIGNIFICANT}" if cell.not_significant else ""
+    sign = f" {_BEST}" if cell.best else f" {NOT_SIGNIFICANT}" if cell.not_significant else ""
     first = (cell.text.rjust(width) + sign, style)
     return [first, (cell.interval.rjust(width), below)] if cell.interval else [first]
 
@@ -155,8 +155,6 @@ def _with_heading(text: str, heading: str, width: int) -> Text:
 
 def _notes(table: Table) -> RichTable:
     grid = RichTable.grid(padding=(0, 1, 0, 0))
-    marked = [(_BEST, best_note(table)), (_NOT_SIGNIFICANT, not_significant_note(table))]
-    for mark, note in [*marked, *(("-", note) for note in notes(table))]:
-        if note:
-            grid.add_row(Text(mark), Text(note))
+    for mark, note in [*legend(table, _BEST), *(("-", note) for note in notes(table))]:
+        grid.add_row(Text(mark), Text(note))
     return grid
