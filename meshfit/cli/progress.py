@@ -102,11 +102,11 @@ class TrialLines:
         self._complete_before: int | None = None
         self._reported: set[int] = set()
 
-    def update(self, board: "ProgressReader", outcomes: Mapping[int, Outcome]) -> None:
+    def update(self, progress: "ProgressReader", outcomes: Mapping[int, Outcome]) -> None:
         """Print what is new."""
         if self._complete_before is None:
-            # What was complete before this run has not been posted to its board.
-            before = [i for i in outcomes if board[i].status is TrialStatus.WAITING]
+            # Trials that were complete before this run have no progress.
+            before = [i for i in outcomes if progress[i].status is TrialStatus.WAITING]
             self._complete_before = len(before)
             if before:
                 self._print(before, "complete already")
@@ -114,7 +114,7 @@ class TrialLines:
             self._print([i], f"{self._trials[i].label}: failed: {outcomes[i].message}")
         self._print_ended([i for i in outcomes if i not in self._reported], outcomes)
         if self._lines.seconds_of_silence >= _SECONDS_OF_SILENCE:
-            self._print([], self._summary(board, outcomes))
+            self._print([], self._summary(progress, outcomes))
 
     def _print_ended(self, ended: Sequence[int], outcomes: Mapping[int, Outcome]) -> None:
         allowed = self._lines.allowed
@@ -128,9 +128,9 @@ class TrialLines:
         self._reported |= set(ended)
         self._lines.print(f"[{len(self._reported)}/{len(self._trials)}] {text}", even_if_fast=True)
 
-    def _summary(self, board: "ProgressReader", outcomes: Mapping[int, Outcome]) -> str:
-        running = _running(self._trials, board, outcomes)
-        parts = _parts_done(self._trials, board, running)
+    def _summary(self, progress: "ProgressReader", outcomes: Mapping[int, Outcome]) -> str:
+        running = _running(self._trials, progress, outcomes)
+        parts = _parts_done(self._trials, progress, running)
         unfinished = len(self._trials) - len(outcomes)
         done = len(outcomes) - (self._complete_before or 0) + parts
         text = f"{len(running)} running, {unfinished - len(running)} waiting"
@@ -148,17 +148,17 @@ class TrialBars:
         self._failures: set[int] = set()
         self._total = bars.add_task("[bold]all trials", total=len(trials), state="")
 
-    def update(self, board: "ProgressReader", outcomes: Mapping[int, Outcome]) -> None:
+    def update(self, progress: "ProgressReader", outcomes: Mapping[int, Outcome]) -> None:
         """Move the bars and print new failures above them."""
-        running = _running(self._trials, board, outcomes)
+        running = _running(self._trials, progress, outcomes)
         self._print_failures(outcomes)
-        done = min(len(outcomes) + _parts_done(self._trials, board, running), len(self._trials))
+        done = min(len(outcomes) + _parts_done(self._trials, progress, running), len(self._trials))
         self._bars.update(self._total, completed=done, state=self._counts(outcomes, running))
         for i in [i for i in self._tasks if i not in running]:
             self._bars.remove_task(self._tasks.pop(i))
         for i in running:
             if i in self._tasks or len(self._tasks) < max(1, err.height - _LINES_BELOW_BARS):
-                self._update_bar(i, board)
+                self._update_bar(i, progress)
 
     def _counts(self, outcomes: Mapping[int, Outcome], running: Sequence[int]) -> str:
         failed = f" [red]{len(self._failures)} failed[/]" if self._failures else ""
@@ -172,23 +172,23 @@ class TrialBars:
                 text = f"[red]failed[/] {escape(self._trials[i].label)}: {escape(outcome.message)}"
                 self._bars.console.print(text, soft_wrap=True)
 
-    def _update_bar(self, i: int, board: "ProgressReader") -> None:
-        trial, step = self._trials[i], board[i].step
+    def _update_bar(self, i: int, progress: "ProgressReader") -> None:
+        trial, step = self._trials[i], progress[i].step
         steps = trial.settings.fit.steps
         if i not in self._tasks:
             self._tasks[i] = self._bars.add_task(escape(trial.label), total=steps, state="")
         fitting = f"{step.done}/{steps} {_stage_and_loss(trial, step)}" if step.done else "loading"
-        state = "measuring" if board[i].status is TrialStatus.MEASURING else fitting
+        state = "measuring" if progress[i].status is TrialStatus.MEASURING else fitting
         self._bars.update(self._tasks[i], completed=step.done, state=state)
 
 
-def _running(trials: Sequence["Trial"], board: "ProgressReader", outcomes: Mapping[int, Outcome]) -> list[int]:
-    return [i for i in range(len(trials)) if i not in outcomes and board[i].status.is_running]
+def _running(trials: Sequence["Trial"], progress: "ProgressReader", outcomes: Mapping[int, Outcome]) -> list[int]:
+    return [i for i in range(len(trials)) if i not in outcomes and progress[i].status.is_running]
 
 
-def _parts_done(trials: Sequence["Trial"], board: "ProgressReader", running: Sequence[int]) -> float:
+def _parts_done(trials: Sequence["Trial"], progress: "ProgressReader", running: Sequence[int]) -> float:
     """Sum over running trials of the fraction of steps done."""
-    return sum(board[i].step.done / max(trials[i].settings.fit.steps, 1) for i in running)
+    return sum(progress[i].step.done / max(trials[i].settings.fit.steps, 1) for i in running)
 
 
 def _stage_and_loss(trial: "Trial", step: Step) -> str:

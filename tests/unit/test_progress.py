@@ -23,18 +23,18 @@ class Clock:
 @pytest.fixture
 def watched(tmp_path):
     trials = plan([experiment(tmp_path, seeds=list(range(300)))])
-    board, clock, outcomes = SharedProgress.of(300), Clock(), {}
+    progress, clock, outcomes = SharedProgress.of(300), Clock(), {}
     lines = TrialLines(trials, clock)
 
     def end(i, phase=TrialStatus.COMPLETE, message=""):
-        board[i] = Progress(phase)
+        progress[i] = Progress(phase)
         outcomes[i] = Outcome(phase, message)
 
     def look(seconds=0.1):
         clock.now += seconds
-        lines.update(board, outcomes)
+        lines.update(progress, outcomes)
 
-    return board, end, look
+    return progress, end, look
 
 
 def test_trials_that_end_slowly_are_named(watched, capsys):
@@ -62,18 +62,18 @@ def test_trials_that_end_fast_are_counted_and_failures_still_named(watched, caps
 
 
 def test_what_was_complete_before_is_one_line(watched, capsys):
-    board, end, look = watched
+    progress, end, look = watched
     for i in range(290):
         end(i)
-        board.reset(i)
+        progress.reset(i)
     look()
     assert capsys.readouterr().err == "[290/300] complete already\n"
 
 
 def test_a_minute_in_which_nothing_ends_has_a_sign_of_life(watched, capsys):
-    board, _, look = watched
+    progress, _, look = watched
     look()
-    board[0] = Progress(TrialStatus.FITTING, Step(10, 20, 0.5))
+    progress[0] = Progress(TrialStatus.FITTING, Step(10, 20, 0.5))
     for _ in range(600):
         look()
     (said,) = capsys.readouterr().err.splitlines()
