@@ -60,12 +60,7 @@ def measure(
     """
     settings = override(settings or MeasureSettings(), overrides)
     hausdorff, distance = surface_distances(result, target, settings.samples, settings.seed)
-    scores = point_scores(result, target, settings.points, settings.f_score_tau, settings.seed)
-    return Measurement(
-        hausdorff,
-        distance,
-        scores.chamfer,
-        scores.f_score,
-        scores.normal_consistency,
-        mesh_quality(result, "result"),
-    )
+    points, tau = settings.points, settings.f_score_tau
+    chamfer, f_score, normal_consistency = point_scores(result, target, points, tau, settings.seed)
+    quality = mesh_quality(result, "result")
+    return Measurement(hausdorff, distance, chamfer, f_score, normal_consistency, quality)

@@ -61,22 +61,15 @@ class NormalConsistency:
     absolute: float
 
 
-@dataclass(frozen=True)
-class PointScores:
-    """All metrics of two point clouds."""
-
-    chamfer: Chamfer
-    f_score: FScore
-    normal_consistency: NormalConsistency
-
-
 @dataclass(frozen=True, eq=False)
 class _Cloud:
     points: Float64[np.ndarray, "N 3"]
     normals: Float64[np.ndarray, "N 3"]
 
 
-def point_scores(result: Mesh, target: Mesh, count: int, tau: float, seed: int) -> PointScores:
+def point_scores(
+    result: Mesh, target: Mesh, count: int, tau: float, seed: int
+) -> tuple[Chamfer, FScore, NormalConsistency]:
     """Return chamfer distance, F-score and normal consistency of two surfaces.
 
     Args:
@@ -96,7 +89,7 @@ def point_scores(result: Mesh, target: Mesh, count: int, tau: float, seed: int) 
     forward, forward_cosine = _to_nearest(first, second)
     backward, backward_cosine = _to_nearest(second, first)
     cosines = np.stack([forward_cosine, backward_cosine])
-    return PointScores(
+    return (
         Chamfer(float(forward.mean() + backward.mean()), float((forward**2).mean() + (backward**2).mean()), count),
         _f_score(tau, precision=float((forward <= tau).mean()), recall=float((backward <= tau).mean())),
         NormalConsistency(float(cosines.mean()), float(np.abs(cosines).mean())),

@@ -8,21 +8,27 @@ from numpy.typing import NDArray
 from meshfit.errors import DomainError, MeshError, MeshfitWarning
 from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.manifold import misoriented_edges, nonmanifold_edges, num_components
-from meshfit.mesh.mesh import Mesh, Verts
+from meshfit.mesh.mesh import Verts
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
-from meshfit.mesh.topology import NONE, HalfEdges, Indices, Mask, PolygonTopology, Topology
+from meshfit.mesh.topology import NONE, HalfEdges, Indices, Mask, PolygonTopology
 
 # Areas and their squares stay finite up to here.
 _LARGEST_COORDINATE = 1e60
 
 
-def clean(verts: NDArray[np.floating], faces: NDArray[np.integer], origin: str) -> Mesh:
-    """Return a mesh without seams, degenerate or duplicate faces, and unused vertices.
+def clean(soup: PolygonSoup, origin: str) -> tuple[PolygonMesh, Indices]:
+    """Return a mesh without seams, degenerate or duplicate faces and unused vertices, and the index of each vertex.
+
+    Boundary vertices at equal positions, which file formats split along seams, are merged. Coincident vertices off the
+    boundary stay separate: there a closed surface touches itself, and merging would tear it. A corner that repeats the
+    previous one is dropped; a polygon is degenerate if no triangle of its fan has an area.
 
     Args:
-        verts: (V, 3) positions.
-        faces: (F, 3) vertex indices.
+        soup: N positions, and polygons.
         origin: name of the mesh in messages, usually its path.
+
+    Returns:
+        The mesh, and (N,) the index in it of each given vertex, `NONE` for dropped ones.
 
     Raises:
         MeshError: no vertices or faces, a coordinate that is not finite or beyond 1e60, a face with an index out of
@@ -32,23 +38,6 @@ def clean(verts: NDArray[np.floating], faces: NDArray[np.integer], origin: str) 
         MeshfitWarning: with the number of dropped elements of each kind, and where the surface is not one closed
             manifold.
     """
-    return clean_polygons(PolygonSoup.of_triangles(verts, faces.astype(np.int64)), origin).triangulated()
-
-
-def clean_polygons(soup: PolygonSoup, origin: str) -> PolygonMesh:
-    """Return a polygon mesh, cleaned as `clean` cleans triangles, with the same errors and warnings.
-
-    A corner that repeats the previous one is dropped; a polygon is degenerate if no triangle of its fan has an area.
-
-    Args:
-        soup: positions and polygons.
-        origin: name of the mesh in messages, usually its path.
-    """
-    return clean_with_vertex_map(soup, origin)[0]
-
-
-def clean_with_vertex_map(soup: PolygonSoup, origin: str) -> tuple[PolygonMesh, Indices]:
-    """Return the mesh of `clean_polygons`, and (N,) the index in it of each given vertex; `NONE` for dropped ones."""
     _require_valid(soup, origin)
     raw = PolygonMesh(*soup)
     welded = _weld_targets(PolygonTopology.of(raw), raw.verts)
@@ -67,15 +56,6 @@ def clean_with_vertex_map(soup: PolygonSoup, origin: str) -> tuple[PolygonMesh, 
             _warn(f"{origin}: dropped {count} {kind}")
     _warn_of_shape(PolygonTopology.of(result), origin)
     return result, number[welded]
-
-
-def weld_seams(mesh: Mesh) -> Mesh:
-    """Merge boundary vertices at equal positions, which file formats split along seams.
-
-    Coincident vertices off the boundary stay separate: there a closed surface touches itself, and welding would tear
-    it.
-    """
-    return Mesh(mesh.verts, _weld_targets(Topology.of(mesh), mesh.verts)[mesh.faces])
 
 
 def _weld_targets(topology: HalfEdges, verts: Verts) -> Indices:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from meshfit.errors import MeshError, MeshfitWarning
-from meshfit.mesh.cleaning import clean_polygons
+from meshfit.mesh.cleaning import clean
 from meshfit.mesh.io.files import encode_mesh, load_mesh, load_polygons, save_mesh
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup, face_rows
 from tests.for_all import for_all
@@ -101,7 +101,7 @@ def cleaned(verts, rows):
     )
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        mesh = clean_polygons(found, "it")
+        mesh, _ = clean(found, "it")
     assert all(warning.category is MeshfitWarning for warning in caught)
     return mesh, [str(warning.message).removeprefix("it: ") for warning in caught]
 

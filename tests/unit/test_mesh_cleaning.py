@@ -10,6 +10,7 @@ from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.cleaning import clean
 from meshfit.mesh.io.files import load_mesh, save_mesh
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.polygons import PolygonSoup
 from meshfit.mesh.solids import icosahedron, octahedron
 from tests.for_all import for_all
 from tests.shapes import CLOSED, mixed_open, patch
@@ -21,7 +22,8 @@ def cleaned(verts, faces):
     """The mesh, and what is said about it."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        mesh = clean(np.asarray(verts, dtype=np.float64), np.asarray(faces), "it")
+        mesh, _ = clean(PolygonSoup.of_triangles(np.asarray(verts, dtype=np.float64), np.asarray(faces)), "it")
+        mesh = mesh.triangulated()
     assert all(warning.category is MeshfitWarning for warning in caught)
     said = [str(warning.message) for warning in caught]
     assert all(text.startswith("it: ") and "\n" not in text for text in said)
@@ -138,7 +140,7 @@ def test_everything_at_once_is_told_in_a_line_each():
 )
 def test_what_is_no_surface_is_refused(verts, faces, message):
     with pytest.raises(MeshError) as caught:
-        clean(verts, np.asarray(faces), "it")
+        clean(PolygonSoup.of_triangles(verts, np.asarray(faces)), "it")
     assert str(caught.value) == message
 
 

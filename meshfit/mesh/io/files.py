@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from meshfit.errors import DomainError, MeshError, MeshfitWarning
-from meshfit.mesh.cleaning import clean_with_vertex_map, require_finite_verts
+from meshfit.mesh.cleaning import clean, require_finite_verts
 from meshfit.mesh.curves import Chains, Curves, Segments, join_segments
 from meshfit.mesh.io import obj, off, ply, stl_glb
 from meshfit.mesh.mesh import Mesh, Verts
@@ -77,7 +77,7 @@ def load_mesh_with_vertex_map(path: str | Path) -> tuple[Mesh, Indices]:
     """
     soup = _read_soup(Path(path))
     triangles = PolygonSoup.of_triangles(soup.verts, fan_triangles(soup.corners, soup.sizes))
-    mesh, vertex_map = clean_with_vertex_map(triangles, str(path))
+    mesh, vertex_map = clean(triangles, str(path))
     return mesh.triangulated(), vertex_map
 
 
@@ -94,7 +94,7 @@ def load_polygons(path: str | Path) -> PolygonMesh:
 
 def load_polygons_with_vertex_map(path: str | Path) -> tuple[PolygonMesh, Indices]:
     """Return the mesh of `load_polygons`, and (N,) the index in it of each vertex of the file."""
-    return clean_with_vertex_map(_read_soup(Path(path)), str(path))
+    return clean(_read_soup(Path(path)), str(path))
 
 
 def load_curves(path: str | Path) -> Curves:
