@@ -19,18 +19,16 @@ from meshfit.units import duration_text
 if TYPE_CHECKING:
     from meshfit.experiment.plan import Trial
     from meshfit.experiment.running.backends import ProgressReader
+    from meshfit.experiment.running.scheduler import Watcher
 
 _LINES_AT_ONCE = 20
 _SECONDS_PER_LINE = 5.0
 _SECONDS_OF_SILENCE = 60.0
 _LINES_BELOW_BARS = 4
 
-Watch = Callable[["ProgressReader", Mapping[int, Outcome]], None]
-"""Called by `run_trials` with the progress of running trials and the outcomes so far."""
-
 
 @contextmanager
-def show_progress(trials: Sequence["Trial"], *, quiet: bool) -> Iterator[Watch]:
+def show_progress(trials: Sequence["Trial"], *, quiet: bool) -> Iterator["Watcher"]:
     """Show the progress of trials within a `with` block."""
     if quiet:
         yield lambda *_: None
