@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from meshfit.cli.progress import TrialLines
+from meshfit.cli.progress import TrialLines, show_parts
 from meshfit.experiment.plan import plan
 from meshfit.experiment.running.shared_progress import SharedProgress
 from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
@@ -78,3 +78,16 @@ def test_a_minute_in_which_nothing_ends_has_a_sign_of_life(watched, capsys):
         look()
     (said,) = capsys.readouterr().err.splitlines()
     assert said == "[0/300] 1 running, 299 waiting; about 9 h 59 min left"
+
+
+def test_parts_are_printed_at_a_rate_that_can_be_read_and_their_end_in_any_case(capsys):
+    with show_parts(quiet=False) as show:
+        for done in range(101):
+            show("drawing", done, 100)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "drawing: 0 of 100"
+    assert lines[-1] == "drawing: 100 of 100"
+    assert len(lines) < 25
+    with show_parts(quiet=True) as show:
+        show("drawing", 1, 1)
+    assert capsys.readouterr().err == ""
