@@ -84,7 +84,7 @@ def _lines(tables: Sequence[Table]) -> list[_Line]:
     """The schemes of all tables, each under the heading of its kind."""
     schemes = list(dict.fromkeys(scheme for table in tables for scheme in table.schemes))
     lines = []
-    for kind in ("approximating", "interpolatory", "of one's own"):
+    for kind in ("approximating", "interpolatory", "custom"):
         members = [scheme for scheme in schemes if _kind(scheme) == kind]
         lines += [_Line(kind, None), *(_Line(scheme, scheme) for scheme in members)] if members else []
     return lines
@@ -93,7 +93,7 @@ def _lines(tables: Sequence[Table]) -> list[_Line]:
 def _kind(scheme: str) -> str:
     # A blank separates a spec from the note that distinguishes several definitions of one name.
     if scheme.partition(" ")[0].partition(":")[0] not in SCHEMES:
-        return "of one's own"
+        return "custom"
     spec = parse_spec(scheme)
     alpha = dict(spec.parameters).get("alpha", 1.0)
     return SCHEMES[spec.name].kind if alpha == 1 else "approximating"

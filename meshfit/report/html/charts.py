@@ -41,8 +41,8 @@ _LOG_RATIO = 3.0  # of the largest to the smallest value, above which an axis is
 _DASHES = ("-", (0, (4, 2)), (0, (1.2, 1.6)), (0, (4, 1.6, 1.2, 1.6)))
 _ROW_COLOURS = 10
 # Placeholders that are replaced by CSS variables.
-_INK, _SOFT, _RULE = "#010101", "#010102", "#010103"
-_VARIABLES = {_INK: "var(--ink)", _SOFT: "var(--soft)", _RULE: "var(--rule)"} | {
+_SOFT, _RULE = "#010101", "#010102"
+_VARIABLES = {_SOFT: "var(--soft)", _RULE: "var(--rule)"} | {
     f"#0102{row:02x}": f"var(--row-{row})" for row in range(_ROW_COLOURS)
 }
 
@@ -105,7 +105,7 @@ def draw_curves(section: TargetSection, curves: Sequence[Curve]) -> list[Chart]:
     timed = [curve for curve in curves if curve.seconds is not None]
     charts = []
     if nearness and timed:
-        label = "seconds, spread evenly over the steps"
+        label = "seconds, spread evenly over the steps"  # since traces contain no times
         charts.append(Chart(f"{nearness} by time", _term_chart(section, timed, nearness, label, by_time=True)))
     if ends := list(_ends(section)):
         charts.append(Chart(f"{section.metric} at the end", _end_chart(section, ends)))
@@ -123,16 +123,15 @@ def draw_histogram(section: TargetSection) -> Chart | None:
         for trial in section.trials:
             if trial.distances is None:
                 continue
-            shares, beyond = area_shares(trial.mesh, trial.distances, section.limit)
-            note = f"{trial.label}, {beyond:.1f} % beyond" if beyond >= 0.05 else trial.label
-            style = {"gid": f"row-{trial.row}|{note}", "color": _colour(trial.row)}
+            shares, _ = area_shares(trial.mesh, trial.distances, section.limit)
+            style = {"gid": f"row-{trial.row}|{trial.label}", "color": _colour(trial.row)}
             axes.stairs(shares, edges, fill=True, alpha=0.12, **style)
             axes.stairs(shares, edges, baseline=None, linewidth=1.6, linestyle=_dash(trial.row), **style)
         axes.set_xlim(0.0, section.limit)
         axes.set_ylim(bottom=0.0)
 
-    label = "distance to the target"
-    return Chart("% of the area", _svg(draw, f"Histogram of distances, {section.title}", label, section.key))
+    name = f"Histogram of distances, {section.title}"
+    return Chart("% of the area", _svg(draw, name, "distance to the target", section.key))
 
 
 def shares_beyond(section: TargetSection) -> dict[int, float]:

@@ -1,6 +1,6 @@
 """The sections of the page: each target of each table, with the meshes of one representative trial per row."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -70,7 +70,7 @@ class TargetSection:
         trials_by_row: all results on the target.
         values_by_row: their values of the first metric.
         target: the target mesh; None if it is missing or has changed.
-        trials: the loaded trials, one per row.
+        trials: the loaded trials, one per row that can be read.
         left_out: labels of the rows that there is no room for.
         problems: messages about files that could not be read.
     """
@@ -89,7 +89,7 @@ class TargetSection:
 
     @cached_property
     def sources(self) -> list[tuple[str, Mesh]]:
-        """The sources that look different, each with the schemes it is for, or the rows where schemes share several."""
+        """The sources that look different, each with its schemes, or with its rows if a scheme has several sources."""
         groups = distinct_meshes([(trial, trial.source) for trial in self.trials])
         schemes = [", ".join(dict.fromkeys(trial.scheme for trial in trials)) for trials, _ in groups]
         labels = ["; ".join(trial.label for trial in trials) for trials, _ in groups]
@@ -171,6 +171,7 @@ def _read_section(key: str, title: str, table: Table, target: str, trials: Trial
     problems: list[str] = []
     mesh = _read_target(chosen[shown[0]].result, problems)
     whole = METRICS[metric].format == "d"
+    loaded = [_load(chosen[row], row, titles[row], mesh, problems, whole=whole) for row in shown]
     return TargetSection(
         key=key,
         title=title,
@@ -180,9 +181,7 @@ def _read_section(key: str, title: str, table: Table, target: str, trials: Trial
         trials_by_row=trials,
         values_by_row=values,
         target=mesh,
-        trials=[
-            loaded for row in shown for loaded in _load(chosen[row], row, titles[row], mesh, problems, whole=whole)
-        ],
+        trials=[trial for trial in loaded if trial is not None],
         left_out=[titles[row] for row in list(chosen)[most:]],
         problems=problems,
     )
@@ -202,16 +201,16 @@ def _read_target(result: Result, problems: list[str]) -> Mesh | None:
 
 def _load(
     trial: RepresentativeTrial, row: int, label: str, target: Mesh | None, problems: list[str], *, whole: bool
-) -> Iterator[LoadedTrial]:
-    """The loaded trial, or nothing but a problem."""
+) -> LoadedTrial | None:
+    """Load the meshes of a trial; if they cannot be read, add a problem and return None."""
     try:
         source, mesh = (_read_surface(trial, name) for name in (SOURCE, FITTED))
         distances = distances_to(mesh, target) if target is not None else None
     except MeshfitError as error:
         problems.append(f"{label}, seed {trial.seed}, is not shown: {error}")
-        return
+        return None
     value = "" if trial.value is None else format_number(trial.value, whole=whole)
-    yield LoadedTrial(label, trial.seed, value, trial.scheme, row, source, mesh, distances)
+    return LoadedTrial(label, trial.seed, value, trial.scheme, row, source, mesh, distances)
 
 
 def _read_surface(trial: RepresentativeTrial, name: str) -> Mesh:
