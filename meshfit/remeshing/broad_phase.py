@@ -12,7 +12,7 @@ Rows = Tensor | slice
 
 _BLOCK = 1 << 20
 _STRIDE = 8
-# Boxes over at most 64 columns in x or y are laid into columns, with at most 8 entries per box on average; few are not.
+# Limits of the grid: columns per box in x or y, entries per box on average, and the share of boxes that are wider.
 _MOST_COLUMNS = 64
 _MOST_ENTRIES = 8
 _MOST_WIDE = 0.01
@@ -41,9 +41,9 @@ def overlapping_boxes(
     if not len(low):
         return
     first, last, wide = _columns(low, high)
-    laid = low[:, 2].argsort(stable=True)
-    laid = laid[~wide.index_select(0, laid)]
-    for i, j in _in_blocks(_Sweep.over(low, high, members, (first, last), laid).pairs()):
+    narrow = low[:, 2].argsort(stable=True)
+    narrow = narrow[~wide.index_select(0, narrow)]
+    for i, j in _in_blocks(_Sweep.over(low, high, members, (first, last), narrow).pairs()):
         same = members.index_select(0, i) == members.index_select(0, j)
         yield (i, j) if same.all() else (i[same], j[same])
     yield from _with_all(low, high, members, wide)
@@ -94,10 +94,10 @@ class _Sweep:
         high: Float64[Tensor, "N 3"],
         members: Int64[Tensor, " N"],
         columns: tuple[Int64[Tensor, "N 2"], Int64[Tensor, "N 2"]],
-        laid: Int64[Tensor, " L"],
+        narrow: Int64[Tensor, " L"],
     ) -> "_Sweep":
-        """Return the entries of the boxes `laid`, which are sorted by their start in z."""
-        first, last = (ends.index_select(0, laid) for ends in columns)
+        """Return the entries of the boxes `narrow`, which are sorted by their start in z."""
+        first, last = (ends.index_select(0, narrow) for ends in columns)
         deep, across = (last - first + 1).unbind(1)
         owners = torch.repeat_interleave(deep * across)
         place = torch.arange(len(owners), device=low.device)
@@ -106,7 +106,7 @@ class _Sweep:
         x = place.div(across, rounding_mode="floor")
         y = place - x * across
         leads = x == 0, y == 0
-        owned, x0, y0 = (values.index_select(0, owners) for values in (laid, *first.unbind(1)))
+        owned, x0, y0 = (values.index_select(0, owners) for values in (narrow, *first.unbind(1)))
         numbers = (members.index_select(0, owned) & 0x1FF) << 22 | (x + x0 & 0x7FF) << 11 | y + y0 & 0x7FF
         sorting = numbers.int().sort(stable=True)
         boxes = owned.index_select(0, sorting.indices)
@@ -170,18 +170,18 @@ def _with_all(
 
 def _in_blocks(pairs: Iterator[Pairs]) -> Iterator[Pairs]:
     """Yield the same pairs in fewer and larger blocks."""
-    held: list[Pairs] = []
+    blocks: list[Pairs] = []
     for block in pairs:
-        held.append(block)
-        if sum(len(i) for i, _ in held) > _BLOCK:
-            yield _joined(held)
-            held = []
-    if held:
-        yield _joined(held)
+        blocks.append(block)
+        if sum(len(i) for i, _ in blocks) > _BLOCK:
+            yield _joined(blocks)
+            blocks = []
+    if blocks:
+        yield _joined(blocks)
 
 
-def _joined(held: list[Pairs]) -> Pairs:
-    return torch.cat([i for i, _ in held]), torch.cat([j for _, j in held])
+def _joined(blocks: list[Pairs]) -> Pairs:
+    return torch.cat([i for i, _ in blocks]), torch.cat([j for _, j in blocks])
 
 
 def _at(values: Tensor, rows: Rows) -> Tensor:

@@ -58,11 +58,8 @@ class RemeshState:
     @cached_property
     def ratio(self) -> Float[Tensor, " E"]:
         """Length of each edge over its target length."""
-        edges = self.edges
-        return (
-            length_of(self.verts.index_select(0, edges.head) - self.verts.index_select(0, edges.tail))
-            / self.target_lengths
-        )
+        head, tail = (self.verts.index_select(0, ends) for ends in (self.edges.head, self.edges.tail))
+        return length_of(head - tail) / self.target_lengths
 
     def compact(self) -> "RemeshState":
         """Remove unused vertices; the others keep their order."""

@@ -1,4 +1,4 @@
-"""Both commands that fit, with the second engine."""
+"""Both commands that fit, with the Gauss–Newton engine."""
 
 import pytest
 
