@@ -78,11 +78,17 @@ def _block(block: Block) -> Iterator[Text]:
         cells.append([(line.rjust(width), "bold") for line in [*[""] * (height - len(lines)), *lines]])
     yield from _lines(cells, widths)
     yield Text("─" * block.width)
+    rooms = [
+        width - block.mark * any(cell.best or cell.not_significant for cell in column.cells)
+        for column, width in zip(block.columns, widths[1:], strict=True)
+    ]
     for label in block.labels:
         row = label.row
         first = [(line, "bold" if row is None else "") for line in label.lines]
-        others = [] if row is None else [_cell(column, row, block.mark) for column in block.columns]
-        yield from _lines([first, *others], widths)
+        cells = [first]
+        if row is not None:
+            cells += [_cell(column, row, room) for column, room in zip(block.columns, rooms, strict=True)]
+        yield from _lines(cells, widths)
 
 
 def _lines(cells: Sequence[Sequence[_Styled]], widths: Sequence[int]) -> Iterator[Text]:
@@ -95,13 +101,12 @@ def _lines(cells: Sequence[Sequence[_Styled]], widths: Sequence[int]) -> Iterato
         yield text
 
 
-def _cell(column: Column, row: int, mark: int) -> list[_Styled]:
+def _cell(column: Column, row: int, room: int) -> list[_Styled]:
     cell = column.cells[row]
-    width = column.width(mark) - mark * any(other.best or other.not_significant for other in column.cells)
     style, below = ("bold green", "green") if cell.best else ("italic", "") if column.paper else ("", "")
     sign = f" {_BEST}" if cell.best else f" {NOT_SIGNIFICANT}" if cell.not_significant else ""
-    first = (cell.text.rjust(width) + sign, style)
-    return [first, (cell.interval.rjust(width), below)] if cell.interval else [first]
+    first = (cell.text.rjust(room) + sign, style)
+    return [first, (cell.interval.rjust(room), below)] if cell.interval else [first]
 
 
 # Comparisons: one line each, below the name of the target.
