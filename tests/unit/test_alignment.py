@@ -1,4 +1,4 @@
-"""A source placed on a target: each way undoes what it is made to undo, and leaves the rest."""
+"""Alignment: each way undoes the transformation that it is made for."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""From a name or a file and some overrides to settings; and what is wrong is said with its line."""
+"""Loading of configs with overrides, and errors with their lines."""
 
 from pathlib import Path
 
@@ -102,6 +102,17 @@ TEXT = "seeds: [0]\nfit:\n  steps: 9\n  losses: {edge: 3, chamfer: 4}\n"
 @for_all(("overrides", "value", "expected"), OVERRIDES)
 def test_overrides(config, overrides, value, expected):
     assert value(config(TEXT, *overrides)) == expected
+
+
+def test_both_spellings_of_centre_are_read_and_one_is_kept(config):
+    text = "source: {center: [1, 2, 3], align: centre}\n"
+    source = config(text).source
+    assert (source.centre, source.align) == ((1, 2, 3), "center")
+    assert config(text, "source.centre=null").source.centre is None
+    assert config(text, "source.center=null").source.centre is None
+    assert config("source: {centre: null}\n", "source={center: [0, 0, 1]}").source.centre == (0, 0, 1)
+    with pytest.raises(ConfigError, match=r"source\.center: no such key: did you mean 'centre'"):
+        config("source: {center: null, centre: null}\n")
 
 
 LISTED = "targets, define, schemes, seeds, normalise, write_frame, source, fit, measure, device, dtype"

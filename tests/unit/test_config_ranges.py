@@ -1,4 +1,4 @@
-"""Every constrained key refuses what lies outside, names line, key, finding and need, and takes what lies inside."""
+"""Every constrained key accepts values inside its range, and refuses others with line, key, value and expectation."""
 
 import re
 

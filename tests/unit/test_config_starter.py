@@ -1,4 +1,4 @@
-"""The starter config and the JSON Schema say what the models say."""
+"""The starter config and the JSON Schema agree with the settings models."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""Sweeps: the points that they stand for, their identities, and what is refused."""
+"""Sweeps: their points, the identities of these, and refusals."""
 
 import json
 
@@ -58,6 +58,12 @@ def test_a_variant_may_be_fitted_by_the_other_engine(change):
     one, other = (variant.settings.fit for variant in variants_of(settings))
     assert (one.method, one.steps) == ("first-order", 7)
     assert (other.method, other.levels) == ("gauss-newton", 2)
+
+
+def test_a_point_is_the_same_in_either_spelling_of_centre():
+    points = [variants(**{key: [[0, 0, 1], None]}) for key in ("source.centre", "source.center")]
+    assert points[0] == points[1]
+    assert [point.settings.source.centre for point in points[0]] == [(0, 0, 1), None]
 
 
 def test_keys_are_shortened_as_far_as_they_stay_apart():

@@ -1,4 +1,4 @@
-"""Curves check their arrays, chains their verts; and segments in any order are joined as they hang together."""
+"""Curves, chains, and the joining of segments."""
 
 import numpy as np
 import pytest

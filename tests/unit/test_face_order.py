@@ -1,4 +1,4 @@
-"""The orders that faces and verts are put in for speed: the surface stays the same."""
+"""Orders of faces and vertices for speed leave the surface unchanged."""
 
 import numpy as np
 

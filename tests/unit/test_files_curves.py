@@ -1,4 +1,4 @@
-"""Curve files: what is written is read back, and what is damaged is refused in one line."""
+"""Curve files: round trips, and refusals in one line."""
 
 import random
 import tracemalloc

@@ -1,4 +1,4 @@
-"""The grammar of OBJ, OFF, PLY and STL as people write them."""
+"""Variants of OBJ, OFF, PLY and STL that programs write."""
 
 import struct
 from itertools import pairwise
@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from meshfit.errors import MeshfitWarning
-from meshfit.mesh.io.files import load_mesh
+from meshfit.mesh.io.files import FORMATS, load_mesh
+from meshfit.paths import MESH_SUFFIXES
 from tests.for_all import for_all
 
 VERTS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -62,7 +63,7 @@ VARIANTS = {
 
 
 @for_all("name", VARIANTS)
-def test_one_tetrahedron_in_many_hands(tmp_path, name):
+def test_all_ways_of_writing_a_tetrahedron_give_the_same_mesh(tmp_path, name):
     (tmp_path / name).write_text(VARIANTS[name], encoding="utf-8", newline="")
     found = load_mesh(tmp_path / name)
     assert sorted(map(tuple, np.round(found.verts, 12).tolist())) == sorted(map(tuple, VERTS.tolist()))
@@ -91,6 +92,10 @@ def test_binary_ply_of_either_byte_order(tmp_path, order, kinds):
     found = load_mesh(tmp_path / "a.ply")
     assert np.array_equal(found.verts, VERTS)
     assert np.array_equal(found.faces, FACES)
+
+
+def test_the_table_of_formats_has_the_suffixes_that_the_command_line_completes():
+    assert tuple(FORMATS) == MESH_SUFFIXES
 
 
 PENTAGON = [[0.0, 0, 0], [2, 0, 0], [3, 1, 0], [1, 3, 0], [-1, 1, 0]]

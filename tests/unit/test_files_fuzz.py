@@ -1,4 +1,4 @@
-"""Damaged files: whatever the bytes, there is a sane mesh or a MeshError; and never a hang or a huge allocation."""
+"""Damaged files give a valid mesh or a MeshError, without a hang or a huge allocation."""
 
 import random
 import signal

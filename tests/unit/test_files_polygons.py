@@ -1,4 +1,4 @@
-"""Polygons in files: kept where they are wanted, cleaned as triangles are, and read by others as the fans they make."""
+"""Polygons in files: kept or triangulated on loading, and cleaned like triangles."""
 
 import struct
 import warnings

@@ -1,4 +1,4 @@
-"""Files that hold no usable mesh: one line that names the file and what is wrong with it."""
+"""Refusals of unusable mesh files: one line with the path and the fault."""
 
 import os
 import re
@@ -22,7 +22,7 @@ BINARY = encode_mesh(octahedron(), ".ply")
 
 
 def refusal(path):
-    """What is said of a file, without its name."""
+    """Return the error message of a file, without its path."""
     with pytest.raises(MeshError) as caught:
         load_mesh(path)
     text = str(caught.value)
@@ -80,7 +80,7 @@ def test_garbage(tmp_path, suffix, seed):
 
 
 @for_all("suffix", FORMATS)
-def test_a_letter_from_a_friend(tmp_path, suffix):
+def test_prose(tmp_path, suffix):
     said = refusal(written(tmp_path / f"a{suffix}", "Dear all,\nplease find the model attached.\n"))
     assert said.startswith(f"cannot be read as {suffix[1:].upper()}: ")
 
@@ -133,7 +133,7 @@ FAULTS = {
 
 
 @for_all("fault", FAULTS)
-def test_what_is_wrong_is_said(tmp_path, fault):
+def test_the_fault_is_named(tmp_path, fault):
     name, content, expected = FAULTS[fault]
     assert re.search(re.escape(expected), refusal(written(tmp_path / name, content)))
 

@@ -1,4 +1,4 @@
-"""What is written is read back: vertex by vertex, face by face, and to the last bit where the format can hold it."""
+"""Round trips of meshes through files: to the last bit where the format holds double precision."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Seams, which formats cut for textures, normals or want of an index, are welded; real contact is left alone."""
+"""Seams, which formats cut for textures, normals or lack of an index, are welded; real contact is not."""
 
 import warnings
 

@@ -1,4 +1,4 @@
-"""Numbers for the verts of a mesh file: from text, and from a PLY file's own properties."""
+"""Values per vertex of a mesh file, from text files and PLY properties."""
 
 import struct
 

@@ -1,4 +1,4 @@
-"""The one call: its settings, its JSON, and the table that names its figures."""
+"""The `measure` call: its settings, its JSON, and the table of metrics."""
 
 import json
 import subprocess

@@ -1,4 +1,4 @@
-"""Chamfer, F-score and normal consistency: known answers, and a brute-force twin."""
+"""Chamfer, F-score and normal consistency: known answers, and a brute-force oracle."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Soundness figures on meshes made to have them."""
+"""Mesh quality on meshes made for each metric."""
 
 import numpy as np
 import pytest

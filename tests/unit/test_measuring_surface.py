@@ -1,4 +1,4 @@
-"""Meshes are refused before MeshLab sees what it cannot bear, and cut where it would measure wrongly."""
+"""Surfaces that MeshLab could not measure are refused, and obtuse faces split."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Cleaning: what is dropped, what is only told, and with which count."""
+"""Cleaning: dropped elements, warnings, and their counts."""
 
 import re
 import warnings

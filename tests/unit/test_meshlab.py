@@ -1,4 +1,4 @@
-"""What we rely on MeshLab for, and the traps in its filters that are kept closed."""
+"""MeshLab filters: the behaviour we rely on, and the defaults we avoid."""
 
 import warnings
 

@@ -1,4 +1,4 @@
-"""The mousehead target keeps what is promised of it, and its generator refuses what does not."""
+"""The mousehead target has the promised properties, and its generator checks them."""
 
 import hashlib
 import importlib.util

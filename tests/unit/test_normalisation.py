@@ -1,4 +1,4 @@
-"""Frames: known answers, and there and back."""
+"""Frames: known answers, and round trips."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Meshes of polygons: what they refuse, how they become triangles, and what their half-edges tell."""
+"""Polygon meshes: refusals, triangulation and half-edges."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Points on a surface: on their faces, uniform by area, stratified, and the same for the same seed."""
+"""Surface sampling: on the faces, uniform by area, stratified, reproducible."""
 
 import numpy as np
 from scipy.stats import chisquare, kstest

@@ -1,4 +1,4 @@
-"""The named solids are what their names say."""
+"""The named solids have the properties of their names."""
 
 import numpy as np
 

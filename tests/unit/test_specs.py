@@ -1,4 +1,4 @@
-"""Specs are read as they are written."""
+"""Parsing and printing of specs."""
 
 import math
 

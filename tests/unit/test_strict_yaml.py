@@ -1,4 +1,4 @@
-"""YAML as people mean it: which scalars are numbers, and everything else refused in one line."""
+"""Strict YAML: its scalars, and refusals in one line."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Named targets are the files that they are said to be, and what is not found is said clearly."""
+"""Named targets: contents, hashes, and errors for missing ones."""
 
 import dataclasses
 import shutil
