@@ -16,7 +16,7 @@ from meshfit.report.figures.colours import DISTANCES
 from meshfit.report.html import tables as text
 from meshfit.report.html.charts import draw_curves, draw_histogram, read_curves, shares_beyond
 from meshfit.report.html.images import draw_distances, draw_pictures, num_pictures
-from meshfit.report.html.target_section import TargetSection, read_sections
+from meshfit.report.html.target_section import TargetSection, read_sections, short_titles
 from meshfit.report.html.viewer import MOST_FACES, compress, viewer_meshes, viewer_scene
 from meshfit.report.tables.grouping import distinguish_definitions
 from meshfit.report.tables.table import Table, build_tables, merge_tables
@@ -100,7 +100,7 @@ def render_page(data: ReportData, now: datetime, progress: Progress) -> str:
         "experiments": data.experiments,
         "complete": len(data.results),
         "states": text.states_grid(data.experiments),
-        "tables": [text.result_table(table) for table in data.tables],
+        "tables": [text.result_table(*titled) for titled in zip(data.tables, short_titles(data.tables), strict=True)],
         "targets": [_draw_section(section, tick) for section in sections],
         "differing": text.differing_settings(data.tables),
         "shared": text.shared_by_all(data.tables),

@@ -10,7 +10,7 @@ from meshfit.experiment.storage.run_directory import Result
 from meshfit.experiment.trial_status import TrialStatus
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.figures.representative_trial import TrialIndex
-from meshfit.report.html.target_section import row_title, trials_by_row
+from meshfit.report.html.target_section import row_title, short_titles, trials_by_row
 from meshfit.report.tables.comparisons import Row
 from meshfit.report.tables.grouping import describe_definitions, differing_keys, setting_text
 from meshfit.report.tables.layout import columns_of, row_groups, row_names
@@ -44,7 +44,7 @@ class Whisker:
     high: float
 
 
-def result_table(table: Table) -> dict[str, Any]:
+def result_table(table: Table, title: str) -> dict[str, Any]:
     """Return the texts of a result table for the template."""
     shown = columns_of(table)
     cells = list(zip(*(column.cells for column in shown), strict=True))
@@ -54,7 +54,7 @@ def result_table(table: Table) -> dict[str, Any]:
     ]
     alone = without_intervals(table)
     return {
-        "title": table.title,
+        "title": title,
         "about": f"{metric_line(table)}. {cell_line(table)}.",
         "settings": setting_lines(table),
         "first": row_names(table)[-1],
@@ -105,8 +105,8 @@ def differing_settings(tables: Sequence[Table]) -> Grid:
     """Return the settings in which results differ, by variation of each table; no rows if all are equal."""
     settings = [variation.settings for table in tables for variation in table.variations]
     names = [
-        " · ".join(filter(None, (table.title if len(tables) > 1 else "", variation.name)))
-        for table in tables
+        " · ".join(filter(None, (title if len(tables) > 1 else "", variation.name)))
+        for table, title in zip(tables, short_titles(tables), strict=True)
         for variation in table.variations
     ]
     keys = differing_keys(settings)

@@ -125,20 +125,24 @@ def read_sections(
     """
     index = TrialIndex(results)
     targets = [
-        (table, target, trials)
-        for table in tables
+        (table, title, target, trials)
+        for table, title in zip(tables, short_titles(tables), strict=True)
         for target in table.targets
         if (trials := trials_by_row(table, target, index))
     ]
-    experiments = [table.experiment for table in tables]
-    unique = len(set(experiments)) == len(tables)
     room = shares_of([len(trials) for *_, trials in targets], most)
     sections = []
-    for place, ((table, target, trials), rows) in enumerate(zip(targets, room, strict=True)):
+    for place, ((table, title, target, trials), rows) in enumerate(zip(targets, room, strict=True)):
         progress(place, len(targets))
-        name = "" if len(tables) == 1 else f" · {table.experiment if unique else table.title}"
-        sections.append(_read_section(f"target-{place}", f"{table.targets[target]}{name}", table, target, trials, rows))
+        name = table.targets[target] if len(tables) == 1 else f"{table.targets[target]} · {title}"
+        sections.append(_read_section(f"target-{place}", name, table, target, trials, rows))
     return sections
+
+
+def short_titles(tables: Sequence[Table]) -> list[str]:
+    """Return the experiments of tables if these are all different, else their titles, which contain settings."""
+    experiments = [table.experiment for table in tables]
+    return experiments if len(set(experiments)) == len(tables) else [table.title for table in tables]
 
 
 def trials_by_row(table: Table, target: str, index: TrialIndex) -> dict[int, dict[int, Result]]:
