@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from datetime import UTC, datetime, timedelta
 from unittest import mock
 
@@ -12,11 +13,10 @@ from tests.cli import answered
 from tests.runs import begun, complete, failed, held, place, write_plan, write_progress
 
 
-@pytest.fixture
-def many(tmp_path, monkeypatch):
-    """An experiment of 240 trials in every state, of which three run."""
-    monkeypatch.chdir(tmp_path)
-    runs, schemes = tmp_path / "runs", ("loop", "interp-loop:alpha=0.5")
+@pytest.fixture(scope="module")
+def template(tmp_path_factory):
+    """A run directory with an experiment of 240 trials in every state, of which three are to run."""
+    runs, schemes = tmp_path_factory.mktemp("template") / "runs", ("loop", "interp-loop:alpha=0.5")
     names = [
         {"target": t, "scheme": s, "seed": i} for t in ("bunny", "cow", "mousehead") for s in schemes for i in range(40)
     ]
@@ -33,6 +33,14 @@ def many(tmp_path, monkeypatch):
             write_progress(
                 begun(runs, experiment="table1", **name), now=datetime.now(UTC), silent=300 if number < 9 else 1
             )
+    return runs
+
+
+@pytest.fixture
+def many(template, tmp_path, monkeypatch):
+    """A copy of that run directory in which the three trials run."""
+    monkeypatch.chdir(tmp_path)
+    runs = shutil.copytree(template, tmp_path / "runs")
     with held(*(path.parent for path in runs.rglob("checkpoint.pt"))):
         yield runs
 
