@@ -44,9 +44,7 @@ def animate(
 
     Examples:
         meshfit run quickstart --set fit.snapshots=20 --force
-
         meshfit animate runs/quickstart/bunny/loop/seed-0-* -o fit.mp4
-
         meshfit animate 3f9a -o fit.gif --size 320 --edges
     """
     from meshfit.experiment.status.scan import find_trial

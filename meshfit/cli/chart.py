@@ -26,7 +26,6 @@ def chart(
 
     Examples:
         meshfit chart runs/zoo -o zoo.pdf
-
         meshfit chart runs/zoo -o mean.png --metric distance.mean
     """
     from meshfit.experiment.storage.plan_file import with_planned_names

@@ -40,7 +40,6 @@ def figure(
 
     Examples:
         meshfit figure runs/table1 -o figure.pdf
-
         meshfit figure runs/accurate -o cow.svg --targets cow --metric distance.mean
     """
     from meshfit.experiment.storage.plan_file import with_planned_names

@@ -14,7 +14,7 @@ def render(
         list[str],
         typer.Argument(
             help="Mesh files, named targets, or folders of trials, each optionally as TITLE=….",
-            metavar="MESH_OR_TRIAL...",
+            metavar="MESH_OR_TRIAL",
             autocompletion=completions.meshes_or_trials,
         ),
     ],
@@ -40,9 +40,7 @@ def render(
 
     Examples:
         meshfit render bunny mousehead -o targets.png
-
         meshfit render runs/table1/bunny/loop/seed-0-* -o fit.png --edges
-
         meshfit render loop.ply interp-loop.ply --against bunny -o distances.png
     """
     from meshfit.report.figures.layout import require_suffix

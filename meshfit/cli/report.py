@@ -26,7 +26,6 @@ def report(
 
     Examples:
         meshfit report runs/table1 -o report
-
         meshfit report runs -o report --metric distance.mean
     """
     from meshfit.experiment.storage.run_directory import make_folder, write_atomically

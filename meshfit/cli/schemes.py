@@ -158,7 +158,7 @@ def schemes(
         str | None,
         typer.Argument(
             help="A scheme, as in interp-loop:alpha=0.5, or a file that defines one, to show its masks.",
-            metavar="[SCHEME]",
+            metavar="SCHEME",
             autocompletion=completions.schemes,
         ),
     ] = None,
@@ -184,13 +184,9 @@ def schemes(
 
     Examples:
         meshfit schemes
-
         meshfit schemes interp-loop:alpha=0.5
-
         meshfit schemes four-point  # of curves
-
         meshfit schemes my-scheme.yaml
-
         meshfit schemes butterfly --analyse --plot butterfly.png
     """
     if analysed or plot is not None:

@@ -258,19 +258,12 @@ def subdivide(
 
     Examples:
         meshfit subdivide head.obj fine.ply --scheme interp-loop --levels 2
-
         meshfit subdivide head.obj fine.obj -s interp-loop --alpha 0.5
-
         meshfit subdivide head.obj fine.obj -s interp-loop --alpha alphas.txt  # one for each vertex
-
         meshfit subdivide part.obj fine.ply -n 3 --creases 40 --sharpness 2  # edges above 40 degrees
-
         meshfit subdivide part.obj fine.ply -n 3 --creases edges.txt --limit --normals
-
         meshfit subdivide cube.obj fine.obj -s catmull-clark -n 3
-
         meshfit subdivide curve.obj smooth.obj -s four-point -n 4
-
         meshfit subdivide head.obj fine.obj -s my-scheme.yaml
     """
     from meshfit.config.loading import load_definitions
