@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from meshfit.fitting.gauss_newton.correspondences import nearest_in_triangles
+from tests.loops import over
 
 POINTS = 150
 REGIONS = [(1, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (0, 1, 1), (1, 0, 1)]
@@ -106,7 +107,7 @@ def test_of_triangles_without_area_the_nearest_point_of_the_sides_is_found(kind)
         np.testing.assert_allclose(distance, expected, atol=1e-8, rtol=1e-8)
 
 
-@pytest.mark.parametrize("kind", SOUND + WITHOUT_AREA)
+@over("kind", SOUND + WITHOUT_AREA)
 def test_single_precision_is_as_near_up_to_rounding(kind):
     """Rounding may lead further astray the flatter a triangle is, but not by more than it is wide."""
     for case in tries(kind):

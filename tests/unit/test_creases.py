@@ -14,6 +14,7 @@ from meshfit.subdivision.creases import Creases, creases_by_angle, read_creases
 from meshfit.subdivision.limit import loop_limit, loop_limit_normals
 from meshfit.subdivision.refine import refine, subdivide
 from meshfit.subdivision.registry import SCHEMES, resolve
+from tests.loops import over
 from tests.shapes import mixed_closed, mixed_open
 
 SOLID = Topology.of(octahedron())
@@ -110,7 +111,7 @@ def test_the_numbering_of_a_file_with_a_seam_and_spare_verts(tmp_path):
     assert {tuple(end) for end in ends[0]} == {tuple(vert) for vert in soup.verts[1:3]}
 
 
-@pytest.mark.parametrize("name", [name for name in SCHEMES if SCHEMES[name].domain == "triangles"])
+@over("name", [name for name in SCHEMES if SCHEMES[name].domain == "triangles"])
 def test_schemes_take_creases_or_refuse_them_by_name_of_those_that_do(name):
     mesh = mixed_closed()
     creases = creases_by_angle(mesh, 10)

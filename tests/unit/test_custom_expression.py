@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from meshfit.errors import SchemeError
 from meshfit.subdivision.custom.expression import LONGEST, parse_expression
+from tests.loops import over
 
 VARIABLES = ("n", "j")
 
@@ -87,7 +88,7 @@ def test_signs_bind_as_pythons_do(first, rest):
     assert value(text) == eval(in_python, {"Fraction": Fraction})
 
 
-@pytest.mark.parametrize(
+@over(
     ("text", "expected"),
     [
         ("-2^2", -4),
@@ -110,7 +111,7 @@ def test_values(text, expected):
     assert (found, type(found)) == (expected, Fraction)
 
 
-@pytest.mark.parametrize("n", [3, 4, 5, 6, 7, 12, 28])
+@over("n", [3, 4, 5, 6, 7, 12, 28])
 def test_loops_and_zorins_weights_are_those_of_python(n):
     assert value("5/8 - (3/8 + cos(2*pi/n)/4)^2", n=n) == 5 / 8 - (3 / 8 + math.cos(2 * math.pi / n) / 4) ** 2
     for j in range(n):

@@ -11,6 +11,7 @@ from meshfit.fitting.gauss_newton.schedule import schedule, stage_at
 from meshfit.fitting.settings import FirstOrderSettings, GaussNewtonSettings
 from meshfit.mesh.solids import cube, icosahedron
 from meshfit.settings import build
+from tests.loops import over
 
 COUNTS = {
     "connectivity": ("remeshed", "fixed"),
@@ -123,7 +124,7 @@ SAID = [
         "method: got \"gaus-newton\"; did you mean 'gauss-newton'? allowed: first-order, gauss-newton",
     ),
 ]
-EACH = pytest.mark.parametrize(("changes", "expected"), SAID)
+EACH = over(("changes", "expected"), SAID)
 
 
 def assert_said(said, changes, expected):

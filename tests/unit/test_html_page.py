@@ -31,6 +31,7 @@ from meshfit.report.html.viewer import compress, pack_scene, quantise
 from meshfit.report.tables.table import build_tables, merge_tables
 from meshfit.statistics import PairedDifference
 from meshfit.subdivision.refine import subdivide
+from tests.loops import over
 from tests.runs import result_of
 
 GENERATOR = np.random.default_rng(0)
@@ -204,7 +205,7 @@ def test_whiskers_keep_the_order_of_what_they_stand_for():
     assert 0 < second.low < second.mean < second.zero < second.high < first.low < first.mean < first.high < 100
 
 
-@pytest.mark.parametrize("vert", range(12))
+@over("vert", range(12))
 def test_a_close_up_has_its_vert_is_visible(vert):
     mesh = icosahedron()
     camera = camera_of(mesh)

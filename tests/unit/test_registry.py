@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from meshfit.errors import SchemeError
 from meshfit.subdivision.refine import subdivide
 from meshfit.subdivision.registry import SCHEMES, canonical, entry_of, resolve
+from tests.loops import over
 from tests.shapes import mixed_open
 
 CANONICAL = {
@@ -25,13 +26,13 @@ CANONICAL = {
 }
 
 
-@pytest.mark.parametrize(("text", "expected"), CANONICAL.items())
+@over(("text", "expected"), CANONICAL.items())
 def test_canonical_form(text, expected):
     assert canonical(text) == expected
     assert canonical(expected) == expected
 
 
-@pytest.mark.parametrize("text", CANONICAL)
+@over("text", CANONICAL)
 def test_canonical_form_means_the_same(text):
     mesh = mixed_open()
     assert (subdivide(mesh, text).verts == subdivide(mesh, canonical(text)).verts).all()
@@ -66,7 +67,7 @@ def test_canonical_form_is_read_back_to_the_same_parameters(spec):
     assert [key for key, _ in pairs] == [key for key in defaults if back[key] != defaults[key]]
 
 
-@pytest.mark.parametrize("name", SCHEMES)
+@over("name", SCHEMES)
 def test_every_scheme_can_be_asked_for_by_its_name(name):
     assert entry_of(name) is SCHEMES[name]
     scheme = resolve(name)
@@ -108,7 +109,7 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize(("text", "message"), REFUSED.items())
+@over(("text", "message"), REFUSED.items())
 def test_what_is_not_allowed_is_refused_with_what_is(text, message):
     for reader in (resolve, canonical):
         with pytest.raises(SchemeError, match=message):

@@ -27,6 +27,7 @@ from meshfit.remeshing.sizing import limited, num_verts_for
 from meshfit.remeshing.split import split
 from meshfit.remeshing.state import RemeshState
 from meshfit.subdivision.refine import subdivide
+from tests.loops import over
 from tests.shapes import patch, torus
 
 
@@ -147,7 +148,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", CASES)
+@over("case", CASES)
 def test_sound_and_of_the_lengths_wanted(case):
     make, scale, ratio = CASES[case]
     mesh = make()

@@ -23,6 +23,15 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_an_open_reader_still_sees_the_whole_old_file(tmp_path):
+    path = tmp_path / "result.json"
+    write_atomically(path, "old and long")
+    with path.open() as reader:
+        write_atomically(path, "new")
+        assert reader.read() == "old and long"
+    assert path.read_text() == "new"
+
+
 def test_a_place_that_cannot_hold_runs_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(StoreError, match=r"cannot be created: .*; choose another place with --runs"):

@@ -13,7 +13,7 @@ from meshfit.subdivision.registry import resolve
 from meshfit.subdivision.triangles.table import TRIANGLE_SCHEMES
 from tests.loops import over
 
-by_name = pytest.mark.parametrize("name", TRIANGLE_SCHEMES)
+by_name = over("name", TRIANGLE_SCHEMES)
 POINTS = np.random.default_rng(0).standard_normal((7, 3))
 
 

@@ -13,13 +13,14 @@ from meshfit.subdivision.refine import refine
 from meshfit.subdivision.registry import resolve
 from meshfit.subdivision.triangles.scheme import EdgeMask, FaceMask, Split, SpokeMask, TriangleScheme, VertMask
 from meshfit.subdivision.triangles.table import TRIANGLE_SCHEMES
+from tests.loops import over
 from tests.shapes import mixed_closed, mixed_open, patch, torus
 
 HALF = Fraction(1, 2)
 KEPT = {0: Fraction(1)}
 
 
-@pytest.mark.parametrize(
+@over(
     ("make", "message"),
     [
         (lambda: EdgeMask(Fraction(3, 8)), "an edge mask sum to 3/4, not to 1"),
@@ -46,14 +47,14 @@ def test_fractions_must_sum_exactly_and_floats_but_for_rounding():
     SpokeMask(lambda n: (1 + 1e-15, *[0.0] * n))
 
 
-@pytest.mark.parametrize("name", TRIANGLE_SCHEMES)
+@over("name", TRIANGLE_SCHEMES)
 def test_kind_in_the_table_is_what_the_scheme_does(name):
     mesh = mixed_open()
     kept = refine(Topology.of(mesh), resolve(name), 2).matrix.toarray()[: mesh.num_verts]
     assert np.array_equal(kept, np.eye(mesh.num_verts)) == (TRIANGLE_SCHEMES[name].kind == "interpolatory")
 
 
-@pytest.mark.parametrize("name", TRIANGLE_SCHEMES)
+@over("name", TRIANGLE_SCHEMES)
 def test_parameters_in_the_table_matter_and_their_defaults_are_allowed(name):
     mesh = mixed_closed()
     entry, topology = TRIANGLE_SCHEMES[name], Topology.of(mesh)
@@ -63,7 +64,7 @@ def test_parameters_in_the_table_matter_and_their_defaults_are_allowed(name):
         assert np.abs(matrices[0] - matrices[1]).max() > 1e-3, f"{key} changes nothing"
 
 
-@pytest.mark.parametrize("name", TRIANGLE_SCHEMES)
+@over("name", TRIANGLE_SCHEMES)
 def test_every_entry_tells_title_continuity_and_source(name):
     entry = TRIANGLE_SCHEMES[name]
     assert name == name.lower()

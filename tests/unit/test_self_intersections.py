@@ -105,7 +105,7 @@ def exactly(verts, faces):
     return found
 
 
-@pytest.mark.parametrize(
+@over(
     ("points", "crossing"),
     [
         ([[1, 1, -1], [1, 1, 1], [9, 9, 0]], True),  # one edge goes through the floor
@@ -127,7 +127,7 @@ def test_faces_without_a_common_vertex(points, crossing):
     assert pairs([*points, *FLOOR], [[2, 0, 1], [5, 4, 3]]) == ([[0, 1]] if crossing else [])
 
 
-@pytest.mark.parametrize(
+@over(
     ("points", "crossing"),
     [
         ([[1, 1, -1], [1, 1, 1]], True),
@@ -237,7 +237,7 @@ def test_faces_of_very_different_sizes_are_as_meshlab_has_them(shift):
     assert torch.equal(theirs, ours)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@over("seed", range(8))
 def test_soups_are_as_exact_arithmetic_has_them(seed):
     verts, faces = soup(seed)
     verts[:, 0] *= [1, 1, 5, 0.2][seed % 4]
@@ -287,7 +287,7 @@ def test_order_of_faces_verts_and_corners_do_not_matter():
     assert torch.equal(intersecting_faces(verts, turned), expected)
 
 
-@pytest.mark.parametrize(
+@over(
     "move",
     [
         lambda verts: verts + 1e3,

@@ -10,6 +10,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.refine import subdivide
+from tests.loops import over
 
 
 def radii(mesh, centre=(0, 0, 0)):
@@ -67,7 +68,7 @@ def test_an_unknown_base_is_refused_with_what_is_allowed(name):
         build_source(SourceSettings(mesh=name), "loop")
 
 
-@pytest.mark.parametrize(
+@over(
     ("scheme", "wanted", "verts"),
     [
         ("loop", 2562, 2562),

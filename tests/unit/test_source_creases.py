@@ -22,6 +22,7 @@ from meshfit.report.tables.notes import _creases_and_alphas
 from meshfit.settings import build
 from meshfit.subdivision.creases import Creases, creases_by_angle
 from meshfit.subdivision.refine import subdivide
+from tests.loops import over
 from tests.small import ellipsoid, experiment
 
 ALPHAS = [0.0, 1.0, 0.25, 0.5, 0.125, 1.0]
@@ -105,7 +106,7 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("given", "scheme", "kind", "message"), REFUSED)
+@over(("given", "scheme", "kind", "message"), REFUSED)
 def test_what_is_refused(given, scheme, kind, message):
     with pytest.raises(kind, match=message.replace(".", r"\.")):
         build_source(settings(**({"mesh": "octahedron"} | given)), scheme)

@@ -10,6 +10,7 @@ from meshfit.errors import ConfigError
 from meshfit.report.tables.expected import check, expectation, parse_expected, read_expected, tolerance
 from meshfit.report.tables.table import build_tables
 from meshfit.statistics import summarise
+from tests.loops import over
 from tests.unit.test_table_model import CLEAR, grid, result
 
 TABLES = build_tables(grid(CLEAR))
@@ -107,7 +108,7 @@ def broken(change):
     return content
 
 
-@pytest.mark.parametrize(
+@over(
     ("change", "key"),
     [
         (lambda e: e.update(schema_version=2), "schema_version"),

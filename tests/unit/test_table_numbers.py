@@ -4,6 +4,7 @@ import pytest
 
 from meshfit.report.tables.numbers import format_difference, format_mean, format_number
 from meshfit.statistics import PairedDifference, Summary
+from tests.loops import over
 
 
 def summary(mean, half, median=None):
@@ -11,7 +12,7 @@ def summary(mean, half, median=None):
     return Summary(mean, half, mean if median is None else median, interval, 5, ())
 
 
-@pytest.mark.parametrize(
+@over(
     ("mean", "half", "texts"),
     [
         (0.18304, 0.00213, ("0.1830 (0.1830)", "[0.1809, 0.1852]")),
@@ -52,7 +53,7 @@ def test_a_number_by_itself_has_four_digits(value, text):
     assert format_number(value) == text
 
 
-@pytest.mark.parametrize(
+@over(
     ("mean", "interval", "text"),
     [
         (-0.0123, (-0.02, -0.0046), "−0.0123 [−0.0200, −0.0046]"),

@@ -6,7 +6,7 @@ import pytest
 from meshfit.config.loading import load_experiment
 from meshfit.errors import StoreError
 from meshfit.experiment.plan import plan
-from meshfit.experiment.running import trial_runner
+from meshfit.experiment.running import batch_runner, trial_runner
 from meshfit.experiment.running.batch_runner import run_batch
 from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.experiment.trial_status import TrialStatus
@@ -45,6 +45,22 @@ def test_a_complete_trial_leaves_its_files_and_nothing_else(tmp_path):
     assert result["peak_memory_mb"] is None or 50 < result["peak_memory_mb"] < 100_000
     assert (result["target"], result["scheme"], result["seed"]) == ("ellipsoid", "loop", 0)
     assert {"python", "meshfit", "torch", "pymeshlab"} <= result["versions"].keys()
+
+
+def test_a_trial_that_another_process_is_running_is_waited_for(tmp_path, monkeypatch):
+    monkeypatch.setattr(batch_runner, "_LOCK_SECONDS", 0.01)
+    trial, store, folder = prepared(tmp_path)
+    seen = []
+
+    def stop(progress):
+        seen.append(progress.status)
+        raise Interrupted
+
+    with store.lock(trial):
+        assert run_trial(trial, store, stop).status is TrialStatus.INTERRUPTED
+        assert seen == [TrialStatus.WAITING]
+        assert visible(folder) == []
+    assert run_trial(trial, store, lambda _: None).status is TrialStatus.COMPLETE
 
 
 def test_the_figures_are_those_of_the_files(tmp_path):

@@ -1,9 +1,8 @@
-import pytest
-
 from meshfit.units import duration_text, size_text
+from tests.loops import over
 
 
-@pytest.mark.parametrize(
+@over(
     ("seconds", "text"),
     [
         (0, "0 s"),
@@ -21,7 +20,7 @@ def test_durations(seconds, text):
     assert duration_text(seconds) == text
 
 
-@pytest.mark.parametrize(
+@over(
     ("count", "text"),
     [
         (0, "0 B"),
