@@ -1,5 +1,7 @@
 """Small curves that the tests are made on: open and closed, as short as can be, many at once, of any numbering."""
 
+from functools import lru_cache
+
 import numpy as np
 
 from meshfit.mesh.curves import Chains, Curves
@@ -52,6 +54,7 @@ SHAPES = {
 }
 
 
+@lru_cache(maxsize=64)
 def refined(curves: Curves, spec: str, levels: int = 1) -> CurveRefinement:
     """The refinement of the chains of curves."""
     return refine(Chains.of(curves), resolve(spec), levels)

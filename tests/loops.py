@@ -2,22 +2,24 @@
 
 import functools
 import inspect
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 
-def over(names: str | tuple[str, ...], values: Iterable, ids=None):
+def over(names: str | tuple[str, ...], values: Iterable | Callable[[str], Iterable], ids=None):
     """Call the test once for each value, within one case. Its arguments are those of `pytest.mark.parametrize`.
 
-    A failure carries a note that names the values. A `tmp_path` is a folder of its own for each of them.
+    A failure carries a note that names the values. A `tmp_path` is a folder of its own for each of them. The values may
+    depend on the scheme: a function from the test's `spec` to them.
     """
     arguments = [name.strip() for name in names.split(",")] if isinstance(names, str) else list(names)
     several = len(arguments) > 1 or not isinstance(names, str)
-    rows = list(values)
-    assert rows
+    fixed = values if callable(values) else list(values)
 
     def decorate(test):
         @functools.wraps(test)
         def looped(**given):
+            rows = list(fixed(given["spec"])) if callable(fixed) else fixed
+            assert rows
             for number, row in enumerate(rows):
                 case = dict(zip(arguments, row if several else [row], strict=True))
                 if "tmp_path" in given:

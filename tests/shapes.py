@@ -23,6 +23,7 @@ def grid_faces(columns: int, rows: int) -> np.ndarray:
     return np.concatenate([lower, upper])
 
 
+@cache
 def torus(columns: int = 9, rows: int = 8) -> Mesh:
     """A closed mesh whose verts all have valence 6."""
     i, j = np.arange(columns * rows) % columns, np.arange(columns * rows) // columns
@@ -32,6 +33,7 @@ def torus(columns: int = 9, rows: int = 8) -> Mesh:
     return Mesh(verts, grid_faces(columns, rows))
 
 
+@cache
 def patch(columns: int = 9, rows: int = 8) -> Mesh:
     """A flat open piece of the regular lattice; x and y are the lattice coordinates."""
     i, j = np.arange(columns * rows) % columns, np.arange(columns * rows) // columns
@@ -40,11 +42,13 @@ def patch(columns: int = 9, rows: int = 8) -> Mesh:
     return Mesh(np.stack([i, j, 0 * i], axis=1).astype(np.float64), faces[inside])
 
 
+@cache
 def wheel(valence: int, rings: int = 3) -> Mesh:
     """A flat disk about one vertex, number 0, of any valence; all other inner verts have valence 6."""
     return _sectors(valence, rings, closed=True)
 
 
+@cache
 def fan(neighbours: int, rings: int = 3) -> Mesh:
     """A flat half-disk about one boundary vertex, number 0, with that many neighbours; inside it is regular."""
     return _sectors(neighbours - 1, rings, closed=False)
@@ -76,6 +80,7 @@ def _sectors(sectors: int, rings: int, *, closed: bool) -> Mesh:
     return Mesh(np.array(verts), np.array(faces))
 
 
+@cache
 def mixed_closed(seed: int = 3, inserted: int = 22) -> Mesh:
     """A closed mesh of widely mixed valence: verts put into random faces of an icosahedron, all moved a little."""
     generator = np.random.default_rng(seed)
@@ -102,6 +107,7 @@ def opened(mesh: Mesh, *centres: int) -> Mesh:
     return without_faces(mesh, np.flatnonzero(np.isin(mesh.faces, centres).any(axis=1)))
 
 
+@cache
 def mixed_open(seed: int = 3) -> Mesh:
     """An open mesh of mixed valence: two holes, one of a single face, and inner edges that join boundary verts."""
     mesh = opened(mixed_closed(seed), 0)

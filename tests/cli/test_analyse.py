@@ -11,6 +11,16 @@ import pytest
 from meshfit.subdivision.registry import SCHEMES
 from tests.cli import answered, refused
 
+FAST = ("interp-loop", "four-point")
+printed = cache(answered)
+
+
+def by_name(names):
+    return pytest.mark.parametrize(
+        "name", [name if name in FAST else pytest.param(name, marks=pytest.mark.slow) for name in names]
+    )
+
+
 VERDICTS = {
     "midpoint": "C0 on regular meshes (s2 = 1.500), not C1",
     "loop": "C2 on regular meshes (s2 = 3.500); C1 at valences 3 to 12",
@@ -22,23 +32,13 @@ VERDICTS = {
 }
 
 
-@cache
-def analysed(name, *options):
-    return answered("schemes", name, "--analyse", *options)
-
-
-@pytest.mark.parametrize("name", VERDICTS)
+@by_name(VERDICTS)
 def test_the_verdict_comes_first(name):
-    out = analysed(name)
+    out = printed("schemes", name, "--analyse")
     assert out.startswith(f"{VERDICTS[name]}\n\n{name}  ")
 
 
-QUICK = ("loop", "doo-sabin", "four-point")
-
-
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name not in QUICK)) for name in SCHEMES]
-)
+@by_name(SCHEMES)
 def test_every_scheme_is_analysed_in_80_columns(name):
     with mock.patch("tests.cli.WIDTH", 80):
         out = answered("schemes", name, "--analyse")
@@ -49,7 +49,7 @@ def test_every_scheme_is_analysed_in_80_columns(name):
 
 
 def test_what_is_printed_of_interp_loop():
-    out = analysed("interp-loop")
+    out = printed("schemes", "interp-loop", "--analyse")
     assert "reproduced to degree 3, generated to degree 3" in out
     assert "3 rings about a vertex; stencils of 1 to 10 verts" in out
     rows = [line.split() for line in out.splitlines()]
@@ -60,7 +60,7 @@ def test_what_is_printed_of_interp_loop():
 
 
 def test_the_same_as_json():
-    found = json.loads(analysed("interp-loop", "--json"))
+    found = json.loads(answered("schemes", "interp-loop", "--analyse", "--json"))
     assert found["name"] == "interp-loop"
     assert found["masks"]
     analysis = found["analysis"]
@@ -80,8 +80,10 @@ def test_the_same_as_json():
 
 
 def test_the_same_bytes_each_time():
-    assert answered("schemes", "sqrt3", "--analyse") == analysed("sqrt3")
-    assert answered("schemes", "interp-loop", "--analyse", "--json") == analysed("interp-loop", "--json")
+    for options in ((), ("--json",)):
+        assert answered("schemes", "four-point", "--analyse", *options) == answered(
+            "schemes", "four-point", "--analyse", *options
+        )
 
 
 def test_an_analysis_is_of_one_scheme(tmp_path):
@@ -132,4 +134,4 @@ def test_figures_that_cannot_be_written(tmp_path, monkeypatch):
     monkeypatch.setattr(importlib, "import_module", missing)
     said = refused("schemes", "loop", "--plot", tmp_path / "x.png")
     assert "pictures need matplotlib, which is not installed: pip install 'meshfit[report]'" in said
-    assert answered("schemes", "loop", "--analyse").startswith(VERDICTS["loop"])
+    assert answered("schemes", "four-point", "--analyse").startswith(VERDICTS["four-point"])

@@ -1,5 +1,7 @@
 """The schemes on polygons that the laws are stated over, and on which meshes."""
 
+from functools import cache, lru_cache
+
 import numpy as np
 
 from meshfit.mesh.polygons import PolygonMesh
@@ -22,14 +24,20 @@ ANYWHERE = tuple(spec for spec in VARIANTS if spec not in REGULAR)
 KEEPING = tuple(spec for spec in VARIANTS if spec != "doo-sabin")
 
 _REGULAR_MESHES = {"torus": lambda: quad_torus(5, 4), "patch": lambda: quad_patch(5, 4)}
-CASES = [(spec, shape) for spec in VARIANTS for shape in (_REGULAR_MESHES if spec in REGULAR else EVERY)]
 
 
+def shapes_for(spec: str) -> list[str]:
+    """The names of the meshes that a scheme refines."""
+    return list(_REGULAR_MESHES if spec in REGULAR else EVERY)
+
+
+@cache
 def shape_of(name: str) -> PolygonMesh:
     """The mesh of that name."""
     return EVERY[name]()
 
 
+@lru_cache(maxsize=64)
 def refined(mesh: PolygonMesh, spec: str, levels: int = 1) -> PolygonRefinement:
     """The refinement of a mesh's connectivity."""
     return refine(PolygonTopology.of(mesh), resolve(spec), levels)

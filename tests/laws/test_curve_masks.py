@@ -85,8 +85,8 @@ def test_rules_on_the_shortest_curves(spec):
     assert [fractions_of(row) for row in rows_along(spec, 2)] == expected
 
 
-@pytest.mark.parametrize("shape", SHAPES)
-@over(
+@over("shape", SHAPES)
+@pytest.mark.parametrize(
     ("blend", "end"),
     [
         ("interp-bspline", "four-point"),
@@ -99,7 +99,7 @@ def test_the_blend_is_exactly_the_two_schemes_at_its_ends(shape, blend, end):
     assert np.array_equal(dense(curves, blend, 4), dense(curves, end, 4))
 
 
-@pytest.mark.parametrize("alpha", [0.1, 0.3, 0.5, 0.77])
+@over("alpha", [0.1, 0.3, 0.5, 0.77])
 def test_new_verts_of_the_blend_are_those_of_four_point_with_tension_of_a_sixteenth(alpha):
     for closed in (False, True):
         blend = rows_along(f"interp-bspline:alpha={alpha}", closed=closed)
@@ -107,7 +107,7 @@ def test_new_verts_of_the_blend_are_those_of_four_point_with_tension_of_a_sixtee
         np.testing.assert_allclose(blend[1::2], plain[1::2], rtol=0, atol=1e-15)
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@over("shape", SHAPES)
 def test_a_ternary_spline_pushed_back_is_the_ternary_four_point(shape):
     """New verts take two thirds of the nearer end's displacement, and one third of the other's."""
     curves = SHAPES[shape]()

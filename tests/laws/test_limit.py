@@ -8,11 +8,12 @@ from meshfit.mesh.topology import Topology
 from meshfit.subdivision.limit import has_loop_limit, loop_limit
 from meshfit.subdivision.refine import refine
 from meshfit.subdivision.registry import resolve
+from tests.loops import over
 from tests.shapes import mixed_closed, mixed_open, patch
 
 
 @pytest.mark.parametrize("spec", ["loop", "loop:weights=warren"])
-@pytest.mark.parametrize("mesh", [mixed_closed(), mixed_open()], ids=["closed", "open"])
+@over("mesh", [mixed_closed(), mixed_open()])
 def test_the_limit_of_a_refined_mesh_is_that_of_the_mesh(mesh, spec):
     topology, scheme = Topology.of(mesh), resolve(spec)
     refinement = refine(topology, scheme, 2)
@@ -27,7 +28,7 @@ def test_no_limit_is_claimed_for_other_schemes(spec):
         loop_limit(Topology.of(mixed_closed()), resolve(spec))
 
 
-@pytest.mark.parametrize("mesh", [mixed_closed(), mixed_open()], ids=["closed", "open"])
+@over("mesh", [mixed_closed(), mixed_open()])
 def test_refinement_comes_ever_nearer_to_the_limit(mesh):
     topology = Topology.of(mesh)
     goal = loop_limit(topology) @ mesh.verts
@@ -38,6 +39,6 @@ def test_refinement_comes_ever_nearer_to_the_limit(mesh):
     assert errors[2] < errors[1] / 3 < errors[0] / 9
 
 
-@pytest.mark.parametrize("mesh", [mixed_closed(), mixed_open(), patch(5, 4)], ids=["closed", "open", "patch"])
+@over("mesh", [mixed_closed(), mixed_open(), patch(5, 4)])
 def test_rows_sum_to_one(mesh):
     np.testing.assert_allclose(loop_limit(Topology.of(mesh)).sum(axis=1), 1, atol=1e-14)

@@ -51,7 +51,7 @@ def dart_matrix(n: int, weights: str = "loop") -> np.ndarray:
     return rows[np.concatenate([[0], mesh.num_verts + spokes])][:, : n + 1]
 
 
-@pytest.mark.parametrize("n", VALENCES)
+@over("n", VALENCES)
 @over("weights", ["loop", "warren"])
 def test_smooth_tangents_are_left_eigenvectors(n, weights):
     matrix = local_matrix(n, f"loop:weights={weights}", 1)
@@ -59,7 +59,7 @@ def test_smooth_tangents_are_left_eigenvectors(n, weights):
         np.testing.assert_allclose(mask @ matrix, (3 / 8 + cos(2 * pi / n) / 4) * mask, rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize("k", range(2, 12))
+@over("k", range(2, 12))
 def test_tangents_at_a_boundary_are_left_eigenvectors(k):
     matrix = boundary_matrix(k, "loop", 1)
     along, across = open_tangents(k)
@@ -69,8 +69,8 @@ def test_tangents_at_a_boundary_are_left_eigenvectors(k):
     assert np.linalg.norm(across) > 0.5
 
 
-@pytest.mark.parametrize("n", [*VALENCES, 20, 40])
-@over(("weights", "ring"), [("loop", loop_ring), ("warren", warren_ring)])
+@over("n", [*VALENCES, 20, 40])
+@over("weights, ring", [("loop", loop_ring), ("warren", warren_ring)])
 def test_dart_masks_are_the_leading_left_eigenvectors(n, weights, ring):
     """The midpoint on the sharp edge makes the two tangents' eigenvalues differ, but both still lead all others."""
     matrix = dart_matrix(n, weights)
@@ -87,7 +87,7 @@ def test_dart_masks_are_the_leading_left_eigenvectors(n, weights, ring):
 
 
 @over("seed", range(4))
-@over("make", [mixed_closed, mixed_open], ids=["closed", "open"])
+@over("make", [mixed_closed, mixed_open])
 @pytest.mark.parametrize("spec", ["loop", "loop:weights=warren"])
 def test_limit_positions_stay_when_a_mesh_with_creases_is_refined(make, spec, seed):
     mesh, generator, scheme = make(), np.random.default_rng(seed), resolve(spec)
@@ -109,7 +109,7 @@ def test_limit_masks_on_a_crease_and_at_a_corner():
     np.testing.assert_allclose(limit[[0, 5]], expected, rtol=0, atol=1e-15)
 
 
-@pytest.mark.parametrize("make", [mixed_closed, mixed_open, *SOLIDS.values()])
+@over("make", [mixed_closed, mixed_open, *SOLIDS.values()])
 @over("weights", ["loop", "warren"])
 def test_refinement_tends_to_the_normals(make, weights):
     """But for boundary verts of many neighbours: slowly at 6, and from 7 on the surface is not smooth there."""
@@ -140,7 +140,7 @@ def test_refinement_tends_to_the_normals_at_darts():
     assert (angles[1] < 0.8 * angles[0]).all()
 
 
-@pytest.mark.parametrize("make", [mixed_closed, mixed_open], ids=["closed", "open"])
+@over("make", [mixed_closed, mixed_open])
 def test_normals_are_those_of_the_refined_mesh_with_its_creases(make):
     """Exactly, at verts of every kind but corners, where there is a choice."""
     mesh = make()
@@ -154,7 +154,7 @@ def test_normals_are_those_of_the_refined_mesh_with_its_creases(make):
     np.testing.assert_allclose(found[~corner], loop_limit_normals(mesh, creases=creases)[~corner], atol=1e-10)
 
 
-@pytest.mark.parametrize("centre", [0, 5, 14])
+@over("centre", [0, 5, 14])
 def test_on_a_crease_it_is_the_mean_of_the_normals_of_both_sides(centre):
     mesh = mixed_closed()
     inner = (mesh.faces == centre).any(axis=1)
@@ -168,7 +168,7 @@ def test_on_a_crease_it_is_the_mean_of_the_normals_of_both_sides(centre):
     assert np.array_equal(np.bincount(tangents.vert), 1 + np.isin(np.arange(mesh.num_verts), verts))
 
 
-@pytest.mark.parametrize("scale", [1e-200, 1, 1e60])
+@over("scale", [1e-200, 1, 1e60])
 def test_planes_have_their_own_normal(scale):
     for mesh in (patch(5, 4), wheel(7, 2), fan(5, 2), fan(3, 2)):
         topology = Topology.of(mesh)
@@ -177,7 +177,7 @@ def test_planes_have_their_own_normal(scale):
             np.testing.assert_allclose(found, np.tile([0, 0, 1], (mesh.num_verts, 1)), rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize("solid", SOLIDS)
+@over("solid", SOLIDS)
 def test_they_point_outwards_and_turn_with_the_faces_and_the_mesh(solid):
     mesh = SOLIDS[solid]()
     for levels in (0, 2):

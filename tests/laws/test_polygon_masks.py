@@ -9,6 +9,7 @@ import pytest
 from meshfit.mesh.topology import PolygonTopology
 from meshfit.subdivision.polygons.table import POLYGON_SCHEMES
 from tests.laws.polygon_variants import dense, refined
+from tests.loops import over
 from tests.quads import prism, quad_patch, quad_torus, quad_wheel
 
 COLUMNS, ROWS = 9, 8
@@ -131,7 +132,7 @@ def test_sqrt2_leaves_the_boundary_alone_and_then_halves_it(spec):
     assert second.shape[0] == twice.num_verts
 
 
-@pytest.mark.parametrize("n", [3, 4, 5, 6, 7, 12])
+@over("n", [3, 4, 5, 6, 7, 12])
 def test_catmull_clark_at_an_extraordinary_vertex(n):
     """From Catmull and Clark's own words: face points, edge midpoints, and n - 3 times the vertex, over n."""
     mesh = quad_wheel(n, 2)
@@ -144,7 +145,7 @@ def test_catmull_clark_at_an_extraordinary_vertex(n):
     np.testing.assert_allclose(dense(mesh, "catmull-clark")[0], expected / n, rtol=0, atol=1e-15)
 
 
-@pytest.mark.parametrize("n", [3, 5, 6, 9])
+@over("n", [3, 5, 6, 9])
 def test_doo_sabin_in_a_face_of_any_size(n):
     rows = dense(prism(n), "doo-sabin")
     for k in range(n):
@@ -168,7 +169,7 @@ def kobbelt_edge(n, mesh, topology, spoke):
     return (9 * (eye[0] + near[0]) - behind - eye[topology.head[straight]]) / 16
 
 
-@pytest.mark.parametrize("n", [3, 4, 5, 6, 8])
+@over("n", [3, 4, 5, 6, 8])
 def test_kobbelts_edges_at_an_extraordinary_vertex(n):
     mesh = quad_wheel(n, 3)
     topology, rows = PolygonTopology.of(mesh), dense(mesh, "kobbelt")
@@ -192,7 +193,7 @@ def both_orders(n: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
     return found[0], found[1]
 
 
-@pytest.mark.parametrize("n", [3, 5, 6, 7])
+@over("n", [3, 5, 6, 7])
 def test_kobbelts_face_vertex_is_the_same_in_both_orders_next_to_an_extraordinary_vertex(n):
     one, other = both_orders(n, 0)
     np.testing.assert_allclose(one, other, rtol=0, atol=1e-15)

@@ -8,14 +8,25 @@ from meshfit.mesh.polygons import PolygonMesh, face_rows
 from meshfit.mesh.topology import PolygonTopology, Topology
 from meshfit.subdivision.refine import refine, subdivide
 from meshfit.subdivision.registry import resolve
-from tests.laws.polygon_variants import ANYWHERE, CASES, INTERPOLATORY, KEEPING, REGULAR, dense, refined, shape_of
+from tests.laws.polygon_variants import (
+    ANYWHERE,
+    INTERPOLATORY,
+    KEEPING,
+    REGULAR,
+    VARIANTS,
+    dense,
+    refined,
+    shape_of,
+    shapes_for,
+)
 from tests.loops import over
 from tests.quads import mixed, quad_cube, quad_patch, renumbered
 from tests.shapes import mixed_closed, mixed_open
 
-every_case = pytest.mark.parametrize(("spec", "shape"), CASES)
-small_cases = pytest.mark.parametrize(
-    ("spec", "shape"), [(s, m) for s, m in CASES if m in ("mixed open", "prism of 5") or s in REGULAR]
+by_spec = pytest.mark.parametrize("spec", VARIANTS)
+every_shape = over("shape", shapes_for)
+small_shapes = over(
+    "shape", lambda spec: [s for s in shapes_for(spec) if s in ("mixed open", "prism of 5") or spec in REGULAR]
 )
 LEVELS = 2
 
@@ -31,13 +42,15 @@ def face_set(rows, name) -> set[tuple[int, ...]]:
     return {tuple(row[row.index(min(row)) :] + row[: row.index(min(row))]) for row in renamed}
 
 
-@every_case
+@by_spec
+@every_shape
 def test_rows_sum_to_one(spec, shape):
     for operator in refined(shape_of(shape), spec, 3).operators:
         np.testing.assert_allclose(operator.sum(axis=1), 1, rtol=0, atol=4e-15)
 
 
-@every_case
+@by_spec
+@every_shape
 @over("levels", [1, 2, 3])
 def test_the_surface_stays_an_oriented_manifold_of_the_same_topology(spec, shape, levels):
     mesh = shape_of(shape)
@@ -50,7 +63,8 @@ def test_the_surface_stays_an_oriented_manifold_of_the_same_topology(spec, shape
     assert np.array_equal(np.unique(after.corners), np.arange(after.num_verts))
 
 
-@small_cases
+@by_spec
+@small_shapes
 def test_affine_maps_commute_with_refinement(spec, shape):
     mesh, generator = shape_of(shape), np.random.default_rng(0)
     linear, shift = generator.standard_normal((3, 3)), np.array([10.0, 20.0, 30.0])
@@ -59,7 +73,8 @@ def test_affine_maps_commute_with_refinement(spec, shape):
     np.testing.assert_allclose(moved_first.verts, moved_last, rtol=0, atol=3e-13)
 
 
-@small_cases
+@by_spec
+@small_shapes
 def test_a_mesh_is_refined_alike_under_any_numbering_and_wherever_its_faces_start(spec, shape):
     mesh, generator = shape_of(shape), np.random.default_rng(1)
     order = generator.permutation(mesh.num_verts)
@@ -78,7 +93,8 @@ def test_a_mesh_is_refined_alike_under_any_numbering_and_wherever_its_faces_star
     assert face_set(faces[0], names[0]) == face_set(faces[1], names[1])
 
 
-@small_cases
+@by_spec
+@small_shapes
 def test_the_mirror_image_is_refined_to_the_mirror_image(spec, shape):
     mesh = shape_of(shape)
     corners = [v for row in face_rows(mesh) for v in row[::-1]]
@@ -102,7 +118,7 @@ def test_interpolatory_schemes_keep_old_verts_and_the_others_do_not(spec):
         assert np.array_equal(kept, np.eye(mesh.num_verts)) == (spec in INTERPOLATORY)
 
 
-@pytest.mark.parametrize("spec", sorted({spec for spec, _ in CASES}))
+@pytest.mark.parametrize("spec", VARIANTS)
 def test_boundary_curves_depend_on_boundary_verts_alone(spec):
     mesh = quad_patch(5, 4) if spec in REGULAR else mixed(closed=False)
     refinement = refined(mesh, spec, LEVELS)
@@ -112,7 +128,7 @@ def test_boundary_curves_depend_on_boundary_verts_alone(spec):
 
 
 @pytest.mark.parametrize("spec", ["catmull-clark", "interp-catmull-clark", "kobbelt", "sqrt2", "interp-sqrt2"])
-@over("curve", ["loop", "interp-loop"])
+@pytest.mark.parametrize("curve", ["loop", "interp-loop"])
 def test_boundaries_are_those_of_loop_or_its_interpolatory_form(spec, curve):
     """Edges are halved there by the cubic B-spline or the four-point rule, in √2 schemes at every second level."""
     if (spec in INTERPOLATORY) != curve.startswith("interp"):
@@ -147,7 +163,7 @@ def test_verts_without_faces_stay_put(spec):
     assert not np.isin(fine.corners, at).any()
 
 
-@pytest.mark.parametrize("spec", sorted({spec for spec, _ in CASES}))
+@pytest.mark.parametrize("spec", VARIANTS)
 def test_no_faces_and_no_levels_change_nothing(spec):
     points = PolygonMesh(np.eye(3), [], [])
     assert np.array_equal(subdivide(points, spec, 2).verts, np.eye(3))

@@ -24,7 +24,7 @@ def split_by_mode(n, spec):
     return first[0], max([first[1], radial[1], *higher])
 
 
-@pytest.mark.parametrize("n", VALENCES)
+@over("n", VALENCES)
 def test_catmull_clarks_leading_eigenvalue(n):
     c = cos(2 * pi / n)
     leading, _ = split_by_mode(n, "catmull-clark")
@@ -40,7 +40,8 @@ TABLE = {
 }
 
 
-@pytest.mark.parametrize(("spec", "n"), [(spec, n) for spec, rows in TABLE.items() for n in rows])
+@pytest.mark.parametrize("spec", TABLE)
+@over("n", lambda spec: TABLE[spec])
 def test_eigenvalues(spec, n):
     leading, rest = split_by_mode(n, spec)
     expected, others = TABLE[spec][n]
@@ -55,7 +56,7 @@ def test_a_leading_pair_alone_comes_after_the_one(spec, n):
     assert rest < leading < 1
 
 
-@pytest.mark.parametrize("n", VALENCES)
+@over("n", VALENCES)
 def test_doo_sabin_around_a_face(n):
     """1, then 1/2 twice, then 1/4: the new corners of a face follow from its old ones alone."""
     rows = dense(prism(n), "doo-sabin")[n : 2 * n]

@@ -14,7 +14,7 @@ from tests.loops import over
 from tests.shapes import mixed_closed, mixed_open
 
 MESHES = {"closed": mixed_closed, "open": mixed_open}
-anywhere = pytest.mark.parametrize("make", MESHES.values(), ids=MESHES.keys())
+anywhere = over("make", MESHES.values())
 OPTIONS = ("weights=loop", "weights=warren", "valence3=zorin", "weights=warren,valence3=zorin")
 
 
@@ -49,7 +49,7 @@ def test_one_alpha_for_all_verts_equals_an_array_of_it(make, options):
 
 
 @anywhere
-@pytest.mark.parametrize("levels", [1, 3])
+@over("levels", [1, 3])
 def test_verts_of_alpha_1_are_kept_and_those_of_alpha_0_are_not(make, levels):
     mesh = make()
     alphas = np.random.default_rng(0).integers(2, size=mesh.num_verts).astype(np.float64)
@@ -70,7 +70,7 @@ def test_alpha_acts_near_its_own_vertex_only():
 
 
 @anywhere
-@pytest.mark.parametrize("options", OPTIONS[:2])
+@over("options", OPTIONS[:2])
 def test_alpha_of_an_inserted_vertex_is_the_mean_of_the_ends_of_its_edge(make, options):
     mesh = make()
     topology = Topology.of(mesh)

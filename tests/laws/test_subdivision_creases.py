@@ -29,7 +29,7 @@ TAKING = (
 COLUMNS, ROWS = 9, 8
 ROW = [(i, (i + 1) % COLUMNS) for i in range(COLUMNS)]
 by_spec = pytest.mark.parametrize("spec", TAKING)
-anywhere = over("make", [mixed_closed, mixed_open], ids=["closed", "open"])
+anywhere = over("make", [mixed_closed, mixed_open])
 
 
 def operator_of(mesh: Mesh, spec: str, creases: Creases | None, levels: int = 1) -> np.ndarray:
@@ -64,7 +64,7 @@ def test_the_rules_of_loop_on_a_crease_as_fractions():
     assert sorted(across.values()) == [Fraction(1, 8)] * 2 + [Fraction(3, 8)] * 2
 
 
-@pytest.mark.parametrize("s", [Fraction(1, 4), Fraction(1, 2), Fraction(3, 4)])
+@over("s", [Fraction(1, 4), Fraction(1, 2), Fraction(3, 4)])
 def test_a_sharpness_below_one_blends_the_rules_with_and_without(s):
     matrix, topology = on_torus("loop", float(s))
     ring = [COLUMNS + 3, COLUMNS + 2, COLUMNS * (ROWS - 1) + 3, COLUMNS * (ROWS - 1) + 4]
@@ -254,7 +254,7 @@ def test_the_sharper_a_cube_the_larger_it_stays():
 
 
 @pytest.mark.parametrize("spec", ["loop", "interp-loop"])
-@pytest.mark.parametrize("sharpness", [1.0, 2.0])
+@over("sharpness", [1.0, 2.0])
 def test_sharpness_acts_without_jumps_where_levels_meet(spec, sharpness):
     mesh = torus(COLUMNS, ROWS)
     topology = Topology.of(mesh)

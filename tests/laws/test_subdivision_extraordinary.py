@@ -10,7 +10,7 @@ from tests.loops import over
 from tests.shapes import wheel
 
 VALENCES = (3, 4, 5, 7, 8, 12)
-pytestmark = pytest.mark.parametrize("n", VALENCES)
+by_valence = over("n", VALENCES)
 
 
 def spokes_of(n: int) -> np.ndarray:
@@ -37,7 +37,7 @@ def kobbelt_beta(n: int) -> float:
     return (4 - 2 * cos(2 * pi / n)) / (9 * n)
 
 
-@over(
+@pytest.mark.parametrize(
     ("spec", "beta"),
     [
         ("loop", loop_beta),
@@ -48,6 +48,7 @@ def kobbelt_beta(n: int) -> float:
         ("interp-loop:alpha=0.5,weights=warren", lambda n: 0.5 * warren_beta(n)),
     ],
 )
+@by_valence
 def test_vertex_rule(n, spec, beta):
     matrix = dense(wheel(n), spec)
     expected = row_from(n, matrix.shape[1], 1 - n * beta(n), beta(n))
@@ -75,6 +76,7 @@ def count_of_row(matrix: np.ndarray, row: np.ndarray) -> int:
     return int((np.abs(matrix - row).max(axis=1) < 1e-14).sum())
 
 
+@by_valence
 def test_modified_butterfly_spokes(n):
     matrix = dense(wheel(n), "modified-butterfly")
     for spoke in range(n):
@@ -82,6 +84,7 @@ def test_modified_butterfly_spokes(n):
         assert count_of_row(matrix, expected) == 1
 
 
+@by_valence
 def test_interpolatory_sqrt3_spokes(n):
     matrix = dense(wheel(n), "interp-sqrt3")
     centre, ring = labsik_greiner_weights(n)
@@ -103,6 +106,7 @@ def displacement_row(matrix_of_loop: np.ndarray, vert: int) -> np.ndarray:
 
 @over("alpha", [0.25, 0.5, 1])
 @over("weights", ["loop", "warren"])
+@by_valence
 def test_interpolatory_loop_spokes(n, alpha, weights):
     """Loop's edge vertex plus half of α times the displacement of both ends."""
     loop = dense(wheel(n), f"loop:weights={weights}")
@@ -114,6 +118,7 @@ def test_interpolatory_loop_spokes(n, alpha, weights):
 
 
 @over("alpha", [0.5, 1])
+@by_valence
 def test_valence_3_safeguard_blends_towards_modified_butterfly_there_and_only_there(n, alpha):
     pure = dense(wheel(n), f"interp-loop:alpha={alpha}")
     safe = dense(wheel(n), f"interp-loop:alpha={alpha},valence3=zorin")
@@ -125,7 +130,8 @@ def test_valence_3_safeguard_blends_towards_modified_butterfly_there_and_only_th
         assert count_of_row(safe[changed], expected) == 1
 
 
-@over(("spec", "end", "opposite"), [("loop", 3 / 8, 1 / 8), ("midpoint", 1 / 2, 0)])
+@pytest.mark.parametrize(("spec", "end", "opposite"), [("loop", 3 / 8, 1 / 8), ("midpoint", 1 / 2, 0)])
+@by_valence
 def test_schemes_of_one_edge_rule_use_it_at_any_valence(n, spec, end, opposite):
     matrix = dense(wheel(n), spec)
     for spoke in range(n):
@@ -134,6 +140,7 @@ def test_schemes_of_one_edge_rule_use_it_at_any_valence(n, spec, end, opposite):
         assert count_of_row(matrix, row_from(n, matrix.shape[1], end, ring)) == 1
 
 
+@by_valence
 def test_plain_butterfly_wings_coincide_at_small_valences(n):
     """Entries for the same vertex add up: at valence 3 both near wings are the third neighbour, at 4 the far one."""
     matrix = dense(wheel(n), "butterfly")

@@ -14,12 +14,13 @@ from tests.laws.variants import QUADRISECTING, SQRT3, VARIANTS, refined
 from tests.loops import over
 from tests.shapes import mixed_closed, mixed_open
 
-CASES = [(spec, make) for spec in VARIANTS for make in (mixed_closed, mixed_open)]
-every_case = pytest.mark.parametrize(("spec", "make"), CASES)
+by_spec = pytest.mark.parametrize("spec", VARIANTS)
+MESHES = (mixed_closed, mixed_open)
 SHAPES = [(), (3,), (2, 2)]
 
 
-@pytest.mark.parametrize(("spec", "make"), [(s, m) for s, m in CASES if s in QUADRISECTING or m is mixed_closed])
+@by_spec
+@over("make", lambda spec: MESHES if spec in QUADRISECTING else MESHES[:1])
 def test_three_levels_are_three_times_one(spec, make):
     at_once = subdivide(make(), spec, 3)
     in_turn = make()
@@ -51,7 +52,8 @@ def test_sqrt3_levels_follow_the_parity_of_the_step(spec):
         topology = Topology(topology.num_verts + division.num_new, division.faces)
 
 
-@every_case
+@by_spec
+@over("make", MESHES)
 def test_the_matrix_is_the_product_of_its_levels(spec, make):
     mesh = make()
     refinement = refined(mesh, spec, 3)
@@ -61,7 +63,8 @@ def test_the_matrix_is_the_product_of_its_levels(spec, make):
     np.testing.assert_allclose(subdivide(mesh, spec, 3).verts, refinement(mesh.verts), rtol=0, atol=0)
 
 
-@every_case
+@by_spec
+@over("make", MESHES)
 @over("shape", SHAPES)
 def test_any_attribute_of_the_verts_is_carried(spec, make, shape):
     mesh = make()
@@ -77,7 +80,8 @@ def test_any_attribute_of_the_verts_is_carried(spec, make, shape):
     np.testing.assert_allclose(tensor.numpy(), found, rtol=0, atol=1e-14)
 
 
-@every_case
+@by_spec
+@over("make", MESHES)
 def test_single_precision_stays_single(spec, make):
     mesh = make()
     refinement = refined(mesh, spec, 2)
@@ -99,7 +103,8 @@ def test_gradients_flow_through_every_level(spec):
     assert torch.autograd.gradcheck(refinement, (verts,))
 
 
-@every_case
+@by_spec
+@over("make", MESHES)
 def test_the_gradient_is_the_transposed_matrix(spec, make):
     mesh = make()
     refinement = refined(mesh, spec, 2)

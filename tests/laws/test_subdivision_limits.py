@@ -25,14 +25,14 @@ def loop_ring(n: int) -> float:
     return 5 / 8 - (3 / 8 + cos(2 * pi / n) / 4) ** 2
 
 
-@pytest.mark.parametrize("n", VALENCES)
+@over("n", VALENCES)
 def test_loop_limit_position(n):
     found = limit_mask(local_matrix(n, "loop"))
     chi = 1 / (n + 3 * n / (8 * loop_ring(n)))
     np.testing.assert_allclose(found, [1 - n * chi] + [chi] * n + [0] * (3 * n - n), rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("n", VALENCES)
+@over("n", VALENCES)
 def test_sqrt3_limit_position(n):
     found = limit_mask(local_matrix(n, "sqrt3"))
     a = (4 - 2 * cos(2 * pi / n)) / 9
@@ -40,7 +40,7 @@ def test_sqrt3_limit_position(n):
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("n", VALENCES)
+@over("n", VALENCES)
 @over("alpha", [0, 0.25, 0.5, 0.75, 1])
 def test_blend_limit_position(n, alpha):
     """Sums over the rings; in the second ring, verts straight ahead on a spoke and those between alternate."""
@@ -57,7 +57,7 @@ def test_blend_limit_position(n, alpha):
         assert np.isclose(value, numerator / scale, rtol=0, atol=1e-10)
 
 
-@pytest.mark.parametrize("neighbours", [2, 3, 4, 5, 7])
+@over("neighbours", [2, 3, 4, 5, 7])
 def test_limit_of_loops_boundary_is_the_cubic_bsplines(neighbours):
     found = limit_mask(boundary_matrix(neighbours, "loop"))
     inner_spokes = neighbours - 1
@@ -106,7 +106,7 @@ SHARPEST = {
 }
 
 
-@pytest.mark.parametrize(("solid", "spec"), [(solid, spec) for solid, row in SHARPEST.items() for spec in row])
+@over("solid, spec", [(solid, spec) for solid, row in SHARPEST.items() for spec in row])
 def test_sharpest_bend_after_five_levels(solid, spec):
     expected = SHARPEST[solid][spec]
     assert np.isclose(bends(subdivide(SOLIDS[solid](), spec, 5)).max(), expected, rtol=0.015, atol=0.05)

@@ -44,8 +44,8 @@ def warren_ring(n: int) -> float:
     return 9 / 16 if n == 3 else 3 / 8
 
 
-@pytest.mark.parametrize("n", VALENCES)
-@over(("weights", "ring"), [("loop", loop_ring), ("warren", warren_ring)])
+@over("n", VALENCES)
+@over("weights, ring", [("loop", loop_ring), ("warren", warren_ring)])
 def test_characteristic_polynomials_of_interpolatory_loop(n, weights, ring):
     matrix = local_matrix(n, f"interp-loop:weights={weights}")
     g = ring(n)
@@ -57,7 +57,7 @@ def test_characteristic_polynomials_of_interpolatory_loop(n, weights, ring):
         np.testing.assert_allclose(np.poly(mode_block(matrix, n, mode)), cubic, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("n", VALENCES)
+@over("n", VALENCES)
 def test_loops_closed_forms(n):
     for weights, ring in (("loop", loop_ring), ("warren", warren_ring)):
         matrix = local_matrix(n, f"loop:weights={weights}")
@@ -142,10 +142,10 @@ TABLES = {
     },
     "interp-sqrt3": {3: (0.111, 0.020), 5: (0.291, 0.085), 6: (0.333, 0.180), 7: (0.361, 0.130), 12: (0.415, 0.172)},
 }
-CASES = [(spec, n) for spec, table in TABLES.items() for n in table]
 
 
-@pytest.mark.parametrize(("spec", "n"), CASES)
+@pytest.mark.parametrize("spec", TABLES)
+@over("n", lambda spec: TABLES[spec])
 def test_leading_eigenvalues(spec, n):
     leading, rest = TABLES[spec][n]
     rings = 3 if spec == "interp-sqrt3" or "lin-luo" in spec else 2
@@ -156,14 +156,14 @@ def test_leading_eigenvalues(spec, n):
     assert np.isclose(moduli(mode_block(matrix, n, 1, rings))[0], found[1], atol=1e-9)
 
 
-@pytest.mark.parametrize("n", VALENCES)
+@over("n", VALENCES)
 def test_sqrt3_two_steps_in_closed_form(n):
     """Both schemes share Kobbelt's subdominant eigenvalue."""
     for spec, rings in (("sqrt3", 2), ("interp-sqrt3", 3)):
         assert np.isclose(moduli(local_matrix(n, spec, rings))[1], (2 + 2 * cos(2 * pi / n)) / 9, atol=1e-10)
 
 
-@pytest.mark.parametrize("n", VALENCES)
+@over("n", VALENCES)
 def test_modified_butterfly_was_made_for_these_eigenvalues(n):
     found = moduli(local_matrix(n, "modified-butterfly"))
     # An eigenvalue of a Jordan block is found to the root of the rounding, which differs between processors.
@@ -171,7 +171,7 @@ def test_modified_butterfly_was_made_for_these_eigenvalues(n):
     assert found[4] < 0.25 + 1e-4
 
 
-@pytest.mark.parametrize("n", [3, 8, 9, 10, 12])
+@over("n", [3, 8, 9, 10, 12])
 def test_plain_butterfly_is_not_smooth_at_valence_3_and_from_8(n):
     """The leading pair is of mode 2 or more from 8 on; at 3 all leading eigenvalues are 1/4."""
     matrix = local_matrix(n, "butterfly")

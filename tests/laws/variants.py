@@ -1,5 +1,7 @@
 """The schemes on triangles that the laws are stated over: all of the table, and further values of their parameters."""
 
+from functools import lru_cache
+
 import numpy as np
 
 from meshfit.mesh.mesh import Mesh
@@ -40,6 +42,7 @@ INTERPOLATORY = (
 )
 
 
+@lru_cache(maxsize=64)
 def refined(mesh: Mesh, spec: str, levels: int = 1) -> Refinement:
     """The refinement of a mesh's connectivity."""
     return refine(Topology.of(mesh), resolve(spec), levels)

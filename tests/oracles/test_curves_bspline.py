@@ -40,7 +40,7 @@ def test_refined_control_points_are_those_of_the_same_spline(spec, closed, size)
     np.testing.assert_allclose(limit, spline(parameter), rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize("closed", [False, True])
+@over("closed", [False, True])
 def test_verts_converge_to_the_spline_by_a_quarter_each_level(closed):
     curves = single(6, closed=closed)
     spline, segments = bspline(curves.verts, closed=closed)

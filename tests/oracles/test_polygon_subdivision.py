@@ -2,7 +2,6 @@
 
 import numpy as np
 import pymeshlab
-import pytest
 from scipy.spatial import cKDTree
 
 from meshfit.mesh.polygons import PolygonMesh, face_rows
@@ -30,7 +29,7 @@ OPEN = {
 EQUAL = {name: CLOSED[name] for name in ("cube", "prism of 3", "prism of 5")} | {"icosahedron": icosahedron}
 
 
-@pytest.mark.parametrize("make", EQUAL.values(), ids=EQUAL)
+@over("make", EQUAL.values())
 def test_doo_sabin_is_pymeshlabs(make):
     """In single precision, as triangles, so that verts are what can be told.
 
@@ -83,7 +82,7 @@ def twin(mesh: PolygonMesh) -> tuple[np.ndarray, list[tuple[int, ...]]]:
     return np.array(verts + centre), quads
 
 
-@pytest.mark.parametrize("make", (CLOSED | OPEN).values(), ids=CLOSED | OPEN)
+@over("make", (CLOSED | OPEN).values())
 @over("levels", [1, 2])
 def test_catmull_clark(make, levels):
     mesh, ours = make(), subdivide(make(), "catmull-clark", levels)

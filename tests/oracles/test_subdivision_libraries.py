@@ -35,8 +35,8 @@ CLOSED = {
     "bunny": lambda: real("bunny", 500),
 }
 OPEN = {"patch": lambda: patch(5, 4), "mixed": mixed_open, "cow with holes": opened_cow}
-closed = pytest.mark.parametrize("make", CLOSED.values(), ids=CLOSED.keys())
-any_mesh = over("make", [*CLOSED.values(), *OPEN.values()], ids=[*CLOSED, *(f"open {name}" for name in OPEN)])
+closed = over("make", CLOSED.values())
+any_mesh = over("make", [*CLOSED.values(), *OPEN.values()])
 
 
 def assert_same_surface(ours: Mesh, verts: np.ndarray, faces: np.ndarray, tolerance: float) -> None:
@@ -124,7 +124,7 @@ def test_modified_butterfly_is_vtks(make, levels):
 
 @any_mesh
 @over("levels", [1, 2])
-@over("library", ["trimesh", "libigl", "pymeshlab", "vtk"])
+@pytest.mark.parametrize("library", ["trimesh", "libigl", "pymeshlab", "vtk"])
 def test_midpoint_is_everybodys(make, levels, library):
     mesh = make()
     verts, faces = np.array(mesh.verts), np.array(mesh.faces)

@@ -15,6 +15,7 @@ from meshfit.mesh.topology import Topology
 from meshfit.subdivision.creases import Creases
 from meshfit.subdivision.refine import subdivide
 from tests.laws.naive import Walk, same_face_sets
+from tests.loops import over
 from tests.shapes import mixed_closed, mixed_open, opened, patch, real
 
 MESHES = {
@@ -84,8 +85,8 @@ def refined_once(walk: Creased, alpha: float) -> Creased:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("make", MESHES.values(), ids=MESHES.keys())
-@pytest.mark.parametrize("seed", [0, 1])
+@over("make", MESHES.values())
+@over("seed", [0, 1])
 @pytest.mark.parametrize(("spec", "alpha"), [("loop", 0), ("interp-loop", 1), ("interp-loop:alpha=0.4", 0.4)])
 def test_twins(make, seed, spec, alpha):
     mesh, generator = make(), np.random.default_rng(seed)

@@ -113,7 +113,7 @@ def assert_twins(mesh: Mesh, spec: str, verts: np.ndarray, faces) -> None:
     assert same_face_sets([name[list(face)] for face in faces], ours.faces)
 
 
-every_mesh = pytest.mark.parametrize("make", MESHES.values(), ids=MESHES.keys())
+every_mesh = over("make", MESHES.values())
 
 
 @every_mesh
@@ -132,8 +132,8 @@ def test_butterfly(make, tension):
 
 @every_mesh
 @over("alpha", [0, 0.4, 1])
-@over("weights", ["loop", "warren"])
-@over("valence3", ["displacement", "zorin"])
+@pytest.mark.parametrize("weights", ["loop", "warren"])
+@pytest.mark.parametrize("valence3", ["displacement", "zorin"])
 def test_interpolatory_loop(make, alpha, weights, valence3):
     mesh = make()
     found = quadrisected(

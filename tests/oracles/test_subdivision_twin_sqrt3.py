@@ -133,7 +133,7 @@ RULES = {
 
 
 @pytest.mark.parametrize("spec", RULES)
-@over("make", MESHES.values(), ids=MESHES.keys())
+@over("make", MESHES.values())
 @over("levels", [1, 2, 3])
 def test_twins(spec, make, levels):
     mesh = make()

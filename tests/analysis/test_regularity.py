@@ -6,11 +6,11 @@ from math import comb, log2, sqrt
 import numpy as np
 import pytest
 
-from meshfit.analysis.analyse import analyse
 from meshfit.analysis.regular_lattice import RegularMask, regular_mask, sum_rule_order
 from meshfit.analysis.regularity import continuity, holder_bound, regularity_of
 from meshfit.analysis.stencil_meshes import stencil_meshes
 from meshfit.subdivision.registry import resolve
+from tests.analysis.cases import analysed, by_scheme
 from tests.laws.test_subdivision_polynomials import DEGREE
 from tests.laws.variants import VARIANTS
 from tests.loops import over
@@ -64,9 +64,9 @@ def exponents(mask: RegularMask) -> tuple[int, float, float, int]:
     return order, found.s2, bound, continuity(mask, order, found, bound)
 
 
-@pytest.mark.parametrize("degree", range(6))
+@over("degree", range(6))
 @over("dilation", [2, 3])
-@over("make", [line, squared])
+@pytest.mark.parametrize("make", [line, squared])
 def test_bsplines(degree, dilation, make):
     order, s2, bound, smooth = exponents(make(bspline(degree, dilation), dilation))
     assert order == degree + 1
@@ -87,7 +87,7 @@ def box_spline(*directions: tuple[int, int]) -> RegularMask:
     return RegularMask(np.array(list(weights), dtype=float), np.array(list(weights.values())), 2, 1)
 
 
-@pytest.mark.parametrize("times", [1, 2])
+@over("times", [1, 2])
 def test_box_splines_of_three_directions(times):
     """Each direction k times is a function of C^(2k - 2) and of exponent 2k - 1/2."""
     order, s2, bound, smooth = exponents(box_spline(*[(1, 0), (0, 1), (1, 1)] * times))
@@ -99,7 +99,7 @@ def test_box_splines_of_three_directions(times):
 
 @pytest.mark.parametrize(
     ("axes", "diagonals", "accuracy"),
-    [(1, 1, 3), (2, 2, 6), (2, 1, 4), (1, 2, 4)],
+    [(1, 1, 3), (2, 1, 4), *(pytest.param(*case, marks=pytest.mark.slow) for case in ((2, 2, 6), (1, 2, 4)))],
 )
 def test_box_splines_whose_shifts_are_unstable(axes, diagonals, accuracy):
     """Of four directions: removing all but one direction takes `accuracy` of them at least.
@@ -144,35 +144,36 @@ def test_daubechies_functions_whose_hoelder_exponents_are_known():
     assert smooth == 1  # which the Sobolev exponent, less a half, would not show
 
 
-@pytest.mark.parametrize("spec", EXPONENTS)
+@by_scheme(EXPONENTS)
 def test_exponents_of_the_schemes(spec):
-    found = analyse(resolve(spec), valences=())
+    found = analysed(spec, ())
     exponent, order = EXPONENTS[spec]
     assert found.s2 == pytest.approx(exponent, abs=6e-4)
     assert found.generated == order - 1
 
 
+@pytest.mark.slow
 def test_butterfly_and_its_interpolatory_rival_have_the_four_point_schemes_exponent():
-    found = [analyse(resolve(spec), valences=()).s2 for spec in ("butterfly", "interp-loop")]
+    found = [analysed(spec, ()).s2 for spec in ("butterfly", "interp-loop")]
     four = line(np.array([-1, 0, 9, 16, 9, 0, -1]) / 16)
     np.testing.assert_allclose(found, regularity_of(four).s2, rtol=0, atol=1e-8)
 
 
-@pytest.mark.parametrize("spec", CONTINUITY)
+@by_scheme(CONTINUITY)
 def test_continuity_on_regular_meshes(spec):
-    found = analyse(resolve(spec), valences=())
+    found = analysed(spec, ())
     assert found.continuity == CONTINUITY[spec]
     assert found.continuity < found.holder_bound + 1e-6
 
 
-@pytest.mark.parametrize("spec", DEGREE)
+@by_scheme(DEGREE)
 def test_polynomials_reproduced(spec):
-    found = analyse(resolve(spec), valences=())
+    found = analysed(spec, ())
     assert found.reproduced == DEGREE[spec]
     assert found.generated >= found.reproduced
 
 
-@pytest.mark.parametrize("spec", VARIANTS)
+@over("spec", VARIANTS)
 def test_masks_of_the_lattice(spec):
     """All weights sum to the number of fine verts to a coarse one, and so do those of each of them to one."""
     mask = regular_mask(stencil_meshes(resolve(spec)))
@@ -197,16 +198,16 @@ def test_loops_mask_is_that_of_its_box_spline():
     assert {tuple(offset): weight for offset, weight in zip(mask.whole_offsets, mask.weights, strict=True)} == wanted
 
 
-@pytest.mark.parametrize("spec", STENCILS)
+@by_scheme(STENCILS)
 def test_stencils(spec):
-    assert analyse(resolve(spec), valences=()).support.stencils == STENCILS[spec]
+    assert analysed(spec, ()).support.stencils == STENCILS[spec]
 
 
-@pytest.mark.parametrize("spec", RADII)
+@by_scheme(RADII)
 def test_support_is_where_the_basis_function_is_not_zero(spec):
     """Its hull, by refining one vertex's data four times: no farther than the radius, and nearly that far."""
     bench = stencil_meshes(resolve(spec))
-    radius = analyse(resolve(spec), valences=()).support.radius
+    radius = analysed(spec, ()).support.radius
     assert radius == RADII[spec]
     patch = bench.patch(7)
     finer = patch.refine(4)

@@ -10,6 +10,7 @@ from meshfit.analysis.local_matrix import map_wheel
 from meshfit.analysis.regular_lattice import regular_mask
 from meshfit.analysis.stencil_meshes import stencil_meshes
 from meshfit.subdivision.registry import SCHEMES, resolve
+from tests.analysis.cases import analysed, by_scheme
 from tests.loops import over
 
 NAMES = [name for name, entry in SCHEMES.items() if entry.domain == "polygons"]
@@ -32,7 +33,7 @@ LEADING = {
 }
 
 
-@pytest.mark.parametrize("spec", REGULAR)
+@by_scheme(REGULAR)
 def test_regular_meshes(spec):
     found = analyse(resolve(spec), ())
     s2, reproduced, generated, continuity = REGULAR[spec]
@@ -42,14 +43,17 @@ def test_regular_meshes(spec):
     assert found.domain == "polygons"
 
 
-@pytest.mark.parametrize("n", VALENCES)
-def test_catmull_clark_in_closed_form(n):
-    (place,) = analyse(resolve("catmull-clark"), (n,)).places
-    c = cos(2 * pi / n)
-    assert place.spectrum.leading.value == pytest.approx((5 + c + cos(pi / n) * sqrt(2 * (9 + c))) / 16, abs=1e-12)
-    assert (place.fault, place.regular_map, place.spectrum.multiplicity) == ("", True, 2)
+def test_catmull_clark_in_closed_form():
+    places = analysed("catmull-clark").places
+    assert tuple(place.valence for place in places) == VALENCES
+    for place in places:
+        n, c = place.valence, cos(2 * pi / place.valence)
+        expected = (5 + c + cos(pi / n) * sqrt(2 * (9 + c))) / 16
+        assert place.spectrum.leading.value == pytest.approx(expected, abs=1e-12)
+        assert (place.fault, place.regular_map, place.spectrum.multiplicity) == ("", True, 2)
 
 
+@pytest.mark.slow
 def test_doo_sabin_in_closed_form():
     """Made for the eigenvalues 1, 1/2, 1/2, 1/4 at faces of any number of corners."""
     found = analyse(resolve("doo-sabin"))
@@ -61,7 +65,7 @@ def test_doo_sabin_in_closed_form():
     assert verdict(found) == "C1 on regular meshes (s2 = 2.500); C1 at faces of 3 to 12 corners"
 
 
-@pytest.mark.parametrize("spec", LEADING)
+@by_scheme(LEADING)
 def test_leading_eigenvalues_are_those_of_the_tables(spec):
     for place in analyse(resolve(spec), tuple(LEADING[spec])).places:
         found = place.spectrum.leading.modulus, place.spectrum.rest.modulus
@@ -80,7 +84,7 @@ def test_masks_are_tensor_products():
         np.testing.assert_allclose([found[key] for key in wanted], list(wanted.values()), rtol=0, atol=1e-15)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@over("name", NAMES)
 def test_dilations(name):
     mask = regular_mask(stencil_meshes(resolve(name)))
     expected = {"sqrt2": (2, 2), "interp-sqrt2": (2, 2), "ternary": (3, 1), "interp-ternary": (3, 1)}
@@ -88,7 +92,8 @@ def test_dilations(name):
     assert mask.weights.sum() == pytest.approx(mask.dilation**2, abs=1e-12)
 
 
-@pytest.mark.parametrize("name", ["ternary", "interp-ternary"])
+@pytest.mark.slow
+@over("name", ["ternary", "interp-ternary"])
 def test_valences_without_a_rule_are_told(name):
     found = analyse(resolve(name))
     assert [place.valence for place in found.places] == [4]
@@ -96,7 +101,7 @@ def test_valences_without_a_rule_are_told(name):
     assert verdict(found).endswith("); no rule at valences 3 and 5 to 12")
 
 
-@pytest.mark.parametrize(("spec", "steps"), [("catmull-clark", 1), ("doo-sabin", 1), ("sqrt2", 2), ("kobbelt", 1)])
+@over("spec, steps", [("catmull-clark", 1), ("doo-sabin", 1), ("sqrt2", 2), ("kobbelt", 1)])
 @over("n", [3, 4, 7])
 def test_rings_are_matched_where_they_lie(spec, steps, n):
     """Linear interpolation shrinks a wheel towards its centre, so that the directions of the first row stay."""

@@ -13,6 +13,7 @@ from meshfit.errors import SchemeError
 from meshfit.subdivision.masks import CurveMask
 from meshfit.subdivision.registry import resolve
 from meshfit.subdivision.triangles.scheme import EdgeMask, Split, SpokeMask, TriangleScheme, VertMask
+from tests.analysis.cases import by_scheme
 from tests.loops import over
 
 BUTTERFLY = resolve("butterfly")
@@ -59,8 +60,8 @@ def test_leading_eigenvalue_of_mode_0():
     assert all("0.7000 of mode 0 exceeds 0.5000 of mode 1" in place.fault for place in found.places)
 
 
-@pytest.mark.parametrize("value", [-0.5, 1.2])
-@pytest.mark.parametrize("n", [4, 5])
+@over("value", [-0.5, 1.2])
+@over("n", [4, 5])
 def test_leading_eigenvalue_that_is_not_between_0_and_1(value, n):
     (place,) = analyse(with_ring_eigenvalues(0.25, value), (n,)).places
     assert place.fault == f"the largest eigenvalue of mode 1 is {value:.4f}, not between 0 and 1"
@@ -72,7 +73,7 @@ def test_rings_that_turn_have_a_complex_leading_eigenvalue():
     assert place.spectrum.leading.modulus == pytest.approx(0.5)
 
 
-@pytest.mark.parametrize(("valence", "folds"), [(5, False), (9, True), (12, True)])
+@over("valence, folds", [(5, False), (9, True)])
 def test_characteristic_map_that_folds(valence, folds):
     """λ1 = 0.13 leads, but so little of the regular rules' 1/8 that the second ring is turned over.
 
@@ -88,7 +89,7 @@ def test_characteristic_map_that_folds(valence, folds):
         assert list(warnings_of(found)) == [f"C1 fails at valence {valence}: the characteristic map folds"]
 
 
-@pytest.mark.parametrize("spec", ["loop", "interp-loop", "modified-butterfly", "sqrt3", "interp-sqrt3"])
+@by_scheme(["loop", "interp-loop", "modified-butterfly", "sqrt3", "interp-sqrt3"])
 @over("n", [4, 7])
 def test_all_of_the_map_around_the_centre_is_looked_at(spec, n):
     """Every corner of a refined face in the first ring is finite; the net is an eigenvector, which turns once."""
@@ -123,11 +124,12 @@ def test_a_scheme_that_does_not_converge():
 
 
 def test_linear_interpolation_is_c0_and_not_c1():
-    found = analyse(resolve("midpoint"))
+    found = analyse(resolve("midpoint"), (5,))
     assert verdict(found) == "C0 on regular meshes (s2 = 1.500), not C1"
     assert list(warnings_of(found)) == []
 
 
+@pytest.mark.slow
 def test_eigenvalues_that_decide_need_not_be_near_one():
     """What a vertex mask takes from the ring moves an eigenvalue of mode 0, below 0 too, and none of mode 1."""
     for ring in (0.01, 0.3, 0.99):

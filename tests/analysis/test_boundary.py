@@ -10,6 +10,7 @@ from meshfit.analysis.extraordinary_vertex import analyse_boundary
 from meshfit.analysis.stencil_meshes import stencil_meshes
 from meshfit.errors import SchemeError
 from meshfit.subdivision.registry import resolve
+from tests.analysis.cases import analysed, by_scheme
 from tests.laws.local_matrix import boundary_matrix
 from tests.laws.test_subdivision_spectra import moduli
 from tests.loops import over
@@ -25,12 +26,13 @@ INTERP_LOOP = {
 
 
 def test_interp_loop():
-    found = {place.neighbours: place for place in analyse(resolve("interp-loop"), (5,)).boundary}
+    found = {place.neighbours: place for place in analysed("interp-loop", (5,)).boundary}
     assert tuple(found) == NEIGHBOURS
     for count, expected in INTERP_LOOP.items():
         np.testing.assert_allclose(found[count].moduli, expected, rtol=0, atol=6e-4)
 
 
+@pytest.mark.slow
 def test_loop_in_closed_form():
     """With k neighbours, 3/8 + cos(π j / (k - 1)) / 4 beside the curve's 1/2.
 
@@ -45,7 +47,7 @@ def test_loop_in_closed_form():
         assert place.in_order == (k < 7)
 
 
-@pytest.mark.parametrize("spec", ["loop", "interp-loop", "butterfly", "modified-butterfly", "interp-loop:alpha=0.5"])
+@by_scheme(["loop", "interp-loop", "butterfly", "modified-butterfly", "interp-loop:alpha=0.5"])
 @over("count", [3, 5, 6])
 def test_the_tests_own_matrices_have_the_same_eigenvalues(spec, count):
     place = analyse_boundary(stencil_meshes(resolve(spec)), 1, 2, 2, count)
@@ -63,7 +65,7 @@ def test_catmull_clark_in_closed_form():
             np.testing.assert_allclose(place.moduli, expected, rtol=0, atol=1e-7)
 
 
-@pytest.mark.parametrize("spec", ["kobbelt", "interp-catmull-clark", "sqrt2", "interp-sqrt2", "ternary"])
+@by_scheme(["kobbelt", "interp-catmull-clark", "sqrt2", "interp-sqrt2", "ternary"])
 def test_straight_boundaries_of_quads_are_in_order(spec):
     """At three neighbours the mesh is regular up to its boundary, and the tangent plane has both directions."""
     found = {place.neighbours: place for place in analyse(resolve(spec), (4,)).boundary}
@@ -72,6 +74,7 @@ def test_straight_boundaries_of_quads_are_in_order(spec):
     assert min(abs(modulus - regular) for modulus in found[3].moduli[:2]) < 1e-9
 
 
+@pytest.mark.slow
 def test_sqrt3_has_the_ternary_curves_eigenvalue():
     for name in ("sqrt3", "interp-sqrt3"):
         for place in analyse(resolve(name), (5,)).boundary:
