@@ -1,6 +1,7 @@
-"""The characteristic map: the limit of the planar net around an odd place whose coordinates are eigenvectors of λ1.
+"""Smoothness at an extraordinary vertex, or face for dual schemes, and at a vertex on the boundary.
 
-The surface there is C1 if λ1 leads and this map is regular and injective (Reif 1995).
+The characteristic map is the limit of the planar net around the vertex whose coordinates are eigenvectors of λ1. The
+surface there is C1 if λ1 leads and this map is regular and injective (Reif 1995).
 """
 
 from collections.abc import Callable
@@ -19,12 +20,15 @@ from meshfit.errors import SchemeError
 from meshfit.mesh.topology import PolygonTopology
 from meshfit.subdivision.registry import Scheme
 
-_REFINED = 8
+_REFINED = 8  # fine edges along a coarse one, at least about, where the orientation of the map is tested
 _FLAT = 1e-9
+_ROUNDING = 1e-9
+_EXACT = 1e-9
+_FEWEST_SPOKES = 3
 
 
 def characteristic_net(matrix: LocalMatrix, wheel: Wheel) -> Complex128[np.ndarray, " V"]:
-    """(V,) the control net of the map on a wheel, vertex 1 at 1 unless it is at 0; nan outside the matrix's rings."""
+    """Return the (V,) control net of the map on a wheel, with vertex 1 at 1; nan outside the matrix's rings."""
     values, vectors = np.linalg.eig(matrix.block(1))
     vector = vectors[:, np.argmax(np.abs(values))]
     spoke = vector[0] or 1.0
@@ -36,13 +40,13 @@ def characteristic_net(matrix: LocalMatrix, wheel: Wheel) -> Complex128[np.ndarr
 
 
 def is_regular(wheel_of: Callable[[int], Wheel], matrix: LocalMatrix, steps: int, dilation: int) -> bool:
-    """Whether the map keeps the orientation of every face, and of every corner in it, once it is refined some times.
+    """Return whether the refined map keeps the orientation of every corner of every face.
 
     Args:
         wheel_of: number of rings → a wheel.
-        matrix: the local matrix, of one ring more than the surface around the centre depends on.
-        steps: of the scheme, that make one scalar dilation.
-        dilation: fine edges along a coarse one after so many steps.
+        matrix: the local matrix, with one ring more than the surface around the centre depends on.
+        steps: levels of the scheme that make one scalar dilation.
+        dilation: fine edges along a coarse one after these steps.
     """
     wheel = wheel_of(matrix.rings + PAD)
     net = characteristic_net(matrix, wheel)
@@ -53,24 +57,20 @@ def is_regular(wheel_of: Callable[[int], Wheel], matrix: LocalMatrix, steps: int
 
 
 def corner_turns(topology: PolygonTopology, places: Complex128[np.ndarray, " V"]) -> np.ndarray:
-    """(C,) the sine of the angle at the head of each half-edge, from it to the one that follows; nan off the net."""
+    """Return the (C,) sine of the angle from each half-edge to the following one; nan off the net."""
     along = places[topology.head] - places[topology.tail]
     onward = along[topology.following(np.arange(len(along)))]
     size = np.abs(along) * np.abs(onward)
     return np.asarray(np.divide((along.conj() * onward).imag, size, out=np.full(len(size), -1.0), where=size != 0))
 
 
-_ROUNDING = 1e-9
-_LEAST = 3
-
-
 @dataclass(frozen=True)
 class ExtraordinaryVertex:
-    """What a scheme does at a vertex, or for dual schemes a face, of one valence amid regular ones.
+    """A vertex (for dual schemes a face) of one valence among regular ones.
 
     Attributes:
         spectrum: the leading eigenvalues of the local matrix.
-        rings: how many rings the matrix is over.
+        rings: number of rings of the matrix.
         regular_map: whether the characteristic map keeps its orientation.
     """
 
@@ -80,26 +80,26 @@ class ExtraordinaryVertex:
 
     @property
     def valence(self) -> int:
-        """The number of edges, or of corners."""
+        """The number of edges, or of corners of a face."""
         return self.spectrum.valence
 
     @property
     def fault(self) -> str:
-        """Why the surface is not C1 here, where it is on regular meshes; empty where it is (Reif 1995)."""
+        """The reason why the surface is not C1 here, if it is C1 on regular meshes; empty where it is (Reif 1995)."""
         return self.spectrum.fault or ("" if self.regular_map else "the characteristic map folds")
 
 
 def analyse_valence(meshes: StencilMeshes, mask: RegularMask, radius: float, valence: int) -> ExtraordinaryVertex:
-    """Look at one valence.
+    """Analyse one valence.
 
     Args:
         meshes: with wheels.
-        mask: on its regular lattice.
-        radius: of the basis function, in rings: so many rings decide on the surface around the centre.
+        mask: on the regular lattice.
+        radius: of the basis function, in rings; so many rings determine the surface around the centre.
         valence: number of spokes, 3 or more.
 
     Raises:
-        SchemeError: no number of rings follows from itself.
+        SchemeError: every number of rings depends on further rings.
     """
     wheel_of = wheels(meshes, valence)
     matrix = invariant_matrix(wheel_of, mask.steps, ceil(radius - _ROUNDING))
@@ -109,34 +109,33 @@ def analyse_valence(meshes: StencilMeshes, mask: RegularMask, radius: float, val
 
 
 def wheels(meshes: StencilMeshes, valence: int) -> Callable[[int], Wheel]:
-    """Number of rings → the wheel of that valence.
+    """Return the wheels of one valence: number of rings → wheel.
 
     Raises:
-        SchemeError: nothing is extraordinary in this meshes, or a wheel has fewer than 3 spokes.
+        SchemeError: the domain has no extraordinary vertices, or the valence is below 3.
     """
     make = meshes.wheel
-    if make is None or valence < _LEAST:
-        raise SchemeError(f"{meshes.domain} have nothing of valence {valence} to analyse: 3 or more is, off curves")
+    if make is None or valence < _FEWEST_SPOKES:
+        raise SchemeError(
+            f"{meshes.domain} have no extraordinary vertices of valence {valence}; 3 or more is allowed, on surfaces"
+        )
     return lambda rings: make(valence, rings)
 
 
-_EXACT = 1e-9
-
-
-def largest_alpha(scheme: Scheme, steps: int, place: ExtraordinaryVertex) -> float | None:
-    """The α at which another eigenvalue overtakes λ1 at a valence; None where it does not on the way from α = 0.
+def largest_alpha(scheme: Scheme, steps: int, vertex: ExtraordinaryVertex) -> float | None:
+    """Return the α at which another eigenvalue overtakes λ1, from α = 0 on; None if it never or already does.
 
     Args:
         scheme: as it is analysed, with its own α.
-        steps: of the scheme, that make one scalar dilation.
-        place: what it does at that valence.
+        steps: levels of the scheme that make one scalar dilation.
+        vertex: its analysis at one valence.
     """
-    if scheme.alpha is None or place.spectrum.gap > TIE * place.spectrum.leading.modulus:
+    if scheme.alpha is None or vertex.spectrum.gap > TIE * vertex.spectrum.leading.modulus:
         return None
 
     def gap(alpha: float) -> float:
         blend = scheme.with_alpha(alpha)
-        matrix = invariant_matrix(wheels(stencil_meshes(blend), place.valence), steps, place.rings)
+        matrix = invariant_matrix(wheels(stencil_meshes(blend), vertex.valence), steps, vertex.rings)
         return spectrum_of(matrix).gap
 
     given = float(scheme.alpha)
@@ -147,11 +146,11 @@ def largest_alpha(scheme: Scheme, steps: int, place: ExtraordinaryVertex) -> flo
 
 @dataclass(frozen=True)
 class BoundaryVertex:
-    """What a scheme does at a boundary vertex amid regular ones.
+    """A vertex on the boundary among regular ones.
 
     Attributes:
-        neighbours: of the vertex; one more than it has faces.
-        moduli: of the three largest eigenvalues but the 1 of constants.
+        neighbours: number of neighbours, one more than faces.
+        moduli: of the three largest eigenvalues besides the 1 of constants.
         curve: the eigenvalue of the boundary curve's tangent.
     """
 
@@ -161,35 +160,35 @@ class BoundaryVertex:
 
     @property
     def in_order(self) -> bool:
-        """Whether two eigenvalues lead, and the curve's is one of them: the tangent plane then holds its tangent."""
+        """Whether two eigenvalues lead, one of them the curve's, so that the tangent plane contains its tangent."""
         first, second, third = self.moduli
         leads = min(abs(self.curve - first), abs(self.curve - second)) <= TIE
         return leads and first < 1 - TIE and second - third > TIE * second
 
 
 def analyse_boundary(meshes: StencilMeshes, steps: int, dilation: int, rings: int, neighbours: int) -> BoundaryVertex:
-    """Look at boundary verts of so many neighbours.
+    """Analyse boundary vertices with some number of neighbours.
 
     Args:
         meshes: with fans.
-        steps: of the scheme, that make one scalar dilation.
-        dilation: fine edges along a coarse one after so many steps.
-        rings: how many decide on the surface around the vertex.
+        steps: levels of the scheme that make one scalar dilation.
+        dilation: fine edges along a coarse one after these steps.
+        rings: number of rings that determine the surface around the vertex.
         neighbours: 2 or more.
 
     Raises:
-        SchemeError: no number of rings follows from itself, or there are no such verts.
+        SchemeError: every number of rings depends on further rings, or there are no such vertices.
     """
     if meshes.fan is None or neighbours < 2:
-        raise SchemeError(f"{meshes.domain} have no boundary verts of {neighbours} neighbours to analyse: 2 or more is")
+        raise SchemeError(f"{meshes.domain} have no boundary vertices of {neighbours} neighbours; 2 or more is allowed")
     for number in range(rings, MOST_RINGS + 1):
         fan = meshes.fan(neighbours, number + PAD)
         finer = fan.refine(steps)
         inside = fan.ring <= number
         rows = finer.rows(map_fan(fan, finer.topology, fan.locate(steps), number)[inside])
         if not rows[:, ~inside].any():
-            found = eigenvalues(rows[:, inside].astype(np.complex128))
-            others = np.delete(found, int(np.argmin(np.abs(found - 1))))
+            values = eigenvalues(rows[:, inside].astype(np.complex128))
+            others = np.delete(values, int(np.argmin(np.abs(values - 1))))
             first, second, third, *_ = np.append(np.abs(others), np.zeros(3)).tolist()
             return BoundaryVertex(neighbours, (first, second, third), 1 / dilation)
-    raise SchemeError(f"this scheme cannot be analysed: {MOST_RINGS} rings at a boundary do not follow from them")
+    raise SchemeError(f"this scheme cannot be analysed: {MOST_RINGS} rings at a boundary depend on further rings")

@@ -1,4 +1,8 @@
-"""Which fine vertex is in the place of which coarse one: both connectivities are walked at once, from the centre on."""
+"""Local subdivision matrix: the rings around an extraordinary vertex, refined, from the same rings before.
+
+The ring map tells which fine vertex takes the place of which coarse one; it walks both connectivities at once from the
+centre outwards.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,27 +16,32 @@ from meshfit.mesh.topology import NONE, Indices, Mask, PolygonTopology
 
 Places = Complex128[np.ndarray, " V"]
 
+PAD = 3
+"""Rings around those of a local matrix that keep the border of the wheel away from it."""
+MOST_RINGS = 9
+"""The most rings that are tried for an invariant neighbourhood."""
+
 
 def map_wheel(wheel: Wheel, fine: PolygonTopology, places: Places, rings: int) -> Indices:
-    """(V,) the fine vertex in the place of each coarse one of the first rings; `NONE` for the others.
+    """Return the (V,) fine vertex in the place of each coarse one in the first rings; `NONE` for the others.
 
     Args:
-        wheel: the coarse connectivity.
-        fine: the fine one.
-        places: where the wheel locates the fine verts.
-        rings: how many are matched.
+        wheel: the coarse mesh.
+        fine: the fine connectivity.
+        places: positions of the fine vertices, from `wheel.locate`.
+        rings: number of rings to map.
     """
-    mine = _about_centre(wheel.topology, wheel.places, hub=wheel.hub)
-    theirs = _about_centre(fine, places, hub=wheel.hub)
-    ahead = _middles(wheel.topology, wheel.places)[mine[0]]
-    turned = np.abs(np.angle(_middles(fine, places)[theirs] / ahead))
+    coarse_start = int(_around_centre(wheel.topology, wheel.places, hub=wheel.hub)[0])
+    fine_starts = _around_centre(fine, places, hub=wheel.hub)
+    direction = _midpoints(wheel.topology, wheel.places)[coarse_start]
+    turn = np.abs(np.angle(_midpoints(fine, places)[fine_starts] / direction))
     inside = np.zeros(len(wheel.places), dtype=bool)
     inside[wheel.within(rings)] = True
-    return _walk(wheel.topology, fine, inside, (int(mine[0]), int(theirs[np.argmin(turned)])))
+    return _walk(wheel.topology, fine, inside, (coarse_start, int(fine_starts[np.argmin(turn)])))
 
 
 def map_fan(fan: Fan, fine: PolygonTopology, places: Places, rings: int) -> Indices:
-    """The same around a vertex on the boundary, from the half-edge out of it that lies there."""
+    """Return the same map around a vertex on the boundary, starting at the boundary half-edge out of it."""
     starts = []
     for topology, hub in ((fan.topology, 0), (fine, int(np.argmin(np.abs(places))))):
         starts.append(int(np.flatnonzero((topology.tail == hub) & (topology.twin == NONE))[0]))
@@ -40,26 +49,26 @@ def map_fan(fan: Fan, fine: PolygonTopology, places: Places, rings: int) -> Indi
 
 
 def _walk(coarse: PolygonTopology, fine: PolygonTopology, inside: Mask, start: tuple[int, int]) -> Indices:
-    """Along corresponding half-edges, as long as both ends of the coarse one are inside."""
+    """Walk along corresponding half-edges, as long as both ends of the coarse one are inside."""
     whole = inside[coarse.tail] & inside[coarse.head]
     matched = np.full(len(inside), NONE)
     seen, waiting = {start[0]}, [start]
     both = coarse, fine
-    tails, twins = ([each.tail.tolist() for each in both], [each.twin.tolist() for each in both])
-    following = [each.following(np.arange(len(each.corners))).tolist() for each in both]
+    tails, twins = [topology.tail.tolist() for topology in both], [topology.twin.tolist() for topology in both]
+    following = [topology.following(np.arange(len(topology.corners))).tolist() for topology in both]
     while waiting:
-        here, there = waiting.pop()
-        matched[tails[0][here]] = tails[1][there]
-        for mine, theirs in (following, twins):
-            onward, beside = mine[here], theirs[there]
-            if NONE not in (onward, beside) and onward not in seen and whole[onward]:
-                seen.add(onward)
-                waiting.append((onward, beside))
+        halfedge, partner = waiting.pop()
+        matched[tails[0][halfedge]] = tails[1][partner]
+        for step, partner_step in (following, twins):
+            reached, partner_reached = step[halfedge], partner_step[partner]
+            if NONE not in (reached, partner_reached) and reached not in seen and whole[reached]:
+                seen.add(reached)
+                waiting.append((reached, partner_reached))
     return matched
 
 
-def _about_centre(topology: PolygonTopology, places: Places, *, hub: bool) -> Indices:
-    """The half-edges out of the hub; without one, those of the face in the middle."""
+def _around_centre(topology: PolygonTopology, places: Places, *, hub: bool) -> Indices:
+    """Return the half-edges out of the hub or, without a hub, those of the central face."""
     if hub:
         return np.flatnonzero(topology.tail == int(np.argmin(np.abs(places))))
     middles = np.add.reduceat(places[topology.corners], topology.starts) / topology.sizes
@@ -67,26 +76,19 @@ def _about_centre(topology: PolygonTopology, places: Places, *, hub: bool) -> In
     return np.asarray(topology.starts[face] + np.arange(topology.sizes[face]))
 
 
-def _middles(topology: PolygonTopology, places: Places) -> Complex128[np.ndarray, " C"]:
+def _midpoints(topology: PolygonTopology, places: Places) -> Complex128[np.ndarray, " C"]:
     return np.asarray((places[topology.tail] + places[topology.head]) / 2)
-
-
-PAD = 3
-"""Rings around those of a local matrix, so that the border of the wheel does not reach it."""
-
-MOST_RINGS = 9
-"""Where the search for rings that follow from themselves ends."""
 
 
 @dataclass(frozen=True, eq=False)
 class LocalMatrix:
-    """The rows of one fine vertex of each row of `turns`, over all coarse verts of the rings.
+    """Rows of the first fine vertex of each row of `Wheel.turns`, over all coarse vertices of the rings.
 
     Attributes:
-        rings: how many.
-        hub: (1 or 0,) the row of the hub itself, if it is a vertex, over the hub and the mean of each row of `turns`.
-        from_hub: (K, 1 or 0) what the first of each row takes of the hub.
-        turned: (K, K, n) what the first of each row takes of every vertex of every row.
+        rings: number of rings.
+        hub: (1 or 0, L) the row of the hub, if it is a vertex, over the hub and the sum of each row of `turns`.
+        from_hub: (K, 1 or 0) weights of the hub.
+        turned: (K, K, n) weights of every vertex of every row.
     """
 
     rings: int
@@ -100,7 +102,7 @@ class LocalMatrix:
         return int(self.turned.shape[2])
 
     def block(self, mode: int) -> Complex128[np.ndarray, "L L"]:
-        """The part that acts on values that turn by `mode` times 2π/n from spoke to spoke."""
+        """Return the part that acts on values that turn by `mode` times 2π/n from spoke to spoke."""
         phase = np.exp(2j * np.pi * mode * np.arange(self.valence) / self.valence)
         block = np.asarray(self.turned @ phase)
         if mode % self.valence:
@@ -109,7 +111,7 @@ class LocalMatrix:
 
 
 def local_matrix(wheel: Wheel, steps: int, rings: int) -> LocalMatrix | None:
-    """The matrix of so many rings of a wheel that has `PAD` more; None where these rings need more than themselves."""
+    """Return the matrix of some rings of a wheel with `PAD` more; None if these rings depend on further ones."""
     finer = wheel.refine(steps)
     kept = wheel.within(rings)
     matched = map_wheel(wheel, finer.topology, wheel.locate(steps), rings)
@@ -128,13 +130,13 @@ def local_matrix(wheel: Wheel, steps: int, rings: int) -> LocalMatrix | None:
 
 
 def invariant_matrix(wheel_of: Callable[[int], Wheel], steps: int, rings: int) -> LocalMatrix:
-    """The matrix of so many rings, or of as few more as follow from themselves.
+    """Return the matrix of so many rings, or of the fewest more that depend on themselves alone.
 
     Raises:
-        SchemeError: no number of rings does.
+        SchemeError: no number of rings up to `MOST_RINGS` does.
     """
     for number in range(max(1, rings), MOST_RINGS + 1):
-        found = local_matrix(wheel_of(number + PAD), steps, number)
-        if found is not None:
-            return found
-    raise SchemeError(f"this scheme cannot be analysed: {MOST_RINGS} rings around a vertex do not follow from them")
+        matrix = local_matrix(wheel_of(number + PAD), steps, number)
+        if matrix is not None:
+            return matrix
+    raise SchemeError(f"this scheme cannot be analysed: {MOST_RINGS} rings around a vertex depend on further rings")

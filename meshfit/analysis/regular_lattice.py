@@ -1,4 +1,4 @@
-"""The mask of a scheme on the regular lattice, read off a column of its operator."""
+"""A scheme on the regular lattice: its mask, the support of its basis function, and its polynomials."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,9 +11,12 @@ from meshfit.analysis.stencil_meshes import Patch, StencilMeshes
 from meshfit.errors import SchemeError
 
 _REACH = 9
+_REACH_OF_POLYNOMIALS = 7  # a larger patch would only add rounding to high powers
 _MOST_STEPS = 4
 _WHOLE = 1e-8
 _ZERO = 1e-14
+_HIGHEST_DEGREE = 11
+_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,10 +25,10 @@ class RegularMask:
 
     Attributes:
         offsets: (K, D) k, in units of the fine lattice and in its basis, from where the coarse value lies; multiples
-            of 1/2 for dual schemes, whose new verts do not lie on old ones.
+            of 1/2 for dual schemes, whose new vertices do not lie on old ones.
         weights: (K,) a(k).
         dilation: m, the number of fine edges along a coarse one.
-        steps: levels of the scheme that it takes until the fine lattice lies as the coarse one does: 2 for √3 and √2.
+        steps: levels after which the fine lattice is a scaled copy of the coarse one: 2 for √3 and √2, else 1.
     """
 
     offsets: Float64[np.ndarray, "K D"]
@@ -40,25 +43,25 @@ class RegularMask:
 
     @property
     def whole_offsets(self) -> Int64[np.ndarray, "K D"]:
-        """(K, D) the offsets moved to integers; the same ones where they are integers."""
+        """(K, D) the offsets rounded down to integers; unchanged where they are integers."""
         return np.asarray(np.rint(self.offsets - _part(self.offsets)), dtype=np.int64)
 
 
 def regular_mask(meshes: StencilMeshes) -> RegularMask:
-    """Read the mask off a patch.
+    """Read the mask off a column of the operator on a patch.
 
-    New verts are located by refining the lattice's coordinates, which every scheme of symmetric masks reproduces.
+    New vertices are located by refining the lattice's coordinates, which schemes with symmetric masks reproduce.
 
     Raises:
-        SchemeError: the fine lattice never lies as the coarse one does.
+        SchemeError: the fine lattice is never a scaled copy of the coarse one.
     """
     patch = meshes.patch(_REACH)
     for steps in range(1, _MOST_STEPS + 1):
-        found = _mask_after(patch, steps)
-        if found is not None:
-            return found
+        mask = _mask_after(patch, steps)
+        if mask is not None:
+            return mask
     raise SchemeError(
-        f"this scheme cannot be analysed: after {_MOST_STEPS} steps its new verts are no finer copy of the lattice"
+        f"this scheme cannot be analysed: after {_MOST_STEPS} steps its vertices are not a finer copy of the lattice"
     )
 
 
@@ -82,18 +85,18 @@ def _mask_after(patch: Patch, steps: int) -> RegularMask | None:
 
 
 def _part(offsets: Float64[np.ndarray, "K D"]) -> Float64[np.ndarray, " D"]:
-    """What the offsets have in common beyond integers: 0, or 1/2 for dual schemes."""
+    """Return the common fraction of the offsets: 0, or 1/2 for dual schemes."""
     return np.asarray(np.rint(2 * offsets[0]) % 2 / 2)
 
 
 @dataclass(frozen=True)
 class Support:
-    """The support of the basis function, the limit of the data that are 1 at one vertex and 0 at all others.
+    """Support of the basis function, the limit of the data that are 1 at one vertex and 0 at all others.
 
     Attributes:
-        radius: rings of faces around its vertex that its convex hull reaches over; edges, on a curve.
-        stencils: the least and the most coarse verts that a new vertex of one level is made of.
-        mask: number of fine verts that a coarse one contributes to, in as many steps as make a scalar dilation.
+        radius: of its convex hull, in rings of faces around its vertex; on a curve, in edges.
+        stencils: the fewest and the most coarse vertices that a new vertex of one level depends on.
+        mask: number of fine vertices that depend on a coarse one, after a scalar dilation.
     """
 
     radius: float
@@ -102,7 +105,7 @@ class Support:
 
 
 def support_of(meshes: StencilMeshes, mask: RegularMask) -> Support:
-    """The support: a mask on the points Ω gives a limit on Ω / m + Ω / m² + …, whose hull is that of Ω / (m - 1)."""
+    """Return the support: a mask on points Ω has its limit on Ω / m + Ω / m² + …, with the hull of Ω / (m - 1)."""
     radius = float(meshes.distance(mask.offsets).max()) / (mask.dilation - 1)
     sizes = _stencil_sizes(meshes)
     return Support(radius, (int(sizes.min()), int(sizes.max())), len(mask.weights))
@@ -116,26 +119,21 @@ def _stencil_sizes(meshes: StencilMeshes) -> Float64[np.ndarray, " N"]:
     return np.asarray(used.sum(axis=1)[inner], dtype=np.float64)
 
 
-_REACH_POLYNOMIALS = 7
-_HIGHEST = 11
-_TOLERANCE = 1e-9
-
-
 def reproduced_degree(meshes: StencilMeshes) -> int:
-    """The highest degree up to which values of every polynomial at old verts become its values at new ones, or -1."""
-    patch = meshes.patch(_REACH_POLYNOMIALS)
+    """Return the highest degree up to which one level maps values of polynomials to their values, or -1."""
+    patch = meshes.patch(_REACH_OF_POLYNOMIALS)
     finer = patch.refine(1)
     inner = patch.regular(finer)
-    coarse, fine = patch.places / _REACH_POLYNOMIALS, finer.carry(patch.places)[inner] / _REACH_POLYNOMIALS
-    for degree in range(_HIGHEST + 1):
-        found = finer.carry(monomials(coarse, degree))[inner]
-        if np.abs(found - monomials(fine, degree)).max() > _TOLERANCE:
+    coarse, fine = patch.places / _REACH_OF_POLYNOMIALS, finer.carry(patch.places)[inner] / _REACH_OF_POLYNOMIALS
+    for degree in range(_HIGHEST_DEGREE + 1):
+        refined = finer.carry(monomials(coarse, degree))[inner]
+        if np.abs(refined - monomials(fine, degree)).max() > _TOLERANCE:
             return degree - 1
-    return _HIGHEST
+    return _HIGHEST_DEGREE
 
 
 def sum_rule_order(mask: RegularMask) -> int:
-    """The order κ of the sum rules: polynomials below degree κ are generated, so that κ - 1 is the highest of them.
+    """Return the order κ of the sum rules: polynomials of degree below κ are generated.
 
     Order κ: Σ_j a(m j + ε) p(m j + ε) is the same for every ε, for every polynomial p of degree below κ (Jia 1998,
     Characterization of smoothness of multivariate refinable functions in Sobolev spaces).
@@ -145,16 +143,16 @@ def sum_rule_order(mask: RegularMask) -> int:
     scale = max(1, int(np.abs(offsets).max()))
     places = offsets / scale
     count = mask.dilation**mask.dimension
-    for degree in range(_HIGHEST + 1):
+    for degree in range(_HIGHEST_DEGREE + 1):
         moments = np.zeros((count, len(list(_powers(mask.dimension, degree)))))
         np.add.at(moments, coset.reshape(-1), mask.weights[:, None] * monomials(places, degree))
         if np.abs(moments - moments[0]).max() > _TOLERANCE:
             return degree
-    return _HIGHEST + 1
+    return _HIGHEST_DEGREE + 1
 
 
 def monomials(places: Float64[np.ndarray, "N D"], degree: int) -> Float64[np.ndarray, "N M"]:
-    """(N, M) values of every monomial of exactly that degree."""
+    """Return the (N, M) values of every monomial of exactly that degree."""
     return np.stack([np.prod(places ** np.array(power), axis=1) for power in _powers(places.shape[1], degree)], axis=1)
 
 

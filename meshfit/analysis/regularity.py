@@ -1,4 +1,7 @@
-"""Finite sequences on a lattice: where they live, and which of them polynomials annihilate."""
+"""Regularity of the basis function on the regular lattice: Sobolev exponent, stability, Hölder bound, continuity.
+
+All are computed from operators on finite sequences on a lattice that annihilate polynomials.
+"""
 
 from dataclasses import dataclass
 from itertools import combinations, product
@@ -12,12 +15,22 @@ from scipy.spatial import ConvexHull
 
 from meshfit.analysis.regular_lattice import RegularMask
 
+Digits = Float64[np.ndarray, "E N N"]
+Zero = tuple[Float64[np.ndarray, " D"], int]
+"""A frequency, and the order to which the periodisation vanishes there."""
+
 _TOLERANCE = 1e-9
+_ZERO = 1e-9
+_SAME = 1e-6
 _HIGHEST = 24
+_GRID = 72
+_MOST_WORDS = 40_000
+_LONGEST = 8
+_SMOOTHING = 60
 
 
 def points_in_hull(offsets: Int64[np.ndarray, "B D"], part: int) -> Int64[np.ndarray, "P D"]:
-    """(P, D) the integer points of the convex hull of some, made `part` times smaller; the hull holds the origin."""
+    """Return the (P, D) integer points in the convex hull of offsets, shrunk by `part`; it contains the origin."""
     low, high = offsets.min(axis=0), offsets.max(axis=0)
     spans = (range(-(-int(a) // part), int(b) // part + 1) for a, b in zip(low, high, strict=True))
     box = np.array(list(product(*spans)), dtype=np.int64)
@@ -31,17 +44,17 @@ def points_in_hull(offsets: Int64[np.ndarray, "B D"], part: int) -> Int64[np.nda
 def values_at(
     offsets: Int64[np.ndarray, "B D"], values: Float64[np.ndarray, " B"], wanted: Int64[np.ndarray, "*N D"]
 ) -> Float64[np.ndarray, "*N"]:
-    """(…) those of a sequence at other places, 0 where it has none."""
+    """Return the values of a sequence at other places, 0 outside its offsets."""
     low, span = offsets.min(axis=0), np.ptp(offsets, axis=0)
     dense = np.zeros(span + 1)
     dense[tuple((offsets - low).T)] = values
-    there = wanted - low
-    inside = ((there >= 0) & (there <= span)).all(axis=-1)
-    return np.where(inside, dense[tuple(np.moveaxis(there.clip(0, span), -1, 0))], 0.0)
+    index = wanted - low
+    inside = ((index >= 0) & (index <= span)).all(axis=-1)
+    return np.where(inside, dense[tuple(np.moveaxis(index.clip(0, span), -1, 0))], 0.0)
 
 
 def moments(places: Int64[np.ndarray, "P D"], order: int) -> Float64[np.ndarray, "M P"]:
-    """(M, P) the values of polynomials that span those of degree below `order`, as rows: products of Chebyshev's."""
+    """Return the (M, P) values of products of Chebyshev polynomials that span polynomials of degree below `order`."""
     scaled = places / max(1, int(np.abs(places).max()))
     along = chebvander(scaled, max(0, order - 1))
     powers = [power for power in product(range(order), repeat=places.shape[1]) if sum(power) < order]
@@ -59,9 +72,9 @@ def null_space(rows: Float64[np.ndarray, "M O"]) -> Float64[np.ndarray, "O N"]:
 def waves(
     places: Int64[np.ndarray, "P D"], frequency: Float64[np.ndarray, " D"], order: int
 ) -> Float64[np.ndarray, "M P"]:
-    """(M, P) all monomials of degree below `order` times the cosine and the sine of a frequency, as rows.
+    """Return the (M, P) values of polynomials of degree below `order` times cosine and sine of a frequency.
 
-    A sequence that they annihilate has a symbol that vanishes to that order at the frequency.
+    The symbol of a sequence that they annihilate vanishes to that order at the frequency.
     """
     phase, powers = places @ frequency, moments(places, order)
     return np.concatenate([powers * np.cos(phase), powers * np.sin(phase)])
@@ -70,7 +83,7 @@ def waves(
 def order_of_zero(
     places: Int64[np.ndarray, "P D"], sequence: Float64[np.ndarray, " P"], frequency: Float64[np.ndarray, " D"]
 ) -> int:
-    """The order to which the symbol of a sequence vanishes at a frequency, 0 where it does not."""
+    """Return the order to which the symbol of a sequence vanishes at a frequency, 0 if it does not."""
     size = np.abs(sequence).sum()
     for order in range(1, _HIGHEST + 1):
         if np.abs(waves(places, frequency, order) @ sequence).max() > _TOLERANCE * size:
@@ -78,22 +91,17 @@ def order_of_zero(
     return _HIGHEST
 
 
-_GRID = 72
-_ZERO = 1e-9
-
-Zero = tuple[Float64[np.ndarray, " D"], int]
-"""A frequency, and the order to which the periodisation vanishes there."""
-
-
 def zeros_of_periodisation(
     transition: Float64[np.ndarray, "O O"], orbits: Float64[np.ndarray, "P O"], places: Int64[np.ndarray, "P D"]
 ) -> list[Zero]:
-    """Its zeros among the frequencies 2π k / 72, which hold those of all masks that are products of differences.
+    """Return the zeros of the periodisation among the frequencies 2π k / 72.
+
+    These include the zeros of all masks that are products of differences.
 
     Args:
-        transition: the operator, on symmetric sequences; where it has larger eigenvalues than 1, nothing is found.
+        transition: the operator on symmetric sequences; if it has eigenvalues larger than 1, no zeros are returned.
         orbits: the basis of these sequences.
-        places: where they live.
+        places: of the sequences.
     """
     values, vectors = np.linalg.eig(transition)
     if np.abs(values).max() > 1 + _ZERO:
@@ -102,19 +110,19 @@ def zeros_of_periodisation(
     sequence /= sequence.sum()
     turns = np.arange(_GRID) * (2 * np.pi / _GRID)
     grid = np.array(list(product(turns, repeat=places.shape[1])))
-    found = grid[np.abs(np.cos(grid @ places.T) @ sequence) < _ZERO]
-    return [(frequency, order_of_zero(places, sequence, frequency)) for frequency in found]
+    zeros = grid[np.abs(np.cos(grid @ places.T) @ sequence) < _ZERO]
+    return [(frequency, order_of_zero(places, sequence, frequency)) for frequency in zeros]
 
 
 @dataclass(frozen=True)
 class Regularity:
-    """How smooth the basis function is.
+    """Regularity of the basis function in L2.
 
     Attributes:
         s2: its exponent: it has s derivatives in L2 for every s < s2.
-        accuracy: the order up to which polynomials are combinations of its shifts; if these are stable, that of the sum
-            rules.
-        stable: whether its shifts are stable, so that no bounded combination of them is zero.
+        accuracy: the order up to which polynomials are combinations of its shifts; the order of the sum rules if these
+            are stable.
+        stable: whether its shifts are stable: no bounded combination of them is zero.
     """
 
     s2: float
@@ -123,7 +131,7 @@ class Regularity:
 
 
 def regularity_of(mask: RegularMask) -> Regularity:
-    """Compute the exponent.
+    """Compute the Sobolev exponent, the accuracy and the stability.
 
     With b the autocorrelation of the mask over m^D, the transition operator (T v)(i) = Σ_j b(m i - j) v(j) maps
     finite sequences that all polynomials below degree 2κ annihilate to such sequences; s2 = -log_m(ρ) / 2, where ρ is
@@ -155,10 +163,10 @@ def regularity_of(mask: RegularMask) -> Regularity:
 def _accuracy(
     offsets: Int64[np.ndarray, "B D"], values: Float64[np.ndarray, " B"], dilation: int, zeros: list[Zero]
 ) -> int:
-    """Half the least order to which b and the periodisation together vanish at the frequencies 2πk / m but 0.
+    """Return half the smallest order to which b and the periodisation together vanish at 2πk / m, k not 0.
 
-    So much of a zero at 0 does T leave of a symbol there. Without zeros of the periodisation, it is the order of the
-    sum rules.
+    T preserves a zero of a symbol at 0 up to that order. Without zeros of the periodisation it is the order of the sum
+    rules.
     """
     turns = 2 * np.pi / dilation * np.arange(dilation)
     frequencies = np.array(list(product(turns, repeat=offsets.shape[1])))[1:]
@@ -170,7 +178,7 @@ def _accuracy(
 
 
 def _autocorrelation(mask: RegularMask) -> tuple[Int64[np.ndarray, "B D"], Float64[np.ndarray, " B"]]:
-    """Offsets and values of b."""
+    """Return the offsets and values of b."""
     whole = mask.whole_offsets
     corner = whole - whole.min(axis=0)
     dense = np.zeros(corner.max(axis=0) + 1)
@@ -181,20 +189,20 @@ def _autocorrelation(mask: RegularMask) -> tuple[Int64[np.ndarray, "B D"], Float
 
 
 def _symmetries(offsets: Int64[np.ndarray, "B D"], values: Float64[np.ndarray, " B"]) -> list[Int64[np.ndarray, "D D"]]:
-    """The linear maps of the lattice to itself, with entries -1, 0 and 1, that leave b as it is."""
+    """Return the linear maps of the lattice, with entries -1, 0 and 1, under which b is invariant."""
     dimension = offsets.shape[1]
     maps = (np.array(entries).reshape(dimension, dimension) for entries in product((-1, 0, 1), repeat=dimension**2))
     return [
-        each
-        for each in maps
-        if abs(round(np.linalg.det(each))) == 1
-        and np.abs(values_at(offsets, values, offsets @ each.T) - values).max() < _TOLERANCE
+        linear
+        for linear in maps
+        if abs(round(np.linalg.det(linear))) == 1
+        and np.abs(values_at(offsets, values, offsets @ linear.T) - values).max() < _TOLERANCE
     ]
 
 
 def _orbits(places: Int64[np.ndarray, "P D"], symmetries: list[Int64[np.ndarray, "D D"]]) -> Float64[np.ndarray, "P O"]:
-    """(P, O) an orthonormal basis of the sequences on these places that all symmetries leave as they are."""
-    images = np.stack([places @ each.T for each in symmetries], axis=1)
+    """Return a (P, O) orthonormal basis of the sequences on these places that all symmetries leave invariant."""
+    images = np.stack([places @ symmetry.T for symmetry in symmetries], axis=1)
     span = 2 * np.abs(places).max() + 1
     keys = (images * span ** np.arange(places.shape[1])).sum(axis=2).min(axis=1)
     _, orbit = np.unique(keys, return_inverse=True)
@@ -202,25 +210,17 @@ def _orbits(places: Int64[np.ndarray, "P D"], symmetries: list[Int64[np.ndarray,
     return np.asarray(member / np.linalg.norm(member, axis=0))
 
 
-Digits = Float64[np.ndarray, "E N N"]
-
-_MOST_WORDS = 40_000
-_LONGEST = 8
-_SAME = 1e-6
-_SMOOTHING = 60
-
-
 def continuity(mask: RegularMask, order: int, regularity: Regularity, bound: float) -> int:
-    """The largest k for which the basis function is shown to be C^k; -1 where not even continuity is shown.
+    """Return the largest k for which the basis function is shown to be C^k; -1 if not even continuity is.
 
-    By Sobolev's embedding s2 > k + D/2 suffices; beyond that, products of the matrices above are followed until each
-    has shrunk, or there are too many.
+    By Sobolev embedding s2 > k + D/2 suffices. Beyond that, products of the digit matrices are followed until each has
+    shrunk, or there are too many.
 
     Args:
         mask: on the regular lattice.
         order: κ, the order of its sum rules.
-        regularity: what is known of it in L2.
-        bound: of its Hölder exponent, beyond which nothing is tried.
+        regularity: in L2.
+        bound: of its Hölder exponent; larger k are not tried.
     """
     shown = ceil(min(regularity.s2, 99.0) - mask.dimension / 2 - _SAME) - 1
     digits = _digit_matrices(mask, order)
@@ -230,11 +230,11 @@ def continuity(mask: RegularMask, order: int, regularity: Regularity, bound: flo
 
 
 def holder_bound(mask: RegularMask, order: int) -> float:
-    """No larger than this is the Hölder exponent of the basis function of a stable scheme: from products of two."""
+    """Return an upper bound of the Hölder exponent of a stable scheme, from products of two digit matrices."""
     digits = _digit_matrices(mask, order)
     if not digits.shape[1]:
         return inf
-    # Turned round, a product has the same eigenvalues.
+    # AB and BA have the same eigenvalues.
     pairs = np.stack([first @ second for first, second in combinations(digits, 2)])
     radius = max(_radius(digits), _radius(pairs) ** 0.5)
     return -log(radius) / log(mask.dilation) if radius else inf
@@ -245,7 +245,7 @@ def _radius(matrices: Digits) -> float:
 
 
 def _digit_matrices(mask: RegularMask, order: int) -> Digits:
-    """(m^D, N, N) the matrices A_ε in an orthonormal basis of the sequences that polynomials annihilate."""
+    """Return the (m^D, N, N) matrices A_ε in an orthonormal basis of the sequences that annihilate polynomials."""
     digits = np.array(list(product(range(mask.dilation), repeat=mask.dimension)), dtype=np.int64)
     offsets = mask.whole_offsets
     shifted = (offsets[:, None] - digits[None]).reshape(-1, mask.dimension)
@@ -256,25 +256,25 @@ def _digit_matrices(mask: RegularMask, order: int) -> Digits:
 
 
 def _shrink(digits: Digits, rate: float) -> bool:
-    """Whether every long product of the matrices shrinks faster than `rate` a factor.
+    """Return whether every long product of the matrices shrinks faster than by `rate` per factor.
 
-    Words of digits are followed only until they have: a product of any length falls into such words.
+    Words of digits are followed only until they have shrunk, since any longer product consists of such words.
     """
-    fair = _evened(digits)
-    words = fair
+    balanced = _balanced(digits)
+    words = balanced
     for length in range(1, _LONGEST + 1):
         norms = np.linalg.norm(words, ord=2, axis=(1, 2))
         words = words[norms >= (1 - _SAME) * rate**length]
         if not len(words):
             return True
-        if len(words) * len(fair) > _MOST_WORDS:
+        if len(words) * len(balanced) > _MOST_WORDS:
             return False
-        words = (words[:, None] @ fair[None]).reshape(-1, *fair.shape[1:])
+        words = (words[:, None] @ balanced[None]).reshape(-1, *balanced.shape[1:])
     return False
 
 
-def _evened(digits: Digits) -> Digits:
-    """The matrices in a basis in which the Euclidean norm is nearly as small as the sum of their squares allows."""
+def _balanced(digits: Digits) -> Digits:
+    """Return the matrices in a basis in which their Euclidean norms are nearly minimal for the sum of their squares."""
     squares = _growth(digits)
     gram, term = np.eye(digits.shape[1]), np.eye(digits.shape[1])
     for _ in range(_SMOOTHING):
@@ -285,7 +285,7 @@ def _evened(digits: Digits) -> Digits:
 
 
 def _growth(digits: Digits) -> float:
-    """The spectral radius of P → Σ A_ε' P A_ε, by its powers."""
+    """Return the spectral radius of P → Σ A_ε' P A_ε, by power iteration."""
     gram, rate = np.eye(digits.shape[1]), 1.0
     for _ in range(_SMOOTHING):
         gram = np.einsum("eki,kl,elj->ij", digits, gram, digits, optimize=True)

@@ -1,4 +1,4 @@
-"""What the eigenvalues of a local matrix say of the surface at one odd place."""
+"""Eigenvalues of the local matrix at an extraordinary vertex, and the smoothness that follows from them."""
 
 from dataclasses import dataclass
 
@@ -8,27 +8,27 @@ from jaxtyping import Complex128
 from meshfit.analysis.local_matrix import LocalMatrix
 
 TIE = 1e-5
-"""Moduli of eigenvalues nearer than this, as a share of the larger, count as equal: multiple ones are no exacter."""
+"""Relative difference below which moduli of eigenvalues count as equal; multiple ones are no more exact than this."""
 
 _ZERO = 1e-14
 
 
 @dataclass(frozen=True)
 class Eigenvalue:
-    """An eigenvalue of a local matrix, and the Fourier mode of its eigenvectors, from 0 to n/2 (n - mode is alike)."""
+    """An eigenvalue of a local matrix, and the Fourier mode of its eigenvectors, from 0 to n/2."""
 
     value: complex
     mode: int
 
     @property
     def modulus(self) -> float:
-        """Its absolute value."""
+        """The absolute value."""
         return abs(self.value)
 
 
 @dataclass(frozen=True)
 class Spectrum:
-    """The eigenvalues around an odd place that decide on smoothness there.
+    """The eigenvalues that decide on smoothness at an extraordinary vertex.
 
     Attributes:
         valence: n, the number of spokes.
@@ -49,7 +49,7 @@ class Spectrum:
 
     @property
     def fault(self) -> str:
-        """What is missing from 1 > λ1 = λ2 > |rest| with λ1 real and of mode 1; empty where nothing is.
+        """The violation of 1 > λ1 = λ2 > |rest| with λ1 real and of mode 1; empty where there is none.
 
         Reif 1995, A unified approach to subdivision algorithms near extraordinary vertices.
         """
@@ -63,7 +63,7 @@ class Spectrum:
 
     @property
     def curvature(self) -> str:
-        """At a tangent plane: `bounded`, `flat` (all curvatures 0) or `unbounded`, as |rest| is, or not, above λ1²."""
+        """Curvatures at a tangent plane: `bounded` for |rest| = λ1², `flat` (all 0) below, `unbounded` above."""
         excess = self.rest.modulus - self.leading.modulus**2
         if abs(excess) <= 10 * TIE:
             return "bounded"
@@ -71,32 +71,33 @@ class Spectrum:
 
 
 def spectrum_of(matrix: LocalMatrix) -> Spectrum:
-    """The leading eigenvalues, by Fourier mode."""
+    """Return the leading eigenvalues of a local matrix, by Fourier mode."""
     n = matrix.valence
     by_mode = {mode: eigenvalues(matrix.block(mode)) for mode in range(n // 2 + 1)}
     by_mode[0] = np.delete(by_mode[0], int(np.argmin(np.abs(by_mode[0] - 1))))
     leading, by_mode[1] = Eigenvalue(_upper(by_mode[1][0]), 1), by_mode[1][1:]
     others = [Eigenvalue(_upper(value), mode) for mode, values in by_mode.items() for value in values]
     # Modes n/2 < m < n repeat those below n/2; of equal moduli the one of the lowest mode is named.
-    largest = max((each.modulus for each in others), default=0.0)
-    rest = next((each for each in others if each.modulus >= largest * (1 - TIE)), Eigenvalue(0j, 0))
-    alike = [each for each in others if abs(each.modulus - leading.modulus) <= TIE * leading.modulus]
-    return Spectrum(n, leading, rest, 2 + sum(1 + (0 < 2 * each.mode < n) for each in alike))
+    largest = max((other.modulus for other in others), default=0.0)
+    rest = next((other for other in others if other.modulus >= largest * (1 - TIE)), Eigenvalue(0j, 0))
+    tied = [other for other in others if abs(other.modulus - leading.modulus) <= TIE * leading.modulus]
+    return Spectrum(n, leading, rest, 2 + sum(1 + (0 < 2 * other.mode < n) for other in tied))
 
 
 def eigenvalues(block: Complex128[np.ndarray, "L L"]) -> Complex128[np.ndarray, " L"]:
-    """The largest modulus first; inner rings do not depend on outer ones, and each part is solved for itself.
+    """Return the eigenvalues, largest modulus first.
 
-    What couples the parts only makes multiple eigenvalues less exact.
+    Inner rings do not depend on outer ones, so each diagonal part is solved by itself; the coupling between the parts
+    would only make multiple eigenvalues less exact.
     """
-    cuts = [at for at in range(1, len(block)) if (np.abs(block[:at, at:]) <= _ZERO).all()]
+    cuts = [i for i in range(1, len(block)) if (np.abs(block[:i, i:]) <= _ZERO).all()]
     parts = zip([0, *cuts], [*cuts, len(block)], strict=True)
     values = np.concatenate([np.linalg.eigvals(block[low:high, low:high]) for low, high in parts])
     return np.asarray(values[np.argsort(-np.abs(values), kind="stable")])
 
 
 def _upper(value: np.complex128) -> complex:
-    """Of an eigenvalue and its conjugate, which comes with mode n - m, the one in the upper half plane."""
+    """Return an eigenvalue or its conjugate, which mode n - m has, whichever is in the upper half plane."""
     return complex(value.real, abs(value.imag))
 
 

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from meshfit.subdivision.registry import Entry, Registry, Scheme
 
 
-_DIGITS = 12  # more of an eigenvalue is rounding
+_DIGITS = 12  # further digits of an eigenvalue are rounding
+_JSON_KEYS = {"irregular": "odd", "unsupported": "unruled"}
 
 
 def print_verdict(analysis: "Analysis") -> None:
@@ -37,7 +38,7 @@ def print_analysis(analysis: "Analysis") -> None:
 
     out.print()
     out.print(_facts(analysis))
-    if analysis.places:
+    if analysis.extraordinary:
         out.print()
         out.print(_valences(analysis))
         out.print("\nλ1 is of mode 1; times: how many eigenvalues are as large; rest: the largest other one.")
@@ -53,8 +54,8 @@ def plain_analysis(analysis: "Analysis") -> dict[str, object]:
     """The same as data that JSON can hold."""
     from meshfit.analysis.analyse import curvature_of, verdict, warnings_of
 
-    numbers = asdict(analysis)
-    for part in ("places", "boundary", "alphas"):
+    numbers = {_JSON_KEYS.get(name, name): value for name, value in asdict(analysis).items()}
+    for part in ("extraordinary", "boundary", "alphas"):
         del numbers[part]
     boundary = [
         {
@@ -75,7 +76,7 @@ def plain_analysis(analysis: "Analysis") -> dict[str, object]:
             "c1": place.valence not in analysis.failing,
             "c1_below_alpha": analysis.alphas.get(place.valence),
         }
-        for place in analysis.places
+        for place in analysis.extraordinary
     ]
     return (
         {"verdict": verdict(analysis)}
@@ -116,10 +117,10 @@ def _valences(analysis: "Analysis") -> Table:
     from meshfit.analysis.analyse import curvature_of
 
     table = Table(box=None, pad_edge=False)
-    name = "corners" if analysis.odd == "face" else "valence"
+    name = "corners" if analysis.irregular == "face" else "valence"
     for column in (name, "λ1", "times", "rest", "mode", "curvature", "map", "C1"):
         table.add_column(column, justify="left" if column in ("curvature", "map", "C1") else "right")
-    for place in analysis.places:
+    for place in analysis.extraordinary:
         spectrum, smooth = place.spectrum, place.valence not in analysis.failing
         table.add_row(
             f"{place.valence}",

@@ -84,6 +84,6 @@ def test_sqrt3_has_the_ternary_curves_eigenvalue():
 def test_refusals():
     with pytest.raises(SchemeError, match="2 or more"):
         analyse_boundary(stencil_meshes(resolve("loop")), 1, 2, 2, 1)
-    with pytest.raises(SchemeError, match="no boundary verts"):
+    with pytest.raises(SchemeError, match="no boundary vertices"):
         analyse_boundary(stencil_meshes(resolve("four-point")), 1, 2, 2, 3)
     assert analyse(resolve("loop"), ()).boundary == ()

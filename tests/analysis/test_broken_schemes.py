@@ -38,7 +38,7 @@ def with_ring_eigenvalues(*by_mode: float, turned: float = 0.0) -> TriangleSchem
 
 
 def test_the_construction_gives_what_it_says():
-    for place in analyse(with_ring_eigenvalues(0.25, 0.5, 0.3), (5, 7, 8)).places:
+    for place in analyse(with_ring_eigenvalues(0.25, 0.5, 0.3), (5, 7, 8)).extraordinary:
         assert place.spectrum.leading.value == pytest.approx(0.5, abs=1e-12)
         assert place.spectrum.rest.modulus == pytest.approx(0.3, abs=1e-9)
         assert place.spectrum.rest.mode == 2
@@ -48,7 +48,7 @@ def test_the_construction_gives_what_it_says():
 def test_leading_eigenvalue_of_another_mode():
     found = analyse(with_ring_eigenvalues(0.25, 0.3, 0.6), (5, 6, 7, 8))
     assert found.failing == (5, 7, 8)
-    assert {place.spectrum.rest.mode for place in found.places if place.valence != 6} == {2}
+    assert {place.spectrum.rest.mode for place in found.extraordinary if place.valence != 6} == {2}
     assert verdict(found) == "C1 on regular meshes (s2 = 2.441); C1 fails at valences 5 and 7 to 8"
     said = list(warnings_of(found))
     assert said[0] == "C1 fails at valence 5: |λ| = 0.6000 of mode 2 exceeds 0.3000 of mode 1"
@@ -57,18 +57,18 @@ def test_leading_eigenvalue_of_another_mode():
 def test_leading_eigenvalue_of_mode_0():
     found = analyse(with_ring_eigenvalues(0.7, 0.5), (4, 5))
     assert found.failing == (4, 5)
-    assert all("0.7000 of mode 0 exceeds 0.5000 of mode 1" in place.fault for place in found.places)
+    assert all("0.7000 of mode 0 exceeds 0.5000 of mode 1" in place.fault for place in found.extraordinary)
 
 
 @over("value", [-0.5, 1.2])
 @over("n", [4, 5])
 def test_leading_eigenvalue_that_is_not_between_0_and_1(value, n):
-    (place,) = analyse(with_ring_eigenvalues(0.25, value), (n,)).places
+    (place,) = analyse(with_ring_eigenvalues(0.25, value), (n,)).extraordinary
     assert place.fault == f"the largest eigenvalue of mode 1 is {value:.4f}, not between 0 and 1"
 
 
 def test_rings_that_turn_have_a_complex_leading_eigenvalue():
-    (place,) = analyse(with_ring_eigenvalues(0.25, 0.5, turned=0.5), (7,)).places
+    (place,) = analyse(with_ring_eigenvalues(0.25, 0.5, turned=0.5), (7,)).extraordinary
     assert "±" in place.fault
     assert place.spectrum.leading.modulus == pytest.approx(0.5)
 
@@ -81,7 +81,7 @@ def test_characteristic_map_that_folds(valence, folds):
     in the first ring and c, d those beyond, which is inwards where there are many.
     """
     found = analyse(with_ring_eigenvalues(0.05, 0.13), (valence,))
-    (place,) = found.places
+    (place,) = found.extraordinary
     assert place.spectrum.fault == ""
     assert place.regular_map != folds
     assert found.failing == ((valence,) if folds else ())
@@ -97,7 +97,7 @@ def test_all_of_the_map_around_the_centre_is_looked_at(spec, n):
     steps, dilation = (2, 3) if "sqrt3" in spec else (1, 2)
     found = analyse(scheme, (n,))
     wheel_of = wheels(stencil_meshes(scheme), n)
-    matrix = invariant_matrix(wheel_of, steps, found.places[0].rings + 1)
+    matrix = invariant_matrix(wheel_of, steps, found.extraordinary[0].rings + 1)
     wheel = wheel_of(matrix.rings + PAD)
     net = characteristic_net(matrix, wheel)
     np.testing.assert_allclose(net[wheel.turns[0]], np.exp(2j * np.pi * np.arange(n) / n), rtol=0, atol=1e-12)
@@ -135,7 +135,7 @@ def test_eigenvalues_that_decide_need_not_be_near_one():
     for ring in (0.01, 0.3, 0.99):
         loop = resolve("loop")
         scheme = TriangleScheme(loop.split, loop.inserted, loop.boundary, vert=VertMask(lambda n, ring=ring: ring))
-        (place,) = analyse(scheme, (5,)).places
+        (place,) = analyse(scheme, (5,)).extraordinary
         radial = max(abs(5 / 8 - ring), 0)
         assert place.spectrum.leading.value == pytest.approx(3 / 8 + np.cos(2 * np.pi / 5) / 4)
         if radial > 0.3:
@@ -145,5 +145,5 @@ def test_eigenvalues_that_decide_need_not_be_near_one():
 
 def test_stencils_too_wide_for_any_ring_are_refused(monkeypatch):
     monkeypatch.setattr("meshfit.analysis.local_matrix.MOST_RINGS", 1)
-    with pytest.raises(SchemeError, match="1 rings around a vertex do not follow"):
+    with pytest.raises(SchemeError, match="1 rings around a vertex depend on further"):
         analyse(BUTTERFLY, (5,))

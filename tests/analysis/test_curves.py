@@ -27,7 +27,7 @@ def test_what_is_known_of_curves(spec):
     s2, reproduced, generated, continuity = SCHEMES[spec]
     assert found.s2 == pytest.approx(s2, abs=1e-4)
     assert (found.reproduced, found.generated, found.continuity) == (reproduced, generated, continuity)
-    assert (found.domain, found.places, found.alphas) == ("curves", (), {})
+    assert (found.domain, found.extraordinary, found.alphas) == ("curves", (), {})
     assert found.row_sums == pytest.approx((1, 1), abs=1e-15)
 
 

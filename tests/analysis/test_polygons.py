@@ -44,7 +44,7 @@ def test_regular_meshes(spec):
 
 
 def test_catmull_clark_in_closed_form():
-    places = analysed("catmull-clark").places
+    places = analysed("catmull-clark").extraordinary
     assert tuple(place.valence for place in places) == VALENCES
     for place in places:
         n, c = place.valence, cos(2 * pi / place.valence)
@@ -57,8 +57,8 @@ def test_catmull_clark_in_closed_form():
 def test_doo_sabin_in_closed_form():
     """Made for the eigenvalues 1, 1/2, 1/2, 1/4 at faces of any number of corners."""
     found = analyse(resolve("doo-sabin"))
-    assert (found.odd, found.support.radius, found.support.stencils) == ("face", 1.5, (4, 4))
-    for place in found.places:
+    assert (found.irregular, found.support.radius, found.support.stencils) == ("face", 1.5, (4, 4))
+    for place in found.extraordinary:
         assert place.spectrum.leading.value == pytest.approx(1 / 2, abs=1e-9)
         assert place.spectrum.rest.modulus == pytest.approx(1 / 4, abs=1e-6)
         assert (place.fault, place.spectrum.curvature) == ("", "bounded")
@@ -67,7 +67,7 @@ def test_doo_sabin_in_closed_form():
 
 @by_scheme(LEADING)
 def test_leading_eigenvalues_are_those_of_the_tables(spec):
-    for place in analyse(resolve(spec), tuple(LEADING[spec])).places:
+    for place in analyse(resolve(spec), tuple(LEADING[spec])).extraordinary:
         found = place.spectrum.leading.modulus, place.spectrum.rest.modulus
         np.testing.assert_allclose(found, LEADING[spec][place.valence], rtol=0, atol=6e-4)
         assert (place.fault, place.regular_map) == ("", True)
@@ -96,8 +96,8 @@ def test_dilations(name):
 @over("name", ["ternary", "interp-ternary"])
 def test_valences_without_a_rule_are_told(name):
     found = analyse(resolve(name))
-    assert [place.valence for place in found.places] == [4]
-    assert found.unruled == (3, *range(5, 13))
+    assert [place.valence for place in found.extraordinary] == [4]
+    assert found.unsupported == (3, *range(5, 13))
     assert verdict(found).endswith("); no rule at valences 3 and 5 to 12")
 
 

@@ -29,7 +29,7 @@ def unified_sqrt3(alpha: float) -> TriangleScheme:
 
 def places_of(scheme, valences):
     found = analysed(scheme, tuple(valences)) if isinstance(scheme, str) else analyse(scheme, valences)
-    return {place.valence: place for place in found.places}
+    return {place.valence: place for place in found.extraordinary}
 
 
 @pytest.mark.slow
@@ -94,7 +94,7 @@ def test_unified_sqrt3():
     table = {3: (0.111, 0.133), 4: (0.240, 0.133), 5: (0.301, 0.134), 6: (0.333, 0.160), 7: (0.352, 0.192)}
     table |= {8: (0.363, 0.240), 12: (0.383, 0.333)}
     found = analyse(unified_sqrt3(1.0))
-    for place in found.places:
+    for place in found.extraordinary:
         if place.valence in table:
             spectrum = place.spectrum
             moduli_found = spectrum.leading.modulus, spectrum.rest.modulus
@@ -103,7 +103,7 @@ def test_unified_sqrt3():
     assert 0.5 < found.alphas[3] < 1
     half = analyse(unified_sqrt3(0.5))
     assert (half.failing, half.alphas) == ((), {})
-    assert half.places[0].spectrum.rest.modulus == pytest.approx(0.078, abs=6e-4)
+    assert half.extraordinary[0].spectrum.rest.modulus == pytest.approx(0.078, abs=6e-4)
 
 
 def test_alpha_up_to_which_valence_3_is_smooth():
@@ -186,7 +186,7 @@ def test_curvature():
 def test_weights_that_are_next_to_nothing_change_nothing(alpha):
     found, loop = (analysed(spec, (3, 5, 8)) for spec in (f"interp-loop:alpha={alpha}", "loop"))
     assert (found.failing, found.continuity) == ((), 2)
-    for place, other in zip(found.places, loop.places, strict=True):
+    for place, other in zip(found.extraordinary, loop.extraordinary, strict=True):
         assert place.spectrum.leading.value == pytest.approx(other.spectrum.leading.value, abs=1e-8)
 
 
