@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import UInt8
 
 from meshfit.analysis.analyse import Analysis, verdict
 from meshfit.analysis.basis_function import Basis, basis_of, draw_contours, draw_graph, draw_surface, range_of
@@ -21,6 +22,9 @@ from meshfit.subdivision.curves.scheme import CurveScheme
 from meshfit.subdivision.polygons.scheme import PolygonScheme
 from meshfit.subdivision.refine import subdivide
 from meshfit.subdivision.registry import Scheme
+
+Inset = UInt8[np.ndarray, "h w 4"]
+"""A smaller image than another one."""
 
 _WIDTH, _ROW, _TOP = 7.0, 2.6, 0.42  # inches
 _FONT = 8.0
@@ -157,7 +161,7 @@ def _draw_eigenvalues(axes: Any, analysis: Analysis, font: float) -> None:  # no
         axes.spines[side].set_visible(False)
 
 
-def _draw_limit_surface(scheme: Scheme, size: tuple[int, int], *, regular: bool) -> tuple[Image, Image]:
+def _draw_limit_surface(scheme: Scheme, size: tuple[int, int], *, regular: bool) -> tuple[Image, Inset]:
     """Draw the limit of a control mesh, nearly, and the control mesh itself, smaller, from the same side.
 
     Args:

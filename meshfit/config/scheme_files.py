@@ -1,4 +1,4 @@
-"""Files that hold one scheme of the user's own each, whose paths may stand where a scheme's name does."""
+"""Scheme files: each holds one user-defined scheme, and its path may be used in place of a scheme's name."""
 
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -17,13 +17,13 @@ _SPEC = re.compile(r"(?P<path>.*\.ya?ml)(?P<parameters>:.*)?", re.DOTALL)
 
 
 def scheme_name_for(text: str) -> str:
-    """A spec with the name that a file's scheme has, in place of the file's path."""
+    """Return a spec with the scheme's name in place of its file's path."""
     found = _SPEC.fullmatch(text.strip())
     return text if found is None else Path(found["path"]).stem + (found["parameters"] or "")
 
 
 def relative_to_folder(text: str, folder: Path) -> str:
-    """A spec whose file, if it names one by its path, is looked for in a folder."""
+    """Return a spec with the path of its file, if it has one, relative to a folder."""
     found = _SPEC.fullmatch(text.strip())
     return text if found is None else str(folder / found["path"]) + (found["parameters"] or "")
 
@@ -38,7 +38,7 @@ class SchemeFile:
 
 @dataclass(frozen=True)
 class SettingsWithFiles:
-    """Settings with the definitions of the files that they name.
+    """Settings together with the definitions in the scheme files that they name.
 
     Attributes:
         data: the settings: names in place of paths, and under `define` a definition for each file.
@@ -49,7 +49,7 @@ class SettingsWithFiles:
     files: Mapping[str, SchemeFile]
 
     def where(self, key: KeyPath) -> str:
-        """The place in a scheme's file where the value of a key was written; nothing if it was not in one."""
+        """Return the place in a scheme file where a key's value was written; empty if it is not in one."""
         if key[:1] != ("define",) or len(key) < 2 or key[1] not in self.files:
             return ""
         file = self.files[str(key[1])]
@@ -58,14 +58,14 @@ class SettingsWithFiles:
 
 
 def read_scheme_files(data: Mapping[str, Any], where: Callable[[KeyPath], str] = lambda _: "") -> SettingsWithFiles:
-    """Read the files of schemes that some settings name, and those that are their bases.
+    """Read the scheme files that settings name, and those of their bases.
 
     Args:
-        data: settings as plain data, not checked yet; what is no spec in them is left for the checks to refuse.
-        where: from a key's path to where it was written.
+        data: settings as plain data, not validated yet; entries that are not specs are left to the validation.
+        where: key → the place where it was written.
 
     Raises:
-        ConfigError: a file that is missing or no YAML mapping, or whose scheme has the name of another definition.
+        ConfigError: a file is missing or is not a YAML mapping, or its scheme has the name of another definition.
     """
     define = data.get("define", {})
     if not isinstance(define, Mapping):
@@ -82,14 +82,14 @@ def read_scheme_files(data: Mapping[str, Any], where: Callable[[KeyPath], str] =
 def resolve_specs(
     specs: Sequence[str], definitions: Mapping[str, Definition]
 ) -> tuple[list[str], dict[str, Definition]]:
-    """Specs that a person typed, with names in place of paths, and the definitions that they may name.
+    """Return specs with names in place of paths, and all definitions that they may name.
 
     Args:
-        specs: as they were typed.
-        definitions: that there are besides those in files.
+        specs: as typed by the user.
+        definitions: besides those in files.
 
     Raises:
-        ConfigError: as `adopt_files`, or a definition that is not allowed; with file and line.
+        ConfigError: as `read_scheme_files`, or a definition that is not allowed; with file and line.
     """
     define = {name: definition.model_dump(mode="json") for name, definition in definitions.items()}
     found = read_scheme_files({"schemes": list(specs), "define": define})
@@ -103,7 +103,7 @@ class _Reader:
         self._where = where
 
     def named(self, spec: Any, key: KeyPath) -> Any:  # noqa: ANN401  any YAML value
-        """A spec with a name in place of a path, whose file is read."""
+        """Return a spec with a name in place of a path, after reading its file."""
         found = _SPEC.fullmatch(spec.strip()) if isinstance(spec, str) else None
         if found is None:
             return spec
@@ -111,7 +111,7 @@ class _Reader:
         return scheme_name_for(spec)
 
     def with_base(self, definition: Any, key: KeyPath) -> Any:  # noqa: ANN401  any YAML value
-        """A definition with a name in place of the path of its base."""
+        """Return a definition with a name in place of the path of its base."""
         if not isinstance(definition, Mapping) or "base" not in definition:
             return definition
         return {**definition, "base": self.named(definition["base"], key)}
@@ -120,10 +120,10 @@ class _Reader:
         name, place = path.stem, f"{self._where(key)}{dotted(key)}: " if self._where(key) else ""
         if name in self.files:
             if self.files[name].path.resolve() != path.resolve():
-                raise ConfigError(f"{place}{path}: there is another '{name}', in {self.files[name].path}; rename one")
+                raise ConfigError(f"{place}{path}: {self.files[name].path} defines '{name}' too; rename one")
             return
         if path.is_dir():
-            raise ConfigError(f"{place}{path}: a directory; the path of a YAML file is needed")
+            raise ConfigError(f"{place}{path}: expected a YAML file, found a directory")
         if not path.is_file():
             raise ConfigError(f"{place}{path}: {missing_file_message(path, CONFIG_SUFFIXES)}")
         document = read_document(path)
@@ -132,20 +132,20 @@ class _Reader:
         inner = relative_to_folder(base, path.parent) if isinstance(base, str) else base
         definition = self.with_base(document.data | ({"base": inner} if "base" in document.data else {}), key)
         if name in self.define and not _are_same(self.define[name], definition):
-            raise ConfigError(f"{place}{path}: there is another '{name}', under 'define'; rename one")
+            raise ConfigError(f"{place}{path}: 'define' has another '{name}'; rename one")
         self.define[name] = definition
 
 
 class _Alone(Settings):
-    """A definition by itself, whatever its base is."""
+    """A single definition, whatever its base is."""
 
     definition: Definition
 
 
-def _are_same(one: Any, other: Any) -> bool:  # noqa: ANN401  any YAML values
-    """Whether two definitions are; one that is not allowed is the same as no other."""
+def _are_same(first: Any, second: Any) -> bool:  # noqa: ANN401  any YAML values
+    """Return whether two definitions are equal; an invalid one equals no other."""
     try:
-        first, second = (build(_Alone, {"definition": each}) for each in (one, other))
+        one, other = (build(_Alone, {"definition": definition}) for definition in (first, second))
     except ConfigError:
         return False
-    return first == second
+    return one == other

@@ -154,7 +154,7 @@ REFUSED = {
     ("subdivide", "solid.ply", "x.ply", "-s", "softer.yaml:aplha=1"): "scheme 'softer' has no parameter 'aplha'",
     ("subdivide", "solid.ply", "x.ply", "-s", "bad.yaml"): "bad.yaml, line 1: define.bad.edge.end: '3/', character",
     ("subdivide", "solid.ply", "x.ply", "-s", "at-4.yaml"): "at-4.yaml, line 3: define.at-4.vertex: '1/(n-4)' div",
-    ("subdivide", "solid.ply", "x.ply", "-s", "softer.yaml", "--config", "small.yaml"): "there is another 'softer'",
+    ("subdivide", "solid.ply", "x.ply", "-s", "softer.yaml", "--config", "small.yaml"): "'define' has another 'softer'",
     ("schemes", "bad.yaml"): "bad.yaml, line 1: define.bad.edge.end: ",
     ("schemes", "small.yaml"): "small.yaml, line 1: define.small.targets: no such key",
     ("schemes", "mine"): "'mine' is not a scheme",

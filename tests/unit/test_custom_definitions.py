@@ -48,11 +48,11 @@ REFUSED = {
     mine(edge="{end: 3/8 +, opposite: 1/8}"): "4: define.mine.edge.end: '3/8 +', character 6: it ends here; allowed",
     mine(edge="{end: n/6, opposite: 1/8}"): "4: define.mine.edge.end: 'n/6', character 1: 'n' is not known here",
     mine(edge="{end: 1/0}"): "4: define.mine.edge.end: '1/0' divides by zero",
-    mine(edge="{end: true}"): "4: define.mine.edge.end: found true; a number or a formula such as 3/8 is needed",
-    mine(edge="{end: .nan}"): "4: define.mine.edge.end: found NaN; a number or a formula",
-    mine(edge="{end: .inf}"): "4: define.mine.edge.end: found Infinity; a number or a formula",
-    mine(edge="{end: null}"): "4: define.mine.edge.end: found null; a number or a formula",
-    mine(edge="{end: 1e400}"): "4: define.mine.edge.end: found Infinity; a number or a formula",
+    mine(edge="{end: true}"): "4: define.mine.edge.end: expected a number or a formula such as 3/8, found true",
+    mine(edge="{end: .nan}"): "4: define.mine.edge.end: expected a number or a formula such as 3/8, found NaN",
+    mine(edge="{end: .inf}"): "4: define.mine.edge.end: expected a number or a formula such as 3/8, found Infinity",
+    mine(edge="{end: null}"): "4: define.mine.edge.end: expected a number or a formula such as 3/8, found null",
+    mine(edge="{end: 1e400}"): "4: define.mine.edge.end: expected a number or a formula such as 3/8, found Infinity",
     mine(edge="{end: 500, opposite: -499.5}"): "4: define.mine.edge.end: '500' is 500; weights from -100 to 100 are",
     mine(
         edge="{end: 10^1^1*9^60*9^60*9^60*9^60*9^60*9^60}"
@@ -62,12 +62,12 @@ REFUSED = {
     mine(vertex="1/(n-7)"): "6: define.mine.vertex: '1/(n-7)' divides by zero at n = 7",
     mine(vertex="sqrt(5-n)"): "6: define.mine.vertex: 'sqrt(5-n)' takes a root of a negative number at n = 6",
     mine(vertex="j"): "6: define.mine.vertex: 'j', character 1: 'j' is not known here",
-    mine(vertex="[1]"): "6: define.mine.vertex: found [1]; a number or a formula",
-    mine(vertex="{3: 1/2}"): "6: define.mine.vertex: found no entry 'else'",
+    mine(vertex="[1]"): "6: define.mine.vertex: expected a number or a formula such as 3/8, found [1]",
+    mine(vertex="{3: 1/2}"): "6: define.mine.vertex: expected an entry 'else'",
     mine(
         vertex="\n      3: 1/2\n      2: 1\n      else: 0"
-    ): "8: define.mine.vertex.2: a valence from 3 to 99, or 'else'",
-    mine(vertex="\n      3: 1/2\n      x: 1\n      else: 0"): "8: define.mine.vertex.x: a valence from 3 to 99",
+    ): "8: define.mine.vertex.2: expected a valence from 3 to 99, or 'else'",
+    mine(vertex="\n      3: 1/2\n      x: 1\n      else: 0"): "8: define.mine.vertex.x: expected a valence",
     mine(
         vertex="\n      3: 1/2\n      4: 1/\n      else: 0"
     ): "8: define.mine.vertex.4: '1/', character 3: it ends here",
@@ -77,10 +77,10 @@ REFUSED = {
     mine(
         vertex="\n      40: 1/(n-40)\n      else: 0"
     ): "7: define.mine.vertex.40: '1/(n-40)' divides by zero at n = 40",
-    mine(spokes="{4: [1, 2], else: 0}"): "6: define.mine.spokes.4: found 2 weights; one for each of 4 neighbours is",
+    mine(spokes="{4: [1, 2], else: 0}"): "6: define.mine.spokes.4: expected one weight for each of 4 neighbours",
     mine(spokes="{4: [1, 2, j, 3], else: 0}"): "6: define.mine.spokes.4: 'j', character 1: 'j' is not known here",
     mine(spokes="{6: 1/n, else: 0}"): "6: define.mine.spokes.6: valence 6 is regular",
-    mine(spokes="{else: [1, 2, 3]}"): "6: define.mine.spokes: found [1, 2, 3]; a number or a formula",
+    mine(spokes="{else: [1, 2, 3]}"): "6: define.mine.spokes: expected a number or a formula such as 3/8, found [1",
     mine(spokes="1/(j-2)"): "6: define.mine.spokes: '1/(j-2)' divides by zero at n = 3, j = 2",
 }
 

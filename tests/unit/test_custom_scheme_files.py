@@ -69,11 +69,10 @@ def test_a_name_may_stand_for_one_definition_only(project):
     assert load(f"{same}schemes: [own/my-loop.yaml]\n").schemes == ("my-loop",)
     other = "define: {my-loop: {base: loop}}\n"
     assert refusal(f"{other}schemes: [own/my-loop.yaml]\n") == (
-        "project/c.yaml, line 2: schemes[0]: project/own/my-loop.yaml: there is another 'my-loop', under 'define'; "
-        "rename one"
+        "project/c.yaml, line 2: schemes[0]: project/own/my-loop.yaml: 'define' has another 'my-loop'; rename one"
     )
     write("project/my-loop.yaml", "base: loop\n")
-    assert "there is another 'my-loop', in project/own/my-loop.yaml; rename one" in refusal(
+    assert "project/own/my-loop.yaml defines 'my-loop' too; rename one" in refusal(
         "schemes: [own/my-loop.yaml, my-loop.yaml]\n"
     )
     assert load("schemes: [own/my-loop.yaml, 'own/../own/softer.yaml']\n").schemes == ("my-loop", "softer")
@@ -89,7 +88,7 @@ FAULTS = {
     "base: gone.yaml\n": "gone.yaml: no such file",
     "base: softer.yaml\n": "bad.yaml, line 1: define.bad.base: 'softer' is a push-back too",
     f"{LOOP}edgy: 1\n": "bad.yaml, line 4: define.bad.edgy: no such key: did you mean 'edge'?",
-    LOOP.replace("1/8}", "cos}"): "bad.yaml, line 1: define.bad.edge.opposite: 'cos', character 4: it ends here",
+    LOOP.replace("1/8}", "cos}"): "bad.yaml, line 1: define.bad.edge.opposite: 'cos', character 1: 'cos' is a function",
     "targets: [bunny]\n": "bad.yaml, line 1: define.bad.targets: no such key",
 }
 
@@ -142,7 +141,7 @@ def test_specs_from_a_command_line(project):
     assert specs == ["softer:alpha=0.5", "my-loop"]
     assert define == own
     write("softer.yaml", "base: sqrt3\n")
-    with pytest.raises(ConfigError, match=r"^softer\.yaml: there is another 'softer', under 'define'; rename one$"):
+    with pytest.raises(ConfigError, match=r"^softer\.yaml: 'define' has another 'softer'; rename one$"):
         resolve_specs(["softer.yaml"], own)
 
 

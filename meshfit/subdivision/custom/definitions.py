@@ -1,4 +1,4 @@
-"""A scheme of the user's own, as it is declared in YAML: by its masks, or as a push-back of another scheme."""
+"""User-defined schemes, as declared in YAML: by masks, or as a push-back of another scheme."""
 
 from collections.abc import Callable, Mapping
 from fractions import Fraction
@@ -31,17 +31,17 @@ BOUNDARIES: Mapping[str, CurveMask] = MappingProxyType(
         "ternary-four-point": TERNARY_FOUR_POINT,
     }
 )
-"""The curve rules that a boundary may follow."""
+"""Curve rules that a boundary may follow."""
 
 
 def _checked(written: Any, read: Callable[[object], object], *, optional: bool = False) -> Any:  # noqa: ANN401
-    """What was written, if it can be read, in its one form: texts on one line, keys that are texts."""
+    """Check that a value can be read, and return it in canonical form: texts on one line, keys as texts."""
     if not (optional and written is None):
         _accepted(lambda: read(written))
     return _plain(written)
 
 
-def _plain(written: Any) -> Any:  # noqa: ANN401  whatever was written
+def _plain(written: Any) -> Any:  # noqa: ANN401  any YAML value
     if isinstance(written, dict):
         return {str(key): _plain(value) for key, value in written.items()}
     if isinstance(written, list | tuple):
@@ -69,14 +69,14 @@ SpokeFormulas = Annotated[Any, PlainValidator(partial(_checked, read=read_spokes
 
 
 class EdgeWeights(Settings):
-    """Weights of a new vertex in an inner edge: of 2 ends, 2 opposites and 4 wings; all sum to one."""
+    """Weights of a new vertex in an inner edge: of 2 ends, 2 opposites and 4 wings; they sum to one."""
 
     end: Formula
-    """Of each of the 2 ends of the edge: a number, or a formula such as 3/8."""
+    """Weight of each of the 2 ends of the edge: a number, or a formula such as 3/8."""
     opposite: Formula = 0.0
-    """Of each of the 2 verts opposite to the edge in its faces."""
+    """Weight of each of the 2 vertices opposite to the edge in its faces."""
     wing: Formula = 0.0
-    """Of each of the 4 verts across the other edges of its faces."""
+    """Weight of each of the 4 vertices across the other edges of its faces."""
 
     @model_validator(mode="after")
     def _sum_to_one(self) -> "EdgeWeights":
@@ -84,19 +84,19 @@ class EdgeWeights(Settings):
         return self
 
     def mask(self) -> EdgeMask:
-        """The mask."""
+        """Return the mask."""
         return EdgeMask(_read_weight(self.end), _read_weight(self.opposite), _read_weight(self.wing))
 
 
 class FaceWeights(Settings):
-    """Weights of a new vertex in a face: of 3 corners, 3 across and 6 wings; all sum to one."""
+    """Weights of a new vertex in a face: of 3 corners, 3 across and 6 wings; they sum to one."""
 
     corner: Formula
-    """Of each of the 3 corners of the face: a number, or a formula such as 1/3."""
+    """Weight of each of the 3 corners of the face: a number, or a formula such as 1/3."""
     across: Formula = 0.0
-    """Of each of the 3 verts across the edges of the face."""
+    """Weight of each of the 3 vertices across the edges of the face."""
     wing: Formula = 0.0
-    """Of each of the 6 verts across the outer edges of the 3 neighbouring faces."""
+    """Weight of each of the 6 vertices across the outer edges of the 3 neighbouring faces."""
 
     @model_validator(mode="after")
     def _sum_to_one(self) -> "FaceWeights":
@@ -104,26 +104,26 @@ class FaceWeights(Settings):
         return self
 
     def mask(self) -> FaceMask:
-        """The mask."""
+        """Return the mask."""
         return FaceMask(_read_weight(self.corner), _read_weight(self.across), _read_weight(self.wing))
 
 
 class _Definition(Settings):
     def __hash__(self) -> int:
-        """Of its JSON text: weights by valence are plain data, which has no hash."""
+        """Hash the JSON text, since weights by valence are plain data without a hash."""
         return hash(self.model_dump_json())
 
 
 class _Masks(_Definition):
     split: Literal["quadrisect", "sqrt3"]
     vertex: RingFormulas = None
-    """What the one-ring of an old inner vertex gets in all, the rest being its own: a formula in its valence n, or one
-    for each of some valences and one for all others, as in {3: 9/16, else: 3/8}. null: old inner verts stay."""
+    """Total weight of the one-ring of an old inner vertex; the vertex itself gets the rest. A formula in its valence n,
+    or formulas for some valences and one for all others, as in {3: 9/16, else: 3/8}. null: old inner vertices stay."""
     spokes: SpokeFormulas = None
-    """What the one-ring of an inner vertex of a valence n other than 6 gives to a new vertex beside it: a formula in n
-    and in the number j of the neighbour, or by valence, where lists may stand too. j counts counter-clockwise from 0,
-    the other end of the edge (in a face, 0 and 1 are the other corners). The vertex itself gives the rest to one.
-    null: new verts there are made as elsewhere."""
+    """Weights of the one-ring of an inner vertex of valence n other than 6 for a new vertex next to it: a formula in n
+    and in the number j of the neighbour, or by valence, where lists are allowed too. j counts counter-clockwise from 0,
+    the other end of the edge (in a face, 0 and 1 are the other corners). The vertex itself gets the rest to one.
+    null: new vertices there follow the same rule as elsewhere."""
 
     def _vert(self, name: str) -> VertMask | None:
         return None if self.vertex is None else VertMask(read_ring(self.vertex, f"{name}: vertex: "))
@@ -133,49 +133,49 @@ class _Masks(_Definition):
 
 
 class EdgeSchemeDefinition(_Masks):
-    """A scheme of the 1-to-4 split on triangles, by its masks."""
+    """A scheme of the 1-to-4 split on triangles, defined by its masks."""
 
     split: Annotated[Literal["quadrisect", "sqrt3"], WithJsonSchema({"const": "quadrisect"})] = "quadrisect"
     """How faces are divided: `quadrisect`, 1-to-4, with a new vertex in every edge; or `sqrt3`."""
     edge: EdgeWeights
     """Weights of a new vertex in an inner edge."""
     boundary: Literal["linear", "cubic-bspline", "four-point"]
-    """The rule that boundaries follow, which are curves: `linear`, `cubic-bspline` or `four-point`."""
+    """The curve rule along boundaries: `linear`, `cubic-bspline` or `four-point`."""
 
     def scheme(self, name: str = "") -> TriangleScheme:
-        """The scheme that the masks make; messages call it by its name."""
+        """Return the scheme of the masks; the name is for messages."""
         return TriangleScheme(
             Split.QUADRISECT, self.edge.mask(), BOUNDARIES[self.boundary], self._vert(name), self._spokes(name)
         )
 
 
 class FaceSchemeDefinition(_Masks):
-    """A scheme of the 1-to-3 split on triangles, by its masks."""
+    """A scheme of the 1-to-3 split on triangles, defined by its masks."""
 
     split: Literal["sqrt3"]
     """How faces are divided: 1-to-3, with a new vertex in every face, and old edges flipped."""
     face: FaceWeights
     """Weights of a new vertex in a face."""
     boundary: Literal["ternary-bspline", "ternary-four-point"]
-    """The rule that boundaries follow, which are curves: `ternary-bspline` or `ternary-four-point`."""
+    """The curve rule along boundaries: `ternary-bspline` or `ternary-four-point`."""
 
     def scheme(self, name: str = "") -> TriangleScheme:
-        """The scheme that the masks make; messages call it by its name."""
+        """Return the scheme of the masks; the name is for messages."""
         return TriangleScheme(
             Split.SQRT3, self.face.mask(), BOUNDARIES[self.boundary], self._vert(name), self._spokes(name)
         )
 
 
 class PushBackDefinition(_Definition):
-    """A scheme pushed back towards interpolation: from its base (alpha = 0) to keeping old verts (1)."""
+    """A scheme pushed back towards interpolation: from its base (alpha = 0) to keeping old vertices (1)."""
 
     base: str
-    """The scheme that is pushed back, with parameters as in `loop:weights=warren`, or another definition by masks."""
+    """The scheme that is pushed back, a spec such as `loop:weights=warren` or another definition by masks."""
     alpha: Annotated[float, Field(ge=0, le=1)] = 1.0
-    """How far, where a spec such as `softer:alpha=0.3` says nothing else."""
+    """Default alpha; a spec such as `softer:alpha=0.3` overrides it."""
 
 
-def _form(definition: Any) -> str:  # noqa: ANN401  a definition, or what is to become one
+def _form(definition: Any) -> str:  # noqa: ANN401  a definition, or data to be validated
     given = definition if isinstance(definition, dict) else getattr(definition, "__dict__", {})
     if "base" in given:
         return "push-back"

@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import cache
 from types import MappingProxyType
 
 from meshfit.errors import SchemeError
@@ -186,7 +187,7 @@ class _Parser:
 def _value(node: ast.expr, variables: Mapping[str, Fraction]) -> Number:
     match node:
         case ast.Constant(value=str(digits)):
-            return Fraction(digits)
+            return _fraction(digits)
         case ast.Name(id=name):
             return math.pi if name == "pi" else variables[name]
         case ast.UnaryOp(op=sign, operand=operand):
@@ -197,6 +198,11 @@ def _value(node: ast.expr, variables: Mapping[str, Fraction]) -> Number:
         case ast.Call(func=ast.Name(id=name), args=arguments):
             return _bounded(FUNCTIONS[name].apply(*(_value(argument, variables) for argument in arguments)))
     raise AssertionError(f"a node that was not checked: {ast.dump(node)}")
+
+
+@cache
+def _fraction(digits: str) -> Fraction:
+    return Fraction(digits)
 
 
 def _bounded(value: Number) -> Number:

@@ -1,4 +1,4 @@
-"""The weights that a user writes for a scheme: numbers or formulas, one for all valences or one for each."""
+"""Weights in user-defined schemes: numbers or formulas, for all valences or for single ones."""
 
 import json
 import math
@@ -16,7 +16,7 @@ from meshfit.subdivision.custom.expression import Expression, Number, parse_expr
 from meshfit.subdivision.masks import CHECKED_VALENCES
 
 Written = float | str
-"""A weight as it is written: a number, or a formula."""
+"""A weight as the user writes it: a number or a formula."""
 
 OTHERS = "else"
 LARGEST_WEIGHT = 100
@@ -28,23 +28,23 @@ _Rule = TypeVar("_Rule")
 
 
 def read_formula(written: object, *variables: str) -> Expression:
-    """A weight as an expression in some variables; a decimal number stands for the fraction that it is.
+    """Read a weight as an expression in some variables; decimal numbers are exact.
 
     Raises:
-        SchemeError: it is neither a number nor a formula; the place is named.
+        SchemeError: it is not a number or a formula; the place is named.
     """
     if isinstance(written, str):
         return parse_expression(written, variables)
     if isinstance(written, bool) or not isinstance(written, int | float) or not math.isfinite(written):
-        raise SchemeError(f"found {_shown(written)}; a number or a formula such as 3/8 is needed")
+        raise SchemeError(f"expected a number or a formula such as 3/8, found {_shown(written)}")
     return parse_expression(repr(written))
 
 
 def weight(expression: Expression, **variables: int) -> Number:
-    """The value of a weight.
+    """Return the value of a weight.
 
     Raises:
-        SchemeError: it has none, or one that is no weight.
+        SchemeError: it has none, or one out of range.
     """
     value = expression(**variables)
     if not -LARGEST_WEIGHT <= value <= LARGEST_WEIGHT:
@@ -56,12 +56,12 @@ def weight(expression: Expression, **variables: int) -> Number:
 
 @dataclass(frozen=True)
 class Ring:
-    """What a one-ring gets in all, by valence: an expression in n for some valences, and one for all others.
+    """Total weight of a one-ring by valence: an expression in n for some valences, and one for all others.
 
     Attributes:
         given: by valence.
         others: for all other valences.
-        where: what it is the rule of, to put in front of messages.
+        where: the name of the rule, put in front of messages.
     """
 
     given: Mapping[int, Expression]
@@ -69,7 +69,7 @@ class Ring:
     where: str = ""
 
     def __call__(self, valence: int) -> float:
-        """The weight at a valence."""
+        """Return the weight at a valence."""
         return float(_named_weight(self.where, self.given.get(valence, self.others), n=valence))
 
 
@@ -77,7 +77,7 @@ class Ring:
 class Spokes:
     """Weights of a one-ring by valence: an expression for each neighbour, or one in n and j for all of them.
 
-    The centre gets what is left to one. Attributes are those of `Ring`.
+    The centre gets the rest to one. Attributes are those of `Ring`.
     """
 
     given: Mapping[int, Sequence[Expression]]
@@ -85,18 +85,18 @@ class Spokes:
     where: str = ""
 
     def __call__(self, valence: int) -> tuple[float, ...]:
-        """(centre, s_0, …, s_(n-1)) at a valence."""
+        """Return (centre, s_0, …, s_(n-1)) at a valence."""
         expressions = self.given.get(valence, (self.others,) * valence)
-        spokes = [_named_weight(self.where, one, n=valence, j=j) for j, one in enumerate(expressions)]
+        spokes = [_named_weight(self.where, spoke, n=valence, j=j) for j, spoke in enumerate(expressions)]
         return (float(1 - sum(spokes)), *map(float, spokes))
 
 
 def read_ring(written: object, where: str = "") -> Ring:
-    """The weights of one-rings, from a formula in n, or one for each of some valences and one for all others.
+    """Read the weights of one-rings: a formula in n, or one for each of some valences and one for all others.
 
     Raises:
-        SchemeError: a formula that cannot be read, or has no value at a valence that is common.
-        ValidationError: likewise, in the entry of a valence.
+        SchemeError: a formula that cannot be read, or has no value at a common valence.
+        ValidationError: the same, in the entry of a valence.
     """
     entries = _entries(written)
     given = {valence: _at(valence, read_formula, entries[str(valence)], "n") for valence in _valences(entries)}
@@ -106,23 +106,23 @@ def read_ring(written: object, where: str = "") -> Ring:
 
 
 def read_spokes(written: object, where: str = "") -> Spokes:
-    """The weights of spokes, from a formula in n and j, or lists for some valences and a formula for all others.
+    """Read the weights of spokes: a formula in n and j, or lists for some valences and a formula for all others.
 
     Raises:
-        SchemeError: a formula that cannot be read, or has no value at a valence that is common.
-        ValidationError: likewise, in the entry of a valence, or a list of another length.
+        SchemeError: a formula that cannot be read, or has no value at a common valence.
+        ValidationError: the same, in the entry of a valence, or a list of the wrong length.
     """
     entries = _entries(written)
     given = {valence: _at(valence, _read_list, entries[str(valence)], valence) for valence in _valences(entries)}
     if _REGULAR in given:
-        raise error_at((str(_REGULAR),), f"valence {_REGULAR} is regular, where the mask of other new verts is used")
+        raise error_at((str(_REGULAR),), f"valence {_REGULAR} is regular and uses the mask of other new vertices")
     spokes = Spokes(given, _at(OTHERS if given else None, read_formula, entries[OTHERS], "n", "j"), where)
     _check(spokes, given)
     return spokes
 
 
 def error_at(key: tuple[str | int, ...], message: str) -> ValidationError:
-    """An error in what stands at a key of the value that is being validated."""
+    """Make the error for a key within the value that is being validated."""
     details = InitErrorDetails(type="value_error", loc=key, input=None, ctx={"error": ValueError(message)})
     return ValidationError.from_exception_data("weights", [details])
 
@@ -135,18 +135,18 @@ def _named_weight(where: str, expression: Expression, **variables: int) -> Numbe
 
 
 def _entries(written: object) -> Mapping[str, object]:
-    """What is written for each valence, and under `else` for all others; keys as JSON has them, which are texts."""
+    """Return the entries by valence, and under `else` for all others; keys are texts, as in JSON."""
     if not isinstance(written, Mapping):
         return {OTHERS: written}
     if OTHERS not in written:
-        raise SchemeError(f"found no entry '{OTHERS}', for all valences that are not listed; one is needed")
+        raise SchemeError(f"expected an entry '{OTHERS}' for all valences that are not listed")
     return {str(key): value for key, value in written.items()}
 
 
 def _valences(entries: Mapping[str, object]) -> list[int]:
     for key in entries:
         if key != OTHERS and not _VALENCE.fullmatch(key):
-            raise error_at((key,), f"a valence from 3 to 99, or '{OTHERS}', is needed here")
+            raise error_at((key,), f"expected a valence from 3 to 99, or '{OTHERS}'")
     return [int(key) for key in entries if key != OTHERS]
 
 
@@ -154,12 +154,12 @@ def _read_list(written: object, valence: int) -> tuple[Expression, ...]:
     if not isinstance(written, Sequence) or isinstance(written, str):
         return (read_formula(written, "n", "j"),) * valence
     if len(written) != valence:
-        raise SchemeError(f"found {len(written)} weights; one for each of {valence} neighbours is needed")
-    return tuple(read_formula(one, "n") for one in written)
+        raise SchemeError(f"expected one weight for each of {valence} neighbours, found {len(written)}")
+    return tuple(read_formula(entry, "n") for entry in written)
 
 
 def _at(key: str | int | None, read: Callable[..., _Rule], *arguments: object) -> _Rule:
-    """What is read of the entry at a key; that there is no other is told by None."""
+    """Read the entry at a key and name the key in errors; None for a single entry without keys."""
     try:
         return read(*arguments)
     except SchemeError as error:
@@ -169,14 +169,14 @@ def _at(key: str | int | None, read: Callable[..., _Rule], *arguments: object) -
 
 
 def _check(rule: Callable[[int], object], given: Mapping[int, object]) -> None:
-    """Find weights without a value now, rather than on a mesh."""
+    """Refuse weights without a value now, rather than on a mesh."""
     for valence in (*given, *CHECKED_VALENCES):
         key = (valence if valence in given else OTHERS) if given else None
         _at(key, rule, valence)
 
 
 def _digits(value: Number) -> str:
-    """Six digits; of a fraction that is too large for a float, that it is."""
+    """Write a number to six digits; a fraction too large for a float is `huge`."""
     return f"{value:g}" if isinstance(value, float) else f"{float(value):g}" if abs(value) < _HUGE else "huge"
 
 

@@ -1,4 +1,4 @@
-"""The assembler of polygons: it lays masks down as a sparse operator, and never asks which scheme they are of."""
+"""Assembler of schemes on polygons: masks laid down on a topology as a sparse operator."""
 
 import numpy as np
 from scipy.sparse import csr_array, vstack
@@ -18,18 +18,18 @@ from meshfit.subdivision.push_back import push_back
 
 
 def assemble_polygons(topology: PolygonTopology, scheme: PolygonScheme, division: PolygonDivision) -> csr_array:
-    """The operator S of one level: verts_fine = S verts_coarse, old vertices that are kept first.
+    """Return the operator S of one level: verts_fine = S verts_coarse, old vertices that are kept first.
 
     Args:
-        topology: the coarse connectivity, an oriented manifold; verts without faces stay where they are.
+        topology: the coarse connectivity, an oriented manifold; vertices without faces stay where they are.
         scheme: the masks.
-        division: what `divide_polygons` made of the topology.
+        division: of the topology, from `divide_polygons`.
 
     Returns:
         Sparse (K + N, V) float64; its rows sum to one.
 
     Raises:
-        MeshError: a vertex or face that the masks have no rule for; it is named.
+        MeshError: the masks have no rule for a vertex or face, which is named.
     """
     even, odd = _old_verts(topology, scheme, division), _new_verts(topology, scheme, division)
     if scheme.alpha is not None:
@@ -67,7 +67,7 @@ def _new_verts(topology: PolygonTopology, scheme: PolygonScheme, division: Polyg
     mask, boundary = scheme.inserted, scheme.boundary
     if isinstance(mask, CornerMask):
         return _in_corners(topology, mask, division)
-    assert boundary is not None  # noqa: S101  the scheme has seen to it
+    assert boundary is not None  # noqa: S101  the scheme has checked it
     if isinstance(mask, TensorProductMask):
         rows = TensorProduct(topology, mask, boundary).rows(division)
     else:
@@ -115,7 +115,7 @@ def _in_corners(topology: PolygonTopology, mask: CornerMask, division: PolygonDi
 
 
 def _in_face(topology: PolygonTopology, mask: CornerMask, corner: Indices) -> csr_array:
-    """(C, V) the rows of those corners that the boundary is of no concern to."""
+    """(C, V) the rows of corners away from the boundary."""
     rows = csr_array((len(topology.corners), topology.num_verts))
     sizes = topology.sizes[topology.face[corner]]
     for size in np.unique(sizes):

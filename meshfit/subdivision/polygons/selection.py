@@ -1,4 +1,4 @@
-"""Small sparse operators that others are put together from: rows picked, put in their places, and means of faces."""
+"""Small sparse matrices from which operators are assembled: selection, scatter and face means."""
 
 from collections.abc import Mapping
 
@@ -10,27 +10,27 @@ from meshfit.subdivision.masks import CurveWeights
 
 
 def select(columns: Indices, num_columns: int) -> csr_array:
-    """(N, num_columns) with a one in each row."""
+    """Return the (N, num_columns) selection matrix, with a one in each row."""
     count = len(columns)
     return csr_array((np.ones(count), columns, np.arange(count + 1)), shape=(count, num_columns))
 
 
 def scatter(rows: Indices, operator: csr_array, num_rows: int, weights: "np.ndarray | None" = None) -> csr_array:
-    """(num_rows, V) with each row of an operator, times its weight, in its place; those at the same place add up."""
+    """Scatter the rows of an operator, times weights, to (num_rows, V); rows at the same place add up."""
     values = np.ones(len(rows)) if weights is None else weights
     placement = coo_array((values, (rows, np.arange(len(rows)))), shape=(num_rows, len(rows)))
     return csr_array(csr_array(placement) @ operator)
 
 
 def face_means(topology: PolygonTopology) -> csr_array:
-    """(F, V) the mean of the corners of each face."""
+    """Return the (F, V) operator to the mean of the corners of each face."""
     pointers = np.append(topology.starts, len(topology.corners))
     shares = np.repeat(1 / topology.sizes, topology.sizes)
     return csr_array((shares, topology.corners, pointers), shape=(topology.num_faces, topology.num_verts))
 
 
 def boundary_rows(topology: PolygonTopology, halfedge: Indices, weights: CurveWeights) -> csr_array:
-    """(N, V) weights by offset along the boundary, from the tails of some half-edges on it."""
+    """Return (N, V) rows of weights by offset along the boundary, from the tails of half-edges on it."""
     tail, head = topology.tail[halfedge], topology.head[halfedge]
     neighbours = topology.boundary_neighbours
     along = {-1: neighbours[tail, 0], 0: tail, 1: head, 2: neighbours[head, 1]}
@@ -38,7 +38,7 @@ def boundary_rows(topology: PolygonTopology, halfedge: Indices, weights: CurveWe
 
 
 def weighted_sum(points: Mapping[int, csr_array], weights: CurveWeights) -> csr_array:
-    """The points at some offsets, each times its weight, added up."""
+    """Return the weighted sum of the points at some offsets."""
     total = csr_array(points[0].shape)
     for offset, weight in weights.items():
         total = total + float(weight) * points[offset]

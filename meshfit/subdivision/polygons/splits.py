@@ -1,4 +1,4 @@
-"""Splits of polygons: how faces are divided, which vertices that inserts, and what each of them belongs to."""
+"""Splits of polygons: the finer connectivity, and the edge or corner that each new vertex belongs to."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,17 +14,17 @@ Faces = tuple[Indices, Indices]
 
 @dataclass(frozen=True, eq=False)
 class PolygonDivision:
-    """The finer connectivity of one level. New vertices follow the old ones that are kept; places count from there.
+    """The finer connectivity of one level. New vertices follow the kept old ones; places are counted from there.
 
     Attributes:
         finer: the finer connectivity.
-        kept: (K,) old verts that there still are, in their order.
-        inner: (N,) half-edges of interior edges that new verts are inserted in.
-        inner_place: for each vertex inserted in one edge, from its half-edge's tail on, (N,) its place.
-        border: (B,) boundary half-edges that new verts are inserted in.
+        kept: (K,) old vertices that remain, in their order.
+        inner: (N,) half-edges of interior edges in which new vertices are inserted.
+        inner_place: for each vertex inserted in one edge, counted from the half-edge's tail, (N,) its place.
+        border: (B,) boundary half-edges in which new vertices are inserted.
         border_place: the same for these.
-        corner_place: (C,) of each corner, the place of the vertex inside its face that belongs to it; `NONE` for none.
-        moves_border: whether old boundary verts move in this step.
+        corner_place: (C,) for each corner, the place of the new vertex inside its face; `NONE` for none.
+        moves_border: whether old boundary vertices move in this step.
     """
 
     finer: PolygonTopology
@@ -38,7 +38,7 @@ class PolygonDivision:
 
     @property
     def num_new(self) -> int:
-        """How many vertices are inserted."""
+        """The number of inserted vertices."""
         return self.finer.num_verts - len(self.kept)
 
 
@@ -47,7 +47,7 @@ def divide_polygons(topology: PolygonTopology, split: PolygonSplit, step: int) -
 
     Args:
         topology: an oriented manifold.
-        split: how.
+        split: the kind of split.
         step: number of levels already applied to the control mesh; √2 halves boundary edges at every second one.
     """
     if split is PolygonSplit.QUADS:

@@ -1,6 +1,6 @@
-"""Curve rules carried along the lines of a net of quads and across them, with what takes a line's place where it ends.
+"""Tensor product of a curve rule on a net of quads: the rule along its lines, then across them.
 
-Throughout, position t on a half-edge is the t-th vertex that is inserted in its edge, from the half-edge's tail on.
+Position t on a half-edge is the t-th vertex inserted in its edge, counted from the tail of the half-edge.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from meshfit.subdivision.polygons.splits import PolygonDivision
 
 @dataclass(frozen=True, eq=False)
 class TensorProduct:
-    """A mask laid on a connectivity.
+    """A tensor product mask laid down on a connectivity.
 
     Attributes:
         topology: an oriented manifold.
@@ -32,7 +32,7 @@ class TensorProduct:
     boundary: CurveMask
 
     def rows(self, division: PolygonDivision) -> csr_array:
-        """(N, V) the new verts off the boundary.
+        """(N, V) the new vertices off the boundary.
 
         Raises:
             MeshError: the mask has no rule for a vertex or a face.
@@ -58,12 +58,12 @@ class TensorProduct:
 
     @cached_property
     def _in_corners(self) -> csr_array:
-        """(C, V) the new vertex in each corner of a face, from either of its sides, and the mean of both."""
+        """(C, V) the new vertex in each corner of a face: the mean of the rule from either side."""
         before = self.topology.preceding(np.arange(len(self.topology.corners)))
         return csr_array((self._inward(0) + self._inward(-1)[before]) / 2)
 
     def _inward(self, t: int) -> csr_array:
-        """(C, V) the vertex nearest to each half-edge, on the line that crosses it at a position."""
+        """(C, V) the new vertex nearest to each half-edge, on the line that crosses it at a position."""
         weights, points = self.mask.curve.inserted[0], {0: self._along[t], 1: self._across[t]}
         if weights.keys() - points.keys():
             points |= {-1: self._beyond[t], 2: csr_array(self._facing @ self._beyond[-1 - t])}
@@ -71,7 +71,7 @@ class TensorProduct:
 
     @cached_property
     def _along(self) -> list[csr_array]:
-        """For each position, (C, V) the vertex there on each half-edge."""
+        """For each position, (C, V) the new vertex there on each half-edge."""
         topology, count = self.topology, len(self.mask.curve.inserted)
         halfedge, border = topology.edge_halfedge, topology.boundary_edges
         inner, outer = np.flatnonzero(~border), np.flatnonzero(border)
@@ -81,11 +81,11 @@ class TensorProduct:
             for t in range(count)
         ]
         first = halfedge[topology.edge_of] == np.arange(len(topology.corners))
-        there = np.flatnonzero(first), np.flatnonzero(~first)
+        forward, backward = np.flatnonzero(first), np.flatnonzero(~first)
         size = len(topology.corners)
         return [
-            scatter(there[0], csr_array(own[t])[topology.edge_of[there[0]]], size)
-            + scatter(there[1], csr_array(own[-1 - t])[topology.edge_of[there[1]]], size)
+            scatter(forward, csr_array(own[t])[topology.edge_of[forward]], size)
+            + scatter(backward, csr_array(own[-1 - t])[topology.edge_of[backward]], size)
             for t in range(count)
         ]
 
@@ -99,7 +99,7 @@ class TensorProduct:
 
     @cached_property
     def _facing(self) -> csr_array:
-        """(C, C) the mean of the half-edges of the same face that each does not meet; in triangles, that it does."""
+        """(C, C) the mean of the half-edges of the same face that each does not touch; in triangles, the other two."""
         topology, entries = self.topology, []
         for size in np.unique(topology.sizes):
             steps = np.arange(2, size - 1) if size > 3 else np.array([1, 2])
@@ -118,7 +118,7 @@ class TensorProduct:
 
     @cached_property
     def _beyond(self) -> list[csr_array]:
-        """For each position, (C, V) the next one on the other side; where there is no line, the mirror image."""
+        """For each position, (C, V) the next vertex on the other side; the mirror image where the line ends."""
         topology, size = self.topology, len(self.topology.corners)
         through = topology.twin != NONE
         through[through] = topology.sizes[topology.face[topology.twin[through]]] > 3
@@ -131,7 +131,7 @@ class TensorProduct:
 
     @cached_property
     def _behind(self) -> csr_array:
-        """(C, V) where the line that comes along each half-edge against its direction goes on behind its tail."""
+        """(C, V) the point behind the tail of each half-edge, by which the line along it continues there."""
         topology, num_verts = self.topology, self.topology.num_verts
         size = len(topology.corners)
         on_border = topology.boundary_verts[topology.tail]
@@ -150,7 +150,7 @@ class TensorProduct:
 
     @cached_property
     def _diagonal(self) -> csr_array:
-        """(C, V) the mean of the corners of the same face that each is not next to; in triangles, what is missing."""
+        """(C, V) the mean of the corners of the same face not next to each; in triangles, the missing fourth corner."""
         topology, num_verts = self.topology, self.topology.num_verts
         corner = np.arange(len(topology.corners))
         sizes = topology.sizes[topology.face]
@@ -167,23 +167,24 @@ class TensorProduct:
 
 
 def _require_regular(topology: PolygonTopology) -> None:
-    """Refuse what a tensor product has no rule for.
+    """Refuse faces and vertices that a tensor product has no rule for.
 
     Raises:
-        MeshError: naming the first face or vertex at fault.
+        MeshError: it names the first such face or vertex.
     """
     remedy = "; catmull-clark, kobbelt and sqrt2 take any"
-    odd = np.flatnonzero(topology.sizes != 4)
-    if len(odd):
-        face = int(odd[0])
+    irregular = np.flatnonzero(topology.sizes != 4)
+    if len(irregular):
+        face = int(irregular[0])
         raise MeshError(f"this scheme needs quads: face {face} has {topology.sizes[face]} corners{remedy}")
     used = topology.valence > 0
-    odd = np.flatnonzero(used & ~topology.boundary_verts & (topology.valence != 4))
-    odd = odd if len(odd) else np.flatnonzero(topology.boundary_verts & (topology.valence > 3))
-    if len(odd):
-        vert = int(odd[0])
+    irregular = np.flatnonzero(used & ~topology.boundary_verts & (topology.valence != 4))
+    if not len(irregular):
+        irregular = np.flatnonzero(topology.boundary_verts & (topology.valence > 3))
+    if len(irregular):
+        vert = int(irregular[0])
         where, allowed = ("on the boundary", "2 or 3") if topology.boundary_verts[vert] else ("inside", "4")
         raise MeshError(
             f"this scheme needs a regular mesh: vertex {vert}, {where}, has valence {topology.valence[vert]}, "
-            f"{allowed} is allowed ({len(odd)} such verts){remedy}"
+            f"{allowed} is allowed ({len(irregular)} such vertices){remedy}"
         )

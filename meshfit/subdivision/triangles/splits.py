@@ -1,4 +1,4 @@
-"""Splits: how faces are divided, which vertices that inserts, and between which old vertices each of them lies."""
+"""Splits of triangles: the finer connectivity, and the edge or face that each new vertex belongs to."""
 
 from dataclasses import dataclass
 
@@ -16,9 +16,10 @@ class Division:
 
     Attributes:
         faces: (F', 3) the finer faces.
-        inner: (N,) half-edge of the interior edge, or of the face, that each inner new vertex belongs to.
-        border: (B,) boundary half-edges that new vertices are inserted in.
-        border_place: for each vertex inserted in one edge, (B,) the index of its row counted from the first new vertex.
+        inner: (N,) a half-edge of the interior edge, or face, of each inner new vertex.
+        inner_place: (N,) its row, counted from the first new vertex.
+        border: (B,) boundary half-edges in which new vertices are inserted.
+        border_place: for each vertex inserted in one edge, (B,) its row, counted from the first new vertex.
         moves_border: whether old boundary vertices move in this step.
     """
 
@@ -31,7 +32,7 @@ class Division:
 
     @property
     def num_new(self) -> int:
-        """How many vertices are inserted."""
+        """The number of inserted vertices."""
         return len(self.inner) + len(self.border) * len(self.border_place)
 
 
@@ -40,7 +41,7 @@ def divide(topology: Topology, split: Split, step: int) -> Division:
 
     Args:
         topology: an oriented manifold.
-        split: how.
+        split: the kind of split.
         step: number of levels already applied to the control mesh; √3 trisects boundary edges at every second one.
     """
     if split is Split.QUADRISECT:
