@@ -121,7 +121,7 @@ def test_files_that_cannot_be_read(project):
         "'project/own/my-loop.yaml'?"
     )
     (project / "folder.yaml").mkdir()
-    assert "schemes[0]: project/folder.yaml: a directory; the path of a YAML file is needed" in refusal(
+    assert "schemes[0]: project/folder.yaml: expected a YAML file, found a directory" in refusal(
         "schemes: [folder.yaml]\n"
     )
 
