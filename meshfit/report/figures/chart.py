@@ -12,7 +12,7 @@ from meshfit.errors import ConfigError
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.extra import import_optional
 from meshfit.report.figures.colours import INK
-from meshfit.report.figures.layout import DPI, STYLE, write_drawing
+from meshfit.report.figures.layout import DPI, STYLE, set_log_ticks, write_drawing
 from meshfit.report.tables.table import Table
 from meshfit.specs import parse_spec
 from meshfit.subdivision.registry import SCHEMES
@@ -130,16 +130,6 @@ def _draw_panel(axes: Any, table: Table, lines: Sequence[_Line], *, names: bool)
     axes.set_title(table.variations[0].variant or table.title, fontsize=_FONT + 1, color=INK, pad=4)
     for side in ("top", "right", "left"):
         axes.spines[side].set_visible(False)
-
-
-def set_log_ticks(axis: Any) -> None:  # noqa: ANN401  matplotlib is optional
-    """Set the ticks of a logarithmic axis: powers of ten, or 1, 2 and 5 times these, or all digits, by its range."""
-    ticker = import_optional("matplotlib.ticker")
-    low, high = sorted(axis.get_view_interval())
-    steps = (1.0,) if high / low > 50 else (1.0, 2.0, 5.0) if high / low > 3 else tuple(map(float, range(1, 10)))
-    axis.set_major_locator(ticker.LogLocator(subs=steps))
-    axis.set_major_formatter(ticker.FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(ticker.NullFormatter())
 
 
 def _mark(place: int) -> dict[str, object]:

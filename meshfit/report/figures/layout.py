@@ -181,6 +181,16 @@ def write_drawing(figure: Any, path: Path, dpi: int) -> None:  # noqa: ANN401  m
         raise ConfigError(f"{path}: cannot be written: {error.strerror}") from error
 
 
+def set_log_ticks(axis: Any) -> None:  # noqa: ANN401  matplotlib is optional
+    """Set the ticks of a logarithmic axis: powers of ten, or 1, 2 and 5 times these, or all digits, by its range."""
+    ticker = import_optional("matplotlib.ticker")
+    low, high = sorted(axis.get_view_interval())
+    steps = (1.0,) if high / low > 50 else (1.0, 2.0, 5.0) if high / low > 3 else tuple(map(float, range(1, 10)))
+    axis.set_major_locator(ticker.LogLocator(subs=steps))
+    axis.set_major_formatter(ticker.FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(ticker.NullFormatter())
+
+
 def _fitting_font(font: float, row: PanelRow, width: float) -> float:
     """The font size at which each line of text of a row fits into its column."""
     longest = max((len(text) for panel in row.panels if panel is not None for text in panel.lines), default=0)
