@@ -19,10 +19,10 @@ COMMANDS = {
         "run": "Run experiments and print their table.",
         "compare": "Compare subdivision schemes, paired by seed.",
         "table": "Print the result table of run directories.",
-        "figure": "Draw a figure for a paper, with its caption.",
-        "chart": "Draw a chart of a metric, and print means.",
-        "report": "Write an HTML report in one file.",
-        "expect": "Write the expected values for `meshfit table --check`.",
+        "figure": "Draw a figure of some runs for a paper, with its caption.",
+        "chart": "Draw the results of some runs as a chart, and print the means.",
+        "report": "Write some runs as one self-contained HTML page.",
+        "expect": "Write expected values for `meshfit table --check`.",
         "init": "Write a starter config that explains every setting.",
     },
     "Run management": {
@@ -33,14 +33,14 @@ COMMANDS = {
         "clean": "Remove failed and interrupted trials.",
     },
     "Single meshes": {
-        "subdivide": "Refine a mesh or curves by a subdivision scheme.",
+        "subdivide": "Refine a mesh, or curves, by a subdivision scheme.",
         "measure": "Measure a mesh against a target.",
         "render": "Draw meshes or trials side by side.",
     },
     "Reference": {
         "schemes": "List the subdivision schemes, or show or analyse one.",
         "targets": "List the named targets.",
-        "schema": "Print the JSON Schema of configs, for editors.",
+        "schema": "Print the JSON Schema of a config, for editors.",
     },
 }
 """Commands by panel of the help, each with a summary. A command is the function in the module of its name."""

@@ -80,6 +80,11 @@ def test_the_list_of_commands_has_a_line_for_each(width):
     assert [out.index(f"─ {panel} ─") for panel in PANELS] == sorted(out.index(f"─ {panel} ─") for panel in PANELS)
 
 
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_summary_of_a_command_is_the_first_line_of_its_help(command):
+    assert COMMANDS[command].help.split("\n\n")[0] == COMMANDS[command].short_help
+
+
 def test_text_in_brackets_is_not_taken_for_markup():
     assert "pip install 'meshfit[report]'" in " ".join(answered("render", "--help").split())
 
