@@ -17,7 +17,7 @@ from tests.unit.test_trial_runner import prepared, run_trial
 pillow = pytest.importorskip("PIL.Image", reason="films need pillow")
 pytest.importorskip("pyvista")
 
-pytestmark = pytest.mark.usefixtures("fewer_target_points")
+pytestmark = pytest.mark.usefixtures("without_shape_checks", "fewer_target_points")
 
 
 def pictures(path):

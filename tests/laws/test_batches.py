@@ -17,6 +17,8 @@ from meshfit.mesh.solids import cube
 from meshfit.settings import build
 from tests.ragged import PROBLEMS, alone, bytes_of
 
+pytestmark = pytest.mark.usefixtures("without_shape_checks")
+
 WEIGHTS = {"chamfer": 1.0, "normal": 0.02, "edge": 0.5, "laplacian": 0.1, "consistency": 0.05}
 OPTIMIZERS = {"sgd": {"name": "sgd", "lr": 0.4}, "adam": {"name": "adam", "lr": 0.02}}
 KINDS = list(product(OPTIMIZERS, ["float32", "float64"], ["uniform", "cotangent"]))

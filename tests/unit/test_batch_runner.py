@@ -14,6 +14,8 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube
 from tests.small import experiment
 
+pytestmark = pytest.mark.usefixtures("without_shape_checks")
+
 FILES = ("result.ply", "trace.csv", "source.ply")
 
 

@@ -12,7 +12,7 @@ from meshfit.fitting.problem import Problem
 from tests.checkpoints import through_a_file
 from tests.ragged import LATE, PROBLEMS, SHAKY, alone, bytes_of
 
-pytestmark = pytest.mark.usefixtures("one_batch")
+pytestmark = pytest.mark.usefixtures("without_shape_checks", "one_batch")
 QUICK = {"samples": 40, "trace_every": 2, "device": "cpu"}
 
 

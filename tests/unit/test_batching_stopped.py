@@ -10,7 +10,7 @@ from meshfit.fitting.problem import Diverged
 from tests.loops import over
 from tests.ragged import FAR, LATE, OUTSIDE, PROBLEMS, SHAKY, alone, bytes_of
 
-pytestmark = pytest.mark.usefixtures("one_batch")
+pytestmark = pytest.mark.usefixtures("without_shape_checks", "one_batch")
 QUICK = {"samples": 40, "trace_every": 2, "device": "cpu"}
 
 

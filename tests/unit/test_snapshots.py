@@ -16,7 +16,7 @@ from meshfit.mesh.solids import octahedron
 from tests.small import experiment
 from tests.unit.test_trial_runner import prepared, run_trial
 
-pytestmark = pytest.mark.usefixtures("fewer_target_points")
+pytestmark = pytest.mark.usefixtures("without_shape_checks", "fewer_target_points")
 
 FIRST = {"steps": 20}
 SECOND = {"method": "gauss-newton", "verts": 200, "coarse_steps": 6, "tries": 1, "level_steps": 4, "last_steps": 2}

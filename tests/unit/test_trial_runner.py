@@ -16,6 +16,8 @@ from meshfit.measuring.measure import measure
 from meshfit.mesh.io.files import load_mesh
 from tests.small import experiment
 
+pytestmark = pytest.mark.usefixtures("without_shape_checks")
+
 FILES = ["config.yaml", "result.json", "result.ply", "source.ply", "trace.csv", "trial.log"]
 
 
