@@ -1,4 +1,4 @@
-"""An analysis of a scheme as it is printed, and as plain data."""
+"""`meshfit schemes`: list the subdivision schemes, show the masks of one, or analyse it."""
 
 import json
 import os
@@ -26,14 +26,14 @@ _JSON_KEYS = {"irregular": "odd", "unsupported": "unruled"}
 
 
 def print_verdict(analysis: "Analysis") -> None:
-    """The one line that says how smooth the limit is."""
+    """Print in one line how smooth the limit is."""
     from meshfit.analysis.analyse import verdict
 
     out.print(f"[bold]{escape(verdict(analysis))}[/]\n")
 
 
 def print_analysis(analysis: "Analysis") -> None:
-    """What holds on regular meshes, a row for each valence, and what to be warned of."""
+    """Print the properties on regular meshes, one row per valence, the boundary, and warnings."""
     from meshfit.analysis.analyse import warnings_of
 
     out.print()
@@ -51,7 +51,7 @@ def print_analysis(analysis: "Analysis") -> None:
 
 
 def plain_analysis(analysis: "Analysis") -> dict[str, object]:
-    """The same as data that JSON can hold."""
+    """Return an analysis as plain data for JSON."""
     from meshfit.analysis.analyse import curvature_of, verdict, warnings_of
 
     numbers = {_JSON_KEYS.get(name, name): value for name, value in asdict(analysis).items()}
@@ -284,7 +284,7 @@ def _print_masks(title: str, entry: "Entry", scheme: "Scheme", rows: "list[MaskR
 
 
 def _stay_on_one_thread() -> None:
-    """Before numpy is imported: an analysis has small matrices, for which threads wait longer than they work."""
+    """Limit numpy to one thread, before it is imported: for small matrices, threads cost more than they gain."""
     from meshfit.experiment.running.process_pool import ONE_THREAD
 
     for name, count in ONE_THREAD.items():

@@ -1,4 +1,4 @@
-"""What `meshfit subdivide` does to a mesh or to curves, by what is asked of it."""
+"""`meshfit subdivide`: refine a mesh or curves, from file to file."""
 
 from dataclasses import dataclass
 from math import inf
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Wishes:
-    """What is asked of a surface besides its refinement.
+class SurfaceOptions:
+    """Options of a surface besides scheme and levels.
 
     Attributes:
-        alphas: where the α of each vertex is, if it is not one for all.
+        alphas: source of one α per vertex, if there is not one α for all.
         creases: degrees or a file.
         sharpness: of creases.
-        limit: put verts at their limit.
+        limit: move vertices to their limit.
         normals: write limit normals.
     """
 
@@ -40,25 +40,25 @@ class Wishes:
     normals: bool
 
 
-def check(name: str, scheme: "Scheme", wishes: Wishes) -> None:
-    """Refuse what the scheme cannot do before a mesh is read."""
+def check(name: str, scheme: "Scheme", options: SurfaceOptions) -> None:
+    """Refuse options that the scheme does not support, before a mesh is read."""
     from meshfit.subdivision.limit import has_loop_limit
     from meshfit.subdivision.refine import require_takes_creases
     from meshfit.subdivision.registry import domain_of
 
-    if wishes.creases is not None:
+    if options.creases is not None:
         require_takes_creases(scheme, f"--creases: {name}")
-    elif wishes.sharpness != inf:
+    elif options.sharpness != inf:
         raise ConfigError("--sharpness: goes with --creases, which says where")
-    if wishes.alphas and domain_of(scheme) == "curves":
+    if options.alphas and domain_of(scheme) == "curves":
         raise ConfigError(f"--alpha: {name} refines curves, for which one number is needed")
-    for option, wanted in (("--limit", wishes.limit), ("--normals", wishes.normals)):
+    for option, wanted in (("--limit", options.limit), ("--normals", options.normals)):
         if wanted and not has_loop_limit(scheme):
             raise ConfigError(f"{option}: limits are known for loop only; found {name}")
 
 
-def refined_mesh(source: str, destination: Path, scheme: "Scheme", levels: int, wishes: Wishes) -> str:
-    """Refine a surface from file to file, and say in numbers what became of it."""
+def refined_mesh(source: str, destination: Path, scheme: "Scheme", levels: int, options: SurfaceOptions) -> str:
+    """Refine a surface from file to file, and return the counts in words."""
     from meshfit.mesh.io.files import save_mesh
     from meshfit.mesh.mesh import Mesh
     from meshfit.mesh.polygons import PolygonMesh
@@ -68,12 +68,12 @@ def refined_mesh(source: str, destination: Path, scheme: "Scheme", levels: int, 
 
     on_polygons = isinstance(scheme, PolygonScheme)
     mesh, numbering = load_target_with_vertex_map(source, polygons=on_polygons)
-    if wishes.alphas is not None:
-        scheme = scheme.with_alpha(_alphas(wishes.alphas, target_path(source), numbering))
+    if options.alphas is not None:
+        scheme = scheme.with_alpha(_alphas(options.alphas, target_path(source), numbering))
     finer: Mesh | PolygonMesh
     found = ""
     if isinstance(mesh, Mesh):
-        finer, found = _creased(mesh, numbering, destination, scheme, levels, wishes)
+        finer, found = _creased(mesh, numbering, destination, scheme, levels, options)
     else:
         finer = subdivide(mesh, scheme, levels)
         save_mesh(finer, destination)
@@ -81,9 +81,9 @@ def refined_mesh(source: str, destination: Path, scheme: "Scheme", levels: int, 
 
 
 def _creased(
-    mesh: "Mesh", numbering: "Indices", destination: Path, scheme: "Scheme", levels: int, wishes: Wishes
+    mesh: "Mesh", numbering: "Indices", destination: Path, scheme: "Scheme", levels: int, options: SurfaceOptions
 ) -> tuple["Mesh", str]:
-    """The refined triangles, written, and what was sharp on them, in words."""
+    """Refine and write triangles; return them, and the counts of creases in words."""
     from meshfit.mesh.io.files import save_mesh
     from meshfit.mesh.mesh import Mesh
     from meshfit.mesh.topology import Topology
@@ -92,12 +92,12 @@ def _creased(
     from meshfit.subdivision.refinement import Refinement
 
     topology = Topology.of(mesh)
-    tagged = None if wishes.creases is None else _creases(wishes.creases, wishes.sharpness, mesh, numbering)
+    tagged = None if options.creases is None else _creases(options.creases, options.sharpness, mesh, numbering)
     refinement = refine(topology, scheme, levels, tagged)
     assert isinstance(refinement, Refinement)  # noqa: S101  of triangles
     finer = Mesh(refinement(mesh.verts), refinement.faces)
-    directions = loop_limit_normals(finer, scheme, refinement.creases) if wishes.normals else None
-    if wishes.limit:
+    directions = loop_limit_normals(finer, scheme, refinement.creases) if options.normals else None
+    if options.limit:
         at_limit = loop_limit(Topology.of(finer), scheme, refinement.creases) @ finer.verts
         finer = Mesh(at_limit, finer.faces)
     save_mesh(finer, destination, directions)
@@ -105,7 +105,7 @@ def _creased(
 
 
 def refined_curves(source: str, destination: Path, scheme: "Scheme", levels: int) -> str:
-    """Refine curves from file to file, and say in numbers what became of them."""
+    """Refine curves from file to file, and return the counts in words."""
     from meshfit.mesh.io.files import load_curves, save_curves
     from meshfit.mesh.targets import target_path
     from meshfit.subdivision.refine import subdivide
@@ -117,7 +117,7 @@ def refined_curves(source: str, destination: Path, scheme: "Scheme", levels: int
 
 
 def number_in(text: str | None) -> float | None:
-    """The number that a text is, if it is one."""
+    """Return the number in a text, or None."""
     try:
         return None if text is None else float(text)
     except ValueError:
@@ -190,7 +190,7 @@ def subdivide(
         typer.Option(
             "--alpha",
             help="From 0, approximating, to 1, interpolatory, for schemes that have it: one number; or one for each "
-            "vertex of IN, from a text file with a number a line or, as attribute:NAME, from a property of IN, a PLY.",
+            "vertex of IN, from a text file with one number per line or, as attribute:NAME, from a property of a PLY.",
             metavar="A",
             rich_help_panel=_PARAMETERS,
         ),
@@ -218,9 +218,9 @@ def subdivide(
         str | None,
         typer.Option(
             "--creases",
-            help="For loop, interp-loop and midpoint. A number: edges stay sharp whose faces make more than so many "
-            "degrees. Else a text file, a line each: 'a b' or 'a b sharpness' for an edge, 'a' for a corner; verts are "
-            "counted from 0 as IN has them.",
+            help="For loop, interp-loop and midpoint. A number of degrees: edges whose faces enclose a larger angle are "
+            "sharp. Or a text file with one entry per line: 'a b' or 'a b sharpness' for an edge, 'a' for a corner; "
+            "vertices are counted from 0 in the order of IN.",
             metavar="ANGLE|FILE",
             rich_help_panel=_CREASES,
         ),
@@ -229,23 +229,21 @@ def subdivide(
         float,
         typer.Option(
             "--sharpness",
-            help="Levels that creases stay sharp for, such as 1.5, where the file has no other number.",
+            help="Number of levels for which creases stay sharp, such as 1.5, unless the file gives another.",
             metavar="S",
-            show_default="for ever",
+            show_default="permanent",
             rich_help_panel=_CREASES,
         ),
     ] = inf,
     limit: Annotated[
         bool,
-        typer.Option(
-            "--limit", help="Put verts where Loop subdivision would lead them for ever on.", rich_help_panel=_LIMIT
-        ),
+        typer.Option("--limit", help="Project vertices onto the Loop limit surface.", rich_help_panel=_LIMIT),
     ] = False,
     normals: Annotated[
         bool,
         typer.Option(
             "--normals",
-            help="Write the normals of Loop's limit surface with the verts, to PLY or OBJ.",
+            help="Write the normals of Loop's limit surface with the vertices, to PLY or OBJ.",
             rich_help_panel=_LIMIT,
         ),
     ] = False,
@@ -275,14 +273,14 @@ def subdivide(
     shared = {"alpha": number if each is None else 1.0, "weights": weights, "tension": tension, "valence3": valence3}
     (spec,), own = resolve_specs([scheme], load_definitions(config))
     declared = resolve(spec, registry_with(own), **shared)
-    wishes = Wishes(each, creases, sharpness, limit=limit, normals=normals)
-    check(spec, declared, wishes)
+    options = SurfaceOptions(each, creases, sharpness, limit=limit, normals=normals)
+    check(spec, declared, options)
     on_curves = domain_of(declared) == "curves"
     try:
         if on_curves:
             counts = refined_curves(source, destination, declared, levels)
         else:
-            counts = refined_mesh(source, destination, declared, levels, wishes)
+            counts = refined_mesh(source, destination, declared, levels, options)
     except DomainError as error:
         others = f"surfaces: {schemes_on(*SURFACES)}" if on_curves else f"curves: {schemes_on('curves')}"
         raise DomainError(f"{error}; schemes on {others}") from None
