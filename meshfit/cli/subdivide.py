@@ -218,7 +218,7 @@ def subdivide(
         str | None,
         typer.Option(
             "--creases",
-            help="For loop, interp-loop and midpoint. A number of degrees: edges whose faces enclose a larger angle are "
+            help="For loop, interp-loop and midpoint. A number of degrees: edges with a larger angle between faces are "
             "sharp. Or a text file with one entry per line: 'a b' or 'a b sharpness' for an edge, 'a' for a corner; "
             "vertices are counted from 0 in the order of IN.",
             metavar="ANGLE|FILE",
