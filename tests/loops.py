@@ -1,4 +1,4 @@
-"""Loops over the cases of a test, where a case each in the report would be too many."""
+"""Loops over many cases within one test."""
 
 import functools
 import inspect
