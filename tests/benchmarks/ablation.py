@@ -1,4 +1,4 @@
-"""What each ingredient of the Gauss–Newton engine brings: fits with one of them left out, as a Markdown table.
+"""Ablation of the Gauss–Newton engine: fits with one ingredient left out each, as a Markdown table.
 
 python -m tests.benchmarks.ablation > docs/background/ablation.md
 """
@@ -32,7 +32,7 @@ SCHEME = "interp-loop"
 _HERE = "meshfit.fitting.gauss_newton."
 
 
-def _unguarded(_connectivity, _start, end, _control=None):
+def _unlimited(_connectivity, _start, end, _control=None):
     return end, torch.zeros(len(end), dtype=torch.bool)
 
 
@@ -42,7 +42,7 @@ def _left_alone(_connectivity, verts):
 
 @contextmanager
 def patched(**changes: object) -> Iterator[None]:
-    """Other values for names in the engine's modules, written `module__name`."""
+    """Replace names in the engine's modules, written `module__name`."""
     with ExitStack() as patches:
         for name, value in changes.items():
             patches.enter_context(mock.patch(_HERE + name.replace("__", ".", 1), value))
@@ -54,31 +54,37 @@ def _even(shape, num_verts, _target, _power=0.0):
 
 
 VARIANTS: dict[str, tuple[Callable[[], AbstractContextManager[None]], dict[str, object]]] = {
-    "as it is": (nullcontext, {}),
-    "steps may cross and fold faces": (lambda: patched(moving_surface__guarded=_unguarded), {}),
-    "no untangling": (lambda: patched(moving_surface__untangled=_left_alone), {}),
-    "neither": (lambda: patched(moving_surface__guarded=_unguarded, moving_surface__untangled=_left_alone), {}),
-    "webs are not under tension": (lambda: patched(webs___TENSION=0.0), {}),
-    "no remeshing while the rough shape is found": (
-        lambda: patched(stages___STEPS_BETWEEN_REMESHES=10**6, engine__on_sphere=lambda *_: None),
+    "nothing": (nullcontext, {}),
+    "step limiting": (lambda: patched(fit_state__limited_step=_unlimited), {}),
+    "untangling": (lambda: patched(fit_state__untangled=_left_alone), {}),
+    "step limiting and untangling": (
+        lambda: patched(fit_state__limited_step=_unlimited, fit_state__untangled=_left_alone),
         {},
     ),
-    "one try at the rough shape": (nullcontext, {"tries": 1}),
-    "no stiffening where steps are refused": (lambda: patched(moving_surface___STIFFER=1.0), {}),
-    "one place in each face": (lambda: patched(pairs___PLACES=((1 / 3, 1 / 3, 1 / 3),)), {}),
-    "pairs need not face alike": (lambda: patched(pairs___FACING=-2.0, pairs___FACING_BACK=-2.0), {}),
-    "one edge length everywhere": (lambda: patched(moving_surface__lengths_for=_even), {}),
-    "all faces of the map count alike": (lambda: patched(moving_surface__SphereMap=partial(SphereMap, power=1.0)), {}),
-    "fairness stays at 0.1": (nullcontext, {"last_fairness": 0.1}),
-    "no last steps": (nullcontext, {"last_steps": 0}),
+    "tension in membranes": (lambda: patched(fairness___TENSION=0.0), {}),
+    "remeshing in the coarse stage": (
+        lambda: patched(schedule___STEPS_BETWEEN_REMESHES=10**6, engine__initial_sphere_map=lambda *_: None),
+        {},
+    ),
+    "restarts": (nullcontext, {"tries": 1}),
+    "stiffening where steps are limited": (lambda: patched(fit_state___STIFFER=1.0), {}),
+    "several samples per face": (lambda: patched(correspondences___FACE_POINTS=((1 / 3, 1 / 3, 1 / 3),)), {}),
+    "the normal test of correspondences": (
+        lambda: patched(correspondences___FACING=-2.0, correspondences___FACING_BACK=-2.0),
+        {},
+    ),
+    "adaptive edge lengths": (lambda: patched(fit_state__lengths_for=_even), {}),
+    "the squared energy of the sphere map": (lambda: patched(fit_state__SphereMap=partial(SphereMap, power=1.0)), {}),
+    "lowering fairness below 0.1": (nullcontext, {"last_fairness": 0.1}),
+    "last steps": (nullcontext, {"last_steps": 0}),
 }
-# What the one of both kinds of connectivity does not have.
-_NOT_IN = {"all faces of the map count alike": "remeshed"}
+# Ingredients that one kind of connectivity does not have.
+_NOT_IN = {"the squared energy of the sphere map": "remeshed"}
 _LEVELS_OF_SOURCE = {"remeshed": 3, "fixed": 4}
 
 
 def row(connectivity: str, target: str, name: str) -> str:
-    """One fit as a line of the table."""
+    """Fit once and return the row of the table."""
     mesh = _framed(TARGETS[target]())
     levels = _LEVELS_OF_SOURCE[connectivity]
     source = build_source(SourceSettings(levels=levels, radius=0.3, project="sphere"), SCHEME)
@@ -88,11 +94,11 @@ def row(connectivity: str, target: str, name: str) -> str:
     with context():
         result = fit(source, mesh, scheme=SCHEME, device="cpu", **settings).mesh
     seconds = time.process_time() - start
-    found = measure(result, mesh)
-    unsound = found.quality.self_intersecting_faces, found.quality.flipped_faces
+    measured = measure(result, mesh)
+    unsound = measured.quality.self_intersecting_faces, measured.quality.flipped_faces
     return (
-        f"| {connectivity} | {target} | {name} | {found.hausdorff.symmetric:.4f} | {found.distance.mean:.5f} "
-        f"| {unsound[0]} | {unsound[1]} | {found.quality.smallest_angle:.1f} | {seconds:.1f} |"
+        f"| {connectivity} | {target} | {name} | {measured.hausdorff.symmetric:.4f} | {measured.distance.mean:.5f} "
+        f"| {unsound[0]} | {unsound[1]} | {measured.quality.smallest_angle:.1f} | {seconds:.1f} |"
     )
 
 
@@ -116,21 +122,21 @@ def _framed(mesh: Mesh) -> Mesh:
 
 
 _HEAD = f"""\
-# What each ingredient of the Gauss–Newton engine brings
+# Ablation of the Gauss–Newton engine
 
-Fits with one ingredient left out: the settings of `accurate` (remeshed) and `accurate-fixed` (fixed) otherwise, scheme
-`{SCHEME}`, seed 0, one thread. `legs` is a flat ball on four long legs, near each other in pairs. Distances are in the
-tutorial frame, measured with 200,000 samples each way; angles in degrees, time in CPU seconds. `make ablation` makes
-this file.
+Each row leaves out one ingredient. Settings are those of `accurate` (remeshed) and `accurate-fixed` (fixed), scheme
+`{SCHEME}`, seed 0, one thread. `legs` is a flat ball on four long legs, close together in pairs. Distances are in the
+tutorial frame, measured with 200,000 samples in each direction; angles in degrees, time in CPU seconds. `make ablation` writes
+this page.
 
 | connectivity | target | without | Hausdorff | mean | self-int. | flipped | least angle | CPU s |
 |---|---|---|--:|--:|--:|--:|--:|--:|"""
 
 _HIDDEN = """
-## What no sound surface reaches
+## Hidden parts
 
-Where parts of a target run through each other, what is inside is hidden. A surface that agrees with all that is in view
-still has a Hausdorff distance of so much:
+Where parts of a target run through each other, the inside is hidden. A surface that agrees with everything visible still has this
+Hausdorff distance:
 
 | target | hidden, at most |
 |---|--:|"""
