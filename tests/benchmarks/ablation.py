@@ -126,8 +126,8 @@ _HEAD = f"""\
 
 Each row leaves out one ingredient. Settings are those of `accurate` (remeshed) and `accurate-fixed` (fixed), scheme
 `{SCHEME}`, seed 0, one thread. `legs` is a flat ball on four long legs, close together in pairs. Distances are in the
-tutorial frame, measured with 200,000 samples in each direction; angles in degrees, time in CPU seconds. `make ablation` writes
-this page.
+tutorial frame, measured with 200,000 samples in each direction; angles in degrees, time in CPU seconds.
+`make ablation` writes this page.
 
 | connectivity | target | without | Hausdorff | mean | self-int. | flipped | least angle | CPU s |
 |---|---|---|--:|--:|--:|--:|--:|--:|"""
@@ -135,8 +135,8 @@ this page.
 _HIDDEN = """
 ## Hidden parts
 
-Where parts of a target run through each other, the inside is hidden. A surface that agrees with everything visible still has this
-Hausdorff distance:
+Where parts of a target run through each other, the inside is hidden. A surface that agrees with everything
+visible still has this Hausdorff distance:
 
 | target | hidden, at most |
 |---|--:|"""
