@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from meshfit.errors import MeshfitError, StoreError
 from meshfit.experiment.storage.run_directory import FAILURE, LOG, Result, RunDirectory, now, read_json
-from meshfit.fitting.problem import Diverged
 
 if TYPE_CHECKING:
     from meshfit.experiment.plan import Trial
@@ -40,6 +39,8 @@ RETRIED = frozenset({FailureKind.KILLED, FailureKind.OUT_OF_MEMORY})
 
 def failure_kind(error: Exception) -> FailureKind:
     """Classify an error that a trial raised."""
+    from meshfit.fitting.problem import Diverged  # which takes numpy, and reading a failure does not
+
     if isinstance(error, Diverged):
         return FailureKind.DIVERGED
     if isinstance(error, MeshfitError):
@@ -58,6 +59,8 @@ def failure_record(trial: "Trial", error: Exception, step: int | None, attempts:
         step: the last step of the fit; None if there was none.
         attempts: the number of failed attempts, including this one.
     """
+    from meshfit.fitting.problem import Diverged
+
     kind = failure_kind(error)
     record = _record(trial, kind, str(error), step, attempts) | {"error": type(error).__name__}
     if isinstance(error, Diverged):
