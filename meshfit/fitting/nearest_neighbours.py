@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -17,7 +16,7 @@ _BLOCK = 1 << 26
 
 @contextmanager
 def search_threads(threads: int) -> Iterator[Executor | None]:
-    """Threads for `match_nearest`, or None for one; each problem uses two."""
+    """Provide threads for `match_nearest`, or None for one; each problem uses two."""
     if threads == 1:
         yield None
         return
@@ -50,15 +49,13 @@ def nearest_neighbour_search(points: Tensor) -> Callable[[Tensor], Tensor]:
 
     The tree is on the CPU for every device: on a GPU, brute force over a large cloud takes longer than the transfer.
     """
-    query, last = nearest_point_query(points.cpu().numpy()), len(points) - 1
-    return lambda queries: torch.from_numpy(np.minimum(query(queries.cpu().numpy()), last)).to(queries.device)
+    query = nearest_point_query(points.cpu().numpy())
+    return lambda queries: torch.from_numpy(query(queries.cpu().numpy())).to(queries.device)
 
 
 def _kd_tree(queries: Tensor, points: Tensor, member: int) -> Tensor:
     """Return the nearest points of one problem as rows of all problems' points."""
-    nearest = nearest_point_query(points.numpy())(queries.numpy())
-    # Where squared distances overflow, the tree returns an index that is out of range.
-    return torch.from_numpy(np.minimum(nearest, len(points) - 1) + member * len(points))
+    return torch.from_numpy(nearest_point_query(points.numpy())(queries.numpy()) + member * len(points))
 
 
 def brute_force(p: Tensor, q: Tensor) -> tuple[Tensor, Tensor]:

@@ -20,12 +20,14 @@ def nearest_point_query(points: Points) -> Callable[[Points], Indices]:
     It is fastest where consecutive points are close to each other.
 
     Args:
-        points: (N, 3) float32 or float64; queries must have the same dtype.
+        points: (N, 3) float32 or float64, at least one; queries must have the same dtype.
     """
     tree: Any = KDTree(np.ascontiguousarray(points), leafsize=16)
 
     def query(queries: Points) -> Indices:
-        return np.asarray(tree.query(np.ascontiguousarray(queries))[1], dtype=np.int64)
+        nearest = np.asarray(tree.query(np.ascontiguousarray(queries))[1], dtype=np.int64)
+        # Where squared distances overflow, the tree returns an index that is out of range.
+        return np.minimum(nearest, len(points) - 1)
 
     return query
 
