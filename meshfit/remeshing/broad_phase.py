@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 
 import torch
 from jaxtyping import Bool, Float64, Int32, Int64
@@ -206,22 +207,24 @@ def boxes_near(
     occupied = _cumulative(_marked(first[some], last[some]))
     # Number of occupied cells within each box, by inclusion and exclusion of sums up to its corners.
     count = torch.zeros(len(low), dtype=torch.int64, device=low.device)
-    for corner in range(8):
-        upper = [bool(corner >> axis & 1) for axis in range(3)]
-        x, y, z = (last[:, axis] + 1 if up else first[:, axis] for axis, up in enumerate(upper))
-        count += occupied[x, y, z] * (1 if sum(upper) % 2 else -1)
+    for place, sign in _signed_corners(first, last):
+        count -= occupied[place] * sign
     return count > 0
 
 
 def _marked(first: Tensor, last: Tensor) -> Tensor:
     """Return the change, from cell to cell, of the number of boxes over a cell, (32 + 1)³."""
     change = torch.zeros((_CELLS + 1,) * 3, dtype=torch.int64, device=first.device)
-    one = torch.ones(len(first), dtype=torch.int64, device=first.device)
-    for corner in range(8):
-        after = [bool(corner >> axis & 1) for axis in range(3)]
-        place = tuple(last[:, axis] + 1 if up else first[:, axis] for axis, up in enumerate(after))
-        change.index_put_(place, one if sum(after) % 2 == 0 else -one, accumulate=True)
+    for place, sign in _signed_corners(first, last):
+        change.index_put_(place, torch.full_like(place[0], sign), accumulate=True)
     return change
+
+
+def _signed_corners(first: Tensor, last: Tensor) -> Iterator[tuple[tuple[Tensor, ...], int]]:
+    """Yield the 8 corners of boxes of cells, with the signs of inclusion and exclusion: 1 for the first corner."""
+    for after in product((False, True), repeat=3):
+        place = tuple(last[:, axis] + 1 if up else first[:, axis] for axis, up in enumerate(after))
+        yield place, -1 if sum(after) % 2 else 1
 
 
 def _cumulative(change: Tensor) -> Tensor:

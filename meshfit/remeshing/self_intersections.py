@@ -59,7 +59,7 @@ def intersecting_pairs(
     rough = ~verts_with_normal_cone(shapes.verts, shapes.corners, shapes.normals, len(verts))[shapes.verts].all(1)
     if among is not None:
         near = boxes_near(*shapes.boxes(), among.index_select(0, rows)).nonzero()[:, 0]
-        rows, rough, meshes, shapes = *_at(near, rows, rough, meshes), shapes.only(near)
+        rows, rough, meshes, shapes = *_select(near, rows, rough, meshes), shapes.only(near)
     count, codes = max(1, len(faces)), [rows.new_empty(0)]
     for candidates in overlapping_boxes(*shapes.boxes(), meshes):
         i, j = shapes.intersecting(*shapes.worth_testing(*candidates, rough))
@@ -112,7 +112,7 @@ class _Faces:
 
     def only(self, which: Rows) -> "_Faces":
         """Return some of them."""
-        return _Faces(*_at(which, self.verts, self.corners, self.normals, self.lengths))
+        return _Faces(*_select(which, self.verts, self.corners, self.normals, self.lengths))
 
     def boxes(self) -> tuple[Float64[Tensor, "F 3"], Float64[Tensor, "F 3"]]:
         """Return the least and the greatest corner of the bounding box of each, enlarged by the tolerance."""
@@ -134,9 +134,9 @@ class _Faces:
     def intersecting(self, i: Rows, j: Rows) -> tuple[Tensor, Tensor]:
         """Return the pairs that intersect."""
         heights_i = self._heights(i, j)
-        i, j, heights_i = _at(_not_on_one_side(heights_i), i, j, heights_i)
+        i, j, heights_i = _select(_not_on_one_side(heights_i), i, j, heights_i)
         heights_j = self._heights(j, i)
-        i, j, heights_i, heights_j = _at(_not_on_one_side(heights_j), i, j, heights_i, heights_j)
+        i, j, heights_i, heights_j = _select(_not_on_one_side(heights_j), i, j, heights_i, heights_j)
         same = self.verts.index_select(0, i)[:, :, None] == self.verts.index_select(0, j)[:, None]
         mask = same.any(2).all(1)
         mask |= self._pierces(i, j, heights_i, ~same.any(2)) | self._pierces(j, i, heights_j, ~same.any(1))
@@ -144,12 +144,12 @@ class _Faces:
 
     def _tolerance(self, i: Rows, j: Rows) -> Float64[Tensor, " P"]:
         """Return the tolerance of pairs times the length of the normals of j; 0 where a face of j has no inside."""
-        (length_i,), (length_j, normals) = _at(i, self.lengths), _at(j, self.lengths, self.normals)
+        (length_i,), (length_j, normals) = _select(i, self.lengths), _select(j, self.lengths, self.normals)
         return _TOUCH * torch.minimum(length_i, length_j) * dot(normals, normals).sqrt()
 
     def _heights(self, i: Rows, j: Rows) -> Float64[Tensor, "P 3"]:
         """Return the heights of the corners of i over the planes of j, in tolerances; 0 where j has no inside."""
-        (corners,), (foot, normals) = _at(i, self.corners), _at(j, self.corners[:, 0], self.normals)
+        (corners,), (foot, normals) = _select(i, self.corners), _select(j, self.corners[:, 0], self.normals)
         unit = self._tolerance(i, j)[:, None]
         heights = ((corners - foot[:, None]) @ normals[:, :, None])[:, :, 0]
         return (heights / unit).masked_fill(unit == 0, 0.0)
@@ -163,7 +163,7 @@ class _Faces:
         across = (((heights <= 0) != (ahead <= 0)) | touching) & ~level & free & free.roll(-1, 1)
         pair, side = across.nonzero().unbind(1)
         above, below = heights[pair, side], ahead[pair, side]
-        rows, others = _at(pair, i, j)
+        rows, others = _select(pair, i, j)
         start, end = self.corners[rows, side], self.corners[rows, (side + 1) % 3]
         share = (above / (above - below)).clamp(0, 1)[:, None]
         inside = self._inside(start + share * (end - start), rows, others)
@@ -173,7 +173,7 @@ class _Faces:
 
     def _inside(self, points: Float64[Tensor, "P 3"], i: Rows, j: Rows) -> Bool[Tensor, " P"]:
         """Return whether points of faces i, in the planes of faces j, lie in these within the tolerance."""
-        (corners, normals), tolerance = _at(j, self.corners, self.normals), self._tolerance(i, j)
+        (corners, normals), tolerance = _select(j, self.corners, self.normals), self._tolerance(i, j)
         inside = torch.ones_like(i, dtype=torch.bool)
         for k in range(3):
             along = corners[:, (k + 1) % 3] - corners[:, k]
@@ -203,7 +203,7 @@ def _not_on_one_side(heights: Float64[Tensor, "P 3"]) -> Int64[Tensor, " K"]:
     return ((least <= 1) & (greatest >= -1)).nonzero()[:, 0]
 
 
-def _at(rows: Rows, *values: Tensor) -> tuple[Tensor, ...]:
+def _select(rows: Rows, *values: Tensor) -> tuple[Tensor, ...]:
     """Return the same rows of some tensors."""
     return tuple(value.index_select(0, rows) for value in values)
 
