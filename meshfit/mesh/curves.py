@@ -5,10 +5,10 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Int64
-from numpy.typing import ArrayLike, DTypeLike
+from numpy.typing import ArrayLike
 
 from meshfit.errors import MeshError
-from meshfit.mesh.mesh import Verts
+from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.topology import NONE, Indices, Mask
 
 Segments = Int64[np.ndarray, "S 2"]
@@ -34,25 +34,23 @@ class Curves:
     closed: Mask
 
     def __init__(self, verts: ArrayLike, corners: ArrayLike, sizes: ArrayLike, closed: ArrayLike) -> None:
-        points = _frozen(verts, np.float64)
-        points = points.reshape(0, 3) if points.size == 0 else points
-        if points.ndim != 2 or points.shape[1] != 3:
-            raise MeshError(f"verts: expected rows of three numbers, got an array of shape {points.shape}")
-        rows = {"corners": _frozen(corners, np.int64), "sizes": _frozen(sizes, np.int64)}
-        rows["closed"] = _frozen(closed, np.bool_)
-        for name, array in rows.items():
+        object.__setattr__(self, "verts", Mesh(verts, []).verts)
+        for name, values, dtype in (
+            ("corners", corners, np.int64),
+            ("sizes", sizes, np.int64),
+            ("closed", closed, bool),
+        ):
+            array = np.array(values, dtype=dtype)
             if array.ndim != 1:
                 raise MeshError(f"{name}: expected a flat list, got an array of shape {array.shape}")
-        if len(rows["sizes"]) != len(rows["closed"]):
-            raise MeshError(
-                f"expected one size and one closed per chain, got {len(rows['sizes'])} and {len(rows['closed'])}"
-            )
-        total, smallest = rows["sizes"].sum(), rows["sizes"].min(initial=0)
-        if total != len(rows["corners"]) or smallest < 0:
-            negative = f", one of them {smallest}" if smallest < 0 else ""
-            raise MeshError(f"got {len(rows['corners'])} corners, and sizes that add up to {total}{negative}")
-        for name, array in {"verts": points, **rows}.items():
+            array.setflags(write=False)
             object.__setattr__(self, name, array)
+        if len(self.sizes) != len(self.closed):
+            raise MeshError(f"expected one size and one closed per chain, got {len(self.sizes)} and {len(self.closed)}")
+        total, smallest = self.sizes.sum(), self.sizes.min(initial=0)
+        if total != len(self.corners) or smallest < 0:
+            negative = f", one of them {smallest}" if smallest < 0 else ""
+            raise MeshError(f"got {len(self.corners)} corners, and sizes that add up to {total}{negative}")
 
     @classmethod
     def through(cls, verts: ArrayLike, *, closed: bool = False) -> "Curves":
@@ -235,9 +233,3 @@ def _require_segments(num_verts: int, segments: Segments, origin: str) -> None:
             f"{origin}: the curves branch: vertex {branching[0]} has {meeting[branching[0]]} segments, "
             f"allowed: 1 or 2 ({len(branching)} such vertices); split the curves there"
         )
-
-
-def _frozen(values: ArrayLike, dtype: DTypeLike) -> np.ndarray:
-    array = np.array(values, dtype=dtype)
-    array.setflags(write=False)
-    return array

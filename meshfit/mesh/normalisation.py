@@ -21,13 +21,9 @@ class Frame:
 
     def normalise(self, mesh: Mesh) -> Mesh:
         """Return the mesh in normalised coordinates."""
-        return Mesh((mesh.verts - self.centre) / self.scale, mesh.faces)
+        return mesh.with_verts((mesh.verts - self.centre) / self.scale)
 
-    def restore(self, mesh: Mesh) -> Mesh:
-        """Return a normalised mesh in its original coordinates."""
-        return Mesh(self.restored(mesh.verts), mesh.faces)
-
-    def restored(self, verts: Verts) -> Verts:
+    def restore(self, verts: Verts) -> Verts:
         """Return normalised positions in their original coordinates."""
         return np.asarray(verts * self.scale + self.centre)
 

@@ -55,7 +55,7 @@ class PolygonMesh:
     sizes: Sizes
 
     def __init__(self, verts: ArrayLike, corners: ArrayLike, sizes: ArrayLike) -> None:
-        points = Mesh(verts, np.empty((0, 3))).verts
+        points = Mesh(verts, []).verts
         flat, counts = np.array(corners, dtype=np.int64), np.array(sizes, dtype=np.int64)
         if flat.ndim != 1 or counts.ndim != 1 or counts.sum() != len(flat):
             raise MeshError(f"{flat.size} corners do not match the sizes of {counts.size} faces")
