@@ -59,8 +59,7 @@ def sample(
     with torch.no_grad():
         picked, weights = _draw(table or AreaTable.of(geometry), count, generators, geometry.double_area)
         corners = geometry.faces.verts.index_select(0, picked)
-    points: Tensor = apply(_Points, geometry.verts, corners, weights)
-    return Samples(points, picked, geometry)
+    return Samples(apply(_Points, geometry.verts, corners, weights), picked, geometry)
 
 
 def _draw(table: AreaTable, count: int, generators: Sequence[Generator], like: Tensor) -> tuple[Tensor, Tensor]:
@@ -89,7 +88,7 @@ class _Points(Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None, None]:  # noqa: ANN401  likewise
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None, None]:  # noqa: ANN401  torch's context
         corners, weights = ctx.saved_tensors
         at_verts = gradient.new_zeros(ctx.num_verts, 3)
         for corner, weight in zip(corners.unbind(1), weights.split(1, dim=1), strict=True):

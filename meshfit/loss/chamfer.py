@@ -41,8 +41,7 @@ def chamfer(p: Float[Tensor, "KP 3"], q: Float[Tensor, "KQ 3"], matches: Matches
 
     Differences are squared, since |p|² + |q|² - 2p·q loses all digits where p is near q.
     """
-    value: Tensor = apply(_Chamfer, p, q, matches)
-    return value
+    return apply(_Chamfer, p, q, matches)
 
 
 class _Chamfer(Function):
@@ -58,7 +57,7 @@ class _Chamfer(Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, Tensor | None, None]:  # noqa: ANN401  likewise
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, Tensor | None, None]:  # noqa: ANN401  torch's context
         (forward, backward), matches = ctx.saved_tensors, ctx.matches
         needs_p, needs_q, _ = ctx.needs_input_grad
         twice = 2 * gradient

@@ -12,8 +12,7 @@ from meshfit.loss.operators import FaceGeometry, MeshOperators
 
 def consistency(faces: FaceGeometry, operators: MeshOperators) -> Float[Tensor, " K"]:
     """Return the mean of 1 - cos of the angle between the normals of adjacent faces; 0 if there are none."""
-    value: Tensor = apply(_Bend, faces.normals, operators)
-    return value
+    return apply(_Bend, faces.normals, operators)
 
 
 class _Bend(Function):
@@ -32,6 +31,6 @@ class _Bend(Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:  # noqa: ANN401  likewise
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:  # noqa: ANN401  torch's context
         (sums,), segments = ctx.saved_tensors, ctx.operators.faces.segments
         return sums * segments.spread(-gradient / ctx.operators.face_pairs * segments.counts), None

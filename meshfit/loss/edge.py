@@ -18,8 +18,7 @@ def edge(edges: Float[Tensor, "E 3"], operators: MeshOperators) -> Float[Tensor,
         edges: (E, 3) `operators.edges @ verts`.
         operators: of the meshes.
     """
-    value: Tensor = apply(_MeanSquare, edges, operators.of_edge)
-    return value
+    return apply(_MeanSquare, edges, operators.of_edge)
 
 
 class _MeanSquare(Function):
@@ -31,6 +30,6 @@ class _MeanSquare(Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:  # noqa: ANN401  likewise
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:  # noqa: ANN401  torch's context
         (vectors,) = ctx.saved_tensors
         return vectors * ctx.segments.spread(2 * gradient), None

@@ -21,8 +21,7 @@ def laplacian_uniform(edges: Float[Tensor, "E 3"], operators: MeshOperators) -> 
         edges: (E, 3) `operators.edges @ verts`.
         operators: of the meshes.
     """
-    value: Tensor = apply(_MeanLength, operators.umbrella @ edges, operators.of_vert)
-    return value
+    return apply(_MeanLength, operators.umbrella @ edges, operators.of_vert)
 
 
 def laplacian_cotangent(verts: Float[Tensor, "V 3"], operators: MeshOperators) -> Float[Tensor, " K"]:
@@ -40,8 +39,7 @@ def laplacian_cotangent(verts: Float[Tensor, "V 3"], operators: MeshOperators) -
     weight = cotangents[:, None]
     sums = torch.zeros_like(verts).index_add(0, start, weight * verts.index_select(0, end))
     sums = sums.index_add(0, end, weight * verts.index_select(0, start))
-    value: Tensor = apply(_MeanLength, scale * sums - operators.joined * verts, operators.of_vert)
-    return value
+    return apply(_MeanLength, scale * sums - operators.joined * verts, operators.of_vert)
 
 
 def corner_cotangents(verts: Float[Tensor, "V 3"], operators: MeshOperators) -> Float[Tensor, "F 3"]:
@@ -65,7 +63,7 @@ class _MeanLength(Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:  # noqa: ANN401  likewise
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:  # noqa: ANN401  torch's context
         vectors, lengths = ctx.saved_tensors
         units = vectors / lengths.clamp_min(torch.finfo(lengths.dtype).tiny)[:, None]
         return units * ctx.segments.spread(gradient), None

@@ -11,7 +11,6 @@ from scipy.sparse import coo_array, diags_array
 from torch import Tensor
 from torch.autograd.function import Function, once_differentiable
 
-from meshfit.loss.autograd import apply
 from meshfit.loss.batch_segments import BatchSegments
 from meshfit.loss.sparse import Sparse
 from meshfit.mesh.mesh import Mesh
@@ -138,7 +137,7 @@ class FaceGeometry:
     @classmethod
     def of(cls, faces: Faces, verts: Float[Tensor, "V 3"]) -> "FaceGeometry":
         """Return the faces at these positions."""
-        normals, double_area = apply(_Normals, faces.sides @ verts)
+        normals, double_area = _Normals.apply(faces.sides @ verts)  # type: ignore[no-untyped-call]
         return cls(faces, verts, double_area, normals)
 
 
@@ -161,7 +160,7 @@ class _Normals(Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, gradient: Tensor, _: Tensor) -> Tensor:  # noqa: ANN401  likewise
+    def backward(ctx: Any, gradient: Tensor, _: Tensor) -> Tensor:  # noqa: ANN401  torch's context
         sides, normals, scale = ctx.saved_tensors
         u, v = sides.view(2, -1, 3)
         along = (normals * gradient).sum(1).masked_fill(scale >= 1 / LEAST_DOUBLE_AREA, 0)

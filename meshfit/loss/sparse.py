@@ -45,8 +45,7 @@ class Sparse:
         return Sparse(self.backward, self.forward)
 
     def __matmul__(self, dense: Float[Tensor, "C 3"]) -> Float[Tensor, "R 3"]:
-        product: Tensor = apply(_Product, dense, self.forward, self.backward)
-        return product
+        return apply(_Product, dense, self.forward, self.backward)
 
 
 class _Product(Function):
@@ -58,7 +57,7 @@ class _Product(Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None, None]:  # noqa: ANN401  likewise
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None, None]:  # noqa: ANN401  torch's context
         return ctx.transposed @ gradient, None, None
 
 
