@@ -120,7 +120,7 @@ class FirstOrder(Engine):
         with torch.no_grad():
             self._offsets.copy_(torch.cat([checkpoint["offsets"] for checkpoint in checkpoints]))
         self._last_good = torch.cat([checkpoint["last_good"] for checkpoint in checkpoints]).to(self._start)
-        self._optimizer.put([checkpoint["optimizer"] for checkpoint in checkpoints])
+        self._optimizer.restore([checkpoint["optimizer"] for checkpoint in checkpoints])
         self._fail_on_positions()
 
     def _evaluate_eagerly(self) -> Evaluation:

@@ -24,7 +24,7 @@ from meshfit.subdivision.registry import Scheme
 
 # Memory per face, vertex and sample: twice that of the CPU, as other allocators leave gaps.
 _BYTES_PER_ROW = 600
-# Enough for the overhead of a step's calls to be small beside its arithmetic.
+# Enough for the overhead of a step's calls to be small compared with its arithmetic.
 _CPU_BYTES = 200e6
 _MPS_BYTES = 2e9
 _SHARE_OF_DEVICE = 0.5
@@ -52,7 +52,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
 ) -> FitResult:
     """Deform a source mesh until it lies on a target.
 
-    Lengths in the settings are in the unit of the verts; normalise the target first, or use `meshfit run`.
+    Lengths in the settings are in the unit of the vertices; normalise the target first, or use `meshfit run`.
 
     Args:
         source: mesh to start from; its faces are kept, refined or replaced, depending on the method. Polygons are cut

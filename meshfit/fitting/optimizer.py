@@ -48,7 +48,7 @@ class Optimizer:
         """Return a copy of the state of some rows."""
         return {name: (value[rows] if value.dim() else value).clone() for name, value in self._state.items()}
 
-    def put(self, states: Sequence[OptimizerState]) -> None:
+    def restore(self, states: Sequence[OptimizerState]) -> None:
         """Restore states from `state_of`, in the order of the rows; numbers for all rows must agree."""
         for name, value in self._state.items():
             parts = [state[name] for state in states]

@@ -127,7 +127,7 @@ FitSettings = Annotated[
     Annotated[FirstOrderSettings, Tag("first-order")] | Annotated[GaussNewtonSettings, Tag("gauss-newton")],
     Discriminator(_method),
 ]
-"""Settings of a fit by either engine, told apart by `method`, which defaults to `first-order`."""
+"""Settings of a fit by either engine, distinguished by `method`, which defaults to `first-order`."""
 
 METHODS: dict[str, type[FirstOrderSettings] | type[GaussNewtonSettings]] = {
     "first-order": FirstOrderSettings,

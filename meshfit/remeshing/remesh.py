@@ -40,7 +40,7 @@ def remesh(
     Args:
         verts: (V, 3) positions, float64 or float32.
         faces: (F, 3) int64, an oriented manifold, closed or with boundary.
-        lengths: (V,) target length at each vertex, in the unit of the verts. Changes of more than some 30 % between
+        lengths: (V,) target length at each vertex, in the unit of the vertices. Changes of more than some 30 % between
             adjacent vertices give poor triangles; see `limited`.
         rounds: number of rounds; 3 are enough where the targets are close to the current lengths.
 

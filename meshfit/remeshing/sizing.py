@@ -7,7 +7,7 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from meshfit.remeshing.connectivity import Edges
-from meshfit.remeshing.triangle_geometry import area_vectors, length_of
+from meshfit.remeshing.triangle_geometry import double_area_vectors, length_of
 
 # Number of faces after `remesh`, relative to equilateral faces of the target lengths; see `num_verts_for`.
 _SHARE = 0.98
@@ -20,7 +20,7 @@ def limited(
     """Return the largest field below a given one that grows along each edge by at most `gradation` times its length.
 
     Args:
-        lengths: (V,) target lengths, in the unit of the verts.
+        lengths: (V,) target lengths, in the unit of the vertices.
         verts: (V, 3) positions.
         faces: (F, 3) int64, a manifold.
         gradation: 0 or more; 0.1 to 0.3 keeps triangles well shaped where lengths vary.
@@ -56,11 +56,11 @@ def num_verts_for(verts: Float[Tensor, "V 3"], faces: Int64[Tensor, "F 3"], leng
     Args:
         verts: (V, 3) positions.
         faces: (F, 3) int64, a manifold.
-        lengths: (V,) target length at each vertex, in the unit of the verts.
+        lengths: (V,) target length at each vertex, in the unit of the vertices.
     """
     edges = Edges.of(faces, len(verts))
     density = lengths.square().reciprocal().index_select(0, faces.reshape(-1)).view(-1, 3).mean(1)
-    area = length_of(area_vectors(verts, faces)) / 2
+    area = length_of(double_area_vectors(verts, faces)) / 2
     num_faces = _SHARE * float((area * density).sum()) / (math.sqrt(3) / 4)
     tail, head = edges.tail.index_select(0, edges.outer), edges.head.index_select(0, edges.outer)
     side = length_of(verts.index_select(0, head) - verts.index_select(0, tail))

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from meshfit.remeshing.connectivity import Edges
-from meshfit.remeshing.triangle_geometry import area_vectors, length_of, turned_over, unit
+from meshfit.remeshing.triangle_geometry import double_area_vectors, length_of, turned_over, unit
 
 # Least shape of a face on the sphere, as in `turned_over`; sphere maps with needles cannot be improved.
 NEEDLE = 0.02
@@ -21,7 +21,7 @@ class RemeshState:
     Attributes:
         verts: (V, 3) positions.
         faces: (F, 3) vertex indices, counter-clockwise seen from outside.
-        lengths: (V,) target edge length at each vertex, in the unit of the verts.
+        lengths: (V,) target edge length at each vertex, in the unit of the vertices.
         known: the edges of the faces, if known.
         on_sphere: (V, 3) places on the unit sphere, if the surface has a sphere map. Faces must not be turned over on
             the sphere, just as they must not flip.
@@ -41,7 +41,7 @@ class RemeshState:
     @cached_property
     def normals(self) -> Float[Tensor, "F 3"]:
         """Unit normals of the faces; 0 without area."""
-        return unit(area_vectors(self.verts, self.faces))
+        return unit(double_area_vectors(self.verts, self.faces))
 
     @cached_property
     def flipped(self) -> Bool[Tensor, " F"]:

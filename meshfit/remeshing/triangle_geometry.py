@@ -27,7 +27,7 @@ def corners_of(verts: Float[Tensor, "V 3"], faces: Int64[Tensor, "F 3"]) -> tupl
     return first, second, third
 
 
-def area_vectors(verts: Float[Tensor, "V 3"], faces: Int64[Tensor, "F 3"]) -> Float[Tensor, "F 3"]:
+def double_area_vectors(verts: Float[Tensor, "V 3"], faces: Int64[Tensor, "F 3"]) -> Float[Tensor, "F 3"]:
     """Return normal vectors of the faces, of twice their area as length."""
     a, b, c = corners_of(verts, faces)
     vectors: Tensor = torch.linalg.cross(b - a, c - a)

@@ -202,7 +202,7 @@ def test_a_connectivity_put_on_its_own_surface_by_its_own_map_lies_where_it_was(
     surface = FitState.of(tensor(mesh), torch.tensor(mesh.faces), torch.tensor(ball().verts))
     cloud = TargetCloud.of(mesh, torch.float64, torch.device("cpu"))
     better = surface.with_better_map(40, cloud)
-    carried = surface.carrying(torch.tensor(mesh.faces), better.on_sphere, cloud)
+    carried = surface.with_connectivity(torch.tensor(mesh.faces), better.on_sphere, cloud)
     np.testing.assert_allclose(carried.verts, mesh.verts, atol=1e-9)
 
 

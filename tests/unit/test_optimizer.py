@@ -72,7 +72,7 @@ def test_the_state_of_some_rows_is_put_back_among_the_rows_of_others(settings, s
     states = [first.state_of(slice(2, 4)), first.state_of(slice(0, 2))]
     with torch.no_grad():
         other.copy_(before.roll(2, 0))
-    second.put(states)
+    second.restore(states)
     expected = moved(whole, first, GRADIENTS[steps:])
     assert torch.equal(moved(other, second, np.roll(GRADIENTS[steps:], 2, axis=1)), expected.roll(2, 0))
 

@@ -143,7 +143,7 @@ def _with_boundary(
     """Add pairs of boundary points, which are free to slide along the target's boundary.
 
     Vertices and middles of boundary edges go to the nearest points of the target's boundary, and random points of that
-    to the nearest of these. Each pair is there twice, once for each of two normals of the target's boundary curve.
+    to the nearest of these. Each pair is added twice, once for each of two normals of the target's boundary curve.
     """
     side = shape.connectivity.edges.left[shape.connectivity.edges.outer]
     first = torch.nn.functional.one_hot(side % 3, 3).to(shape.verts)

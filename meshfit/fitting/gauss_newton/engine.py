@@ -210,7 +210,9 @@ class GaussNewton(Engine):
             return self._with_control_mesh(state, problem)
         if stage.change == "place" and state.on_sphere is not None:
             on_sphere, polygons = self._sphere_map(problem), _polygons_of(problem)
-            return state if on_sphere is None else state.carrying(self._faces(problem), on_sphere, target, polygons)
+            if on_sphere is not None:
+                state = state.with_connectivity(self._faces(problem), on_sphere, target, polygons)
+            return state
         movable = self.settings.connectivity == "remeshed" or state.on_sphere is not None
         count = self._rough_verts(problem) * stage.share * growth(resolve(problem.scheme), stage.refined)
         if movable and (stage.change == "remesh" or (stage.change == "start" and len(state.verts) > count)):

@@ -161,18 +161,18 @@ class FitState:
             return self
         return replace(self, on_sphere=self._sphere_map(target).improved(self.on_sphere, steps))
 
-    def carrying(
+    def with_connectivity(
         self,
         faces: Tensor,
         on_sphere: Float64[Tensor, "N 3"],
         target: TargetCloud,
         polygons: PolygonTopology | None = None,
     ) -> "FitState":
-        """Return the surface with another connectivity, transferred by the sphere map, densely where it is curved.
+        """Return the surface with other faces, transferred by the sphere map, densely where it is curved.
 
         Args:
-            faces: (G, 3) the connectivity.
-            on_sphere: (N, 3) its positions on the sphere.
+            faces: (G, 3) the other faces.
+            on_sphere: (N, 3) positions of their vertices on the sphere.
             target: the source of curvature.
             polygons: the polygons whose fan triangulation the faces are, if any.
         """

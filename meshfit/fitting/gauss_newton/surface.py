@@ -12,7 +12,7 @@ from torch import Tensor
 from meshfit.loss.sparse import Sparse
 from meshfit.mesh.mesh import Mesh
 from meshfit.remeshing.connectivity import Edges
-from meshfit.remeshing.triangle_geometry import area_vectors, length_of, unit
+from meshfit.remeshing.triangle_geometry import double_area_vectors, length_of, unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +60,11 @@ class Connectivity:
         values = np.concatenate([valence.clip(max=1), -share[tail], -share[head]])
         return Sparse.of(coo_array((values, (rows, columns)), shape=(n, n)), self.dtype, self.faces.device)
 
-    def at_verts(self, per_corner: Float[Tensor, "F N"]) -> Float[Tensor, "V N"]:
+    def at_verts(self, per_face: Float[Tensor, "F N"]) -> Float[Tensor, "V N"]:
         """Sum values of faces at each of their vertices."""
-        total = per_corner.new_zeros(self.num_verts, per_corner.shape[1])
+        total = per_face.new_zeros(self.num_verts, per_face.shape[1])
         for k in range(3):
-            total.index_add_(0, self.faces[:, k], per_corner)
+            total.index_add_(0, self.faces[:, k], per_face)
         return total
 
     def neighbour_mean(self, values: Float[Tensor, "V N"]) -> Float[Tensor, "V N"]:
@@ -100,24 +100,24 @@ class Shape:
     verts: Float[Tensor, "V 3"]
 
     @cached_property
-    def across(self) -> Float[Tensor, "F 3"]:
+    def double_area_vectors(self) -> Float[Tensor, "F 3"]:
         """Normal vectors of the faces, of twice their area as length."""
-        return area_vectors(self.verts, self.connectivity.faces)
+        return double_area_vectors(self.verts, self.connectivity.faces)
 
     @cached_property
     def double_area(self) -> Float[Tensor, " F"]:
         """Twice the area of each face."""
-        return length_of(self.across)
+        return length_of(self.double_area_vectors)
 
     @cached_property
     def normals(self) -> Float[Tensor, "F 3"]:
         """Unit normals of the faces; 0 without area."""
-        return unit(self.across)
+        return unit(self.double_area_vectors)
 
     @cached_property
     def vert_normals(self) -> Float[Tensor, "V 3"]:
         """Unit normals at the vertices: area-weighted means of the face normals."""
-        return unit(self.connectivity.at_verts(self.across))
+        return unit(self.connectivity.at_verts(self.double_area_vectors))
 
     @cached_property
     def corners(self) -> Float[Tensor, "F 3 3"]:
