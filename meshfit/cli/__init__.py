@@ -1,1 +1,1 @@
-"""Layer 7: the commands. Each parses, calls, prints; the only place that prints or exits."""
+"""The commands: each module parses options, calls the library and prints. Nothing else prints or exits."""

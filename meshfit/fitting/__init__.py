@@ -1,1 +1,1 @@
-"""Layer 3: the torch engines that fit a source to a target."""
+"""Fitting a source to a target in torch, with a first-order and a Gauss–Newton engine."""

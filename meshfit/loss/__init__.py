@@ -1,1 +1,1 @@
-"""Layer 2: the loss terms of first-order fits, as functions of tensors."""
+"""The loss terms of first-order fits, as functions of tensors."""

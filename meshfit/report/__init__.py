@@ -1,1 +1,1 @@
-"""Layer 6: from results to tables, their formats, and the check against expected numbers."""
+"""Tables, figures and HTML reports of results."""

@@ -1,1 +1,1 @@
-"""Layer 2: subdivision schemes as declared masks, and one assembler that lays them down as a sparse operator."""
+"""Subdivision schemes, declared as masks and assembled into sparse operators."""
