@@ -9,7 +9,7 @@ from rich.text import Text
 from meshfit.cli.console import out
 from meshfit.cli.options import RunDirs
 from meshfit.errors import ConfigError
-from meshfit.experiment.status.cleaning import clean as remove
+from meshfit.experiment.status.cleaning import clean as clean_trials
 from meshfit.experiment.status.scan import scan_experiments
 from meshfit.experiment.trial_status import TrialStatus
 from meshfit.units import count_text, size_text
@@ -37,13 +37,12 @@ def clean(
     """
     if not (failed or partial):
         raise ConfigError("expected --failed, --partial or both")
-    chosen = {TrialStatus.FAILED: failed, TrialStatus.INTERRUPTED: partial}
-    statuses = [status for status, is_chosen in chosen.items() if is_chosen]
-    cleaned = remove(scan_experiments(runs, datetime.now(UTC)), statuses, runs, dry_run=dry_run)
+    statuses = [TrialStatus.FAILED] * failed + [TrialStatus.INTERRUPTED] * partial
+    cleaned = clean_trials(scan_experiments(runs, datetime.now(UTC)), statuses, runs, dry_run=dry_run)
     for removed in cleaned.removed if dry_run else ():
         trial = removed.trial
-        what = f"half-written files of {trial.label}" if removed.names else f"{trial.status.value}: {trial.label}"
-        out.print(Text(f"{what}, {size_text(removed.size)}  {trial.path}"), soft_wrap=True)
+        text = f"half-written files of {trial.label}" if removed.names else f"{trial.status.value}: {trial.label}"
+        out.print(Text(f"{text}, {size_text(removed.size)}  {trial.path}"), soft_wrap=True)
     folders = sum(not removed.names for removed in cleaned.removed)
     files = sum(len(removed.names) for removed in cleaned.removed)
     counts = [count_text(folders, "trial")] if folders or not files else []

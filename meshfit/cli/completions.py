@@ -1,4 +1,4 @@
-"""Shell completion of names and paths. It has to be quick, so it loads no heavy library."""
+"""Shell completion of names and paths, without heavy imports because it has to be quick."""
 
 import os
 from collections.abc import Iterable
@@ -68,24 +68,24 @@ def settings(incomplete: str) -> Completions:
 
     plain = ExperimentSettings().model_dump(mode="json")
     fits = [plain["fit"] | model().model_dump(mode="json") for model in reversed(METHODS.values())]
-    found = {key: value for fit in fits for key, value in flatten(plain | {"fit": fit}).items()}
-    return _named({f"{key}=": f"default {value}" for key, value in found.items()}, incomplete)
+    defaults = {key: value for fit in fits for key, value in flatten(plain | {"fit": fit}).items()}
+    return _named({f"{key}=": f"default {value}" for key, value in defaults.items()}, incomplete)
 
 
 def folders(incomplete: str) -> Completions:
     """Folders, such as run directories and folders in them."""
-    return [(str(path), "") for path in _starting(incomplete) if path.is_dir()]
+    return [(str(folder), "") for folder in _folders(incomplete)]
 
 
 def trials(incomplete: str) -> Completions:
     """Folders of trials, or the folders above them where there is a choice."""
-    found = [path for path in _starting(incomplete) if path.is_dir()]
-    while len(found) == 1 and not found[0].name.startswith(_TRIAL):
-        below = [path for path in _starting(f"{found[0]}{os.sep}") if path.is_dir()]
+    candidates = _folders(incomplete)
+    while len(candidates) == 1 and not candidates[0].name.startswith(_TRIAL):
+        below = _folders(f"{candidates[0]}{os.sep}")
         if not below:
             break
-        found = below
-    return [(str(path), "") for path in found]
+        candidates = below
+    return [(str(folder), "") for folder in candidates]
 
 
 def meshes_or_trials(incomplete: str) -> Completions:
@@ -99,16 +99,19 @@ def _named(names: dict[str, str], incomplete: str) -> Completions:
 
 def _files(incomplete: str, suffixes: Iterable[str]) -> Completions:
     """Files with these suffixes, and folders that may contain more."""
-    wanted = tuple(suffixes)
-    found = [(f"{path}{os.sep}" if path.is_dir() else str(path)) for path in _starting(incomplete)]
-    return [(name, "") for name in found if name.endswith((os.sep, *wanted))]
+    names = [f"{path}{os.sep}" if path.is_dir() else str(path) for path in _paths(incomplete)]
+    return [(name, "") for name in names if name.endswith((os.sep, *suffixes))]
 
 
-def _starting(incomplete: str) -> list[Path]:
-    """Paths that start with the text; hidden ones only if it asks for them."""
+def _folders(incomplete: str) -> list[Path]:
+    return [path for path in _paths(incomplete) if path.is_dir()]
+
+
+def _paths(incomplete: str) -> list[Path]:
+    """Paths that start with the text; hidden ones only if its last part starts with a dot."""
     folder, name = os.path.split(incomplete)
     try:
-        found = sorted(Path(os.path.expanduser(folder) or ".").iterdir())  # noqa: PTH111  a part of a path
+        paths = sorted(Path(os.path.expanduser(folder) or ".").iterdir())  # noqa: PTH111  leaves an unknown ~user as it is
     except OSError:
         return []
-    return [path for path in found if path.name.startswith(name) and path.name.startswith(".") == name.startswith(".")]
+    return [path for path in paths if path.name.startswith(name) and path.name.startswith(".") == name.startswith(".")]

@@ -25,7 +25,7 @@ from meshfit.units import count_text, duration_text
 if TYPE_CHECKING:
     from meshfit.experiment.running.backends import Remote
 
-_MOST_WITH_ONE_REASON = 20
+_MOST_LISTED_PER_REASON = 20
 
 
 def run_and_report(trials: Sequence[Trial], options: RunOptions) -> int:
@@ -121,7 +121,7 @@ def _remote(options: RunOptions) -> Iterator["Remote | None"]:
 
 def _results_of(trials: Sequence[Trial], store: RunDirectory) -> list[Result]:
     results = [(trial, store.result(trial)) for trial in trials]
-    # A trial may have been run before its point of a sweep had the name that it has now.
+    # The name of a sweep point may have changed since its trial was run.
     return distinguish_definitions(
         [result | {"variant": trial.variant} for trial, result in results if result is not None]
     )
@@ -137,10 +137,10 @@ def _print_failures(trials: Sequence[Trial], outcomes: Mapping[int, Outcome], st
     for message in dict.fromkeys(outcomes[i].message for i in failed):
         same = [i for i in failed if outcomes[i].message == message]
         err.print(escape(message), soft_wrap=True)
-        for i in same[:_MOST_WITH_ONE_REASON]:
+        for i in same[:_MOST_LISTED_PER_REASON]:
             record = escape(str(store.folder(trials[i]) / FAILURE))
             err.print(f"  {escape(trials[i].label.ljust(width))}  {record}", soft_wrap=True)
-        if len(same) > _MOST_WITH_ONE_REASON:
+        if len(same) > _MOST_LISTED_PER_REASON:
             where = escape(str(store.root / trials[same[0]].experiment))
-            err.print(f"  and {len(same) - _MOST_WITH_ONE_REASON} more: meshfit status {where} --all", soft_wrap=True)
+            err.print(f"  and {len(same) - _MOST_LISTED_PER_REASON} more: meshfit status {where} --all", soft_wrap=True)
     return EXIT_FAILED

@@ -1,4 +1,4 @@
-"""The `meshfit` command. A command's module is imported when the command is used, and heavy libraries later still."""
+"""The `meshfit` command line. Each command's module is imported only when the command is used."""
 
 import inspect
 import sys
@@ -83,7 +83,7 @@ _SETTINGS: dict[str, Any] = {
 
 
 def _style_help() -> None:
-    """Keep dim text and yellow, which not every background shows, out of Typer's help, and limit its width."""
+    """Remove dim text and yellow, unreadable on some backgrounds, from Typer's help, and limit its width."""
     from typer import rich_utils
 
     for name, style in vars(rich_utils).copy().items():
@@ -103,17 +103,17 @@ class Command(TyperCommand):
 
 
 class Group(TyperGroup):
-    """The group of all commands. Only a command that is used is imported."""
+    """The group of all commands, of which only the one used is imported."""
 
-    def __init__(self, **attributes: Any) -> None:  # noqa: ANN401  likewise
+    def __init__(self, **attributes: Any) -> None:  # noqa: ANN401  passed on to Typer
         super().__init__(**attributes | {"commands": Commands()})
 
-    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401, ARG002  likewise
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401, ARG002  Typer's signature
         """Return the names of all commands."""
         return list(_PANELS)
 
-    def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401  likewise
-        """Print the help, whose list of commands has their summaries only."""
+    def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401  Typer's types are not public
+        """Print the help from the summaries of commands, without importing them."""
         self.commands = {
             name: TyperCommand(name, short_help=summary, rich_help_panel=panel)
             for panel, summaries in COMMANDS.items()
@@ -126,7 +126,7 @@ class Group(TyperGroup):
 class Commands(Mapping[str, Any]):
     """All commands by name, each imported when it is looked up."""
 
-    def __getitem__(self, name: str) -> Any:  # noqa: ANN401  likewise
+    def __getitem__(self, name: str) -> Any:  # noqa: ANN401  Typer's types are not public
         panel = _PANELS[name]
         function = getattr(import_module(f"meshfit.cli.{name}"), name)
         app = typer.Typer(**_SETTINGS, add_completion=False)

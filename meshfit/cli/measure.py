@@ -32,28 +32,32 @@ def measure(
     ] = None,
     normalise: Annotated[
         Literal["tutorial", "box", "none"],
-        typer.Option("--normalise", help="Frame of the target to put both meshes in.", metavar="FRAME"),
+        typer.Option(
+            "--normalise",
+            help="Normalise both meshes by this frame of the target: tutorial, box or none.",
+            metavar="FRAME",
+        ),
     ] = "none",
     as_json: AsJson = False,
 ) -> int:
     """Measure a mesh against a target.
 
     The metrics are Hausdorff, mean and RMS distance, chamfer distance, F-score, normal error and mesh quality. Lengths
-    are in the files' own units unless --normalise names a frame: tutorial, box or none; it is that of the target.
+    are in the files' own units unless --normalise names a frame.
 
     Examples:
         meshfit measure result.ply target.obj
         meshfit measure decimated.obj bunny --normalise tutorial --json
     """
-    from meshfit.measuring.measure import measure as measured
+    from meshfit.measuring.measure import measure as measure_mesh
     from meshfit.measuring.settings import MeasureSettings
     from meshfit.mesh.normalisation import frame_of
     from meshfit.mesh.targets import load_target
 
-    meshes = load_target(result), load_target(target)
-    frame = frame_of(meshes[1].verts, normalise)
+    result_mesh, target_mesh = load_target(result), load_target(target)
+    frame = frame_of(target_mesh.verts, normalise)
     settings = MeasureSettings() if samples is None else MeasureSettings(samples=samples)
-    values = measured(frame.normalise(meshes[0]), frame.normalise(meshes[1]), settings).to_dict()
+    values = measure_mesh(frame.normalise(result_mesh), frame.normalise(target_mesh), settings).to_dict()
     if as_json:
         typer.echo(json.dumps({"result": result, "target": target, "normalise": normalise} | values, indent=2))
     else:

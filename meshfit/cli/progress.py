@@ -1,4 +1,4 @@
-"""Progress on stderr: bars on a terminal; elsewhere plain lines for a log, at a rate at which they can be read."""
+"""Progress on stderr: bars on a terminal; elsewhere plain lines for a log, slow enough to be read."""
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -63,7 +63,7 @@ def show_parts(*, quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
 
 
 class Lines:
-    """Lines on stderr for a log: some at once, then one every few seconds."""
+    """Lines on stderr for a log: a burst at first, then one every few seconds."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
@@ -84,7 +84,7 @@ class Lines:
         return self._clock() - self._printed
 
     def print(self, text: str, *, even_if_fast: bool = False) -> None:
-        """Print a line if its time has come, or in any case."""
+        """Print a line, unless lines come too fast and `even_if_fast` is not set."""
         if self.allowed >= 1 or even_if_fast:
             self._allowed -= 1
             self._printed = self._clock()
@@ -92,7 +92,7 @@ class Lines:
 
 
 class TrialLines:
-    """A line for every trial that ends, or for several if they end too fast; one a minute if none ends."""
+    """One line per trial that ends, or for several that end too fast; one per minute while none ends."""
 
     def __init__(self, trials: Sequence["Trial"], clock: Callable[[], float] = time.monotonic) -> None:
         self._trials, self._clock, self._lines = trials, clock, Lines(clock)
@@ -101,7 +101,7 @@ class TrialLines:
         self._reported: set[int] = set()
 
     def update(self, progress: "ProgressReader", outcomes: Mapping[int, Outcome]) -> None:
-        """Print what is new."""
+        """Print the outcomes not yet printed."""
         if self._complete_before is None:
             # Trials that were complete before this run have no progress.
             before = [i for i in outcomes if progress[i].status is TrialStatus.WAITING]
@@ -138,7 +138,7 @@ class TrialLines:
 
 
 class TrialBars:
-    """A bar for all trials and one for each that runs, as far as the terminal has room."""
+    """One bar for all trials, and one per running trial as far as the terminal has room."""
 
     def __init__(self, trials: Sequence["Trial"], bars: Progress) -> None:
         self._trials, self._bars = trials, bars

@@ -123,9 +123,9 @@ def _facts(experiment: ScannedExperiment, trial: ScannedTrial, result: Result | 
         return
     machine, versions = result.get("platform", {}), result.get("versions", {})
     device = result.get("fit", {}).get("device")
-    where = [str(machine.get("system", "")), f"device {device}" if device else ""]
-    where += [f"{name} {versions[name]}" for name in ("meshfit", "torch", "python") if name in versions]
-    yield "ran on", ", ".join(filter(None, where))
+    parts = [str(machine.get("system", "")), f"device {device}" if device else ""]
+    parts += [f"{name} {versions[name]}" for name in ("meshfit", "torch", "python") if name in versions]
+    yield "ran on", ", ".join(filter(None, parts))
     if seconds := result.get("seconds"):
         yield "seconds", ", ".join(f"{name} {value:.3g}" for name, value in seconds.items())
     if memory := result.get("peak_memory_mb"):
@@ -151,9 +151,9 @@ def _metrics(result: Result) -> Iterator[tuple[Text, Text]]:
 
 
 def _files(trial: ScannedTrial) -> list[tuple[str, int, str]]:
-    """Name, bytes and meaning of each file in the order of `_FILES`, and of the folder of snapshots."""
+    """Name, size in bytes and meaning of each file, in the order of `_FILES`, and of the folder of snapshots."""
     names = [name for name in trial.folder.files if name != LOCK and (trial.path / name).is_file()]
-    order = {name: place for place, name in enumerate(_FILES)}
+    order = {name: i for i, name in enumerate(_FILES)}
     files = [
         (name, (trial.path / name).stat().st_size, _FILES.get(name, _HALF_WRITTEN if is_half_written(name) else ""))
         for name in sorted(names, key=lambda name: (order.get(name, len(order)), name))
@@ -166,7 +166,7 @@ def _files(trial: ScannedTrial) -> list[tuple[str, int, str]]:
 
 
 def _grid(rows: Iterable[tuple[Text, ...]], *, right: bool = False, indent: int = 2) -> Padding:
-    """Columns of text without a heading, the second aligned right if asked for."""
+    """Two or three columns of text without headings."""
     grid = Table.grid(padding=(0, 2, 0, 0))
     grid.add_column()
     grid.add_column(justify="right" if right else "left", overflow="fold")

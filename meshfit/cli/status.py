@@ -67,7 +67,7 @@ def status(
 
 
 def _summary(experiment: ScannedExperiment, width: int) -> Text:
-    """Line with the counts of trials, and the time left if something is left."""
+    """Line with the counts of trials, and the time left unless all have ended."""
     counts = [Text(f"{count:,} {status}", STYLES[status]) for status, count in experiment.counts.items() if count]
     line = Text.assemble((experiment.name.ljust(width), "bold"), "  ", Text(" · ").join(counts))
     seconds = seconds_left(experiment)
@@ -150,6 +150,10 @@ def _plain_trial(trial: ScannedTrial) -> dict[str, object]:
         plain["progress"] = progress.to_dict() if progress else None
     elif trial.status is TrialStatus.FAILED:
         failure = read_failure(trial.path)
-        where = {"step": failure.step, "see": str(failure.path)}
-        plain["failure"] = {"kind": failure.kind, "message": failure.message} | where
+        plain["failure"] = {
+            "kind": failure.kind,
+            "message": failure.message,
+            "step": failure.step,
+            "see": str(failure.path),
+        }
     return plain

@@ -30,7 +30,7 @@ def targets(as_json: AsJson = False) -> int:
         return 0
     table = Table(box=None, pad_edge=False)
     table.add_column("target", style="bold")
-    table.add_column("verts", justify="right")
+    table.add_column("vertices", justify="right")
     table.add_column("faces", justify="right")
     table.add_column("origin")
     for name, named in NAMED_TARGETS.items():
