@@ -121,7 +121,7 @@ def fit_batch(
     """
     settings = _settings(settings, overrides)
     if dtype not in get_args(Dtype):
-        raise ConfigError(f"dtype: got '{dtype}'; {suggest(str(dtype), get_args(Dtype))}")
+        raise ConfigError(f'dtype: got "{dtype}"; {suggest(str(dtype), get_args(Dtype))}')
     if threads < 1:
         raise ConfigError(f"threads: expected at least 1, got {threads}")
     for number, problem in enumerate(problems):

@@ -50,9 +50,16 @@ def test_dry_run_prints_what_is_complete_and_writes_nothing(complete):
     assert not (complete / "elsewhere").exists()
 
 
+def test_dry_run_estimates_the_time_from_complete_trials(complete):
+    out = invoke("run", "small.yaml", "--dry-run", "--set", "seeds=[1, 2]").out
+    assert re.search(r"about .* on \d+ workers?, estimated from 2 complete trials", out)
+
+
 @pytest.mark.slow
-def test_dry_run_estimates_the_time(complete):
-    assert re.search(r"about .* on \d+ workers?, estimated from ", invoke("run", "small.yaml", "--dry-run").out)
+def test_dry_run_estimates_the_time_by_a_probe(complete):
+    out = invoke("run", "small.yaml", "--dry-run", "--runs", "elsewhere").out
+    assert re.search(r"about .* on \d+ workers?, estimated from a probe of 1 trial", out)
+    assert not (complete / "elsewhere").exists()
 
 
 def test_json_goes_to_stdout_alone(complete):

@@ -73,7 +73,7 @@ def test_an_unknown_keyword_is_refused_with_the_nearest_that_is_known(changes, k
 @pytest.mark.parametrize("dtype", ["float16", "double", "int32", ""])
 def test_a_dtype_that_is_not_allowed_is_refused(dtype):
     text = refusal(ConfigError, dtype=dtype)
-    assert text.startswith(f"dtype: got '{dtype}'")
+    assert text.startswith(f'dtype: got "{dtype}"')
     assert "allowed: float32, float64" in text
 
 
