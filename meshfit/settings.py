@@ -12,15 +12,15 @@ from meshfit.errors import ConfigError
 from meshfit.specs import suggest
 
 KIND_KEY, DEFAULT_KIND = "method", "first-order"
-"""The key that tells the kind of settings that have several, and the kind of those without it."""
+"""The key that selects among several kinds of settings, and the kind of settings without it."""
 
 _LONGEST_VALUE = 100
-# By the start of pydantic's error type, in words that do not presuppose Python.
+# By the start of pydantic's error type, in words for readers who do not know Python.
 _EXPECTED = {
     "int": "an integer",
     "float": "a number",
     "finite_number": "a finite number",
-    "string": "a text",
+    "string": "text",
     "tuple": "a list, such as [a, b]",
     "model": "a mapping of keys to values",
     "dict": "a mapping of keys to values",
@@ -56,9 +56,9 @@ def build(model: type[Model], data: Mapping[str, Any], where: Callable[[KeyPath]
     """Validate plain data as settings.
 
     Args:
-        model: of the settings.
+        model: the class of the settings.
         data: nested mappings, as a YAML file holds them.
-        where: from the path of a key to the place where it was written, which begins the message.
+        where: maps the path of a key to the place where it was written, with which the message begins.
 
     Raises:
         ConfigError: for the first key at fault.

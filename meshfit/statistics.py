@@ -14,6 +14,10 @@ MOST_SEEDS = 10_000
 # The power is 1 beyond this noncentrality, at any degrees of freedom; farther out, scipy returns NaN.
 _MAX_NONCENTRALITY = 30.0
 
+BySeed = Mapping[int, float]
+"""The values of a sample by seed."""
+_Pairs = tuple[NDArray[np.float64], NDArray[np.float64]]
+
 
 def mean_interval(*samples: Sequence[float]) -> tuple[float, float]:
     """Return the 95 % confidence interval of a mean, or of the mean of several samples' means.
@@ -91,10 +95,6 @@ def _has_power(effect: float, degrees: float, seeds: int) -> bool:
     return 1 - float(nctdtr(freedom, noncentrality, _t_quantile(freedom))) >= POWER
 
 
-BySeed = Mapping[int, float]
-_Pairs = tuple[NDArray[np.float64], NDArray[np.float64]]
-
-
 @dataclass(frozen=True)
 class Summary:
     """Summary of one cell's values, one per seed.
@@ -141,10 +141,7 @@ class PairedDifference:
     @property
     def significant(self) -> bool | None:
         """Whether the interval excludes zero; None where there is no interval."""
-        if self.interval is None:
-            return None
-        low, high = self.interval
-        return not low <= 0 <= high
+        return None if self.interval is None else _excludes_zero(self.interval)
 
 
 def summarise(values: Sequence[float]) -> Summary:
@@ -166,17 +163,6 @@ def median_seed(sample: BySeed) -> int:
     """Return the seed of the median; of two in the middle, that of the lower value."""
     ranked = sorted(sample, key=lambda seed: (sample[seed], seed))
     return ranked[(len(ranked) - 1) // 2]
-
-
-def paired_difference(first: BySeed, second: BySeed, *, smaller_is_better: bool | None = None) -> PairedDifference:
-    """Compare two samples over the seeds that both have.
-
-    Args:
-        first: values by seed.
-        second: values by seed; at least one seed is also in `first`.
-        smaller_is_better: the better direction; None where neither is.
-    """
-    return mean_difference([(first, second)], smaller_is_better=smaller_is_better)
 
 
 def mean_difference(
@@ -212,8 +198,11 @@ def differ(first: BySeed, second: BySeed) -> bool:
     common = sorted(first.keys() & second.keys())
     if len(common) < 2:
         return False
-    low, high = mean_interval([first[seed] - second[seed] for seed in common])
-    return not low <= 0 <= high
+    return _excludes_zero(mean_interval([first[seed] - second[seed] for seed in common]))
+
+
+def _excludes_zero(interval: tuple[float, float]) -> bool:
+    return not interval[0] <= 0 <= interval[1]
 
 
 def _pairs(first: BySeed, second: BySeed) -> _Pairs:

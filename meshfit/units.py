@@ -1,8 +1,7 @@
 """Counts, durations and file sizes in words."""
 
-_SECONDS = 90
-_MINUTES = 90 * 60
-_HOURS = 48 * 3600
+# Shorter durations are given in seconds, minutes, or hours and minutes.
+_SECONDS_BELOW, _MINUTES_BELOW, _HOURS_BELOW = 90, 90 * 60, 48 * 3600
 _SIZES = ("B", "kB", "MB", "GB", "TB")
 
 
@@ -14,11 +13,11 @@ def count_text(number: int | str, noun: str) -> str:
 
 def duration_text(seconds: float) -> str:
     """Return `45 s`, `12 min`, `3 h 20 min` or `4 days`."""
-    if seconds < _SECONDS:
+    if seconds < _SECONDS_BELOW:
         return f"{seconds:.0f} s"
-    if seconds < _MINUTES:
+    if seconds < _MINUTES_BELOW:
         return f"{seconds / 60:.0f} min"
-    if seconds < _HOURS:
+    if seconds < _HOURS_BELOW:
         hours, minutes = divmod(round(seconds / 60), 60)
         return f"{hours} h {minutes} min" if minutes else f"{hours} h"
     return f"{seconds / 86400:.0f} days"

@@ -74,4 +74,4 @@ def compare(
     if seeds is not None:
         changes["seeds"] = list(range(seeds))
     changed = Experiment(experiment.name, override(experiment.settings, changes))
-    return run_and_report(plan([changed], elsewhere=options.cluster is not None), options)
+    return run_and_report(plan([changed], remote=options.cluster is not None), options)

@@ -35,4 +35,4 @@ def run(
     from meshfit.experiment.plan import plan
 
     experiments = [load_experiment(config, options.overrides or ()) for config in configs]
-    return run_and_report(plan(experiments, elsewhere=options.cluster is not None), options)
+    return run_and_report(plan(experiments, remote=options.cluster is not None), options)

@@ -29,7 +29,7 @@ NO_EFFECT_ON_RESULTS: dict[str, Any] = {
     **dict.fromkeys(("jobs", "threads", "retries", "sweep"), True),
     "fit": {"snapshots"},
 }
-"""Settings that only tell how the work is done, or are resolved when trials are planned."""
+"""Settings that control only how trials are run, or that are resolved when trials are planned."""
 
 _OWN_SCHEMES = {
     "my-loop": {
@@ -66,7 +66,7 @@ def _canonical_scheme(text: str, info: ValidationInfo) -> str:
     except SchemeError as error:
         raise ValueError(str(error)) from None
     if entry_of(spec_of(spec).name, registry).domain == "curves":
-        raise ValueError(f"{spec} refines curves, and experiments fit surfaces: allowed: {schemes_on(*SURFACES)}")
+        raise ValueError(f"{spec} refines curves, and experiments fit surfaces; allowed: {schemes_on(*SURFACES)}")
     return spec
 
 
@@ -136,8 +136,8 @@ class SourceSettings(Settings):
     """Position of the mean of the control mesh's vertices in the normalised frame; null keeps its place. Also accepted
     as `center`."""
     align: Align = "none"
-    """Alignment with the target after that: `none`; `center` or `centre`, by centroids; `pca`, by principal axes and
-    size as well; `icp`, by iterated closest points after `pca`."""
+    """Alignment of the refined source with the target: `none`; `center` or `centre`, by centroids; `pca`, by
+    principal axes and size as well; `icp`, by iterated closest points after `pca`."""
     project: Literal["none", "sphere"] = "none"
     """`sphere` projects the vertices of the control mesh and of each level onto the sphere about its centre."""
     creases: CreaseSettings | None = None
@@ -193,7 +193,7 @@ class ExperimentSettings(Settings):
         for key in ("creases", "alpha"):
             if getattr(self.source, key) is not None and self.fit.method != "first-order":
                 raise ValueError(
-                    f"source.{key}: needs fit.method first-order, got {self.fit.method}, which subdivides without it"
+                    f"source.{key}: {self.fit.method} fits without {key}; set fit.method: first-order, or remove it"
                 )
         return self
 
@@ -227,7 +227,7 @@ def default_settings(method: str = "first-order") -> dict[str, Any]:
 
 
 def non_default_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return those of some settings, as plain data, that differ from the defaults, in their order."""
+    """Return the settings, given as plain data, that differ from their defaults; the order is kept."""
     fit = settings.get("fit")
     method = fit.get(KIND_KEY, DEFAULT_KIND) if isinstance(fit, Mapping) else DEFAULT_KIND
     result = _difference(settings, default_settings(method))

@@ -7,7 +7,7 @@ from typing import Any
 
 from meshfit.config.experiment import SOURCE_FILE_KEYS, ExperimentSettings, with_canonical_keys
 from meshfit.config.scheme_files import read_scheme_files, relative_to_folder
-from meshfit.config.strict_yaml import Document, parse_value, read_document
+from meshfit.config.strict_yaml import parse_value, read_document
 from meshfit.config.sweeps import variants_of
 from meshfit.errors import ConfigError
 from meshfit.paths import CONFIG_SUFFIXES, bundled_folder, missing_file_message
@@ -44,7 +44,10 @@ def load_experiment(name_or_path: str, overrides: Sequence[str] = ()) -> Experim
     changes = with_canonical_keys(_parse_overrides(overrides))
 
     def where(key: KeyPath) -> str:
-        return _where(key, document, path, changes)
+        if _is_within(key, changes):
+            return "--set: "
+        line = document.line_of(key)
+        return f"{path}: " if line is None else f"{path}, line {line}: "
 
     data = apply_changes(_with_absolute_paths(with_canonical_keys(document.data), path.parent), changes)
     with_files = read_scheme_files(data, where)
@@ -112,15 +115,8 @@ def _parse_overrides(overrides: Sequence[str]) -> dict[str, Any]:
     return changes
 
 
-def _where(key: KeyPath, document: Document, path: Path, changes: dict[str, Any]) -> str:
-    if _is_within(key, changes):
-        return "--set: "
-    line = document.line_of(key)
-    return f"{path}: " if line is None else f"{path}, line {line}: "
-
-
 def _is_within(key: KeyPath, changes: Any) -> bool:  # noqa: ANN401  any YAML value
-    """Return whether the value at a key, or one that contains it, comes from the changes."""
+    """Whether the value at a key, or one that contains it, comes from the changes."""
     for part in key:
         if not isinstance(changes, dict):
             return True

@@ -13,19 +13,19 @@ from meshfit.settings import KeyPath, Settings, build, dotted
 from meshfit.subdivision.custom.definitions import Definition
 from meshfit.subdivision.registry import UserSchemes
 
-_SPEC = re.compile(r"(?P<path>.*\.ya?ml)(?P<parameters>:.*)?", re.DOTALL)
+_FILE_SPEC = re.compile(r"(?P<path>.*\.ya?ml)(?P<parameters>:.*)?", re.DOTALL)
 
 
 def scheme_name_for(text: str) -> str:
-    """Return a spec with the scheme's name in place of its file's path."""
-    found = _SPEC.fullmatch(text.strip())
-    return text if found is None else Path(found["path"]).stem + (found["parameters"] or "")
+    """Return a spec with the name of the scheme in place of the path of its file."""
+    match = _FILE_SPEC.fullmatch(text.strip())
+    return text if match is None else Path(match["path"]).stem + (match["parameters"] or "")
 
 
 def relative_to_folder(text: str, folder: Path) -> str:
-    """Return a spec with the path of its file, if it has one, relative to a folder."""
-    found = _SPEC.fullmatch(text.strip())
-    return text if found is None else str(folder / found["path"]) + (found["parameters"] or "")
+    """Return a spec with the path of its file, if it has one, taken relative to a folder."""
+    match = _FILE_SPEC.fullmatch(text.strip())
+    return text if match is None else str(folder / match["path"]) + (match["parameters"] or "")
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def read_scheme_files(data: Mapping[str, Any], where: Callable[[KeyPath], str] =
 
     Args:
         data: settings as plain data, not validated yet; entries that are not specs are left to the validation.
-        where: key → the place where it was written.
+        where: maps the path of a key to the place where it was written.
 
     Raises:
         ConfigError: a file is missing or is not a YAML mapping, or its scheme has the name of another definition.
@@ -73,10 +73,10 @@ def read_scheme_files(data: Mapping[str, Any], where: Callable[[KeyPath], str] =
     reader = _Reader(dict(define), where)
     for name, definition in define.items():
         reader.define[name] = reader.with_base(definition, ("define", str(name), "base"))
-    found = dict(data)
+    named = dict(data)
     if isinstance(schemes := data.get("schemes"), list | tuple):
-        found["schemes"] = [reader.named(spec, ("schemes", place)) for place, spec in enumerate(schemes)]
-    return SettingsWithFiles(found | ({"define": reader.define} if reader.define else {}), reader.files)
+        named["schemes"] = [reader.named(spec, ("schemes", index)) for index, spec in enumerate(schemes)]
+    return SettingsWithFiles(named | ({"define": reader.define} if reader.define else {}), reader.files)
 
 
 def resolve_specs(
@@ -86,15 +86,15 @@ def resolve_specs(
 
     Args:
         specs: as typed by the user.
-        definitions: besides those in files.
+        definitions: schemes that may be named in addition to those in files.
 
     Raises:
         ConfigError: as `read_scheme_files`, or a definition that is not allowed; with file and line.
     """
     define = {name: definition.model_dump(mode="json") for name, definition in definitions.items()}
-    found = read_scheme_files({"schemes": list(specs), "define": define})
-    own = build(UserSchemes, {"define": found.data.get("define", {})}, found.where)
-    return found.data["schemes"], own.define
+    settings = read_scheme_files({"schemes": list(specs), "define": define})
+    schemes = build(UserSchemes, {"define": settings.data.get("define", {})}, settings.where)
+    return settings.data["schemes"], schemes.define
 
 
 class _Reader:
@@ -104,10 +104,10 @@ class _Reader:
 
     def named(self, spec: Any, key: KeyPath) -> Any:  # noqa: ANN401  any YAML value
         """Return a spec with a name in place of a path, after reading its file."""
-        found = _SPEC.fullmatch(spec.strip()) if isinstance(spec, str) else None
-        if found is None:
+        match = _FILE_SPEC.fullmatch(spec.strip()) if isinstance(spec, str) else None
+        if match is None:
             return spec
-        self._read(Path(found["path"]), key)
+        self._read(Path(match["path"]), key)
         return scheme_name_for(spec)
 
     def with_base(self, definition: Any, key: KeyPath) -> Any:  # noqa: ANN401  any YAML value
@@ -117,35 +117,36 @@ class _Reader:
         return {**definition, "base": self.named(definition["base"], key)}
 
     def _read(self, path: Path, key: KeyPath) -> None:
-        name, place = path.stem, f"{self._where(key)}{dotted(key)}: " if self._where(key) else ""
+        name, where = path.stem, self._where(key)
+        place = f"{where}{dotted(key)}: " if where else ""
         if name in self.files:
             if self.files[name].path.resolve() != path.resolve():
                 raise ConfigError(f"{place}{path}: {self.files[name].path} defines '{name}' too; rename one")
             return
         if path.is_dir():
-            raise ConfigError(f"{place}{path}: expected a YAML file, found a directory")
+            raise ConfigError(f"{place}{path}: expected a YAML file, got a directory")
         if not path.is_file():
             raise ConfigError(f"{place}{path}: {missing_file_message(path, CONFIG_SUFFIXES)}")
         document = read_document(path)
         self.files[name] = SchemeFile(path, document)
         base = document.data.get("base")
-        inner = relative_to_folder(base, path.parent) if isinstance(base, str) else base
-        definition = self.with_base(document.data | ({"base": inner} if "base" in document.data else {}), key)
+        located = {"base": relative_to_folder(base, path.parent)} if isinstance(base, str) else {}
+        definition = self.with_base(document.data | located, key)
         if name in self.define and not _are_same(self.define[name], definition):
             raise ConfigError(f"{place}{path}: 'define' has another '{name}'; rename one")
         self.define[name] = definition
 
 
-class _Alone(Settings):
-    """A single definition, whatever its base is."""
+class _SingleDefinition(Settings):
+    """A single definition, of which the base is not checked."""
 
     definition: Definition
 
 
 def _are_same(first: Any, second: Any) -> bool:  # noqa: ANN401  any YAML values
-    """Return whether two definitions are equal; an invalid one equals no other."""
+    """Whether two definitions are equal; an invalid one equals no other."""
     try:
-        one, other = (build(_Alone, {"definition": definition}) for definition in (first, second))
+        settings = [build(_SingleDefinition, {"definition": definition}) for definition in (first, second)]
     except ConfigError:
         return False
-    return one == other
+    return settings[0] == settings[1]

@@ -42,7 +42,7 @@ def variants_of(settings: ExperimentSettings, where: Callable[[], str] = lambda:
 
     Args:
         settings: of the experiment.
-        where: returns the place where the sweep was written, which begins messages.
+        where: returns the place where the sweep was written, with which messages begin.
 
     Raises:
         ConfigError: a malformed sweep, a key or a value that is not allowed, or two equal points.
@@ -116,9 +116,9 @@ def _check_keys(axes: Sequence[Mapping[str, Any]]) -> None:
     for key in keys:
         first, _, last = key.partition(".")
         if first in _AXES:
-            raise ConfigError(f"sweep: {key}: it is always varied; list its values under '{first}'")
+            raise ConfigError(f"sweep: {key}: always varied; list its values under '{first}'")
         if NO_EFFECT_ON_RESULTS.get(first) is True or last in NO_EFFECT_ON_RESULTS.get(first, ()):
-            raise ConfigError(f"sweep: {key}: it has no effect on results, so it cannot be swept")
+            raise ConfigError(f"sweep: {key}: cannot be swept, since it has no effect on results")
         if keys.count(key) > 1:
             raise ConfigError(f"sweep: {key}: varied in two ways; use only one of {ZIP}, {VARIANTS} and the grid")
 

@@ -17,7 +17,7 @@ from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target
 from meshfit.subdivision.registry import NamedScheme
 
 RESULTS_VERSION = 2
-"""Increased whenever the same settings would give other numbers, so that older results are not taken for newer ones.
+"""Increased whenever the same settings give other numbers, so that older results are not taken for current ones.
 
 It is the `schema_version` of a `result.json`, and part of each trial's identity.
 """
@@ -35,7 +35,8 @@ class Trial:
         settings: settings of the experiment, narrowed to one target, one scheme and one seed.
         inputs: SHA-256 of every file that is read, by role.
         variant: name of its point in a sweep; empty where nothing is swept. Not part of the identity.
-        copies: current paths of files that are not where the settings say. Not part of the identity.
+        copies: current paths of files that are not where the settings say, by the name in the settings. Not part of
+            the identity.
     """
 
     experiment: str
@@ -66,11 +67,11 @@ class Trial:
 
     @property
     def files(self) -> dict[str, str]:
-        """The user's files that it reads, by role."""
+        """The files of the user that it reads, by role."""
         names = {"target": self.target, **source_files(self.settings.source)}
         return {role: names[role] for role, _ in self.inputs if names[role] not in NAMED_TARGETS}
 
-    def where(self, name: str) -> str:
+    def current_path(self, name: str) -> str:
         """The current path of a file that the settings name."""
         return dict(self.copies).get(name, name)
 
@@ -78,8 +79,8 @@ class Trial:
     def plain_settings(self) -> dict[str, Any]:
         """The settings as plain data, without those that have no effect on results.
 
-        Definitions, creases, alphas and `wanted_verts` are left out where they are not set: older versions did not have
-        them, so that their trials keep their identities.
+        Definitions, creases, alphas and `wanted_verts` are left out where they are not set, so that trials of older
+        versions, which did not have them, keep their identities.
         """
         unset = {key for key in _KEYS_OMITTED_IF_NULL if getattr(self.settings.source, key) is None}
         plain = self.settings.model_dump(mode="json", exclude=NO_EFFECT_ON_RESULTS | {"source": unset})
@@ -94,7 +95,7 @@ class Trial:
 
     @property
     def names(self) -> dict[str, Any]:
-        """Its names in records: target, title of the target, scheme, seed and variant."""
+        """The names by which records identify it: target, title of the target, scheme, seed and variant."""
         target = {"target": target_label(self.target), "target_title": target_title(self.target)}
         return target | {"scheme": self.scheme, "seed": self.seed, "variant": self.variant}
 
@@ -116,14 +117,14 @@ def target_label(target: str) -> str:
     return target if target in NAMED_TARGETS else Path(target).stem
 
 
-def plan(experiments: Sequence[Experiment], *, elsewhere: bool = False) -> list[Trial]:
-    """List the trials of experiments: variants × targets × schemes × seeds of each, in this order.
+def plan(experiments: Sequence[Experiment], *, remote: bool = False) -> list[Trial]:
+    """List the trials of each experiment: variants × targets × schemes × seeds, in this order.
 
     Every target and every source is loaded once, so that bad input is refused before the first trial starts.
 
     Args:
         experiments: the experiments.
-        elsewhere: whether they will run on other machines, so that this one does not have to have their device.
+        remote: whether they will run on other machines, so that this one need not have their device.
 
     Raises:
         MeshfitError: a sweep, a target, a source or the device cannot be used.
@@ -131,7 +132,7 @@ def plan(experiments: Sequence[Experiment], *, elsewhere: bool = False) -> list[
     trials: dict[Path, Trial] = {}
     for experiment in experiments:
         for variant in variants_of(experiment.settings):
-            if not elsewhere:
+            if not remote:
                 _check_device(variant.settings)
             for trial in _trials_of(experiment.name, variant):
                 trials.setdefault(trial.folder, trial)

@@ -15,11 +15,7 @@ from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.meshlab import decimate
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.solids import POLYGON_SOLIDS, SOLIDS
-from meshfit.mesh.targets import (
-    NAMED_TARGETS,
-    load_target_with_vertex_map,
-    target_path,
-)
+from meshfit.mesh.targets import NAMED_TARGETS, load_target_with_vertex_map, target_path
 from meshfit.mesh.topology import Indices, PolygonTopology, Topology
 from meshfit.specs import parse_spec, suggest
 from meshfit.subdivision.creases import Creases, creases_by_angle, read_creases
@@ -36,34 +32,36 @@ AnyMesh = Mesh | PolygonMesh
 
 
 def build_source(settings: SourceSettings, scheme: str | Scheme, name: str = "this scheme") -> AnyMesh:
-    """Build the mesh that a fit starts from: of triangles, or of polygons if the scheme is one on polygons.
+    """Build the mesh that a fit starts from: polygons if the scheme refines polygons, else triangles.
 
-    Polygons begin at the corner from which their fan has the shortest diagonals, so that every reader of the mesh cuts
-    them into the same triangles.
+    Each polygon begins at the corner from which its fan has the shortest diagonals, so that every reader of the mesh
+    cuts it into the same triangles.
 
     Args:
         settings: the control mesh, its placement, creases and alphas, and the number of levels.
         scheme: the scheme that refines it, or its spec.
-        name: name of the scheme in messages, if it is not given by its spec.
+        name: the scheme's name in messages; its spec if that is given.
 
     Raises:
-        ConfigError: the control mesh is neither built in, nor a target, nor a file; or it is decimated, and a file of
+        ConfigError: the control mesh is neither built in, nor a target, nor a file; or it is decimated, but a file of
             creases or alphas refers to its original vertices.
-        MeshError: it, or a file of creases or alphas, cannot be used.
+        MeshError: the control mesh, or a file of creases or alphas, cannot be used.
         SchemeError: the scheme does not exist, takes no creases or has no alpha.
     """
-    masks, name = resolve(scheme), scheme if isinstance(scheme, str) else name
-    mesh, vertex_map = _control_mesh(settings, polygons=isinstance(masks, PolygonScheme))
-    creases = _creases(settings, masks, name, mesh, vertex_map)
-    masks = _with_alphas(settings, masks, name, vertex_map)
+    if isinstance(scheme, str):
+        name = scheme
+    scheme = resolve(scheme)
+    mesh, vertex_map = _control_mesh(settings, polygons=isinstance(scheme, PolygonScheme))
+    creases = _creases(settings, scheme, name, mesh, vertex_map)
+    scheme = _with_alphas(settings, scheme, name, vertex_map)
     try:
-        return _refined(mesh, settings, masks, creases)
+        return _refined(mesh, settings, scheme, creases)
     except MeshError as error:
         raise MeshError(f"{settings.mesh}: {error}") from None
 
 
 def source_files(settings: SourceSettings) -> dict[str, str]:
-    """The files that a source is made from, by role, as the settings name them.
+    """Return the files that a source is made from, by role, as the settings name them.
 
     Raises:
         ConfigError: the control mesh is neither built in, nor a target, nor a file.
@@ -197,36 +195,36 @@ def _refined_on_sphere(verts: Verts, operators: Iterable[csr_array]) -> Verts:
 
 
 def _creases(
-    settings: SourceSettings, masks: Scheme, name: str, mesh: AnyMesh, vertex_map: Indices | None
+    settings: SourceSettings, scheme: Scheme, name: str, mesh: AnyMesh, vertex_map: Indices | None
 ) -> Creases | None:
-    wanted = settings.creases
-    if wanted is None:
+    options = settings.creases
+    if options is None:
         return None
-    sharpness = inf if wanted.sharpness is None else wanted.sharpness
+    sharpness = inf if options.sharpness is None else options.sharpness
     with _error_prefix("source.creases"):
-        require_takes_creases(masks, name)
+        require_takes_creases(scheme, name)
         assert isinstance(mesh, Mesh)  # noqa: S101  schemes that take creases are on triangles
-        if wanted.angle is not None:
-            return creases_by_angle(mesh, wanted.angle, sharpness)
-        assert wanted.file is not None  # noqa: S101  the settings hold one of both
-        return read_creases(wanted.file, Topology.of(mesh), _undecimated(settings, vertex_map), sharpness)
+        if options.angle is not None:
+            return creases_by_angle(mesh, options.angle, sharpness)
+        assert options.file is not None  # noqa: S101  the settings hold one of the two
+        return read_creases(options.file, Topology.of(mesh), _undecimated(settings, vertex_map), sharpness)
 
 
-def _with_alphas(settings: SourceSettings, masks: Scheme, name: str, vertex_map: Indices | None) -> Scheme:
-    wanted = settings.alpha
-    if wanted is None:
-        return masks
+def _with_alphas(settings: SourceSettings, scheme: Scheme, name: str, vertex_map: Indices | None) -> Scheme:
+    options = settings.alpha
+    if options is None:
+        return scheme
     with _error_prefix(f"source.alpha: {name}"):
-        masks = masks.with_alpha(0.0)
+        scheme = scheme.with_alpha(0.0)  # refuses schemes without an alpha before any file is read
     with _error_prefix("source.alpha"):
         verts = _undecimated(settings, vertex_map)
-        if wanted.file is not None:
-            return masks.with_alpha(read_vertex_values(wanted.file, verts, (0.0, 1.0)))
-        assert wanted.attribute is not None  # noqa: S101  the settings hold one of both
+        if options.file is not None:
+            return scheme.with_alpha(read_vertex_values(options.file, verts, (0.0, 1.0)))
+        assert options.attribute is not None  # noqa: S101  the settings hold one of the two
         path = _control_mesh_path(settings.mesh)
         if path is None:
-            raise MeshError(f"attribute: {settings.mesh} is not read from a file, and has no attributes")
-        return masks.with_alpha(read_vertex_property(path, wanted.attribute, verts, (0.0, 1.0)))
+            raise MeshError(f"attribute: {settings.mesh} is built in and has no attributes")
+        return scheme.with_alpha(read_vertex_property(path, options.attribute, verts, (0.0, 1.0)))
 
 
 @contextmanager
@@ -241,6 +239,6 @@ def _error_prefix(key: str) -> Iterator[None]:
 def _undecimated(settings: SourceSettings, vertex_map: Indices | None) -> Indices:
     if vertex_map is None:
         raise ConfigError(
-            f"it refers to the vertices of {settings.mesh}, which source.decimate replaces; set source.decimate to null"
+            f"refers to the vertices of {settings.mesh}, which source.decimate replaces; set source.decimate to null"
         )
     return vertex_map

@@ -12,7 +12,7 @@ class TrialStatus(StrEnum):
 
     WAITING = "waiting"
     RUNNING = "running"
-    """Fitting or measuring: a scan of the run directory does not tell which."""
+    """Fitting or measuring; a scan of the run directory does not distinguish the two."""
     FITTING = "fitting"
     MEASURING = "measuring"
     COMPLETE = "complete"
@@ -39,11 +39,11 @@ class Progress:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a trial ended.
+    """The outcome of one attempt at a trial.
 
     Attributes:
         status: complete, failed or interrupted.
-        message: why it failed.
+        message: the reason, if it failed.
         kind: its `FailureKind`, if it failed.
     """
 

@@ -123,7 +123,7 @@ def test_ctrl_c_brings_checkpoints_back_and_the_next_run_goes_on_from_them(tmp_p
     stopped = sorted((tmp_path / "runs").rglob("checkpoint.pt"))
     assert stopped
     meshfit("run", config, "-q", folder=tmp_path)
-    assert all("going on from a checkpoint" in (path.parent / "trial.log").read_text() for path in stopped)
+    assert all("resuming from a checkpoint" in (path.parent / "trial.log").read_text() for path in stopped)
     assert same(contents(tmp_path / "runs", *NAMES), undisturbed[0])
 
 
@@ -144,7 +144,7 @@ def test_a_scheduler_that_is_lost_is_one_line_and_the_next_run_goes_on(tmp_path,
 def test_a_gpu_that_no_worker_has_is_missed_at_once(tmp_path, cluster):
     config = config_file(tmp_path, CONFIG.replace("device: cpu", "device: cuda"))
     _, err = meshfit("run", config, "--cluster", cluster, folder=tmp_path, code=2)
-    assert "needs a GPU, and no worker offers one" in err
+    assert "requires a GPU, but no worker has one" in err
 
 
 def test_a_scheduler_that_is_not_there_is_one_line(tmp_path, monkeypatch):

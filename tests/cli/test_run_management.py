@@ -147,7 +147,7 @@ def test_what_is_not_allowed_is_refused(tmp_path, monkeypatch):
     assert refused("clean", "runs") == "error: expected --failed, --partial or both"
     assert "allowed: .csv, .parquet" in refused("export", "runs", "-o", "out.xlsx")
     assert "no trial under runs is complete or failed" in refused("export", "runs", "-o", "out.csv")
-    assert "4 or more digits of its identity; there are: " in refused("show", "abc")
+    assert "4 or more digits of its identity; the trials are: " in refused("show", "abc")
     assert "Missing option '--output'" in refused("export", "runs")
 
 

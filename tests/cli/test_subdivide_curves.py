@@ -70,7 +70,7 @@ def test_what_is_refused(folder, arguments):
 
 def test_experiments_are_of_surfaces(folder):
     said = refused("compare", "loop", "four-point", "--dry-run")
-    assert said.startswith("error: schemes[1]: four-point refines curves, and experiments fit surfaces: allowed: mid")
+    assert said.startswith("error: schemes[1]: four-point refines curves, and experiments fit surfaces; allowed: mid")
     assert "four-point" not in completed("meshfit compare ")
     assert "loop" in completed("meshfit compare ")
 

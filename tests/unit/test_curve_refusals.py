@@ -126,7 +126,7 @@ def test_a_scheme_of_ones_own():
 
 def test_experiments_refuse_schemes_on_curves():
     for name in CURVE_SCHEMES:
-        said = f"schemes.1.: {name} refines curves, and experiments fit surfaces: allowed: {ON_TRIANGLES}"
+        said = f"schemes.1.: {name} refines curves, and experiments fit surfaces; allowed: {ON_TRIANGLES}"
         with pytest.raises(ConfigError, match=said):
             load_experiment("quickstart", [f"schemes=[loop, {name}]"])
 

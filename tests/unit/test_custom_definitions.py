@@ -38,7 +38,7 @@ REFUSED = {
     "mine: {base: loop, alpha: .nan}": "3: define.mine.alpha: expected a finite number, got NaN",
     "mine: {base: loop, aplha: 1}": "3: define.mine.aplha: no such key: did you mean 'alpha'? allowed: base, alpha",
     "mine: {base: loop, edge: {end: 1/2}}": "3: define.mine.edge: no such key: allowed: base, alpha",
-    "mine: {base: [loop]}": '3: define.mine.base: expected a text, got ["loop"]',
+    "mine: {base: [loop]}": '3: define.mine.base: expected text, got ["loop"]',
     mine(split="quad"): "6: define.mine.split: got \"quad\"; did you mean 'quadrisect'? allowed: quadrisect, sqrt3",
     mine(split="sqrt3"): "4: define.mine.edge: no such key: allowed: split, vertex, spokes, face, boundary",
     mine(edgy="3"): "6: define.mine.edgy: no such key: did you mean 'edge'?",

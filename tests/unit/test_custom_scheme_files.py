@@ -121,7 +121,7 @@ def test_files_that_cannot_be_read(project):
         "'project/own/my-loop.yaml'?"
     )
     (project / "folder.yaml").mkdir()
-    assert "schemes[0]: project/folder.yaml: expected a YAML file, found a directory" in refusal(
+    assert "schemes[0]: project/folder.yaml: expected a YAML file, got a directory" in refusal(
         "schemes: [folder.yaml]\n"
     )
 
@@ -130,7 +130,7 @@ def test_what_is_no_list_of_specs_is_left_to_the_checks(project):
     assert refusal("schemes: own/my-loop.yaml\n").startswith("project/c.yaml, line 1: schemes: expected ")
     assert refusal("schemes: [[own/my-loop.yaml]]\n").startswith("project/c.yaml, line 1: schemes[0]: expected ")
     assert refusal("define: null\nschemes: [loop]\n").startswith("project/c.yaml, line 1: define: expected ")
-    assert refusal("define: {mine: {base: null}}\n").startswith("project/c.yaml, line 1: define.mine.base: expected a")
+    assert refusal("define: {mine: {base: null}}\n").startswith("project/c.yaml, line 1: define.mine.base: expected")
 
 
 def test_specs_from_a_command_line(project):

@@ -163,8 +163,8 @@ def test_schemes_on_triangles_refuse_polygons(scheme):
     [
         (mixed, r"needs quads: face \d+ has [35] corners"),
         (lambda: prism(5), "face 0 has 5 corners; catmull-clark"),
-        (lambda: quad_wheel(5, 2), r"vertex 0, inside, has valence 5, 4 is allowed \(1 such verts\)"),
-        (quad_cube, r"vertex 0, inside, has valence 3, 4 is allowed \(8 such verts\)"),
+        (lambda: quad_wheel(5, 2), r"vertex 0, inside, has valence 5, 4 is allowed \(1 such vertices\)"),
+        (quad_cube, r"vertex 0, inside, has valence 3, 4 is allowed \(8 such vertices\)"),
     ],
 )
 def test_tensor_products_refuse_what_they_have_no_rule_for(scheme, make, message):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from meshfit.statistics import MOST_SEEDS, paired_difference, seeds_needed
+from meshfit.statistics import MOST_SEEDS, mean_difference, seeds_needed
 
 # Sample sizes of the paired t test for 80 % power at 5 %, two-sided, by effect size: G*Power 3.1 and Cohen's tables.
 PUBLISHED = {0.2: 199, 0.5: 34, 0.8: 15, 1.0: 10}
@@ -31,7 +31,7 @@ def test_so_many_seeds_find_the_difference_in_four_of_five_experiments(effect):
     needed = seeds_needed(effect, [1.0])
     draws = np.random.default_rng(needed).normal(effect, size=(400, needed))
     zeros = dict.fromkeys(range(needed), 0.0)
-    found = [paired_difference(dict(enumerate(draw)), zeros).significant for draw in draws.tolist()]
+    found = [mean_difference([(dict(enumerate(draw)), zeros)]).significant for draw in draws.tolist()]
     assert np.mean(found) > 0.75  # 400 experiments leave a standard deviation of 0.02
     assert needed < 5 or np.mean(found) < 0.90
 

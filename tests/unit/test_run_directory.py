@@ -6,7 +6,7 @@ import pytest
 
 from meshfit.errors import StoreError
 from meshfit.experiment.storage.result import read_results
-from meshfit.experiment.storage.run_directory import make_folder, write_atomically, write_json
+from meshfit.experiment.storage.run_directory import json_text, make_folder, write_atomically
 
 
 def test_a_file_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
@@ -83,4 +83,4 @@ def test_missing_and_empty_run_directories_are_told_apart(tmp_path):
 
 def test_json_holds_no_nan():
     with pytest.raises(ValueError, match="Out of range"):
-        write_json({"x": float("nan")})
+        json_text({"x": float("nan")})

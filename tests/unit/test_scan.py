@@ -78,7 +78,7 @@ def test_a_plan_alone_makes_an_experiment(tmp_path):
     [
         (b"{", "not valid JSON"),
         (b"[]", "expected a JSON object, got a list"),
-        ({"schema_version": 2}, "found schema_version 2, this meshfit reads 1"),
+        ({"schema_version": 2}, "got schema_version 2, expected 1; the next `meshfit run` rewrites it"),
         ({"trials": [{"folder": "a"}]}, "not a plan: no 'identity'"),
         ({"trials": 3}, "not a plan: "),
         ({"trials": ["a"]}, "not a plan: "),

@@ -53,14 +53,14 @@ def test_what_is_no_trial_is_refused_with_those_that_there_are(tmp_path, monkeyp
     for seed in range(module._MOST_LISTED + 2):
         complete(tmp_path / "runs", seed=seed)
     said = refusal(text or "-", tmp_path / "runs")
-    assert "4 or more digits of its identity; there are: " in said
+    assert "4 or more digits of its identity; the trials are: " in said
     assert said.count("bunny · loop · seed") == module._MOST_LISTED
     assert said.endswith(" and 2 more")
 
 
 def test_a_folder_above_trials_is_none(tmp_path):
     folder = complete(tmp_path)
-    assert "not the folder of a trial, but one above it; there are: " in refusal(folder.parent, tmp_path)
+    assert "expected the folder of one trial; the trials below it are: " in refusal(folder.parent, tmp_path)
     (tmp_path / "empty").mkdir()
     with pytest.raises(StoreError, match="no trial under"):
         find_trial(str(tmp_path / "empty"), tmp_path, NOW)

@@ -21,7 +21,7 @@ from meshfit.experiment.storage.trial_log import read_progress
 from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
 
 Transfer = Literal["auto", "shared", "returned"]
-"""Transfer of files: workers write to a `shared` directory, or files are `returned` to the sender of the trial."""
+"""Transfer of files: workers write to a `shared` directory, or return files to the sender of the trial."""
 
 _SECONDS_BETWEEN_READS = 2.0
 
@@ -49,7 +49,7 @@ class Backend(Protocol):
 
     @property
     def is_local(self) -> bool:
-        """Whether workers share the memory of this machine, so that one may cause the death of another."""
+        """Whether workers share the memory of this machine, so that one that takes too much may get another killed."""
 
     def batches(self, trials: Mapping[int, Trial]) -> list[Batch]:
         """Divide trials into batches, each for a device."""
@@ -103,7 +103,7 @@ class Remote:
             process, the second waits for the first.
         gpus: the number of trials that can each have a GPU at the same time.
         transfer: transfer of files; `auto` checks whether workers see the run directory.
-        workers: the number of workers, as far as is known.
+        workers: the number of workers; 1 if it is not known.
     """
 
     workers = 1
@@ -116,7 +116,7 @@ class Remote:
         return CancellationFile(root / f".stop-{uuid.uuid4().hex}")
 
     def on_workers(self, function: Callable[..., Any], *args: object) -> list[Any]:
-        """Call a function on all workers, or on one where not all can be reached, and return the results."""
+        """Call a function on all workers, or on one if the executor cannot address all, and return the results."""
         return [self.executor.submit(function, *args).result()]
 
     def shares(self, root: Path) -> bool:
@@ -136,7 +136,7 @@ class Remote:
         finally:
             path.unlink(missing_ok=True)
         if self.transfer == "shared" and not seen:
-            raise ClusterError(f"workers do not see {root.resolve()}; name a directory they share, or return files")
+            raise ClusterError(f"workers do not see {root.resolve()}; use a directory that they share, or return files")
         return seen
 
     def close(self) -> None:
@@ -198,7 +198,7 @@ class RemoteBackend:
         on_gpu = [trial for trial in trials.values() if trial.settings.device.startswith("cuda")]
         if on_gpu and not self._remote.gpus:
             raise DeviceError(
-                f"{on_gpu[0].label} needs a GPU, and no worker offers one; start workers with --resources 'GPU=1', "
+                f"{on_gpu[0].label} requires a GPU, but no worker has one; start workers with --resources 'GPU=1', "
                 "or set device: cpu"
             )
         return assign_devices(trials, ["cuda"] * self._remote.gpus)
@@ -249,5 +249,5 @@ class FileProgress:
 
 
 def is_death(error: BaseException) -> bool:
-    """Whether an exception in place of a result means that a worker died: of this package, of loky or of Dask."""
+    """Whether an exception means that a worker of this package, of loky or of Dask died."""
     return isinstance(error, BrokenProcessPool) or type(error).__name__ in ("KilledWorker", "TerminatedWorkerError")

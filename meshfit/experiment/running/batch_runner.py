@@ -1,4 +1,4 @@
-"""Run a batch of trials in one process: complete ones are skipped, failures are recorded."""
+"""Batch runner: run a batch of trials in one process; complete ones are skipped, failures are recorded."""
 
 import math
 import time
@@ -36,8 +36,8 @@ def run_batch(
     Args:
         trials: trials of the same fit settings, device and dtype.
         store: the run directory.
-        on_progress: called at every step with the index of a trial; it may raise `Interrupted`, upon which checkpoints
-            are written.
+        on_progress: called at every step with the index of a trial; if it raises `Interrupted`, checkpoints are
+            written.
         device: the device in place of that of the settings.
         threads: as in `fit`.
         force: rerun complete trials, and ignore checkpoints.
@@ -121,7 +121,7 @@ def _run(runners: Sequence[TrialRunner], device: str | None, threads: int) -> No
 
 
 def _run_singly(runners: Sequence[TrialRunner], error: Exception, device: str | None, threads: int) -> None:
-    """Run the trials of a batch that failed as a whole one by one, so that the other trials get through."""
+    """Rerun each trial of a failed batch by itself, so that those that did not cause the failure succeed."""
     if len(runners) == 1:
         runners[0].fail(error)
         return
@@ -135,7 +135,7 @@ def _failures_recorded(runner: TrialRunner) -> Iterator[None]:
         yield
     except (Interrupted, StoreError):
         raise
-    except Exception as error:  # noqa: BLE001  whatever a trial raises, the others go on
+    except Exception as error:  # noqa: BLE001  any error of a trial is recorded, and the others go on
         runner.fail(error)
 
 
@@ -143,11 +143,11 @@ class _Clock:
     """Seconds of a fit: those of the batch, divided by its size."""
 
     def start(self, size: int) -> None:
-        """Start to count."""
+        """Start the clock."""
         self._start, self._end, self._size = time.perf_counter(), math.inf, size
 
     def stop(self) -> None:
-        """Stop: the following work is not part of the fit."""
+        """Stop the clock; what follows is not part of the fit."""
         self._end = time.perf_counter()
 
     def __call__(self) -> float:

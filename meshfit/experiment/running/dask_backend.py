@@ -74,7 +74,7 @@ class DaskRemote(Remote):
         _check_versions(self._client)
         threads = max(int(worker["nthreads"]) for worker in workers.values())
         if threads > 1:
-            text = f"workers have up to {threads} threads, and run one trial at a time; start them with --nthreads 1"
+            text = f"workers have up to {threads} threads, but run one trial at a time; start them with --nthreads 1"
             warnings.warn(text, MeshfitWarning, stacklevel=2)
         gpus = sum(int(worker.get("resources", {}).get(_GPU, 0)) for worker in workers.values())
         super().__init__(_DaskExecutor(self._client), gpus=gpus, transfer=transfer)
@@ -89,7 +89,7 @@ class DaskRemote(Remote):
         return list(self._client.run(function, *args).values())
 
     def close(self) -> None:
-        """Disconnect from the cluster, which goes on."""
+        """Disconnect from the cluster, which keeps running."""
         self._client.close()
 
 
@@ -118,7 +118,7 @@ def _connected(address: str) -> Any:  # noqa: ANN401  distributed is optional
     try:
         distributed = importlib.import_module("distributed")
     except ImportError:
-        raise ConfigError("--cluster needs Dask, which is not installed: pip install 'meshfit[dask]'") from None
+        raise ConfigError("--cluster requires Dask, which is not installed: pip install 'meshfit[dask]'") from None
     # Errors arrive as exceptions; Dask's own logs would break the progress bars.
     for name in [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]:
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)

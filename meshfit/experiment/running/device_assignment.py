@@ -13,7 +13,7 @@ _MAX_BATCH = 64
 _MAX_THREADS = 2
 _BYTES_PER_TRIAL = 600e6
 _USABLE_MEMORY = 0.8
-_QUOTA = Path("/sys/fs/cgroup/cpu.max")
+_CPU_QUOTA = Path("/sys/fs/cgroup/cpu.max")
 
 
 class Batch(NamedTuple):
@@ -26,8 +26,8 @@ class Batch(NamedTuple):
 def assign_devices(trials: Mapping[int, Trial], gpus: Sequence[str]) -> list[Batch]:
     """Divide trials into batches, each for a device.
 
-    On the CPU each trial is a batch of its own, so that workers share the load evenly and one that dies stops no other
-    trial. On other devices trials of the same settings share a batch: a step costs about the same for one as for many.
+    On the CPU each trial is a batch of its own, so that the load is even and a worker that dies stops no other trial.
+    On other devices trials of the same settings share a batch, since a step costs about the same for one as for many.
 
     Args:
         trials: trials by number.
@@ -58,7 +58,7 @@ def workers_and_threads(trials: Sequence[Trial], jobs: int | None) -> tuple[int,
 
     Args:
         trials: the trials to run.
-        jobs: the number of processes; None leaves it to the settings.
+        jobs: the number of processes; None takes it from the settings.
     """
     cores = available_cores()
     jobs_set = [trial.settings.jobs for trial in trials if trial.settings.jobs != "auto"]
@@ -69,10 +69,10 @@ def workers_and_threads(trials: Sequence[Trial], jobs: int | None) -> tuple[int,
 
 
 def available_cores() -> int:
-    """The number of cores that this process may use: those it is bound to, up to the quota of its container."""
+    """Return the number of cores that this process may use: those it is bound to, up to its container's quota."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     try:
-        quota, period = _QUOTA.read_text().split()
+        quota, period = _CPU_QUOTA.read_text().split()
     except (OSError, ValueError):
         return cores
     return cores if quota == "max" else max(1, min(cores, int(quota) // int(period)))

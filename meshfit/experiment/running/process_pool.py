@@ -17,7 +17,7 @@ from meshfit.experiment.running.shared_progress import SharedProgress
 _Result = TypeVar("_Result")
 _Call = tuple[Future[Any], Callable[..., Any], tuple[Any, ...]]
 
-# Threads of numerical libraries spin while they wait for each other, which costs much where workers share cores.
+# Threads of numerical libraries spin while they wait for each other, which is costly where workers share cores.
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "IGL_NUM_THREADS"), "1")
 
 
@@ -48,7 +48,7 @@ class ProcessPool:
         return future
 
     def count_gpus(self) -> int:
-        """Count the GPUs in the CPU's workers; all of them load torch for that, as they must in any case."""
+        """Count the GPUs in a worker, and let all workers of the CPU load torch, which they need in any case."""
         first, *_ = [self.submit("cpu", _count_gpus) for _ in range(self._workers)]
         return first.result()
 
@@ -102,7 +102,7 @@ _worker_progress: SharedProgress | None = None
 
 
 def worker_progress() -> SharedProgress:
-    """The progress that this process shares with its parent.
+    """Return the progress that this process shares with its parent.
 
     Raises:
         RuntimeError: this process is not a worker of a `ProcessPool`.
@@ -128,14 +128,14 @@ def _exit_with_parent() -> None:
 
 
 def _count_gpus() -> int:
-    import torch  # not in the parent process, which saves it two seconds
+    import torch  # in a worker, which saves the parent process two seconds
 
     return torch.cuda.device_count()
 
 
 @contextmanager
 def interrupts_blocked() -> Iterator[None]:
-    """Block Ctrl-C while processes start: they inherit that, so that from the first instant only the parent gets it."""
+    """Block Ctrl-C while processes start; they inherit the block, so that only the parent ever gets it."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return

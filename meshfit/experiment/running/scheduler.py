@@ -1,4 +1,4 @@
-"""Run many trials side by side, on this machine or on remote workers; one that dies does not stop the others."""
+"""Scheduler: run many trials side by side, on this machine or on remote workers; one that dies stops no other."""
 
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
@@ -19,7 +19,7 @@ from meshfit.experiment.running.process_pool import ONE_THREAD, environment
 from meshfit.experiment.running.worker import JobResult, store_outputs
 from meshfit.experiment.storage.failure import RETRIED, failed_attempts, killed_record
 from meshfit.experiment.storage.plan_file import write_plan
-from meshfit.experiment.storage.run_directory import FAILURE, LOG, RunDirectory, now, write_json
+from meshfit.experiment.storage.run_directory import FAILURE, LOG, RunDirectory, json_text, now
 from meshfit.experiment.trial_status import Outcome, TrialStatus
 
 _POLL_SECONDS = 0.1
@@ -39,13 +39,13 @@ def run_trials(
 ) -> dict[int, Outcome]:
     """Run trials and wait for them: single trials side by side on the CPU, batches on other devices.
 
-    A trial whose process dies, or that runs out of memory, is retried as often as its `retries` allow: on this
-    machine after all others are done, so that it has the memory to itself.
+    A trial whose process dies, or that runs out of memory, is retried as often as its `retries` allow; on this machine
+    alone, after all others are done, so that it has the memory to itself.
 
     Args:
         trials: the trials; complete ones are skipped.
         store: the run directory.
-        jobs: the number of processes on the CPU of this machine; None leaves it to the settings.
+        jobs: the number of processes on the CPU of this machine; None takes it from the settings.
         force: rerun complete trials.
         remote: remote workers, in place of processes of this machine.
         watch: called many times a second with the progress of all trials and the outcomes so far.
@@ -122,7 +122,7 @@ class _Scheduler:
     def _collect(self) -> None:
         while self.sent:
             ended, _ = wait(self.sent, timeout=_POLL_SECONDS, return_when=FIRST_COMPLETED)
-            # Results first: what was finished before a worker died counts.
+            # Results first: trials that ended before a worker died count.
             for future in sorted(ended, key=_failed):
                 self._settle(future, self.sent.pop(future))
             self.watch(self.backend.progress, self.outcomes)
@@ -159,7 +159,9 @@ class _Scheduler:
         if self.backend.is_local and not self.backend.progress[i].status.is_running:
             self.deaths_at_start += 1
             if self.deaths_at_start > _MOST_DEATHS_AT_START:
-                raise TrialError("worker processes die before they start a trial; perhaps there is not enough memory")
+                raise TrialError(
+                    "worker processes die before they start a trial; perhaps memory is short; try --jobs 1"
+                )
             self.requeued.append(i)
             return
         outcome = self._record_killed(i)
@@ -167,7 +169,7 @@ class _Scheduler:
             self.outcomes[i] = outcome
 
     def _error_of_worker(self, error: BaseException | None) -> BaseException:
-        """The error to raise for one outside of any trial: on this machine itself, since it is a bug of meshfit."""
+        """Return the error to raise for one outside of any trial; on this machine, the error itself: a bug of meshfit."""
         if isinstance(error, MeshfitError) or (error is not None and self.backend.is_local):
             return error
         return ClusterError(f"a worker could not run its trials: {type(error).__name__}: {error}")
@@ -176,7 +178,7 @@ class _Scheduler:
         trial, step = self.trials[i], self.backend.progress[i].step.done
         record = killed_record(trial, step, failed_attempts(trial, self.store) + 1)
         with self.store.lock(trial):
-            self.store.write(trial, FAILURE, write_json(record))
+            self.store.write(trial, FAILURE, json_text(record))
             self.store.append(trial, LOG, f"{now()}  killed at step {step}\n")
         self.backend.progress.reset(i)
         return Outcome(TrialStatus.FAILED, f"{record['kind']}: {record['message']}", record["kind"])

@@ -24,16 +24,16 @@ class SharedProgress:
 
     @classmethod
     def of(cls, trials: int) -> "SharedProgress":
-        """The progress of so many waiting trials."""
+        """Return the progress of a number of waiting trials."""
         return cls(multiprocessing.get_context("spawn").RawArray("d", 1 + _FIELDS * trials))
 
     @property
     def cancelled(self) -> bool:
-        """Whether workers are asked to write a checkpoint and stop."""
+        """Whether workers are asked to write checkpoints and stop."""
         return bool(self.shared[0])
 
     def cancel(self) -> None:
-        """Ask workers to write a checkpoint and stop."""
+        """Ask workers to write checkpoints and stop."""
         self.shared[0] = 1.0
 
     def __getitem__(self, trial: int) -> Progress:
@@ -47,5 +47,5 @@ class SharedProgress:
         self.shared[start : start + _FIELDS] = [_STATUSES.index(progress.status), step.done, step.steps, step.loss]
 
     def reset(self, trial: int) -> None:
-        """Return a trial to where it waits."""
+        """Set a trial back to waiting."""
         self[trial] = Progress(TrialStatus.WAITING)

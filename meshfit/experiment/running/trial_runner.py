@@ -1,4 +1,4 @@
-"""Run one trial: load and place its meshes, measure its fit, and write all files of its folder."""
+"""Trial runner: load and place the meshes of a trial, measure its fit, and write all files of its folder."""
 
 import platform
 import time
@@ -20,7 +20,7 @@ from meshfit.experiment.storage.checkpoint import (
 )
 from meshfit.experiment.storage.failure import LAST_GOOD, failed_attempts, failure_record
 from meshfit.experiment.storage.result import result_record
-from meshfit.experiment.storage.run_directory import CHECKPOINT, CONFIG, FAILURE, RESULT, RunDirectory, write_json
+from meshfit.experiment.storage.run_directory import CHECKPOINT, CONFIG, FAILURE, RESULT, RunDirectory, json_text
 from meshfit.experiment.storage.trial_log import TrialLog
 from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
 from meshfit.fitting.callbacks import Step
@@ -39,10 +39,10 @@ from meshfit.mesh.topology import Topology
 
 
 class TrialRunner:
-    """Runner of one trial: `start`, `prepare`, a fit, `finish`; or at any time after the start `fail` or `stop`.
+    """Runner of one trial: `start`, `prepare`, a fit, and `finish`; after `start`, `fail` or `stop` at any time.
 
     Attributes:
-        outcome: how the trial ended; None while it has not.
+        outcome: the outcome of the trial; None until it has ended.
     """
 
     def __init__(self, trial: Trial, store: RunDirectory, on_progress: Callable[[Progress], None]) -> None:
@@ -52,7 +52,7 @@ class TrialRunner:
         self._seconds: Callable[[], float] = lambda: 0.0
 
     def start(self) -> None:
-        """Open the log; the trial's lock has to be held from here on."""
+        """Open the log; the trial's lock must be held from here on."""
         self._log = TrialLog(self.trial, self.store)
         self._report(TrialStatus.FITTING)
 
@@ -66,9 +66,9 @@ class TrialRunner:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", MeshfitWarning)
             inputs = dict(self.trial.inputs)
-            target = _load_target(self.trial.where(self.trial.target), inputs.get("target"), settings.normalise)
+            target = _load_target(self.trial.current_path(self.trial.target), inputs.get("target"), settings.normalise)
             self._frame, self._target = target.frame, target.mesh
-            source_settings = relocated(settings.source, self.trial.where)
+            source_settings = relocated(settings.source, self.trial.current_path)
             for role, name in source_files(source_settings).items():
                 _check_unchanged(name, inputs.get(role))
             built = build_source(source_settings, scheme)
@@ -84,7 +84,7 @@ class TrialRunner:
         checkpoint = self._checkpoint()
         before = checkpoint.get("seconds", 0.0) if checkpoint is not None else 0.0
         if checkpoint is not None:
-            self._log.note("going on from a checkpoint")
+            self._log.note("resuming from a checkpoint")
         self._seconds = lambda: before + seconds()
         return Problem(
             self._source,
@@ -113,7 +113,7 @@ class TrialRunner:
         source |= {"verts": self._source.num_verts, "faces": self._source.num_faces}
         work = {"source": source, "seconds": seconds, "peak_memory_mb": peak_memory_mb(), "warnings": self._warnings}
         result = result_record(self.trial, self._frame, fitted, measured, work)
-        self.store.write(self.trial, RESULT, write_json(result))
+        self.store.write(self.trial, RESULT, json_text(result))
         self.store.remove(self.trial, CHECKPOINT, FAILURE, LAST_GOOD)
         self._log.close(f"complete: {seconds['fit']:.1f} s of fitting, {seconds['measure']:.1f} s of measuring")
         self.outcome = Outcome(TrialStatus.COMPLETE)
@@ -124,15 +124,15 @@ class TrialRunner:
             self.store.write(self.trial, LAST_GOOD, encode_mesh(error.last_good, ".ply"))
             self.store.write(self.trial, "trace.csv", error.trace.to_csv())
         record = failure_record(self.trial, error, self._step.done or None, failed_attempts(self.trial, self.store) + 1)
-        self.store.write(self.trial, FAILURE, write_json(record))
+        self.store.write(self.trial, FAILURE, json_text(record))
         self.store.remove(self.trial, CHECKPOINT)
         message = f"{record['kind']}: {record['message']}"
         self._log.close("".join([f"failed, {message}\n", *record.get("traceback", [])]).rstrip())
         self.outcome = Outcome(TrialStatus.FAILED, message, record["kind"])
 
     def stop(self) -> None:
-        """Stop, so that a later attempt goes on from the last checkpoint."""
-        self._log.close("stopped, to go on later")
+        """Stop, so that a later attempt resumes from the last checkpoint."""
+        self._log.close("interrupted; the next run resumes it")
 
     def _checkpoint(self) -> Checkpoint | None:
         """The last checkpoint, unless a snapshot up to it is missing."""
@@ -140,7 +140,7 @@ class TrialRunner:
         done = 0 if checkpoint is None else int(checkpoint["done"])
         if keep_snapshots(self.trial, self.store, snapshot_steps(self.trial, done)):
             return checkpoint
-        self._log.note("starting over, since snapshots of earlier steps are missing")
+        self._log.note("starting over: snapshots of earlier steps are missing")
         keep_snapshots(self.trial, self.store, ())
         return None
 
@@ -169,7 +169,7 @@ class _Target(NamedTuple):
     warnings: tuple[str, ...]
 
 
-@lru_cache(maxsize=2)  # a worker runs the trials of a target one after the other, and loading outlasts measuring
+@lru_cache(maxsize=2)  # a worker runs the trials of a target in succession, and loading takes longer than measuring
 def _load_target(name: str, sha256: str | None, normalise: Normalisation) -> _Target:
     _check_unchanged(name, sha256)
     with warnings.catch_warnings(record=True) as caught:
@@ -180,13 +180,13 @@ def _load_target(name: str, sha256: str | None, normalise: Normalisation) -> _Ta
 
 
 def _check_unchanged(name: str, sha256: str | None) -> None:
-    """Check that a file has the content under which the trial is filed.
+    """Check that a file has the content that the trial's identity is derived from.
 
     Raises:
         MeshError: it has changed since the trial was planned.
     """
     if sha256 is not None and file_sha256(target_path(name)) != sha256:
-        raise MeshError(f"{name}: the file has changed since the run began; start it again")
+        raise MeshError(f"{name}: the file has changed since the run began; run the same command again")
 
 
 def _texts(caught: Sequence[warnings.WarningMessage]) -> list[str]:
@@ -196,15 +196,15 @@ def _texts(caught: Sequence[warnings.WarningMessage]) -> list[str]:
 def _warn_of_differences(source: Mesh, target: Mesh) -> None:
     of_source, of_target = (describe_topology(Topology.of(mesh)) for mesh in (source, target))
     if of_source != of_target:
-        text = f"source and target differ in topology ({of_source}; {of_target}): the fit keeps the source's"
+        text = f"source and target differ in topology ({of_source}; {of_target}); the fit keeps that of the source"
         warnings.warn(text, MeshfitWarning, stacklevel=2)
     if boxes_are_disjoint(source, target):
-        text = "the bounding boxes of source and target are apart; set source.align or source.centre"
+        text = "the bounding boxes of source and target do not overlap; set source.align or source.centre"
         warnings.warn(text, MeshfitWarning, stacklevel=2)
 
 
 def peak_memory_mb(*, of_children: bool = False) -> float | None:
-    """The peak memory of this process in MB; None where the system does not tell.
+    """Return the peak memory of this process in MB; None where the system does not report it.
 
     Args:
         of_children: return that of the largest child process that has ended instead; 0 where there was none.

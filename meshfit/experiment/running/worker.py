@@ -26,7 +26,7 @@ from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
 from meshfit.fitting.callbacks import Interrupted
 
 Files = Mapping[str, bytes]
-"""Content of files by name: those under `inputs/` are read by a trial, the others lie in its folder."""
+"""Content of files by name: a trial reads those under `inputs/`; the others belong in its folder."""
 
 _INPUTS = "inputs/"
 _SECONDS_BETWEEN_CHECKS = 1.0
@@ -55,7 +55,7 @@ class RemoteOptions:
     Attributes:
         cancellation: the flag to watch.
         inputs: by trial, the files that it starts from; None where the run directory is shared.
-        version: `RESULTS_VERSION` of the sender.
+        version: the sender's `RESULTS_VERSION`.
     """
 
     cancellation: CancellationFlag
@@ -65,7 +65,7 @@ class RemoteOptions:
 
 @dataclass(frozen=True)
 class Job:
-    """Trials to fit in one batch, by number, and where and how."""
+    """Trials to fit in one batch, by number, with their run directory, device and options."""
 
     trials: Mapping[int, Trial]
     store: RunDirectory
@@ -77,7 +77,7 @@ class Job:
 
 @dataclass(frozen=True)
 class JobResult:
-    """Outcomes by trial, and the files of trials that were run in a directory of the worker's own."""
+    """Outcomes by trial, and the files of trials that ran in the worker's own directory."""
 
     outcomes: Mapping[int, Outcome]
     files: Mapping[int, Files] = field(default_factory=dict)
@@ -162,7 +162,7 @@ def pack_inputs(trial: Trial, store: RunDirectory) -> Files:
 
 
 def unpack_inputs(trial: Trial, files: Files, store: RunDirectory, inputs: Path) -> Trial:
-    """Write packed files, meshes to `inputs`, and return the trial with the new paths of its meshes."""
+    """Write packed files, with meshes in `inputs`, and return the trial with the new paths of its meshes."""
     copies = {}
     for name, content in files.items():
         if name.startswith(_INPUTS):

@@ -12,7 +12,14 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from meshfit.errors import StoreError
-from meshfit.experiment.status.scan import ScannedExperiment, ScannedTrial, TrialFolder, status_at_rest, trial_folder
+from meshfit.experiment.status.scan import (
+    ScannedExperiment,
+    ScannedTrial,
+    TrialFolder,
+    absolute,
+    status_at_rest,
+    trial_folder,
+)
 from meshfit.experiment.storage.run_directory import LOCK
 from meshfit.experiment.trial_status import TrialStatus
 
@@ -57,14 +64,15 @@ def clean(
 ) -> Cleaned:
     """Remove the folders of trials of some statuses, and the folders above them that become empty.
 
-    Half-written files in folders of complete trials go along with interrupted trials. A trial's lock is held while
-    something in its folder is removed, and its status is checked again under the lock. Links are not followed.
+    With interrupted trials, half-written files in the folders of complete trials are removed too. A trial's lock is
+    held while something in its folder is removed, and its status is checked again under the lock. Links are not
+    followed.
 
     Args:
-        experiments: where to clean.
+        experiments: the experiments to clean.
         statuses: failed, interrupted, or both.
         roots: folders to keep, even if they become empty, with all above them.
-        dry_run: remove nothing, only report what would be.
+        dry_run: report what would be removed, and remove nothing.
 
     Raises:
         StoreError: something cannot be removed.
@@ -85,7 +93,7 @@ def clean(
 
 
 def _removable(trial: ScannedTrial, folder: TrialFolder, statuses: Collection[TrialStatus]) -> Removed | None:
-    """The part of a trial to remove, if it is not running."""
+    """Return the part of a trial that is to be removed if the trial is not running."""
     status = status_at_rest(folder)
     if status is TrialStatus.COMPLETE and TrialStatus.INTERRUPTED in statuses:
         names = tuple(sorted(filter(is_half_written, folder.files)))
@@ -96,7 +104,7 @@ def _removable(trial: ScannedTrial, folder: TrialFolder, statuses: Collection[Tr
 
 
 def _remove(trial: ScannedTrial, statuses: Collection[TrialStatus]) -> list[Removed]:
-    """Remove the part of a trial to remove, determined again while its lock is held.
+    """Remove the removable part of a trial, determined again while its lock is held.
 
     Raises:
         Timeout: another process holds the lock.
@@ -122,7 +130,7 @@ def _remove(trial: ScannedTrial, statuses: Collection[TrialStatus]) -> list[Remo
 
 
 def _remove_lock(path: Path) -> None:
-    """Remove a lock while it is held, so that a process that waits for it sees that; Windows forbids it until later."""
+    """Remove a lock while it is held, so that a process that waits for it notices; Windows does not allow that."""
     with suppress(PermissionError):
         path.unlink()
 
@@ -144,9 +152,9 @@ def _remove_file_or_folder(path: Path) -> None:
 
 def _remove_empty(folders: Iterable[Path], roots: Sequence[Path]) -> None:
     """Remove the folders of schemes, targets and experiments that have become empty."""
-    kept = {Path(os.path.abspath(root)) for root in roots}  # noqa: PTH100  links stay links: a run directory may be one
+    kept = set(map(absolute, roots))
     for folder in folders:
-        for above in Path(os.path.abspath(folder)).parents[:3]:  # noqa: PTH100
+        for above in absolute(folder).parents[:3]:
             if above in kept or not any(above.is_relative_to(root) for root in kept):
                 break
             try:

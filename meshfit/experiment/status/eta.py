@@ -18,7 +18,7 @@ from meshfit.fitting.callbacks import Interrupted
 from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.units import count_text
 
-if TYPE_CHECKING:  # `meshfit status` does without what only `estimate` uses
+if TYPE_CHECKING:  # `meshfit status` does not load what only `estimate` uses
     from meshfit.config.experiment import SourceSettings
     from meshfit.experiment.plan import Trial
     from meshfit.subdivision.registry import NamedScheme
@@ -54,8 +54,8 @@ _Costs = dict[_Key, _Cost]
 def seconds_left(experiment: ScannedExperiment) -> float | None:
     """Estimate the seconds until every running or planned trial of an experiment is done; None if nothing is known.
 
-    A trial is assumed to cost as much as complete ones of the same target, scheme, variant and steps; failing these,
-    as any complete ones, in proportion to steps; failing these, as the running ones per step.
+    A trial is assumed to cost as much as complete trials of the same target, scheme, variant and steps. Without these,
+    its cost per step is that of all complete trials; without any, that of the running ones.
     """
     unfinished = _unfinished(experiment)
     if not unfinished:
@@ -71,7 +71,7 @@ def seconds_left(experiment: ScannedExperiment) -> float | None:
 
 
 def _unfinished(experiment: ScannedExperiment) -> list[ScannedTrial]:
-    """Running trials, and those that the plan has still to run; where there is no plan, those that were begun."""
+    """Running trials, and planned ones that have not ended; where there is no plan, those that were begun."""
     stopped = (*experiment.of(TrialStatus.WAITING), *experiment.of(TrialStatus.INTERRUPTED))
     planned = [trial for trial in stopped if trial.planned or experiment.plan is None]
     return experiment.of(TrialStatus.RUNNING) + planned
@@ -98,7 +98,7 @@ def _cost(trial: ScannedTrial) -> _Cost | None:
         seconds = result["seconds"]
         return _Cost(float(seconds["fit"]), float(seconds["measure"]), int(result["fit"]["steps"]))
     except (StoreError, KeyError, TypeError, ValueError):
-        return None  # an estimate can do without it; commands that show the result report the damage
+        return None  # not needed for an estimate; commands that show the result report the damage
 
 
 def _costs_of_running(running: Collection[LastProgress | None], workers: int) -> _Costs:
@@ -130,8 +130,8 @@ class Estimate:
 
     Attributes:
         seconds: until all trials are done.
-        workers: how many run side by side.
-        basis: what the estimate rests on, such as `12 complete trials` or `a probe of 1 trial`.
+        workers: the number of trials that run side by side.
+        basis: the basis of the estimate, such as `12 complete trials` or `a probe of 1 trial`.
     """
 
     seconds: float
@@ -141,21 +141,21 @@ class Estimate:
 
 @dataclass(frozen=True)
 class _Pace:
-    """The pace of trials of one fitting method: seconds per unit of work, and seconds besides the fit."""
+    """The pace of trials of one fitting method: seconds per unit of work, and seconds outside the fit."""
 
     per_work: float
-    besides: float
+    overhead: float
 
 
 def estimate(
     trials: Sequence["Trial"], results: Sequence[tuple["Trial", Result]], *, jobs: int | None = None
 ) -> Estimate | None:
-    """Estimate how long trials will take on the CPU of this machine, by a probe of one where no results tell.
+    """Estimate the time that trials will take on the CPU of this machine, from results or else from a probe of a trial.
 
     Args:
         trials: the trials to run.
         results: complete trials of the same plan, with their results.
-        jobs: the number of processes; None leaves it to the settings.
+        jobs: the number of processes; None takes it from the settings.
 
     Returns:
         The estimate; None where there is nothing to run, or a trial may run on a GPU.
@@ -177,7 +177,7 @@ def estimate(
             return None
         paces[method] = pace
     pace_of_trial = [(paces[trial.settings.fit.method], trial) for trial in trials]
-    seconds = [pace.besides + pace.per_work * _work(trial) for pace, trial in pace_of_trial]
+    seconds = [pace.overhead + pace.per_work * _work(trial) for pace, trial in pace_of_trial]
     total = max(sum(seconds) / workers, *seconds) + _START_SECONDS
     basis = [count_text(len(results), "complete trial")] if results else []
     basis += [f"a probe of {count_text(len(missing), 'trial')}"] if missing else []
@@ -191,7 +191,7 @@ def _paces_of(results: Sequence[tuple["Trial", Result]]) -> dict[str, _Pace]:
         pace = _Pace(seconds["fit"] / max(_work(trial), 1.0), seconds["measure"])
         paces.setdefault(trial.settings.fit.method, []).append(pace)
     return {
-        method: _Pace(median(pace.per_work for pace in of_method), median(pace.besides for pace in of_method))
+        method: _Pace(median(pace.per_work for pace in of_method), median(pace.overhead for pace in of_method))
         for method, of_method in paces.items()
     }
 
@@ -205,7 +205,6 @@ def _work(trial: "Trial") -> float:
         return fit.steps * (fit.samples + verts / _VERTS_PER_SAMPLE)
     if fit.connectivity == "remeshed":
         return float(fit.steps * fit.verts)
-
     return float(fit.steps * verts * growth(trial.named_scheme.resolve(), fit.levels))
 
 
@@ -228,12 +227,12 @@ def _probed_pace(trial: "Trial", threads: int) -> _Pace | None:
         try:
             if trial.settings.device == "auto" and pool.count_gpus():
                 return None
-            fit, besides = pool.submit("cpu", _probe, trial, threads).result()
+            fit, overhead = pool.submit("cpu", _probe, trial, threads).result()
         except BrokenProcessPool:
             raise TrialError(f"{trial.label}: the process that probed it was killed") from None
         finally:
             pool.close()
-    return _Pace(fit / max(_work(trial), 1.0), besides)
+    return _Pace(fit / max(_work(trial), 1.0), overhead)
 
 
 def _probe(trial: "Trial", threads: int) -> tuple[float, float]:
@@ -256,7 +255,7 @@ def _probe(trial: "Trial", threads: int) -> tuple[float, float]:
         whole = time.perf_counter() - started
         return result["seconds"]["fit"], whole - result["seconds"]["fit"]
     if outcome.status is TrialStatus.FAILED or len(steps) < 2:
-        raise TrialError(f"{trial.label}: {outcome.message or 'no steps to go by'}")
+        raise TrialError(f"{trial.label}: {outcome.message or 'too few steps to estimate the time'}")
     first, last = steps[min(_WARM_UP_STEPS, len(steps) - 2)], steps[-1]
     per_step = (last[1] - first[1]) / (last[0] - first[0])
     before = steps[0][1] - started
@@ -268,7 +267,7 @@ def _seconds_to_measure(trial: "Trial") -> float:
     from meshfit.measuring.measure import measure
     from meshfit.mesh.targets import load_target
 
-    target = load_target(trial.where(trial.target))
+    target = load_target(trial.current_path(trial.target))
     start = time.perf_counter()
     measure(target, target, trial.settings.measure)
     return time.perf_counter() - start

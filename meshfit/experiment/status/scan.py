@@ -24,10 +24,10 @@ SCANNED_STATUSES = (
     TrialStatus.INTERRUPTED,
     TrialStatus.WAITING,
 )
-"""Every status that a scan can tell, in the order in which they are listed."""
+"""The statuses that a scan distinguishes, in the order in which they are listed."""
 
 FEWEST_DIGITS = 4
-"""An identity can be abbreviated to this many digits."""
+"""The number of digits to which an identity can be abbreviated."""
 
 _FOLDER_NAME = re.compile(r"seed-(\d+)-([0-9a-f]{10})")
 _IDENTITY = re.compile(rf"[0-9a-f]{{{FEWEST_DIGITS},64}}")
@@ -61,7 +61,7 @@ class TrialFolder:
     @property
     def experiment(self) -> Path:
         """The absolute path of the experiment's folder, three levels up."""
-        parents = _absolute(self.path).parents
+        parents = absolute(self.path).parents
         return parents[min(2, len(parents) - 1)]
 
     @property
@@ -92,12 +92,12 @@ class ScannedTrial:
     @property
     def target(self) -> str:
         """The short name of the target, from the path."""
-        return _absolute(self.path).parents[1].name
+        return absolute(self.path).parents[1].name
 
     @property
     def scheme(self) -> str:
         """The spec of the scheme; the name of its folder if the trial is not in the plan."""
-        return self.planned.scheme if self.planned else _absolute(self.path).parent.name
+        return self.planned.scheme if self.planned else absolute(self.path).parent.name
 
     @property
     def seed(self) -> int | None:
@@ -154,8 +154,8 @@ def scan_experiments(roots: Sequence[Path], now: datetime) -> list[ScannedExperi
     """Scan run directories, or folders in them, for experiments with at least one trial.
 
     Args:
-        roots: where to look.
-        now: the time, from which the age of progress is counted.
+        roots: the run directories or folders.
+        now: the current time, from which the age of progress is counted.
 
     Raises:
         StoreError: no such directory, no trial in any of them, or a plan that cannot be read.
@@ -163,9 +163,9 @@ def scan_experiments(roots: Sequence[Path], now: datetime) -> list[ScannedExperi
     scans = [scan(root) for root in roots]
     begun: dict[Path, dict[Path, TrialFolder]] = {}
     for folder in (trial for scanned in scans for trial in scanned.trials):
-        begun.setdefault(folder.experiment, {}).setdefault(_absolute(folder.path), folder)
-    planned = {_absolute(path): path for scanned in scans for path in scanned.planned}
-    within = [_absolute(root) for root in roots]
+        begun.setdefault(folder.experiment, {}).setdefault(absolute(folder.path), folder)
+    planned = {absolute(path): path for scanned in scans for path in scanned.planned}
+    within = [absolute(root) for root in roots]
     experiments = [
         _experiment(planned.get(path, path), begun.get(path, {}), within, now) for path in sorted({*begun, *planned})
     ]
@@ -179,16 +179,16 @@ def _experiment(
     folder: Path, begun: Mapping[Path, TrialFolder], within: Sequence[Path], now: datetime
 ) -> ScannedExperiment:
     plan = read_plan(folder)
-    absolute = _absolute(folder)
-    planned = {absolute / entry.folder: entry for entry in plan.trials} if plan else {}
+    experiment = absolute(folder)
+    planned = {experiment / entry.folder: entry for entry in plan.trials} if plan else {}
     folders = dict(begun)
     for path, entry in planned.items():
         if path not in folders and any(path.is_relative_to(root) for root in within):
-            # Not there during the scan, or reached by a link: links are not followed.
+            # The scan did not see it: it did not exist yet, or lies behind a link.
             folders[path] = TrialFolder(folder / entry.folder, frozenset())
     trials = (ScannedTrial(trial, status_of(trial, now), planned.get(path)) for path, trial in folders.items())
     ordered = sorted(trials, key=lambda trial: trial.folder.sort_key)
-    return ScannedExperiment(absolute.name, folder, plan, tuple(ordered))
+    return ScannedExperiment(experiment.name, folder, plan, tuple(ordered))
 
 
 @dataclass(frozen=True)
@@ -266,7 +266,7 @@ def status_at_rest(folder: TrialFolder) -> TrialStatus:
 def is_running(folder: TrialFolder, now: datetime) -> bool:
     """Whether a living process holds the trial's lock.
 
-    Where locks do not tell, because they cannot be tried here or another host does not share them, a trial is running
+    Locks do not tell where they cannot be tried, or where another host does not share them; there, a trial is running
     if its progress was written within the last minute.
     """
     if LOCK not in folder.files:
@@ -298,7 +298,7 @@ def find_trial(text: str, runs: Path, now: datetime) -> _TrialOfExperiment:
     Args:
         text: the trial's folder, a file in it, or at least the first four digits of its identity.
         runs: the run directory in which to look for an identity.
-        now: the time, from which the age of progress is counted.
+        now: the current time, from which the age of progress is counted.
 
     Raises:
         ConfigError: no trial matches, or several do.
@@ -312,13 +312,13 @@ def find_trial(text: str, runs: Path, now: datetime) -> _TrialOfExperiment:
     if _IDENTITY.fullmatch(digits):
         matches = [pair for pair in trials if _matches(pair[1].identity, digits)]
     else:
-        matches = [pair for pair in trials if _absolute(pair[1].path) == _absolute(path)]
+        matches = [pair for pair in trials if absolute(pair[1].path) == absolute(path)]
     if len(matches) == 1:
         return matches[0]
     if matches:
         raise ConfigError(f"{len(matches)} trials under {runs} begin with {text}: {_listed(matches)}")
     expected = f"a trial's folder, a file in it, or {FEWEST_DIGITS} or more digits of its identity"
-    raise ConfigError(f"no trial under {runs} is '{text}'; expected {expected}; there are: {_listed(trials)}")
+    raise ConfigError(f"no trial under {runs} is '{text}'; expected {expected}; the trials are: {_listed(trials)}")
 
 
 def _trial_in(folder: Path, now: datetime) -> _TrialOfExperiment:
@@ -326,7 +326,7 @@ def _trial_in(folder: Path, now: datetime) -> _TrialOfExperiment:
     matches = [pair for pair in trials if pair[1].path == folder]
     if len(matches) == 1:
         return matches[0]
-    raise ConfigError(f"{folder}: not the folder of a trial, but one above it; there are: {_listed(trials)}")
+    raise ConfigError(f"{folder}: expected the folder of one trial; the trials below it are: {_listed(trials)}")
 
 
 def _trials(experiments: Iterable[ScannedExperiment]) -> Iterator[_TrialOfExperiment]:
@@ -344,5 +344,6 @@ def _listed(trials: Sequence[_TrialOfExperiment]) -> str:
     return ", ".join(shown) + (f" and {more} more" if more else "")
 
 
-def _absolute(path: Path) -> Path:
-    return Path(os.path.abspath(path))  # noqa: PTH100  links stay links: a run directory may be one
+def absolute(path: Path) -> Path:
+    """Return the absolute path without resolving links, since a run directory may be one."""
+    return Path(os.path.abspath(path))  # noqa: PTH100  Path.resolve follows links

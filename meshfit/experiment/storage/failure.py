@@ -55,7 +55,7 @@ def failure_record(trial: "Trial", error: Exception, step: int | None, attempts:
 
     Args:
         trial: the trial.
-        error: what it raised.
+        error: the error that it raised.
         step: the last step of the fit; None if there was none.
         attempts: the number of failed attempts, including this one.
     """
@@ -103,13 +103,13 @@ def _record(trial: "Trial", kind: FailureKind, message: str, step: int | None, a
 
 @dataclass(frozen=True)
 class Failure:
-    """A failure, as it was recorded.
+    """A recorded failure.
 
     Attributes:
         kind: a `FailureKind`, or `unreadable` where the record is damaged.
-        message: what went wrong, in one line.
-        step: the step of the fit at which it did; None if there was none.
-        path: the file to look into: the log of the trial, or the record where there is no log.
+        message: the error in one line.
+        step: the step of the fit at which it occurred; None if there was none.
+        path: the file with the details: the log of the trial, or the record where there is no log.
         record: the whole record.
     """
 

@@ -11,11 +11,11 @@ from meshfit.experiment.storage.run_directory import (
     PLAN,
     Result,
     RunDirectory,
+    json_text,
     make_folder,
     now,
     read_json,
     write_atomically,
-    write_json,
 )
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def write_plan(trials: Sequence["Trial"], store: RunDirectory, workers: int) -> 
     Args:
         trials: the trials, in the order in which they are to run.
         store: the run directory.
-        workers: how many run side by side.
+        workers: the number of trials that run side by side.
 
     Raises:
         StoreError: it cannot be written.
@@ -62,7 +62,7 @@ def write_plan(trials: Sequence["Trial"], store: RunDirectory, workers: int) -> 
         entries = [_entry(trial) for trial in trials if trial.experiment == experiment]
         content = {"schema_version": PLAN_FILE_VERSION, "written": now(), "workers": workers, "trials": entries}
         make_folder(store.root / experiment)
-        write_atomically(store.root / experiment / PLAN, write_json(content))
+        write_atomically(store.root / experiment / PLAN, json_text(content))
 
 
 def read_plan(experiment: Path) -> PlanFile | None:
@@ -79,8 +79,9 @@ def read_plan(experiment: Path) -> PlanFile | None:
     except StoreError as error:
         reason = str(error).removeprefix(f"{path}: ").partition("; delete it")[0]
         raise StoreError(f"{path}: {reason}; the next `meshfit run` rewrites it") from None
-    if (file_version := content.get("schema_version")) != PLAN_FILE_VERSION:
-        raise StoreError(f"{path}: found schema_version {file_version}, this meshfit reads {PLAN_FILE_VERSION}")
+    if (got := content.get("schema_version")) != PLAN_FILE_VERSION:
+        expected = f"got schema_version {got}, expected {PLAN_FILE_VERSION}"
+        raise StoreError(f"{path}: {expected}; the next `meshfit run` rewrites it")
     try:
         trials = tuple(map(_planned_trial, content["trials"]))
         return PlanFile(str(content["written"]), max(1, int(content["workers"])), trials)

@@ -61,7 +61,7 @@ def read_result(folder: Path) -> Result | None:
 
 
 def read_settings(folder: Path, result: Result | None) -> dict[str, Any]:
-    """Read the settings of a trial: those of its result, else those in its folder; empty if it has not begun.
+    """Read the settings of a trial, from its result if there is one, else from its folder; empty if it has not begun.
 
     Raises:
         StoreError: they cannot be read.
@@ -80,7 +80,10 @@ def read_settings(folder: Path, result: Result | None) -> dict[str, Any]:
 
 
 def end_time(folder: Path) -> datetime | None:
-    """When a trial became complete or failed: as recorded, else when the record was written; None if it has not."""
+    """Return the time at which a trial became complete or failed; None if it has done neither.
+
+    It is the recorded time; failing that, the time at which the record was written.
+    """
     for path in (folder / RESULT, folder / FAILURE):
         if path.is_file():
             with suppress(StoreError, KeyError, TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""The run directory: one folder per trial; every file in it is whole."""
+"""The run directory: one folder per trial, whose files are written whole or not at all."""
 
 import json
 import os
@@ -15,7 +15,6 @@ from meshfit.paths import write_error_message
 
 if TYPE_CHECKING:
     from meshfit.experiment.plan import Trial
-
 
 RESULT = "result.json"
 FAILURE = "failure.json"
@@ -69,13 +68,7 @@ class RunDirectory:
         return FileLock(folder / LOCK)
 
     def write(self, trial: "Trial", name: str, content: bytes | str, *, lasting: bool = True) -> None:
-        """Write a file of a trial, whole or not at all.
-
-        Args:
-            trial: the trial.
-            name: name of the file.
-            content: content of the file.
-            lasting: wait until the file would survive a loss of power.
+        """Write a file of a trial as `write_atomically` does.
 
         Raises:
             StoreError: it cannot be written.
@@ -121,8 +114,8 @@ def write_atomically(path: Path, content: bytes | str, *, lasting: bool = True) 
     """Write a file so that a reader sees all of it or nothing, even after a crash.
 
     Args:
-        path: path of the file.
-        content: content of the file.
+        path: path of the file, in a folder that exists.
+        content: content of the file; text is encoded as UTF-8.
         lasting: wait until the file would survive a loss of power.
 
     Raises:
@@ -167,7 +160,7 @@ def now() -> str:
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
-def write_json(content: Result) -> str:
+def json_text(content: Result) -> str:
     """Return the text of a JSON file.
 
     Raises:

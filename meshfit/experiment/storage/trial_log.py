@@ -11,21 +11,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from meshfit.errors import StoreError
-from meshfit.experiment.storage.run_directory import LOG, PROGRESS, RunDirectory, now, read_json, write_json
+from meshfit.experiment.storage.run_directory import LOG, PROGRESS, RunDirectory, json_text, now, read_json
 from meshfit.experiment.trial_status import Progress, TrialStatus
 from meshfit.fitting.callbacks import Step
 
 if TYPE_CHECKING:
     from meshfit.experiment.plan import Trial
 
-# Progress is written about once a second: when it is older than this, something is wrong.
+# Progress is written about once a second, so a trial whose progress is older than this has presumably stopped.
 _STALE_SECONDS = 60.0
 _SECONDS_BETWEEN_FILES = 1.0
 _SECONDS_BETWEEN_LINES = 10.0
 
 
 class TrialLog:
-    """Writer of the log and the progress of one attempt at a trial, whose lock has to be held."""
+    """Writer of the log and the progress of one attempt at a trial, whose lock must be held."""
 
     def __init__(self, trial: "Trial", store: RunDirectory) -> None:
         self._trial, self._store = trial, store
@@ -42,7 +42,7 @@ class TrialLog:
         self._store.append(self._trial, LOG, f"{now()}  {text}\n")
 
     def update(self, progress: Progress) -> None:
-        """Write the progress: at once if the status changes, else every few seconds.
+        """Write the progress at once if the status changes, else about once a second, and log it every ten seconds.
 
         Raises:
             StoreError: it cannot be written.
@@ -71,7 +71,7 @@ class TrialLog:
             "started": self._started,
             "updated": now(),
         }
-        self._store.write(self._trial, PROGRESS, write_json(content), lasting=False)
+        self._store.write(self._trial, PROGRESS, json_text(content), lasting=False)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,10 +79,10 @@ class LastProgress(Progress):
     """The content of a `progress.json`.
 
     Attributes:
-        host: the machine that the trial runs on.
+        host: the machine on which the trial runs.
         pid: its process there.
-        started: when this attempt began.
-        updated: when this was written.
+        started: the time at which this attempt began.
+        updated: the time at which the file was written.
     """
 
     host: str
@@ -91,16 +91,16 @@ class LastProgress(Progress):
     updated: datetime
 
     def age_seconds(self, now: datetime) -> float:
-        """Seconds since this was written; 0 where the clocks of two machines make them negative."""
+        """Seconds since the file was written; 0 where the clocks of two machines would make it negative."""
         return max(0.0, (now - self.updated).total_seconds())
 
     def is_stale(self, now: datetime) -> bool:
-        """Whether this is so old that the trial has presumably stopped."""
+        """Whether the file is so old that the trial has presumably stopped."""
         return self.age_seconds(now) >= _STALE_SECONDS
 
     @property
     def running_seconds(self) -> float:
-        """Seconds from the start of the attempt until this was written."""
+        """Seconds from the start of the attempt until the file was written."""
         return max(0.0, (self.updated - self.started).total_seconds())
 
     def to_dict(self) -> dict[str, Any]:
@@ -119,8 +119,8 @@ def read_progress(folder: Path) -> LastProgress | None:
             step=Step(int(content["step"]), int(content["steps"]), loss),
             host=str(content["host"]),
             pid=int(content["pid"]),
-            started=_time(content["started"]),
-            updated=_time(content["updated"]),
+            started=_parse_time(content["started"]),
+            updated=_parse_time(content["updated"]),
         )
     except (StoreError, KeyError, TypeError, ValueError, OverflowError):
         return None
@@ -137,6 +137,6 @@ def _plain(progress: Progress) -> dict[str, Any]:
     return {"phase": progress.status.value, "step": step.done, "steps": step.steps, "loss": loss}
 
 
-def _time(text: str) -> datetime:
-    time = datetime.fromisoformat(text)
-    return time if time.tzinfo is not None else time.replace(tzinfo=UTC)
+def _parse_time(text: str) -> datetime:
+    parsed = datetime.fromisoformat(text)
+    return parsed if parsed.tzinfo is not None else parsed.replace(tzinfo=UTC)
