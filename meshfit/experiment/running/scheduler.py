@@ -169,7 +169,7 @@ class _Scheduler:
             self.outcomes[i] = outcome
 
     def _error_of_worker(self, error: BaseException | None) -> BaseException:
-        """Return the error to raise for one outside of any trial; on this machine, the error itself: a bug of meshfit."""
+        """Return the error to raise for one outside of any trial; one on this machine is a bug, and raised as it is."""
         if isinstance(error, MeshfitError) or (error is not None and self.backend.is_local):
             return error
         return ClusterError(f"a worker could not run its trials: {type(error).__name__}: {error}")
