@@ -85,9 +85,9 @@ def point_scores(
     require_surface(result, "result")
     require_surface(target, "target")
     for_result, for_target = np.random.default_rng(seed).spawn(2)
-    first, second = _cloud(result, count, for_result), _cloud(target, count, for_target)
-    forward, forward_cosine = _to_nearest(first, second)
-    backward, backward_cosine = _to_nearest(second, first)
+    on_result, on_target = _cloud(result, count, for_result), _cloud(target, count, for_target)
+    forward, forward_cosine = _to_nearest(on_result, on_target)
+    backward, backward_cosine = _to_nearest(on_target, on_result)
     cosines = np.stack([forward_cosine, backward_cosine])
     return (
         Chamfer(float(forward.mean() + backward.mean()), float((forward**2).mean() + (backward**2).mean()), count),

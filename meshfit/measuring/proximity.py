@@ -40,7 +40,7 @@ def distance_statistics(surface: Mesh, points: Points) -> DistanceStatistics:
         parts.append(point_to_surface(points[~far], split_obtuse_faces(surface)))
     if far.any():
         parts.append(_by_tree(surface, points[far]))
-    return _together(parts)
+    return _combined(parts)
 
 
 def point_distances(surface: Mesh, points: Points) -> Float64[np.ndarray, " N"]:
@@ -66,7 +66,7 @@ def _by_tree(surface: Mesh, points: Points) -> DistanceStatistics:
     return DistanceStatistics(float(distance.max()), float(distance.mean()), rms, len(points))
 
 
-def _together(parts: list[DistanceStatistics]) -> DistanceStatistics:
+def _combined(parts: list[DistanceStatistics]) -> DistanceStatistics:
     count = sum(part.count for part in parts)
     mean = sum(part.mean * part.count for part in parts) / count
     square = sum(part.rms**2 * part.count for part in parts) / count
