@@ -39,7 +39,7 @@ def laplacian_cotangent(verts: Float[Tensor, "V 3"], operators: MeshOperators) -
     weight = cotangents[:, None]
     sums = torch.zeros_like(verts).index_add(0, start, weight * verts.index_select(0, end))
     sums = sums.index_add(0, end, weight * verts.index_select(0, start))
-    return apply(_MeanLength, scale * sums - operators.joined * verts, operators.of_vert)
+    return apply(_MeanLength, scale * sums - operators.has_edges * verts, operators.of_vert)
 
 
 def corner_cotangents(verts: Float[Tensor, "V 3"], operators: MeshOperators) -> Float[Tensor, "F 3"]:

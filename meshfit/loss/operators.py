@@ -54,7 +54,7 @@ class MeshOperators:
         of_vert, of_edge: the mesh of each vertex and of each edge.
         edges: (E, V) maps positions to edge vectors, head minus tail.
         umbrella: (V, E) maps edge vectors to each vertex minus the mean of its neighbours.
-        joined: (V, 1) 1 for vertices with edges, 0 for others.
+        has_edges: (V, 1) 1 for vertices with edges, 0 for others.
         neighbours: (F, F) sums over adjacent faces, with sign -1 for those of opposite orientation.
         valence_of_face: (F,) number of adjacent faces.
         face_pairs: (K,) number of pairs of adjacent faces, at least 1.
@@ -65,7 +65,7 @@ class MeshOperators:
     of_edge: BatchSegments
     edges: Sparse
     umbrella: Sparse
-    joined: Float[Tensor, "V 1"]
+    has_edges: Float[Tensor, "V 1"]
     neighbours: Sparse
     valence_of_face: Float[Tensor, " F"]
     face_pairs: Float[Tensor, " K"]
@@ -88,7 +88,7 @@ class MeshOperators:
             of_edge=BatchSegments.of([len(topology.edges) for topology in topologies], device),
             edges=Sparse.of(differences, **options),
             umbrella=Sparse.of(diags_array(1 / valence.clip(min=1)) @ differences.T, **options),
-            joined=torch.tensor(valence.clip(max=1)[:, None], **options),
+            has_edges=torch.tensor(valence.clip(max=1)[:, None], **options),
             neighbours=Sparse.of(_face_adjacency(pairs, signs, len(faces.segments.index)), **options),
             valence_of_face=torch.tensor(
                 np.bincount(pairs.reshape(-1), minlength=len(faces.segments.index)), **options

@@ -14,8 +14,8 @@ from meshfit.loss.autograd import apply
 
 
 @dataclass(frozen=True, eq=False)
-class Gather:
-    """A sparse matrix as a list of entries, for devices without compressed sparse rows."""
+class CooMatrix:
+    """A sparse matrix as a list of entries, for devices without compressed sparse rows; it has `height` rows."""
 
     rows: Int64[Tensor, " N"]
     columns: Int64[Tensor, " N"]
@@ -61,12 +61,12 @@ class _Product(Function):
         return ctx.transposed @ gradient, None, None
 
 
-def _matrix(rows: csr_array, dtype: torch.dtype, device: torch.device) -> Any:  # noqa: ANN401  a tensor or a Gather
+def _matrix(rows: csr_array, dtype: torch.dtype, device: torch.device) -> Any:  # noqa: ANN401  a tensor or a CooMatrix
     rows.sort_indices()
     if device.type != "cpu":
         entries = rows.tocoo()
         row, column = (torch.tensor(part, dtype=torch.int64, device=device) for part in (entries.row, entries.col))
-        return Gather(row, column, torch.tensor(entries.data, dtype=dtype, device=device)[:, None], rows.shape[0])
+        return CooMatrix(row, column, torch.tensor(entries.data, dtype=dtype, device=device)[:, None], rows.shape[0])
     start, columns = (torch.tensor(part, dtype=torch.int32) for part in (rows.indptr, rows.indices))
     return compressed_rows(start, columns, torch.tensor(rows.data, dtype=dtype), rows.shape[1])
 

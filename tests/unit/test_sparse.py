@@ -6,7 +6,7 @@ import torch
 from scipy.sparse import coo_array
 from torch.autograd import gradcheck
 
-from meshfit.loss.sparse import Gather, Sparse
+from meshfit.loss.sparse import CooMatrix, Sparse
 from tests.elsewhere import make_here
 
 CPU = torch.device("cpu")
@@ -44,8 +44,8 @@ def make(request, monkeypatch):
 
     def as_entries(case, dtype=torch.float64):
         matrix = Sparse.of(case, dtype, torch.device("mps"))
-        assert isinstance(matrix.forward, Gather)
-        assert isinstance(matrix.backward, Gather)
+        assert isinstance(matrix.forward, CooMatrix)
+        assert isinstance(matrix.backward, CooMatrix)
         return matrix
 
     return as_entries
