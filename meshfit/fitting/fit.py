@@ -14,7 +14,7 @@ from meshfit.fitting.gauss_newton.engine import GaussNewton
 from meshfit.fitting.loop import Engine, FitResult, run
 from meshfit.fitting.nearest_neighbours import search_threads
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem
-from meshfit.fitting.settings import METHODS, Dtype, FirstOrderSettings, GaussNewtonSettings
+from meshfit.fitting.settings import METHODS, Dtype, FirstOrderSettings, FitSettings, GaussNewtonSettings
 from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh
@@ -29,15 +29,13 @@ _CPU_BYTES = 200e6
 _MPS_BYTES = 2e9
 _SHARE_OF_DEVICE = 0.5
 
-Settings = FirstOrderSettings | GaussNewtonSettings
-
 ENGINES: dict[str, Callable[..., Engine]] = {"first-order": FirstOrder, "gauss-newton": GaussNewton}
 
 
 def fit(  # noqa: PLR0913  all but two are optional, by name
     source: Mesh | PolygonMesh,
     target: Mesh,
-    settings: Settings | None = None,
+    settings: FitSettings | None = None,
     *,
     seed: int = 0,
     scheme: str | Scheme = "loop",
@@ -91,7 +89,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
 
 def fit_batch(
     problems: Sequence[Problem],
-    settings: Settings | None = None,
+    settings: FitSettings | None = None,
     *,
     device: str = "auto",
     dtype: str = "float32",
@@ -144,7 +142,7 @@ def fit_batch(
     return [outcomes[problem] for problem in problems]
 
 
-def _settings(settings: Settings | None, overrides: Mapping[str, Any]) -> Settings:
+def _settings(settings: FitSettings | None, overrides: Mapping[str, Any]) -> FitSettings:
     method = overrides.get("method", "first-order" if settings is None else settings.method)
     if method not in METHODS:
         raise ConfigError(f'method: got "{method}"; {suggest(str(method), METHODS)}')
@@ -161,7 +159,7 @@ def _require_surface(mesh: Mesh, name: str) -> None:
         raise MeshError(f"{name}: the mesh has no area")
 
 
-def batches(problems: Sequence[Problem], settings: Settings, device: torch.device) -> list[list[int]]:
+def batches(problems: Sequence[Problem], settings: FitSettings, device: torch.device) -> list[list[int]]:
     """Split problems into batches that are stepped together, as large as the device has memory for.
 
     All problems of a batch have made the same number of steps; those that continue from checkpoints may differ.

@@ -11,7 +11,7 @@ import torch
 
 from meshfit.fitting.callbacks import Interrupted, Step
 from meshfit.fitting.problem import COLUMNS, Checkpoint, Diverged, Problem, Trace
-from meshfit.fitting.settings import FirstOrderSettings, GaussNewtonSettings
+from meshfit.fitting.settings import FitSettings
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh
 
@@ -31,14 +31,14 @@ class Engine(ABC):
         failed: problems that have diverged, by index; call `without_failed` before the next step.
     """
 
-    settings: FirstOrderSettings | GaussNewtonSettings
+    settings: FitSettings
     columns: ClassVar[tuple[str, ...]] = COLUMNS
     _generators: list[torch.Generator]
 
     def __init__(
         self,
         problems: Sequence[Problem],
-        settings: FirstOrderSettings | GaussNewtonSettings,
+        settings: FitSettings,
         device: torch.device,
         dtype: torch.dtype,
         pool: Executor | None = None,

@@ -41,7 +41,7 @@ def remesh(
         verts: (V, 3) positions, float64 or float32.
         faces: (F, 3) int64, an oriented manifold, closed or with boundary.
         lengths: (V,) target length at each vertex, in the unit of the vertices. Changes of more than some 30 % between
-            adjacent vertices give poor triangles; see `limited`.
+            adjacent vertices give poor triangles; see `limit_gradation`.
         rounds: number of rounds; 3 are enough where the targets are close to the current lengths.
 
     Returns:
@@ -50,11 +50,11 @@ def remesh(
     Raises:
         MeshError: there are no faces, an edge has more than two, or a length or position is not finite or positive.
     """
-    surface = remeshed(RemeshState(verts, faces, lengths), rounds)
+    surface = remesh_state(RemeshState(verts, faces, lengths), rounds)
     return surface.verts, surface.faces, surface.lengths
 
 
-def remeshed(surface: RemeshState, rounds: int) -> RemeshState:
+def remesh_state(surface: RemeshState, rounds: int) -> RemeshState:
     """Remesh a state as `remesh` does; a sphere map stays one to one.
 
     Raises:
@@ -76,7 +76,7 @@ def remeshed(surface: RemeshState, rounds: int) -> RemeshState:
 
 def _checked(surface: RemeshState) -> RemeshState:
     if not len(surface.faces):
-        raise MeshError("remeshing needs faces, and there are none")
+        raise MeshError("remeshing needs faces, but the mesh has none")
     for values, least, name in ((surface.verts, -torch.inf, "positions"), (surface.lengths, 0, "positive lengths")):
         if not bool((torch.isfinite(values) & (values > least)).all()):
             raise MeshError(f"remeshing needs {name} that are finite")

@@ -14,7 +14,7 @@ _SHARE = 0.98
 
 
 @torch.no_grad()
-def limited(
+def limit_gradation(
     lengths: Float[Tensor, " V"], verts: Float[Tensor, "V 3"], faces: Int64[Tensor, "F 3"], gradation: float
 ) -> Float[Tensor, " V"]:
     """Return the largest field below a given one that grows along each edge by at most `gradation` times its length.

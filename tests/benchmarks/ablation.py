@@ -55,10 +55,10 @@ def _even(shape, num_verts, _target, _power=0.0):
 
 VARIANTS: dict[str, tuple[Callable[[], AbstractContextManager[None]], dict[str, object]]] = {
     "nothing": (nullcontext, {}),
-    "step limiting": (lambda: patched(fit_state__limited_step=_unlimited), {}),
-    "untangling": (lambda: patched(fit_state__untangled=_left_alone), {}),
+    "step limiting": (lambda: patched(fit_state__limit_step=_unlimited), {}),
+    "untangling": (lambda: patched(fit_state__untangle=_left_alone), {}),
     "step limiting and untangling": (
-        lambda: patched(fit_state__limited_step=_unlimited, fit_state__untangled=_left_alone),
+        lambda: patched(fit_state__limit_step=_unlimited, fit_state__untangle=_left_alone),
         {},
     ),
     "tension in membranes": (lambda: patched(fairness___TENSION=0.0), {}),

@@ -17,7 +17,7 @@ from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.experiment.trial_status import TrialStatus
 from meshfit.fitting.callbacks import Interrupted
 from meshfit.fitting.gauss_newton.fit_state import FitState
-from meshfit.fitting.gauss_newton.refinement import refined
+from meshfit.fitting.gauss_newton.refinement import refine_state
 from meshfit.fitting.gauss_newton.schedule import schedule
 from meshfit.fitting.settings import GaussNewtonSettings
 from meshfit.mesh.io.files import load_mesh, load_polygons, save_mesh
@@ -191,13 +191,13 @@ def test_refined_surfaces_keep_old_verts_and_are_sound(scheme):
     mesh = sphere(2)
     triangles = mesh.triangulated()
     surface = FitState.of(torch.tensor(mesh.verts), torch.tensor(triangles.faces), polygons=PolygonTopology.of(mesh))
-    fine = refined(surface, scheme)
+    fine = refine_state(surface, scheme)
     expected = subdivide(mesh, scheme)
     np.testing.assert_allclose(fine.verts.numpy(), expected.verts, rtol=0, atol=1e-12)
     assert face_rows(expected.with_short_diagonals()) == [
         fine.polygons.corners_of(face) for face in range(fine.polygons.num_faces)
     ]
-    plain = refined(replace(surface, polygons=None), scheme)
+    plain = refine_state(replace(surface, polygons=None), scheme)
     assert plain.polygons.num_verts == subdivide(triangles, scheme).num_verts
 
 

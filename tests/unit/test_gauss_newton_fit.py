@@ -11,7 +11,7 @@ from meshfit.errors import ConfigError, MeshError
 from meshfit.fitting.gauss_newton import fit_state, target
 from meshfit.fitting.gauss_newton.engine import COLUMNS
 from meshfit.fitting.gauss_newton.fit_state import FitState
-from meshfit.fitting.gauss_newton.refinement import refined
+from meshfit.fitting.gauss_newton.refinement import refine_state
 from meshfit.fitting.gauss_newton.schedule import stage_at
 from meshfit.fitting.problem import Diverged
 from meshfit.fitting.settings import GaussNewtonSettings
@@ -116,7 +116,7 @@ def test_a_source_of_another_genus_keeps_its_own_connectivity():
 def test_interpolatory_schemes_leave_the_coarse_verts_where_they_are(scheme, dtype):
     mesh = Mesh(ball(2).verts * [1.0, 0.8, 0.6], ball(2).faces)
     surface = FitState.of(torch.tensor(mesh.verts, dtype=dtype), torch.tensor(mesh.faces))
-    fine = refined(surface, scheme)
+    fine = refine_state(surface, scheme)
     close = {
         "rtol": 0,
         "atol": 0 if scheme != "interp-loop" else 1e-6,

@@ -32,7 +32,7 @@ def test_the_search_with_most_matched_points_is_kept_and_a_good_one_is_enough(sh
     assert not rough.settled
     for share, found in zip(shares, (FIRST, SECOND, THIRD), strict=True):
         rough.matched = share
-        kept = rough.best_of(found)
+        kept = rough.end_search(found)
     assert kept is (FIRST, SECOND, THIRD)[best]
     assert rough.settled == settled
 

@@ -13,7 +13,7 @@ from meshfit.fitting.gauss_newton.surface import Connectivity
 from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron, octahedron
-from meshfit.remeshing.remesh import remeshed
+from meshfit.remeshing.remesh import remesh_state
 from meshfit.remeshing.state import RemeshState
 from meshfit.remeshing.triangle_geometry import turned_over, unit
 from meshfit.subdivision.refine import subdivide
@@ -188,7 +188,7 @@ def test_remeshing_keeps_the_map_one_to_one_and_each_vertex_near_its_place():
     surface = replace(surface, on_sphere=torch.tensor(ball(3).verts))
     for wanted in (0.15, 0.25, 0.1, 0.3):
         lengths, moved = torch.full_like(surface.lengths, wanted), moved + wanted
-        surface = remeshed(RemeshState(surface.verts, surface.faces, lengths, on_sphere=surface.on_sphere), 3)
+        surface = remesh_state(RemeshState(surface.verts, surface.faces, lengths, on_sphere=surface.on_sphere), 3)
         assert len(surface.on_sphere) == len(surface.verts)
         assert not bool(turned_over(surface.on_sphere, surface.faces).any())
         np.testing.assert_allclose(surface.on_sphere.norm(dim=1), 1, atol=1e-12)

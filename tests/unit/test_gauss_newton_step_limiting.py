@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from meshfit.fitting.gauss_newton.step_limiting import limited_step, unsound_faces, untangled
+from meshfit.fitting.gauss_newton.step_limiting import limit_step, unsound_faces, untangle
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.measuring.quality import degenerate_faces, flipped_faces
 from meshfit.mesh.mesh import Mesh
@@ -48,7 +48,7 @@ def connectivity(mesh, dtype=torch.float64):
 def moved(mesh, step, dtype=torch.float64):
     """The surface after a limited step, and which verts were held back."""
     start = torch.tensor(mesh.verts, dtype=dtype)
-    verts, held = limited_step(connectivity(mesh, dtype), start, start + torch.tensor(step, dtype=dtype))
+    verts, held = limit_step(connectivity(mesh, dtype), start, start + torch.tensor(step, dtype=dtype))
     return Mesh(verts.double().numpy(), mesh.faces), held.numpy()
 
 
@@ -100,7 +100,7 @@ def test_what_moves_as_a_whole_moves_all_the_way(mesh):
 def test_a_step_to_a_sound_place_is_taken_to_the_bit(mesh):
     start = torch.tensor(mesh.verts)
     end = start * torch.tensor([1.0, 1.25, 0.5])
-    verts, held = limited_step(connectivity(mesh), start, end)
+    verts, held = limit_step(connectivity(mesh), start, end)
     torch.testing.assert_close(verts, start + (end - start), rtol=0, atol=0)
     assert not held.any()
 
@@ -157,7 +157,7 @@ def test_needles_are_unsound_and_triangles_of_twice_their_height_are_not():
 @EACH_DTYPE
 def test_a_sound_surface_is_left_as_it_is_by_untangling(mesh, dtype):
     verts = torch.tensor(mesh.verts, dtype=dtype)
-    after, left = untangled(connectivity(mesh, dtype), verts)
+    after, left = untangle(connectivity(mesh, dtype), verts)
     assert left == 0
     assert after.numpy().tobytes() == verts.numpy().tobytes()
 
@@ -167,7 +167,7 @@ def test_a_sound_surface_is_left_as_it_is_by_untangling(mesh, dtype):
 def test_a_surface_with_some_verts_pushed_through_it_is_mended(mesh, number):
     broken = pushed_through(mesh, number)
     assert num_unsound(broken) > 0
-    verts, left = untangled(connectivity(mesh), torch.tensor(broken.verts))
+    verts, left = untangle(connectivity(mesh), torch.tensor(broken.verts))
     after = Mesh(verts.numpy(), mesh.faces)
     assert left == 0
     assert num_unsound(after) == 0
@@ -178,6 +178,6 @@ def test_a_surface_with_some_verts_pushed_through_it_is_mended(mesh, number):
 def test_what_cannot_be_mended_is_no_worse_than_before():
     """All faces of a regular tetrahedron look away from their neighbours, however small it is."""
     mesh = tetrahedron()
-    verts, left = untangled(connectivity(mesh), torch.tensor(mesh.verts))
+    verts, left = untangle(connectivity(mesh), torch.tensor(mesh.verts))
     assert left == 4
     assert int(unsound_faces(Shape(connectivity(mesh), verts)).sum()) == 4

@@ -23,7 +23,7 @@ from meshfit.remeshing.connectivity import Edges
 from meshfit.remeshing.flip import flip
 from meshfit.remeshing.relax import relax
 from meshfit.remeshing.remesh import remesh
-from meshfit.remeshing.sizing import limited, num_verts_for
+from meshfit.remeshing.sizing import limit_gradation, num_verts_for
 from meshfit.remeshing.split import split
 from meshfit.remeshing.state import RemeshState
 from meshfit.subdivision.refine import subdivide
@@ -356,7 +356,7 @@ def test_limited_is_the_distance_to_what_is_small():
     verts, faces = tensors(mesh)
     lengths = torch.full((len(verts),), 3.0, dtype=torch.float64)
     lengths[0] = 0.5
-    found = limited(lengths, verts, faces, 0.25)
+    found = limit_gradation(lengths, verts, faces, 0.25)
     walk = mesh.verts[:, 0] + mesh.verts[:, 1]  # there are no diagonals that way
     np.testing.assert_allclose(found, np.minimum(0.5 + 0.25 * walk, 3.0))
 
@@ -364,5 +364,5 @@ def test_limited_is_the_distance_to_what_is_small():
 def test_limited_leaves_what_is_gentle():
     verts, faces = tensors(sphere(2))
     lengths = 1 + 0.1 * verts[:, 0]
-    assert torch.equal(limited(lengths, verts, faces, 0.2), lengths)
-    assert torch.equal(limited(lengths, verts, faces, 0.0), torch.full_like(lengths, float(lengths.min())))
+    assert torch.equal(limit_gradation(lengths, verts, faces, 0.2), lengths)
+    assert torch.equal(limit_gradation(lengths, verts, faces, 0.0), torch.full_like(lengths, float(lengths.min())))

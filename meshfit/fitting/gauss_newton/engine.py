@@ -10,7 +10,7 @@ from torch import Generator, Tensor
 
 from meshfit.errors import ConfigError
 from meshfit.fitting.gauss_newton.fit_state import FitState
-from meshfit.fitting.gauss_newton.refinement import refined, with_control_mesh
+from meshfit.fitting.gauss_newton.refinement import refine_state, with_control_mesh
 from meshfit.fitting.gauss_newton.schedule import Stage, schedule
 from meshfit.fitting.gauss_newton.sphere_map import initial_sphere_map
 from meshfit.fitting.gauss_newton.target import TargetCloud
@@ -35,7 +35,7 @@ _ENOUGH = 0.992
 
 @dataclass
 class Restarts:
-    """The searches for a rough shape that have been made: parts that stay off the target in one seldom do in all.
+    """Outcome of the searches for a rough shape so far; parts that one leaves off the target, another seldom does.
 
     Attributes:
         best: state at the end of the best search.
@@ -54,8 +54,8 @@ class Restarts:
         """Whether no further restart is necessary."""
         return self.share >= _ENOUGH
 
-    def best_of(self, state: FitState) -> FitState:
-        """End a search with a state, and return the best state so far."""
+    def end_search(self, state: FitState) -> FitState:
+        """Record the state at the end of a search, and return the best state so far."""
         if self.best is None or (not self.settled and self.matched > self.share):
             self.best, self.share = state, self.matched
         return self.best
@@ -129,9 +129,11 @@ class GaussNewton(Engine):
         distances = [self._step(member, stage, number) for member in range(len(self.problems))]
         self.done += 1
         if stage.attempt is not None and (self.done == self.steps or self._plan[self.done][0].attempt != stage.attempt):
-            self._states = [past.best_of(state) for past, state in zip(self._restarts, self._states, strict=True)]
+            self._states = [
+                restarts.end_search(state) for restarts, state in zip(self._restarts, self._states, strict=True)
+            ]
         if self.done == self.steps:
-            # Faces that were unsound when they were put in place, and that no step has made worse.
+            # Steps make no sound face unsound; those left were so when they were put in place.
             self._states = [state.untangled() for state in self._states]
         return distances
 
@@ -203,7 +205,7 @@ class GaussNewton(Engine):
         if stage.change == "start" and stage.attempt:
             state = self._start(problem)
         if stage.change == "refine":
-            fine = refined(state, problem.scheme)
+            fine = refine_state(state, problem.scheme)
             too_many = self.settings.connectivity == "remeshed" and len(fine.verts) > self.settings.verts
             return state if too_many else fine
         if stage.change == "control":

@@ -143,20 +143,18 @@ def solve_step(
     table = _table(len(surface.connectivity.faces), pairs, point_weight)
     blocks = surface.blocks(table[:, :36].view(-1, 6, 6))
     pull, diagonal = _at_verts(surface.connectivity, table[:, 36:].view(-1, 3, 3)), blocks[surface.diagonal]
-    times = surface.times(blocks)
+    surface_times = surface.times(blocks)
     if controlled is not None:
-        operator, fine = controlled.operator, times
-        pull, diagonal = operator.T @ pull, controlled.diagonal(diagonal)
-        times = lambda x: operator.T @ fine(operator @ x)  # noqa: E731  like the function it replaces
+        pull, diagonal = controlled.operator.T @ pull, controlled.diagonal(diagonal)
+
+    def times(x: Tensor) -> Tensor:
+        if controlled is None:
+            return surface_times(x) + fairness(x)
+        return controlled.operator.T @ surface_times(controlled.operator @ x) + fairness(x)
+
     eye = torch.eye(3, dtype=blocks.dtype, device=blocks.device)
     diagonal = diagonal + (fairness.diagonal()[:, :, None] + torch.finfo(blocks.dtype).tiny ** 0.5) * eye
-    inverse = torch.linalg.inv(diagonal)
-    return conjugate_gradients(
-        lambda x: times(x) + fairness(x),
-        pull - fairness.slope(verts),
-        lambda r: (inverse @ r[:, :, None])[:, :, 0],
-        _TOLERANCE,
-    )
+    return conjugate_gradients(times, pull - fairness.slope(verts), diagonal, _TOLERANCE)
 
 
 def _table(num_faces: int, pairs: Correspondences, point_weight: float) -> Tensor:
@@ -181,16 +179,18 @@ def _at_verts(connectivity: Connectivity, per_corner: Tensor) -> Tensor:
 def conjugate_gradients(
     times: Callable[[Tensor], Tensor],
     right: Float[Tensor, "V 3"],
-    precondition: Callable[[Tensor], Tensor],
+    diagonal: Float[Tensor, "V 3 3"],
     tolerance: float,
     most: int = _MOST_ITERATIONS,
 ) -> tuple[Float[Tensor, "V 3"], int]:
-    """Solve A x = b, A symmetric positive definite, by preconditioned conjugate gradients (Hestenes and Stiefel 1952).
+    """Solve A x = b, A symmetric positive definite, by conjugate gradients (Hestenes and Stiefel 1952).
+
+    The preconditioner is block Jacobi: the inverse of the diagonal blocks.
 
     Args:
         times: product with A.
         right: b.
-        precondition: product with an approximate inverse of A.
+        diagonal: the diagonal blocks of A, or an approximation.
         tolerance: largest |b - A x| / |b|.
         most: largest number of iterations.
 
@@ -200,7 +200,8 @@ def conjugate_gradients(
     x, residual = torch.zeros_like(right), right
     if not bool(right.any()):
         return x, 0
-    z = precondition(residual)
+    inverse = torch.linalg.inv(diagonal)
+    z = (inverse @ residual[:, :, None])[:, :, 0]
     direction, slope, limit = z, (residual * z).sum(), tolerance * right.norm()
     for iteration in range(1, most + 1):
         product = times(direction)
@@ -208,7 +209,7 @@ def conjugate_gradients(
         x, residual = x + length * direction, residual - length * product
         if not residual.norm() > limit:
             return x, iteration
-        z = precondition(residual)
+        z = (inverse @ residual[:, :, None])[:, :, 0]
         slope, before = (residual * z).sum(), slope
         direction = z + (slope / before) * direction
     return x, most

@@ -11,11 +11,11 @@ from meshfit.fitting.gauss_newton.equations import ControlledSurface, SparsityPa
 from meshfit.fitting.gauss_newton.fairness import Fairness, membrane_tension
 from meshfit.fitting.gauss_newton.sizing import lengths_for
 from meshfit.fitting.gauss_newton.sphere_map import SphereMap
-from meshfit.fitting.gauss_newton.step_limiting import limited_step, unsound_faces, untangled
+from meshfit.fitting.gauss_newton.step_limiting import limit_step, unsound_faces, untangle
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.mesh.topology import PolygonTopology
-from meshfit.remeshing.remesh import remeshed
+from meshfit.remeshing.remesh import remesh_state
 from meshfit.remeshing.state import RemeshState
 
 _REMESH_ROUNDS = 3
@@ -118,7 +118,7 @@ class FitState:
         end = self.verts + step
         if not bool(end.isfinite().all()):
             return StepReport(replace(self, verts=end), pairs, 0)
-        verts, held = limited_step(connectivity, self.verts, end, controlled)
+        verts, held = limit_step(connectivity, self.verts, end, controlled)
         decayed = (self.stiffness * _DECAY).clamp_min(1)
         stiffness = torch.where(held[:, None], (decayed * _STIFFER).clamp_max(_STIFFEST), decayed)
         return StepReport(replace(self, verts=verts, stiffness=stiffness), pairs, int(held.sum()))
@@ -127,7 +127,7 @@ class FitState:
         """Return the state with unsound faces smoothed away as far as possible; unchanged with a control mesh."""
         if self.controlled is not None:
             return self
-        return replace(self, verts=untangled(self.pattern.connectivity, self.verts)[0])
+        return replace(self, verts=untangle(self.pattern.connectivity, self.verts)[0])
 
     def remeshed(self, num_verts: float, target: TargetCloud | None) -> "FitState":
         """Return the surface with new connectivity; unchanged if it would have too many vertices or become unsound.
@@ -147,7 +147,7 @@ class FitState:
 
     def _remeshed_once(self, num_verts: float, target: TargetCloud | None) -> "FitState":
         lengths, faces = lengths_for(self.shape, num_verts, target), self.pattern.connectivity.faces
-        mesh = remeshed(RemeshState(self.verts, faces, lengths, on_sphere=self.on_sphere), _REMESH_ROUNDS)
+        mesh = remesh_state(RemeshState(self.verts, faces, lengths, on_sphere=self.on_sphere), _REMESH_ROUNDS)
         return FitState.of(mesh.verts, mesh.faces, mesh.on_sphere).untangled()
 
     def with_better_map(self, steps: int, target: TargetCloud | None = None) -> "FitState":

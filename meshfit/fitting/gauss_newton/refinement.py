@@ -9,7 +9,7 @@ from torch import Tensor
 
 from meshfit.fitting.gauss_newton.equations import ControlledSurface, SparsityPattern
 from meshfit.fitting.gauss_newton.fit_state import FitState
-from meshfit.fitting.gauss_newton.step_limiting import limited_step
+from meshfit.fitting.gauss_newton.step_limiting import limit_step
 from meshfit.fitting.gauss_newton.surface import Connectivity
 from meshfit.loss.sparse import Sparse
 from meshfit.mesh.mesh import Verts
@@ -60,7 +60,7 @@ def with_control_mesh(
     return replace(state, on_sphere=None, controlled=surface)
 
 
-def refined(state: FitState, scheme: str | Scheme) -> FitState:
+def refine_state(state: FitState, scheme: str | Scheme) -> FitState:
     """Refine by one level of a scheme; where that is unsound, vertices stay nearer to the unrefined state.
 
     A scheme that splits triangles in four always has such positions, as its linear refinement is the surface itself;
@@ -78,7 +78,7 @@ def refined(state: FitState, scheme: str | Scheme) -> FitState:
     between = refine(topology, linear)
     start = torch.as_tensor(between(verts)).to(state.verts)
     stiffness = torch.as_tensor(between(state.stiffness.cpu().double().numpy())).to(state.verts)
-    end, _ = limited_step(finer.pattern.connectivity, start, finer.verts)
+    end, _ = limit_step(finer.pattern.connectivity, start, finer.verts)
     return replace(finer, verts=end, stiffness=stiffness).untangled()
 
 

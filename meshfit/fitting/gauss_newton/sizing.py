@@ -8,7 +8,7 @@ from torch import Tensor
 
 from meshfit.fitting.gauss_newton.surface import Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
-from meshfit.remeshing.sizing import limited, num_verts_for
+from meshfit.remeshing.sizing import limit_gradation, num_verts_for
 from meshfit.remeshing.triangle_geometry import dot
 
 # Lengths fall with curvature to this power. Distances grow as curvature times squared length, so for a given number of
@@ -38,7 +38,7 @@ def lengths_for(
         # Limiting the gradation shortens edges, which changes the scale.
         for _ in range(2):
             lengths = _scaled(shape, lengths, num_verts)
-            lengths = limited(lengths, shape.verts, shape.connectivity.faces, _GRADATION)
+            lengths = limit_gradation(lengths, shape.verts, shape.connectivity.faces, _GRADATION)
     return _scaled(shape, lengths, num_verts)
 
 

@@ -212,14 +212,8 @@ class SphereMap:
         blocks = along[self.pattern.rows] @ blocks @ along[self.pattern.columns]
         size = blocks[self.pattern.diagonal].diagonal(dim1=1, dim2=2).sum(1) / 2
         blocks[self.pattern.diagonal] += size[:, None, None] * outward + 1e-9 * eye
-        inverse = torch.linalg.inv(blocks[self.pattern.diagonal])
-        return conjugate_gradients(
-            self.pattern.times(blocks),
-            (along @ pull[:, :, None])[:, :, 0],
-            lambda r: (inverse @ r[:, :, None])[:, :, 0],
-            _TOLERANCE,
-            _MOST_ITERATIONS,
-        )[0]
+        times, right = self.pattern.times(blocks), (along @ pull[:, :, None])[:, :, 0]
+        return conjugate_gradients(times, right, blocks[self.pattern.diagonal], _TOLERANCE, _MOST_ITERATIONS)[0]
 
     def _line_search(self, places: Tensor, step: Tensor, before: float) -> tuple[Tensor, float]:
         """Halve a step until no face turns over and the energy falls; return the places and the energy."""

@@ -31,7 +31,7 @@ def unsound_faces(shape: Shape, among: Bool[Tensor, " F"] | None = None) -> Bool
     return bad | intersecting_faces(shape.verts, connectivity.faces, among=among)
 
 
-def limited_step(
+def limit_step(
     connectivity: Connectivity,
     start: Float[Tensor, "V 3"],
     end: Float[Tensor, "V 3"],
@@ -81,7 +81,7 @@ def limited_step(
     return start, torch.ones_like(held)
 
 
-def untangled(
+def untangle(
     connectivity: Connectivity, verts: Float[Tensor, "V 3"], most: int = _UNTANGLINGS
 ) -> tuple[Float[Tensor, "V 3"], int]:
     """Smooth unsound faces, in growing neighbourhoods, until there are none or no progress is made.
