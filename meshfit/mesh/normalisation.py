@@ -1,15 +1,18 @@
 """Normalisation: the frame that maps a target from its own coordinates to those of all lengths and results."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 
 from meshfit.errors import MeshError
 from meshfit.mesh.geometry import bounding_box, bounding_box_diagonal
 from meshfit.mesh.mesh import Mesh, Verts
+from meshfit.mesh.polygons import PolygonMesh
 
 Normalisation = Literal["tutorial", "box", "none"]
+
+_AnyMesh = TypeVar("_AnyMesh", Mesh, PolygonMesh, Mesh | PolygonMesh)
 
 
 @dataclass(frozen=True)
@@ -23,9 +26,9 @@ class Frame:
         """Return the mesh in normalised coordinates."""
         return mesh.with_verts((mesh.verts - self.centre) / self.scale)
 
-    def restore(self, verts: Verts) -> Verts:
-        """Return normalised positions in their original coordinates."""
-        return np.asarray(verts * self.scale + self.centre)
+    def restore(self, mesh: _AnyMesh) -> _AnyMesh:
+        """Return a normalised mesh in its original coordinates."""
+        return mesh.with_verts(mesh.verts * self.scale + self.centre)
 
 
 def frame_of(verts: Verts, how: Normalisation) -> Frame:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -112,9 +112,6 @@ class PolygonMesh:
             roll = (lengths <= lengths.min(axis=1, keepdims=True) * (1 + _TIE)).argmax(axis=1)
             corners[places] = np.take_along_axis(rows, (np.arange(size) + roll[:, None]) % size, axis=1)
         return PolygonMesh(self.verts, corners, self.sizes)
-
-
-AnyMesh = TypeVar("AnyMesh", Mesh, PolygonMesh)
 
 
 def fan_triangles(corners: Corners, sizes: Sizes) -> Int64[np.ndarray, "T 3"]:

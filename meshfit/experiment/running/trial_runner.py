@@ -158,7 +158,7 @@ class TrialRunner:
 
     def _encoded(self, mesh: Mesh | PolygonMesh) -> bytes:
         in_target_frame = self.trial.settings.write_frame == "target"
-        return encode_mesh(mesh.with_verts(self._frame.restore(mesh.verts)) if in_target_frame else mesh, ".ply")
+        return encode_mesh(self._frame.restore(mesh) if in_target_frame else mesh, ".ply")
 
 
 class _Target(NamedTuple):

@@ -129,9 +129,7 @@ class GaussNewton(Engine):
         distances = [self._step(member, stage, number) for member in range(len(self.problems))]
         self.done += 1
         if stage.attempt is not None and (self.done == self.steps or self._plan[self.done][0].attempt != stage.attempt):
-            self._states = [
-                restarts.end_search(state) for restarts, state in zip(self._restarts, self._states, strict=True)
-            ]
+            self._states = [past.end_search(state) for past, state in zip(self._restarts, self._states, strict=True)]
         if self.done == self.steps:
             # Steps make no sound face unsound; those left were so when they were put in place.
             self._states = [state.untangled() for state in self._states]
