@@ -1,5 +1,7 @@
 """`meshfit animate`: a video of a fit, from its snapshots."""
 
+import json
+import shlex
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,7 +16,7 @@ from meshfit.errors import ConfigError
 if TYPE_CHECKING:
     from meshfit.experiment.status.scan import ScannedTrial
 
-_SNAPSHOTS = 60
+_SUGGESTED_SNAPSHOTS = 60
 
 _T = TypeVar("_T")
 
@@ -52,9 +54,9 @@ def animate(
     from meshfit.units import size_text
 
     require_video_suffix(output)
-    _, found = find_trial(trial, runs, datetime.now(UTC))
-    _require_snapshots(found)
-    animation = read_animation(found.path)
+    _, scanned = find_trial(trial, runs, datetime.now(UTC))
+    _require_snapshots(scanned)
+    animation = read_animation(scanned.path)
     images = draw_animation(animation, size=size, fps=fps, edges=edges)
     count = write_video(_with_progress(images, len(animation.frames)), output, fps)
     length = f"{count} frames, {count / fps:.1f} s, {size_text(output.stat().st_size)}"
@@ -65,7 +67,7 @@ def animate(
 def _require_snapshots(trial: "ScannedTrial") -> None:
     from meshfit.config.loading import bundled_configs
     from meshfit.experiment.storage.checkpoint import snapshots_in
-    from meshfit.experiment.storage.result import read_result
+    from meshfit.experiment.storage.run_directory import RESULT, read_json
     from meshfit.experiment.trial_status import TrialStatus
 
     if trial.status is not TrialStatus.COMPLETE:
@@ -73,12 +75,13 @@ def _require_snapshots(trial: "ScannedTrial") -> None:
         raise ConfigError(f"{state}; run it first, with --set fit.snapshots=20")
     if snapshots_in(trial.path):
         return
-    result = read_result(trial.path) or {}
-    name = str(result.get("experiment", "my"))
+    result = read_json(trial.path / RESULT)
+    name = result["experiment"]
     config = name if name in bundled_configs() else f"{name}.yaml"
-    settings: dict[str, object] = {"fit.snapshots": max(1, result["fit"]["steps"] // _SNAPSHOTS)}
-    settings |= {"targets": f"[{trial.target}]", "schemes": f"[{trial.scheme}]", "seeds": f"[{trial.seed}]"}
-    sets = " ".join(f"--set {key}={value}" for key, value in settings.items())
+    settings = {"fit.snapshots": max(1, result["fit"]["steps"] // _SUGGESTED_SNAPSHOTS)}
+    settings |= {key: result["settings"][key] for key in ("targets", "schemes", "seeds")}
+    changes = (f"{key}={json.dumps(value, ensure_ascii=False)}" for key, value in settings.items())
+    sets = " ".join(f"--set {shlex.quote(change)}" for change in changes)
     raise ConfigError(f"{trial.label}: no snapshots; to take some: meshfit run {config} {sets} --force")
 
 

@@ -44,7 +44,7 @@ def chart(
 
 
 def _print_means(tables: "Sequence[Table]") -> None:
-    """Print the values of the bars."""
+    """Print the geometric means that the bars show."""
     from rich.table import Table as Grid
 
     from meshfit.measuring.metrics import METRICS
@@ -54,11 +54,11 @@ def _print_means(tables: "Sequence[Table]") -> None:
     schemes = list(dict.fromkeys(scheme for _, means in columns for scheme in means))
     if not schemes:
         return
-    shown = Grid(box=None, pad_edge=False)
-    shown.add_column("scheme")
+    grid = Grid(box=None, pad_edge=False)
+    grid.add_column("scheme")
     for name, _ in columns:
-        shown.add_column(name, justify="right")
+        grid.add_column(name, justify="right")
     for scheme in schemes:
-        shown.add_row(scheme, *(f"{means[scheme]:.4g}" if scheme in means else "" for _, means in columns))
+        grid.add_row(scheme, *(f"{means[scheme]:.4g}" if scheme in means else "" for _, means in columns))
     out.print(f"{METRICS[tables[0].metrics[0]].title}: geometric means over the targets")
-    out.print(shown)
+    out.print(grid)

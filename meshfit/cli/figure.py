@@ -22,13 +22,14 @@ def figure(
         str | None,
         typer.Option(
             "--targets",
-            help="Only these, in this order, separated by commas.",
+            help="Only these targets, in this order, separated by commas.",
             metavar="A,B",
             autocompletion=completions.listed_targets,
         ),
     ] = None,
     schemes: Annotated[
-        str | None, typer.Option("--schemes", help="Only these, in this order, separated by commas.", metavar="A,B")
+        str | None,
+        typer.Option("--schemes", help="Only these schemes, in this order, separated by commas.", metavar="A,B"),
     ] = None,
 ) -> int:
     """Draw a figure of some runs for a paper, with its caption.
@@ -53,11 +54,11 @@ def figure(
     require_suffix(output)
     results = distinguish_definitions(with_planned_names(read_results(runs)))
     selection = select_trials(results, metric, targets=_names(targets), schemes=_names(schemes))
-    shown = read_figure_targets(selection)
-    write_figure(shown, output, metric)
+    figure_targets = read_figure_targets(selection)
+    write_figure(figure_targets, output, metric)
     written = [output, output.with_suffix(".txt"), output.with_suffix(".tex")]
-    write_atomically(written[1], plain_caption(shown, metric))
-    write_atomically(written[2], latex_figure(shown, metric, output.name))
+    write_atomically(written[1], plain_caption(figure_targets, metric))
+    write_atomically(written[2], latex_figure(figure_targets, metric, output.name))
     out.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, markup=False)
     return 0
 

@@ -1,4 +1,4 @@
-"""`meshfit table`: print the tables of results, or check them against expected values."""
+"""`meshfit table`: print result tables, or check them against expected values."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,7 +20,7 @@ _DEVIATES = 1
 
 def table(
     runs: RunDirs,
-    format: Annotated[  # noqa: A002
+    format: Annotated[  # noqa: A002  the name of the option
         Literal["rich", "md", "csv", "latex", "json"],
         typer.Option(
             "--format",
@@ -64,7 +64,7 @@ def _check(runs: Sequence[Path], results: Sequence[Result], path: Path) -> int:
     from meshfit.report.tables.table import build_tables
 
     expected = read_expected(path)
-    tables = build_tables(results, *(each.metric for each in expected.tables))
+    tables = build_tables(results, *(expected_table.metric for expected_table in expected.tables))
     deviations = check(tables, expected)
     for deviation in deviations:
         print_error(str(deviation))
@@ -72,8 +72,8 @@ def _check(runs: Sequence[Path], results: Sequence[Result], path: Path) -> int:
     if deviations:
         err.print(f"{where}: {count_text(len(deviations), 'deviation')} from {path}", soft_wrap=True, markup=False)
         return _DEVIATES
-    cells = sum(len(each.cells) for each in expected.tables)
-    out.print(f"{where}: all {cells} cells are as {path} expects", soft_wrap=True, markup=False)
+    cells = sum(len(expected_table.cells) for expected_table in expected.tables)
+    out.print(f"{where}: all {cells} cells match {path}", soft_wrap=True, markup=False)
     return 0
 
 
@@ -88,10 +88,10 @@ def show_tables(
     """Print the tables of results to stdout.
 
     Args:
-        results: with distinguished definitions.
+        results: results from `distinguish_definitions`.
         metrics: names of metrics; by default the Hausdorff distance.
         baseline: the scheme that others are compared with; by default the first.
-        format_name: a name of `FORMATS`, or `rich` to print with colour.
+        format_name: a name in `FORMATS`, or `rich` to print with colour.
         planned: keep the order of the results, which is that of the plan, for rows, columns and variations.
     """
     from meshfit.report.tables.formats import FORMATS

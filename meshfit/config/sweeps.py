@@ -60,7 +60,9 @@ def variants_of(settings: ExperimentSettings, where: Callable[[], str] = lambda:
                 changes = deep_merge(changes, nested(key, value))
         varied = build(ExperimentSettings, apply_changes(base, changes), lambda _: f"{where()}sweep: ")
         name = ", ".join(point.name for point in points)
-        other = variants.setdefault(varied.model_dump_json(), Variant(name, varied))
+        # Settings without an effect do not tell two points apart: both would be the same trials.
+        key = varied.model_dump_json(exclude=NO_EFFECT_ON_RESULTS)
+        other = variants.setdefault(key, Variant(name, varied))
         if other.name != name:
             raise ConfigError(f"{where()}sweep: '{other.name}' and '{name}' are the same settings")
     return list(variants.values())

@@ -94,8 +94,9 @@ def test_without_snapshots_one_line_says_how_to_get_them(tmp_path):
     trial, store, place = prepared(tmp_path)
     run_trial(trial, store, quietly)
     said = refused("animate", place, "-o", tmp_path / "fit.mp4")
+    target = f'["{trial.target}"]'
     assert "no snapshots; to take some: meshfit run small.yaml --set fit.snapshots=1 " in said
-    assert said.endswith("--set targets=[ellipsoid] --set schemes=[loop] --set seeds=[0] --force")
+    assert said.endswith(f"--set 'targets={target}' --set 'schemes=[\"loop\"]' --set 'seeds=[0]' --force")
     assert "'.avi' is not a video format" in refused("animate", place, "-o", tmp_path / "fit.avi")
 
 

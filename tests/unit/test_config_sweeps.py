@@ -121,6 +121,14 @@ def test_swept_mesh_files_lie_relative_to_the_config(tmp_path, monkeypatch):
         ({"zip": {"fit.steps": [1, 2]}, "fit.steps": [3]}, "varied in two ways"),
         ({"variants": {"a": {"fit.steps": 3}}, "fit.steps": [3]}, "varied in two ways"),
         ({"variants": {"a": {}, "b": {}}}, "'a' and 'b' are the same settings"),
+        (
+            {
+                "variants": {
+                    name: {"fit": {"method": "gauss-newton", "snapshots": i}} for i, name in ((1, "a"), (2, "b"))
+                }
+            },
+            "'a' and 'b' are the same settings",
+        ),
         ({"variants": ["a"]}, r"variants: expected a mapping"),
         ({"variants": {"a": 3}}, r"variants\.a: expected a mapping .* got 3"),
     ],
