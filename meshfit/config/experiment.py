@@ -80,8 +80,7 @@ SchemeSpec = Annotated[str, AfterValidator(_canonical_scheme)]
 Count = Annotated[Literal["auto"] | Annotated[int, Field(ge=1)], WrapValidator(_auto_or_count)]
 NonEmptyUnique = (Field(min_length=1), AfterValidator(_unique))
 Align = Annotated[
-    Literal["none", "center", "pca", "icp"],
-    BeforeValidator(lambda value: "center" if value == "centre" else value),
+    Literal["none", "center", "pca", "icp"], BeforeValidator(lambda value: "center" if value == "centre" else value)
 ]
 
 

@@ -9,6 +9,7 @@ from filelock import FileLock
 
 from meshfit.errors import StoreError
 from meshfit.experiment.status.scan import scan, status_of, trial_folder
+from meshfit.experiment.storage.result import read_results
 from meshfit.experiment.storage.trial_log import this_host
 from meshfit.experiment.trial_status import TrialStatus
 from tests.runs import NOW, begun, complete, failed, held, write_progress
@@ -52,6 +53,20 @@ def test_a_lock_is_let_go_at_once_and_none_is_made(tmp_path):
     (folder / ".lock").unlink()
     assert state(folder) is TrialStatus.INTERRUPTED
     assert not (folder / ".lock").exists()
+
+
+def test_a_folder_that_is_removed_during_a_scan_is_left_out(tmp_path, monkeypatch):
+    removed, kept = failed(tmp_path, seed=0), complete(tmp_path, seed=1)
+    scandir = os.scandir
+
+    def scandir_without_removed(path):
+        if Path(path) == removed:
+            raise FileNotFoundError(path)
+        return scandir(path)
+
+    monkeypatch.setattr("os.scandir", scandir_without_removed)
+    assert [folder.path for folder in scan(tmp_path).trials] == [kept]
+    assert [Path(result["folder"]) for result in read_results([tmp_path])] == [kept]
 
 
 def test_a_stale_sign_of_life_does_not_make_a_trial_run(tmp_path):

@@ -101,11 +101,7 @@ class _DaskExecutor(Executor):
         self._on_gpu = client.get_executor(pure=False, resources={_GPU: 1})
 
     def submit(
-        self,
-        fn: Callable[_Parameters, _Result],
-        /,
-        *args: _Parameters.args,
-        **kwargs: _Parameters.kwargs,
+        self, fn: Callable[_Parameters, _Result], /, *args: _Parameters.args, **kwargs: _Parameters.kwargs
     ) -> Future[_Result]:
         """Have a worker call a function."""
         device = str(getattr(args[0], "device", "")) if args else ""

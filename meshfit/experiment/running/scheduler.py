@@ -7,14 +7,7 @@ from dataclasses import dataclass, field
 
 from meshfit.errors import ClusterError, MeshfitError, TrialError
 from meshfit.experiment.plan import Trial
-from meshfit.experiment.running.backends import (
-    Backend,
-    LocalBackend,
-    ProgressReader,
-    Remote,
-    RemoteBackend,
-    is_death,
-)
+from meshfit.experiment.running.backends import Backend, LocalBackend, ProgressReader, Remote, RemoteBackend, is_death
 from meshfit.experiment.running.process_pool import ONE_THREAD, environment
 from meshfit.experiment.running.worker import JobResult, store_outputs
 from meshfit.experiment.storage.failure import RETRIED, failed_attempts, killed_record

@@ -223,16 +223,15 @@ def _folders(root: Path) -> Iterator[tuple[Path, frozenset[str]]]:
     pending = [root]
     while pending:
         path = pending.pop()
-        files, below = set[str](), list[Path]()
-        with os.scandir(path) as entries:
-            for entry in entries:
-                if entry.is_dir(follow_symlinks=False):
-                    below.append(path / entry.name)
-                else:
-                    files.add(entry.name)
-        yield path, frozenset(files)
+        try:
+            with os.scandir(path) as scanned:
+                entries = list(scanned)
+        except FileNotFoundError:  # removed since its parent was listed
+            continue
+        folders = {entry.name for entry in entries if entry.is_dir(follow_symlinks=False)}
+        yield path, frozenset(entry.name for entry in entries) - folders
         if _FOLDER_NAME.fullmatch(path.name) is None:
-            pending += below
+            pending += [path / name for name in folders]
 
 
 def trial_folder(path: Path) -> TrialFolder:

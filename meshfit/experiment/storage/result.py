@@ -113,7 +113,7 @@ def _results_below(folder: Path) -> Iterator[Path]:
     try:
         with os.scandir(folder) as scanned:
             entries = sorted(scanned, key=lambda entry: entry.name)
-    except (NotADirectoryError, PermissionError):
+    except (FileNotFoundError, NotADirectoryError, PermissionError):
         return
     for entry in entries:
         if entry.is_dir(follow_symlinks=False):
