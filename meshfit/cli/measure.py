@@ -42,8 +42,8 @@ def measure(
 ) -> int:
     """Measure a mesh against a target.
 
-    The metrics are Hausdorff, mean and RMS distance, chamfer distance, F-score, normal error and mesh quality. Lengths
-    are in the files' own units unless --normalise names a frame.
+    The metrics are Hausdorff, mean and RMS distance, chamfer distance, F-score, normal consistency and mesh quality.
+    Lengths are in the files' own units unless --normalise names a frame.
 
     Examples:
         meshfit measure result.ply target.obj
