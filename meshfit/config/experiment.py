@@ -126,8 +126,8 @@ class SourceSettings(Settings):
     levels: Annotated[int, Field(ge=0, le=MAX_LEVELS)] = 4
     """Number of subdivision levels, from 0 to 8."""
     wanted_verts: Annotated[int, Field(ge=4)] | None = None
-    """Number of vertices, 4 or more, to come nearest to by choosing the levels for each scheme, in place of `levels`;
-    null uses `levels`."""
+    """Wanted number of vertices, 4 or more: each scheme gets the number of levels that comes nearest to it, in place of
+    `levels`; null uses `levels`."""
     radius: Annotated[float, Field(gt=0)] | None = 1.0
     """Distance of the control mesh's farthest vertex from the mean of its vertices after scaling; null keeps its
     size."""

@@ -136,7 +136,7 @@ def test_a_scheduler_that_is_lost_is_one_line_and_the_next_run_goes_on(tmp_path,
         _, err = process.communicate(timeout=120)
     assert process.returncode == 2, err
     assert "Traceback" not in err
-    assert "lost touch with the workers; the same command goes on from here" in err
+    assert "lost the connection to the workers; run the same command again to resume" in err
     meshfit("run", config, "-q", folder=tmp_path)
     assert same(contents(tmp_path / "runs", *NAMES), undisturbed[0])
 

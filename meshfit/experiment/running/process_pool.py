@@ -24,7 +24,7 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 class ProcessPool:
     """A pool of `workers` processes for the CPU and one for each other device, each started when it is first needed.
 
-    A call whose process dies ends with `BrokenProcessPool`; other calls go on, and the process is replaced.
+    A call whose process dies ends with `BrokenProcessPool`; other calls continue, and the process is replaced.
 
     Pools of pebble also replace a process that dies during a call. But one that dies while it is idle breaks the whole
     pool, and cancelling a call kills its process before it has written a checkpoint.

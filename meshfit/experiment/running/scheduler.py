@@ -141,7 +141,7 @@ class _Scheduler:
         If a worker died with several trials, it is not known which one caused it, so each is sent by itself.
         """
         if future.cancelled():
-            raise ClusterError("lost the connection to the workers; the same command goes on from here")
+            raise ClusterError("lost the connection to the workers; run the same command again to resume")
         error = future.exception()
         if error is None or not is_death(error):
             raise self._error_of_worker(error)

@@ -33,7 +33,7 @@ class Removed:
 
     Attributes:
         trial: the trial.
-        names: the half-written files; empty where the whole folder goes.
+        names: the half-written files; empty if the whole folder is removed.
         size: in bytes.
     """
 

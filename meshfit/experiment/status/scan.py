@@ -265,8 +265,8 @@ def status_at_rest(folder: TrialFolder) -> TrialStatus:
 def is_running(folder: TrialFolder, now: datetime) -> bool:
     """Whether a living process holds the trial's lock.
 
-    Locks do not tell where they cannot be tried, or where another host does not share them; there, a trial is running
-    if its progress was written within the last minute.
+    Where the lock is inconclusive, because it cannot be tried or another host does not share it, a trial is running if
+    its progress was written within the last minute.
     """
     if LOCK not in folder.files:
         return False
