@@ -88,7 +88,7 @@ def require_faces(topology: HalfEdges, purpose: str) -> None:
     stray = np.flatnonzero((topology.tail < 0) | (topology.tail >= topology.num_verts))
     outside[topology.face_of(stray)] = True
     allowed = f"vertices are numbered 0 to {topology.num_verts - 1}"
-    for bad, fault in ((outside, allowed), (topology.has_vert_twice, "a vertex twice")):
+    for bad, fault in ((outside, allowed), (topology.has_vert_twice, "it has a vertex twice")):
         if bad.any():
             face = int(np.flatnonzero(bad)[0])
             raise MeshError(f"{purpose} needs valid faces: face {face} is {topology.corners_of(face)}: {fault}")

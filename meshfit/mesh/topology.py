@@ -63,7 +63,7 @@ class HalfEdges:
     @property
     @abstractmethod
     def has_vert_twice(self) -> Mask:
-        """(F,) which faces visit a vertex twice."""
+        """(F,) which faces have a vertex twice."""
 
     @abstractmethod
     def corners_of(self, face: int) -> list[int]:
@@ -215,7 +215,7 @@ class Topology(HalfEdges):
 
     @property
     def has_vert_twice(self) -> Mask:
-        """(F,) which faces visit a vertex twice."""
+        """(F,) which faces have a vertex twice."""
         return np.asarray((self.faces == np.roll(self.faces, 1, axis=1)).any(axis=1))
 
     def corners_of(self, face: int) -> list[int]:
@@ -294,7 +294,7 @@ class PolygonTopology(HalfEdges):
 
     @property
     def has_vert_twice(self) -> Mask:
-        """(F,) which faces visit a vertex twice."""
+        """(F,) which faces have a vertex twice."""
         order = np.lexsort((self.corners, self.face))
         vert, face = self.corners[order], self.face[order]
         twice = np.zeros(self.num_faces, dtype=bool)

@@ -124,7 +124,7 @@ FAULTS = {
     "ply: no z": ("a.ply", PLY.replace("double z", "double w"), "'vertex' has no property 'z'"),
     "ply: no indices": ("a.ply", PLY.replace("vertex_indices", "corners"), "'face' has no property 'vertex_indices'"),
     "ply: a negative list": ("a.ply", PLY.replace("uchar", "char").replace("3 2 0 3", "-3 2 0 3"), "a list of -3"),
-    "ply: unknown type": ("a.ply", PLY.replace("double y", "quad y"), "its header has the line 'property quad y'"),
+    "ply: unknown type": ("a.ply", PLY.replace("double y", "quad y"), "its header: 'property quad y'"),
     "ply: no format": ("a.ply", PLY.replace("format ascii 1.0\n", ""), "its header has no 'format' line"),
     "ply: points only": ("a.ply", PLY.partition("3 0 2 1")[0].replace("face 4", "face 0"), "4 vertices and no faces"),
     "ply: nan": ("a.ply", PLY.replace("1 0 0\n", "nan 0 0\n", 1), "vertex 1 has a coordinate that is not finite"),

@@ -125,7 +125,7 @@ SPREAD = np.random.default_rng(0).standard_normal((9, 3))
         ([[0, 1, 2, 3], [0, 4, 5, 6]], "vertex 0 joins separate fans of faces"),
         ([[0, 1, 2, 3], [3, 2, 1, 4]], "face 0 shares more than one edge with the same neighbour"),
         ([[0, 1, 2, 3], [3, 2, 1, 0]], "shares more than one edge"),
-        ([[0, 1, 2, 0, 3]], r"face 0 is \[0, 1, 2, 0, 3\]: a vertex twice"),
+        ([[0, 1, 2, 0, 3]], r"face 0 is \[0, 1, 2, 0, 3\]: it has a vertex twice"),
         ([[0, 1, 2, 3], [3, 2, 9, 5]], r"face 1 is \[3, 2, 9, 5\]: vertices are numbered 0 to 8"),
     ],
 )

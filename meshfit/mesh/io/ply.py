@@ -226,7 +226,7 @@ def _parse_header(head: bytes) -> tuple[str, list[_Element]]:
             case [] | ["ply" | "comment" | "obj_info", *_]:
                 pass
             case _:
-                raise ValueError(f"its header has the line {line[:60]!r}")
+                raise ValueError(f"unexpected line in its header: {line[:60]!r}")
     if byte_order is None:
         raise ValueError("its header has no 'format' line")
     return byte_order, elements
