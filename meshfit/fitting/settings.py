@@ -119,7 +119,7 @@ class GaussNewtonSettings(Settings):
 
 def _method(settings: Any) -> str:  # noqa: ANN401  settings, or a mapping to build them from
     if isinstance(settings, dict):
-        return str(settings.get(KIND_KEY, "first-order"))
+        return str(settings.get(KIND_KEY, DEFAULT_KIND))
     return str(getattr(settings, KIND_KEY, DEFAULT_KIND))
 
 

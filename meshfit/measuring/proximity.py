@@ -34,7 +34,7 @@ def distance_statistics(surface: Mesh, points: Points) -> DistanceStatistics:
     Raises:
         MeasureError: a point is not finite, or MeshLab left out some of the points.
     """
-    far = _probe(surface, points) > _FAR * bounding_box_diagonal(surface.verts)
+    far = _upper_bounds(surface, points) > _FAR * bounding_box_diagonal(surface.verts)
     parts = []
     if not far.all():
         parts.append(point_to_surface(points[~far], split_obtuse_faces(surface)))
@@ -54,8 +54,8 @@ def point_distances(surface: Mesh, points: Points) -> Float64[np.ndarray, " N"]:
     return np.asarray(np.sqrt(np.reshape(squared, -1)))
 
 
-def _probe(surface: Mesh, points: Points) -> Float64[np.ndarray, " N"]:
-    """Return upper bounds of the distances: those to the nearest of some points of the surface."""
+def _upper_bounds(surface: Mesh, points: Points) -> Float64[np.ndarray, " N"]:
+    """Return upper bounds of the distances: those to the nearest of some random points of the surface."""
     probes = sample_surface(surface, _PROBES, np.random.default_rng(0)).points
     return np.asarray(np.linalg.norm(points - probes[nearest_point_query(probes)(points)], axis=1))
 

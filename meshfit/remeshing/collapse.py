@@ -85,13 +85,13 @@ class Collapses:
     def only(self, mask: Tensor) -> "Collapses":
         """Return some of them."""
         which = mask.nonzero()[:, 0]
-        return self._each(lambda values: values.index_select(0, which))
+        return self._mapped(lambda values: values.index_select(0, which))
 
     def first(self, most: int | None) -> "Collapses":
         """Return the first ones."""
-        return self._each(lambda values: values[:most])
+        return self._mapped(lambda values: values[:most])
 
-    def _each(self, select: Callable[[Tensor], Tensor]) -> "Collapses":
+    def _mapped(self, select: Callable[[Tensor], Tensor]) -> "Collapses":
         return Collapses(*(select(values) for values in (self.edge, self.kept, self.gone, self.place, self.length)))
 
     def moved(self, verts: Tensor) -> Tensor:

@@ -7,9 +7,8 @@ import torch
 from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
+from meshfit.mesh.topology import NONE
 from meshfit.remeshing.triangle_geometry import dot
-
-NONE = -1
 
 
 @dataclass(frozen=True, eq=False)

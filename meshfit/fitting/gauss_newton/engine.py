@@ -35,7 +35,7 @@ _ENOUGH = 0.992
 
 @dataclass
 class Restarts:
-    """Outcome of the searches for a rough shape so far; parts that one leaves off the target, another seldom does.
+    """Outcome of the searches for a rough shape so far. A part that one leaves off the target, another may reach.
 
     Attributes:
         best: state at the end of the best search.

@@ -17,7 +17,7 @@ from meshfit.remeshing.triangle_geometry import double_area_vectors, length_of, 
 
 @dataclass(frozen=True, eq=False)
 class Connectivity:
-    """The faces of a surface, and what follows from them.
+    """The faces of a surface, and the quantities that depend on them alone.
 
     Attributes:
         faces: (F, 3) vertex indices, counter-clockwise seen from outside.
@@ -94,7 +94,7 @@ class Connectivity:
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """Positions of a surface, and what follows from them."""
+    """A surface at its current positions, with its areas, normals and lengths."""
 
     connectivity: Connectivity
     verts: Float[Tensor, "V 3"]
