@@ -16,21 +16,6 @@ from tests.runs import complete
 
 
 @pytest.fixture
-def completed(monkeypatch):
-    """A function that returns what a shell offers for the last word of a line."""
-
-    def complete_line(line, shell="bash"):
-        monkeypatch.setenv("COMP_WORDS", line)
-        monkeypatch.setenv("COMP_CWORD", str(len(line.split(" ")) - 1))
-        monkeypatch.setenv("_TYPER_COMPLETE_ARGS", line)
-        monkeypatch.setenv("_TYPER_COMPLETE_FISH_ACTION", "get-args")
-        monkeypatch.setenv("_MESHFIT_COMPLETE", f"complete_{shell}")
-        return answered().splitlines()
-
-    return complete_line
-
-
-@pytest.fixture
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.yaml").touch()

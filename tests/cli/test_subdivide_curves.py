@@ -12,7 +12,6 @@ from meshfit.subdivision.curves.table import CURVE_SCHEMES
 from meshfit.subdivision.refine import subdivide
 from meshfit.subdivision.triangles.table import TRIANGLE_SCHEMES
 from tests.cli import answered, refused
-from tests.cli.test_completion import completed
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nl 1 2 3 4 1\n"
 
@@ -68,7 +67,7 @@ def test_what_is_refused(folder, arguments):
     assert not list(folder.glob("out.*"))
 
 
-def test_experiments_are_of_surfaces(folder):
+def test_experiments_are_of_surfaces(folder, completed):
     said = refused("compare", "loop", "four-point", "--dry-run")
     assert said.startswith("error: schemes[1]: four-point refines curves, and experiments fit surfaces; allowed: mid")
     assert "four-point" not in completed("meshfit compare ")

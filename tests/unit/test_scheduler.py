@@ -82,7 +82,7 @@ class Killer:
             progress = json.loads((self.folder / "progress.json").read_text())
         except (FileNotFoundError, NotADirectoryError):
             return
-        if self.left and progress["step"] > 5 and progress["pid"] not in self.killed:
+        if self.left and board[0].step.done > 5 and progress["pid"] not in self.killed:
             self.killed.add(progress["pid"])
             self.left -= 1
             os.kill(progress["pid"], signal.SIGKILL)
