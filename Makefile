@@ -42,9 +42,12 @@ $(DOCS): $(RUN)
 quickstart: $(RUN)  ## Run the paper's comparison, short, and print its table (under 2 minutes)
 	$(BIN)/meshfit run quickstart --runs $(RUNS)
 
+# The tests start many processes, which share compiled modules, whatever the shell has set.
+export PYTHONDONTWRITEBYTECODE :=
+
 # One thread for each worker: with more they spin while they wait for each other, and take half as long again.
 test: $(DEV)  ## Run the fast tests
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder -m "not slow"
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"
 
 check: lint types layers test  ## Everything that has to pass: ruff, mypy --strict, layers, tests
 
