@@ -12,14 +12,13 @@ import pytest
 from rich.console import Console
 
 from meshfit.measuring.metrics import DEFAULT_METRIC
-from meshfit.report.tables.comparisons import Row
 from meshfit.report.tables.formats import FORMATS
 from meshfit.report.tables.formats.data import FIELDS
 from meshfit.report.tables.formats.latex import to_latex
 from meshfit.report.tables.formats.markdown import to_markdown
 from meshfit.report.tables.formats.terminal import TablesView, to_text
 from meshfit.report.tables.notes import comparison_lines
-from meshfit.report.tables.table import build_tables, merge_tables
+from meshfit.report.tables.table import Row, build_tables, merge_tables
 from tests.loops import over
 from tests.unit.test_table_model import CLEAR, grid, result
 

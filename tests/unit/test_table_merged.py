@@ -2,8 +2,7 @@
 
 import pytest
 
-from meshfit.report.tables.comparisons import Row
-from meshfit.report.tables.table import VARIED, build_tables, merge_tables
+from meshfit.report.tables.table import VARIED, Row, build_tables, merge_tables
 from meshfit.statistics import mean_difference
 from tests.unit.test_table_model import CLEAR, grid, result
 

@@ -7,9 +7,8 @@ import pytest
 from meshfit.config.experiment import ExperimentSettings
 from meshfit.errors import ConfigError, SchemeError, StoreError
 from meshfit.measuring.metrics import DEFAULT_METRIC
-from meshfit.report.tables.comparisons import Row
 from meshfit.report.tables.paper_numbers import paper_value
-from meshfit.report.tables.table import build_tables
+from meshfit.report.tables.table import Row, build_tables
 from meshfit.settings import deep_merge
 
 TITLES = {"mousehead": "mousehead (stand-in)"}

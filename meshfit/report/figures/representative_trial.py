@@ -7,9 +7,8 @@ from pathlib import Path
 
 from meshfit.errors import ConfigError
 from meshfit.experiment.storage.run_directory import Result
-from meshfit.report.tables.comparisons import Row
 from meshfit.report.tables.grouping import resolve_scheme, shared_settings, target_key, variation_names
-from meshfit.report.tables.table import Table, build_tables
+from meshfit.report.tables.table import Row, Table, build_tables
 from meshfit.specs import suggest
 from meshfit.statistics import median_seed
 

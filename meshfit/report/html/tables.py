@@ -11,7 +11,6 @@ from meshfit.experiment.trial_status import TrialStatus
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.figures.representative_trial import TrialIndex
 from meshfit.report.html.target_section import row_title, short_titles, trials_by_row
-from meshfit.report.tables.comparisons import Row
 from meshfit.report.tables.grouping import describe_definitions, differing_keys, setting_text
 from meshfit.report.tables.layout import columns_of, row_groups, row_names
 from meshfit.report.tables.notes import (
@@ -27,7 +26,7 @@ from meshfit.report.tables.notes import (
     without_intervals,
 )
 from meshfit.report.tables.numbers import format_number
-from meshfit.report.tables.table import VARIED, Table
+from meshfit.report.tables.table import VARIED, Row, Table
 from meshfit.statistics import PairedDifference
 from meshfit.units import duration_text, size_text
 

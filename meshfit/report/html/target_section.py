@@ -22,11 +22,10 @@ from meshfit.report.figures.trial_meshes import (
     frame_of_result,
     read_normalised,
 )
-from meshfit.report.tables.comparisons import Row
 from meshfit.report.tables.layout import row_labels
 from meshfit.report.tables.notes import FRAMES
 from meshfit.report.tables.numbers import format_number
-from meshfit.report.tables.table import Table
+from meshfit.report.tables.table import Row, Table
 
 TrialsByRow = Mapping[int, Mapping[int, Result]]
 """Results on one target, by index of the table's row, then by seed."""

@@ -10,9 +10,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, JsonValue
 
 from meshfit.errors import ConfigError
-from meshfit.report.tables.comparisons import Row
 from meshfit.report.tables.numbers import format_number
-from meshfit.report.tables.table import Table
+from meshfit.report.tables.table import Row, Table
 from meshfit.settings import Settings, build
 from meshfit.statistics import Summary
 

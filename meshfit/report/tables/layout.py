@@ -6,10 +6,9 @@ from itertools import groupby
 from textwrap import wrap
 
 from meshfit.measuring.metrics import METRICS
-from meshfit.report.tables.comparisons import Row
 from meshfit.report.tables.numbers import format_mean
 from meshfit.report.tables.paper_numbers import published_value
-from meshfit.report.tables.table import Table
+from meshfit.report.tables.table import Row, Table
 
 MISSING = "–"
 GAP = 2

@@ -6,11 +6,10 @@ from itertools import groupby
 from typing import Any
 
 from meshfit.measuring.metrics import METRICS
-from meshfit.report.tables.comparisons import Comparison
 from meshfit.report.tables.layout import columns_of, row_names
 from meshfit.report.tables.numbers import format_difference
 from meshfit.report.tables.paper_numbers import LIKELIER, OTHER, PAPER_METRIC, paper_value
-from meshfit.report.tables.table import VARIED, Table
+from meshfit.report.tables.table import VARIED, Comparison, Table
 from meshfit.statistics import MOST_SEEDS
 from meshfit.units import count_text
 

@@ -1,15 +1,15 @@
 """The table: metrics on targets across, variations and schemes down, with comparisons between the rows."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 from meshfit.errors import ConfigError
 from meshfit.experiment.storage.run_directory import Result
-from meshfit.measuring.metrics import DEFAULT_METRIC, require_metric
-from meshfit.report.tables.comparisons import Comparison, Row, best_rows, compare
+from meshfit.measuring.metrics import DEFAULT_METRIC, METRICS, require_metric
 from meshfit.report.tables.grouping import (
     Variation,
     differing_keys,
@@ -20,13 +20,45 @@ from meshfit.report.tables.grouping import (
     variation_names,
 )
 from meshfit.specs import suggest
-from meshfit.statistics import BySeed, Summary, summarise
+from meshfit.statistics import BySeed, PairedDifference, Summary, differ, mean_difference, summarise
 
 VARIED = "varied"
 """Value of a setting that is not the same in all variations of a table."""
 
 # Results that differ in these were measured differently, so no table may show them together.
 _MEASURED_BY = ("normalise", "schema_version", "measure.")
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of a table: a scheme, and the index of the variation that it was run in."""
+
+    variation: int
+    scheme: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The difference between two rows: the first one's value minus that of the one that it is compared with.
+
+    Attributes:
+        metric: dotted name of the metric.
+        target: the target; None for the mean over all targets on which the rows can be compared.
+        row: the first row.
+        against: the other row.
+        difference: paired by seed.
+    """
+
+    metric: str
+    target: str | None
+    row: Row
+    against: Row
+    difference: PairedDifference
+
+    @property
+    def across_variations(self) -> bool:
+        """Whether variations are compared, and not schemes."""
+        return self.row.variation != self.against.variation
 
 
 @dataclass(frozen=True)
@@ -97,14 +129,45 @@ class Table:
 
     @cached_property
     def comparisons(self) -> tuple[Comparison, ...]:
-        """Comparisons between rows, by metric, then target, then row."""
-        baselines = [variation.baseline for variation in self.variations]
-        return compare(self.samples, self.metrics, list(self.targets), self.rows, baselines)
+        """Comparisons of rows with a seed in common, by metric, then target, then row.
+
+        Each scheme is compared with the baseline of its variation, and the first baseline with itself in the other
+        variations. The mean over targets, if there are several, follows those on each target.
+        """
+        comparisons = []
+        for metric, target, row in product(self.metrics, (*self.targets, None), self.rows):
+            for against in self._compared_with(row):
+                pairs = self._pairs(metric, self.targets if target is None else [target], row, against)
+                if len(pairs) >= (2 if target is None else 1):
+                    difference = mean_difference(pairs, smaller_is_better=METRICS[metric].smaller_is_better)
+                    comparisons.append(Comparison(metric, target, row, against, difference))
+        return tuple(comparisons)
+
+    def _compared_with(self, row: Row) -> Iterator[Row]:
+        baseline, first = self.variations[row.variation].baseline, self.variations[0].baseline
+        if row.scheme != baseline:
+            yield Row(row.variation, baseline)
+        if row.variation > 0 and row.scheme == first:
+            yield Row(0, first)
+
+    def _pairs(self, metric: str, targets: Iterable[str], *rows: Row) -> list[tuple[BySeed, BySeed]]:
+        """Return the samples of two rows on each target on which they have a seed in common."""
+        pairs = []
+        for target in targets:
+            first, second = (self.samples.get((metric, target, row), {}) for row in rows)
+            if first.keys() & second.keys():
+                pairs.append((first, second))
+        return pairs
 
     @cached_property
     def best(self) -> dict[tuple[str, str], Row]:
-        """By metric and target, the row that is significantly better than every other row."""
-        return best_rows(self.samples, self.metrics, list(self.targets), self.rows)
+        """By metric and target, the row that is significantly better than every other row, where there is one."""
+        best = {}
+        for metric, target in product(self.metrics, self.targets):
+            column = {row: sample for row in self.rows if (sample := self.samples.get((metric, target, row)))}
+            if (row := _best(column, smaller_is_better=METRICS[metric].smaller_is_better)) is not None:
+                best[metric, target] = row
+        return best
 
     def split(self) -> list["Table"]:
         """Return a table for each variation and metric."""
@@ -113,6 +176,14 @@ class Table:
             for variation in self.variations
             for metric in self.metrics
         ]
+
+
+def _best(samples: Mapping[Row, BySeed], *, smaller_is_better: bool | None) -> Row | None:
+    if smaller_is_better is None or len(samples) < 2:
+        return None
+    means = {row: sum(sample.values()) / len(sample) for row, sample in samples.items()}
+    best = (min if smaller_is_better else max)(means, key=means.__getitem__)
+    return best if all(differ(samples[best], samples[row]) for row in samples if row != best) else None
 
 
 def build_tables(

@@ -7,10 +7,9 @@ from io import StringIO
 from typing import Any
 
 from meshfit.measuring.metrics import METRICS
-from meshfit.report.tables.comparisons import Comparison, Row
 from meshfit.report.tables.notes import notes
 from meshfit.report.tables.paper_numbers import OTHER, READINGS, paper_value, published_value
-from meshfit.report.tables.table import Table
+from meshfit.report.tables.table import Comparison, Row, Table
 
 FIELDS = (
     "table", "experiment", "variant", "metric", "target", "target_title", "scheme",
