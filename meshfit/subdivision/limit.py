@@ -5,7 +5,7 @@ matrix that refines a vertex and its ring: of eigenvalue 1 for the limit positio
 tangents. Creases part the surface around a vertex into sectors, each with tangents of its own.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import cos, pi
 
@@ -20,7 +20,8 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import NONE, Indices, Mask, Topology
 from meshfit.subdivision.creases import Creases, require_matching_creases
 from meshfit.subdivision.registry import Scheme
-from meshfit.subdivision.triangles.scheme import TriangleScheme
+from meshfit.subdivision.triangles.assemble import ring_weights
+from meshfit.subdivision.triangles.scheme import TriangleScheme, VertMask
 from meshfit.subdivision.triangles.table import LOOP
 
 Tangents = Float64[np.ndarray, "2 K"]
@@ -158,7 +159,7 @@ def loop_limit(topology: Topology, scheme: Scheme = LOOP, creases: Creases | Non
 
     An inner vertex v with n neighbours of sum Σ goes to (1 - n χ) v + χ Σ, χ = 1 / (n + 3 / (8 β)), where n β is the
     weight of the ring in the scheme (Loop 1987). A vertex on the boundary or a crease goes to (l + 4 v + r) / 6, as
-    for the cubic B-spline. Corners stay. For the end of a single crease see `dart_masks`.
+    for the cubic B-spline. Corners and vertices without faces stay. For the end of a single crease see `dart_masks`.
 
     Args:
         topology: of the mesh.
@@ -169,40 +170,31 @@ def loop_limit(topology: Topology, scheme: Scheme = LOOP, creases: Creases | Non
         MeshError: the mesh is not an oriented manifold.
         SchemeError: the scheme has another limit, or a crease has finite sharpness left.
     """
-    ring, sharp = ring_of_limit(scheme), permanently_sharp(topology, creases)
+    mask, sharp = _vert_mask(scheme), _permanently_sharp(topology, creases)
     rules = (Creases.of(topology) if creases is None else creases).rules(topology)
     n, valence = topology.num_verts, topology.valence.clip(min=1)
-    ring_of = np.array([1.0, *(ring(k) for k in range(1, int(valence.max(initial=0)) + 1))])
-    beta = ring_of[valence] / valence
+    beta = ring_weights(topology, mask) / valence
     on_curve, stays = rules.crease == 1, rules.corner == 1
-    share = np.where(on_curve, 1 / 6, 1 / (valence + 3 / (8 * beta)))
+    with np.errstate(divide="ignore"):  # where β is 0, so is χ, and the vertex stays
+        share = np.where(on_curve, 1 / 6, 1 / (valence + 3 / (8 * beta)))
     kept = np.where(stays, 1.0, np.where(on_curve, 4 / 6, 1 - valence * share))
     rows, columns = np.concatenate([topology.edges, topology.edges[:, ::-1]]).T
     counts = ~stays[rows] & (~on_curve[rows] | np.tile(sharp, 2))
     neighbours = coo_array((share[rows[counts]], (rows[counts], columns[counts])), shape=(n, n))
     limit = csr_array(diags_array(kept) + neighbours)
     darts = [sectors for sectors in sectors_of(topology, sharp) if sectors.is_dart]
-    return _with_darts(limit, darts, ring, stays) if darts else limit
+    return _with_darts(limit, darts, mask, stays) if darts else limit
 
 
-def ring_of_limit(scheme: Scheme) -> Callable[[int], float]:
-    """Return the weight of the ring of an old vertex, by valence, of a scheme that `has_loop_limit`.
-
-    Raises:
-        SchemeError: the limit is not known.
-    """
+def _vert_mask(scheme: Scheme) -> VertMask:
+    """Return the mask of old vertices of a scheme that `has_loop_limit`."""
     if not isinstance(scheme, TriangleScheme) or scheme.vert is None or not has_loop_limit(scheme):
         raise SchemeError("limit positions and normals are known for loop only")
-    return scheme.vert.ring
+    return scheme.vert
 
 
-def permanently_sharp(topology: Topology, creases: Creases | None) -> Mask:
-    """Return the (E,) mask of edges that stay sharp, boundary edges included.
-
-    Raises:
-        MeshError: the mesh is not an oriented manifold, or the creases belong to another mesh.
-        SchemeError: no limit is known, since a crease has finite sharpness left.
-    """
+def _permanently_sharp(topology: Topology, creases: Creases | None) -> Mask:
+    """Return the (E,) mask of edges that stay sharp, boundary edges included."""
     require_manifold(topology, "the limit surface")
     if creases is None:
         return topology.boundary_edges
@@ -218,7 +210,7 @@ def permanently_sharp(topology: Topology, creases: Creases | None) -> Mask:
     return np.asarray(np.isinf(sharpness))
 
 
-def _with_darts(limit: csr_array, darts: list[Sectors], ring: Callable[[int], float], stays: Mask) -> csr_array:
+def _with_darts(limit: csr_array, darts: list[Sectors], mask: VertMask, stays: Mask) -> csr_array:
     """Replace the rows of limit positions of vertices at which a single crease ends."""
     rows, columns, weights = [], [], []
     for sectors in darts:
@@ -227,7 +219,7 @@ def _with_darts(limit: csr_array, darts: list[Sectors], ring: Callable[[int], fl
         size = sectors.ring.shape[1]
         rows.append(np.repeat(sectors.vert[moved], size + 1))
         columns.append(at.reshape(-1))
-        weights.append(np.tile(dart_masks(size, ring(size))[0], len(at)))
+        weights.append(np.tile(dart_masks(size, mask.ring(size))[0], len(at)))
     row = np.concatenate(rows)
     others = np.ones(limit.shape[0])
     others[row] = 0.0
@@ -263,7 +255,7 @@ def loop_limit_tangents(topology: Topology, scheme: Scheme = LOOP, creases: Crea
     Raises:
         MeshError, SchemeError: as `loop_limit`.
     """
-    ring_weight, sharp = ring_of_limit(scheme), permanently_sharp(topology, creases)
+    vert_mask, sharp = _vert_mask(scheme), _permanently_sharp(topology, creases)
     stays = (Creases.of(topology) if creases is None else creases).rules(topology).corner == 1
     nothing = np.empty(0, dtype=np.int64)
     verts, entries, count = [nothing], [[nothing] * 4], 0
@@ -271,7 +263,7 @@ def loop_limit_tangents(topology: Topology, scheme: Scheme = LOOP, creases: Crea
         ring, vert = sectors.ring[~stays[sectors.vert]], sectors.vert[~stays[sectors.vert]]
         if not len(vert):
             continue
-        masks = _tangent_masks(sectors, ring_weight)
+        masks = _tangent_masks(sectors, vert_mask)
         columns = np.concatenate([vert[:, None], ring], axis=1)
         rows = np.broadcast_to(count + np.arange(len(vert))[:, None], columns.shape)
         weights = (np.broadcast_to(mask, columns.shape) for mask in masks)
@@ -317,8 +309,8 @@ def loop_limit_normals(mesh: Mesh, scheme: Scheme = LOOP, creases: Creases | Non
     return unit_vectors(total)
 
 
-def _tangent_masks(sectors: Sectors, ring: Callable[[int], float]) -> Tangents:
+def _tangent_masks(sectors: Sectors, mask: VertMask) -> Tangents:
     size = sectors.ring.shape[1]
     if sectors.is_open:
         return open_tangents(size)
-    return dart_masks(size, ring(size))[1:] if sectors.is_dart else smooth_tangents(size)
+    return dart_masks(size, mask.ring(size))[1:] if sectors.is_dart else smooth_tangents(size)

@@ -90,7 +90,7 @@ def _old_verts(topology: Topology, scheme: TriangleScheme, division: Division) -
         return csr_array(eye_array(topology.num_verts, format="csr"))
     stencils = _Stencils(topology)
     on_border = topology.boundary_verts
-    ring = _ring_weights(topology, scheme.vert)
+    ring = ring_weights(topology, scheme.vert)
     moved = on_border if division.moves_border else np.zeros_like(on_border)
     still = np.flatnonzero(~moved)
     stencils.add(still, still, 1 - ring[still])
@@ -103,8 +103,8 @@ def _old_verts(topology: Topology, scheme: TriangleScheme, division: Division) -
     return stencils.operator(topology.num_verts)
 
 
-def _ring_weights(topology: Topology, mask: VertMask) -> Float64[np.ndarray, " V"]:
-    """(V,) the weight of the one-ring of each inner vertex; weights are computed only at valences that occur."""
+def ring_weights(topology: Topology, mask: VertMask) -> Float64[np.ndarray, " V"]:
+    """Return the (V,) weight of the one-ring of each inner vertex, computed only at valences that occur; else 0."""
     inner = np.flatnonzero(~topology.boundary_verts & (topology.valence > 0))
     valences, place = np.unique(topology.valence[inner], return_inverse=True)
     weights = np.zeros(topology.num_verts)
