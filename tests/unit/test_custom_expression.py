@@ -102,6 +102,8 @@ def test_signs_bind_as_pythons_do(first, rest):
         ("0.1", Fraction(1, 10)),
         ("1e-2", Fraction(1, 100)),
         ("5.", 5),
+        ("007", 7),
+        ("00.5 + 01^02", Fraction(3, 2)),
         ("min(3, 2, 5/2)", 2),
         ("\n 1 +\n 2 ", 3),
     ],

@@ -88,7 +88,9 @@ class _Parser:
 
     def __init__(self, text: str, variables: Sequence[str]) -> None:
         self.text, self.variables = text, variables
-        self.source = _LEADING_ZEROS.sub(lambda zeros: " " * len(zeros[0]), text.replace("^", "**"))
+        spaced = _LEADING_ZEROS.sub(lambda zeros: " " * len(zeros[0]), text.replace("^", "**"))
+        self.source = spaced.lstrip()  # Python refuses an indented expression
+        self.indent = len(spaced) - len(self.source)
 
     def parse(self) -> ast.expr:
         known = _CHARACTERS.match(self.text)
@@ -166,7 +168,7 @@ class _Parser:
 
     def _place(self, offset: int) -> int:
         """Return the place in the text of an offset in the source, where `^` is written with two characters."""
-        place = 0
+        place, offset = 0, offset + self.indent
         while offset > 0 and place < len(self.text):
             offset -= 2 if self.text[place] == "^" else 1
             place += 1
