@@ -15,6 +15,8 @@ from meshfit.cli.console import out
 from meshfit.cli.options import AsJson, SchemeConfig
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from meshfit.analysis.analyse import Analysis
     from meshfit.analysis.spectrum import Eigenvalue
     from meshfit.subdivision.describe import MaskRow
@@ -23,34 +25,35 @@ if TYPE_CHECKING:
 
 _DIGITS = 12  # further digits of an eigenvalue are rounding
 _JSON_KEYS = {"irregular": "odd", "unsupported": "unruled"}
+_WIDEST = 24  # characters of the names of schemes; longer ones are folded
 
 
-def print_verdict(analysis: "Analysis") -> None:
-    """Print in one line how smooth the limit is."""
+def _print_verdict(analysis: "Analysis") -> None:
+    """Print one line on the smoothness of the limit."""
     from meshfit.analysis.analyse import verdict
 
     out.print(f"[bold]{escape(verdict(analysis))}[/]\n")
 
 
-def print_analysis(analysis: "Analysis") -> None:
+def _print_analysis(analysis: "Analysis") -> None:
     """Print the properties on regular meshes, one row per valence, the boundary, and warnings."""
     from meshfit.analysis.analyse import warnings_of
 
     out.print()
-    out.print(_facts(analysis))
+    out.print(_properties(analysis))
     if analysis.extraordinary:
         out.print()
         out.print(_valences(analysis))
-        out.print("\nλ1 is of mode 1; times: how many eigenvalues are as large; rest: the largest other one.")
+        out.print("\nλ1 is of mode 1; times: the number of eigenvalues of its modulus; rest: the largest other one.")
     if analysis.boundary:
         out.print()
         out.print(_boundary(analysis))
-        out.print("\nIn order: two eigenvalues lead, and that of the boundary curve's tangent is one of them.")
+        out.print("\nIn order: two eigenvalues lead, one of them that of the boundary curve's tangent.")
     for warning in warnings_of(analysis):
         out.print(f"[bold magenta]warning:[/] {escape(warning)}")
 
 
-def plain_analysis(analysis: "Analysis") -> dict[str, object]:
+def _plain_analysis(analysis: "Analysis") -> dict[str, object]:
     """Return an analysis as plain data for JSON."""
     from meshfit.analysis.analyse import curvature_of, verdict, warnings_of
 
@@ -78,39 +81,36 @@ def plain_analysis(analysis: "Analysis") -> dict[str, object]:
         }
         for place in analysis.extraordinary
     ]
-    return (
-        {"verdict": verdict(analysis)}
-        | numbers
-        | {
-            "valences": places,
-            "boundary": boundary,
-            "warnings": list(warnings_of(analysis)),
-        }
-    )
+    lists = {"valences": places, "boundary": boundary, "warnings": list(warnings_of(analysis))}
+    return {"verdict": verdict(analysis)} | numbers | lists
 
 
-def _facts(analysis: "Analysis") -> Table:
-    facts = Table(box=None, pad_edge=False, show_header=False)
-    facts.add_column(style="bold")
-    facts.add_column()
+def _named_values(rows: "Iterable[tuple[str, str]]") -> Table:
+    """Return a table of names in bold, each with its value."""
+    table = Table(box=None, pad_edge=False, show_header=False)
+    table.add_column(style="bold")
+    table.add_column()
+    for name, value in rows:
+        table.add_row(name, value)
+    return table
+
+
+def _properties(analysis: "Analysis") -> Table:
     off = max(abs(1 - total) for total in analysis.row_sums)
     support, bound = analysis.support, analysis.holder_bound
     unit = "edge" if analysis.domain == "curves" else "ring"
     low, high = support.stencils
-    for what, found in (
+    stencils = f"{low} to {high}" if low < high else f"{high}"
+    rows = (
         ("row sums", f"1, within {off:.0e}" if off else "1"),
         ("polynomials", f"reproduced to degree {analysis.reproduced}, generated to degree {analysis.generated}"),
         ("Sobolev exponent", f"{analysis.s2:.4f} in L2"),
         ("Hölder exponent", f"at most {bound:.4f}" if bound is not None else "no bound is known"),
         ("shifts of the basis", "stable" if analysis.stable else "unstable"),
-        (
-            "support",
-            f"{support.radius:g} {unit}s about a vertex; stencils of {f'{low} to ' * (low < high)}{high} verts",
-        ),
+        ("support", f"{support.radius:g} {unit}s around a vertex; stencils of {stencils} vertices"),
         ("dilation", f"{analysis.dilation} after {analysis.steps} level{'s' * (analysis.steps > 1)}"),
-    ):
-        facts.add_row(what, found)
-    return facts
+    )
+    return _named_values(rows)
 
 
 def _valences(analysis: "Analysis") -> Table:
@@ -151,9 +151,6 @@ def _plain_eigenvalue(eigenvalue: "Eigenvalue") -> dict[str, float | int]:
     return {name: round(part, digits) + 0.0 for name, part in parts.items()} | {"mode": eigenvalue.mode}
 
 
-_WIDEST = 24
-
-
 def schemes(
     name: Annotated[
         str | None,
@@ -168,25 +165,25 @@ def schemes(
         bool,
         typer.Option(
             "--analyse",
-            help="Compute how smooth its limit is, on regular meshes and at valences 3 to 12.",
+            help="Analyse the smoothness of its limit, on regular meshes and at valences 3 to 12.",
         ),
     ] = False,
     plot: Annotated[
         Path | None,
-        typer.Option("--plot", help="Draw this analysis: a .png, .pdf or .svg to write.", metavar="FILE"),
+        typer.Option("--plot", help="Draw the analysis to a .png, .pdf or .svg.", metavar="FILE"),
     ] = None,
     as_json: AsJson = False,
 ) -> int:
     """List the subdivision schemes, or show or analyse one.
 
-    An analysis computes, from the operators that a scheme makes: polynomials that it reproduces and generates, the
-    smoothness of its limit on regular meshes, and eigenvalues and the characteristic map at extraordinary vertices.
-    Its figure needs the extra: pip install 'meshfit[report]'.
+    An analysis computes, from the operators of the scheme: the polynomials that it reproduces and generates, the
+    smoothness of its limit on regular meshes, and the eigenvalues and characteristic map at extraordinary vertices.
+    The figure requires an extra: pip install 'meshfit[report]'.
 
     Examples:
         meshfit schemes
         meshfit schemes interp-loop:alpha=0.5
-        meshfit schemes four-point  # of curves
+        meshfit schemes four-point  # on curves
         meshfit schemes my-scheme.yaml
         meshfit schemes butterfly --analyse --plot butterfly.png
     """
@@ -200,12 +197,12 @@ def schemes(
     specs, own = resolve_specs([] if name is None else [name], load_definitions(config))
     registry = registry_with(own)
     if specs:
-        return _one(specs[0], registry, plot, analysed=analysed, as_json=as_json)
+        return _show_scheme(specs[0], registry, plot, analysed=analysed, as_json=as_json)
     if analysed or plot is not None:
         option = "--analyse" if analysed else "--plot"
         raise ConfigError(f"{option} is for one scheme: name it, as in `meshfit schemes loop {option}`")
     if as_json:
-        typer.echo(json.dumps([_plain(key, entry) for key, entry in registry.items()], indent=2))
+        typer.echo(json.dumps([_plain_entry(key, entry) for key, entry in registry.items()], indent=2))
         return 0
     table = Table(box=None, pad_edge=False)
     table.add_column("scheme", style="bold", overflow="fold", min_width=min(_WIDEST, max(map(len, registry))))
@@ -222,24 +219,26 @@ def schemes(
     return 0
 
 
-def _one(text: str, registry: "Registry", plot: Path | None, *, analysed: bool, as_json: bool) -> int:
+def _show_scheme(spec: str, registry: "Registry", plot: Path | None, *, analysed: bool, as_json: bool) -> int:
     from meshfit.subdivision.describe import describe
     from meshfit.subdivision.registry import canonical, entry_of, resolve, spec_of
 
-    scheme = resolve(text, registry)
-    name, title = spec_of(text).name, canonical(text, registry)
+    scheme = resolve(spec, registry)
+    name, title = spec_of(spec).name, canonical(spec, registry)
     entry = entry_of(name, registry)
     analysis = _analysis(scheme, title, plot) if analysed or plot is not None else None
     rows = list(describe(scheme))
     if as_json:
-        found = _plain(name, entry) | {"masks": [{"where": row.where, "weights": row.weights} for row in rows]}
-        typer.echo(json.dumps(found | ({"analysis": plain_analysis(analysis)} if analysis else {}), indent=2))
+        data = _plain_entry(name, entry) | {"masks": [{"where": row.where, "weights": row.weights} for row in rows]}
+        if analysis is not None:
+            data["analysis"] = _plain_analysis(analysis)
+        typer.echo(json.dumps(data, indent=2))
         return 0
     if analysis is not None:
-        print_verdict(analysis)
+        _print_verdict(analysis)
     _print_masks(title, entry, scheme, rows)
     if analysis is not None and analysed:
-        print_analysis(analysis)
+        _print_analysis(analysis)
     if plot is not None:
         out.print(f"wrote {plot}", soft_wrap=True, markup=False)
     return 0
@@ -261,26 +260,20 @@ def _analysis(scheme: "Scheme", title: str, plot: Path | None) -> "Analysis":
 
 def _print_masks(title: str, entry: "Entry", scheme: "Scheme", rows: "list[MaskRow]") -> None:
     out.print(f"[bold]{escape(title)}[/]  {entry.title}, {entry.kind}")
-    facts = Table(box=None, pad_edge=False, show_header=False)
-    facts.add_column(style="bold")
-    facts.add_column()
-    for key, value in (
+    facts = [
         ("refines", entry.domain),
         ("split", scheme.split.value),
         ("continuity", entry.continuity),
         ("source", entry.source),
-    ):
-        facts.add_row(key, value)
+    ]
     for key, parameter in entry.parameters.items():
         allowed = (
             " or ".join(map(str, parameter.allowed))
             if isinstance(parameter.default, str)
             else "{} … {}".format(*parameter.allowed)
         )
-        facts.add_row(key, f"{parameter.meaning} ({allowed}; default {parameter.default})")
-    for row in rows:
-        facts.add_row(row.where, row.weights)
-    out.print(facts)
+        facts.append((key, f"{parameter.meaning} ({allowed}; default {parameter.default})"))
+    out.print(_named_values([*facts, *((row.where, row.weights) for row in rows)]))
 
 
 def _stay_on_one_thread() -> None:
@@ -295,7 +288,7 @@ def _with_parameters(name: str, entry: "Entry") -> str:
     return name + (f"\n  [not bold]:{', '.join(entry.parameters)}[/]" if entry.parameters else "")
 
 
-def _plain(name: str, entry: "Entry") -> dict[str, object]:
+def _plain_entry(name: str, entry: "Entry") -> dict[str, object]:
     parameters = {
         key: {"default": parameter.default, "allowed": list(parameter.allowed), "meaning": parameter.meaning}
         for key, parameter in entry.parameters.items()

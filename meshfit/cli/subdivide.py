@@ -20,17 +20,19 @@ if TYPE_CHECKING:
     from meshfit.subdivision.creases import Creases
     from meshfit.subdivision.registry import Scheme
 
+_PARAMETERS, _CREASES, _LIMIT = "Scheme parameters", "Creases", "Loop limit surface"
+
 
 @dataclass(frozen=True)
-class SurfaceOptions:
-    """Options of a surface besides scheme and levels.
+class _SurfaceOptions:
+    """Options that apply to surfaces only.
 
     Attributes:
-        alphas: source of one α per vertex, if there is not one α for all.
-        creases: degrees or a file.
-        sharpness: of creases.
-        limit: move vertices to their limit.
-        normals: write limit normals.
+        alphas: source of one α per vertex; None if one α serves all.
+        creases: an angle in degrees, or a file.
+        sharpness: of the creases, in levels.
+        limit: whether to move vertices to their limit.
+        normals: whether to write limit normals.
     """
 
     alphas: str | None
@@ -40,7 +42,7 @@ class SurfaceOptions:
     normals: bool
 
 
-def check(name: str, scheme: "Scheme", options: SurfaceOptions) -> None:
+def _check(name: str, scheme: "Scheme", options: _SurfaceOptions) -> None:
     """Refuse options that the scheme does not support, before a mesh is read."""
     from meshfit.subdivision.limit import has_loop_limit
     from meshfit.subdivision.refine import require_takes_creases
@@ -49,16 +51,16 @@ def check(name: str, scheme: "Scheme", options: SurfaceOptions) -> None:
     if options.creases is not None:
         require_takes_creases(scheme, f"--creases: {name}")
     elif options.sharpness != inf:
-        raise ConfigError("--sharpness: goes with --creases, which says where")
-    if options.alphas and domain_of(scheme) == "curves":
-        raise ConfigError(f"--alpha: {name} refines curves, for which one number is needed")
+        raise ConfigError("--sharpness applies to creases only; choose them with --creases")
+    if options.alphas is not None and domain_of(scheme) == "curves":
+        raise ConfigError(f"--alpha: {name} refines curves; expected one number, got '{options.alphas}'")
     for option, wanted in (("--limit", options.limit), ("--normals", options.normals)):
         if wanted and not has_loop_limit(scheme):
-            raise ConfigError(f"{option}: limits are known for loop only; found {name}")
+            raise ConfigError(f"{option}: the limit surface is known for loop only, not for {name}")
 
 
-def refined_mesh(source: str, destination: Path, scheme: "Scheme", levels: int, options: SurfaceOptions) -> str:
-    """Refine a surface from file to file, and return the counts in words."""
+def _refine_surface(source: str, destination: Path, scheme: "Scheme", levels: int, options: _SurfaceOptions) -> str:
+    """Refine a surface from file to file, and return a summary of the counts."""
     from meshfit.mesh.io.files import save_mesh
     from meshfit.mesh.mesh import Mesh
     from meshfit.mesh.polygons import PolygonMesh
@@ -71,19 +73,19 @@ def refined_mesh(source: str, destination: Path, scheme: "Scheme", levels: int, 
     if options.alphas is not None:
         scheme = scheme.with_alpha(_alphas(options.alphas, target_path(source), numbering))
     finer: Mesh | PolygonMesh
-    found = ""
+    creases = ""
     if isinstance(mesh, Mesh):
-        finer, found = _creased(mesh, numbering, destination, scheme, levels, options)
+        finer, creases = _refine_triangles(mesh, numbering, destination, scheme, levels, options)
     else:
         finer = subdivide(mesh, scheme, levels)
         save_mesh(finer, destination)
-    return f"{mesh.num_faces:,} faces → {finer.num_faces:,} faces, {finer.num_verts:,} verts{found}"
+    return f"{mesh.num_faces:,} faces → {finer.num_faces:,} faces, {finer.num_verts:,} vertices{creases}"
 
 
-def _creased(
-    mesh: "Mesh", numbering: "Indices", destination: Path, scheme: "Scheme", levels: int, options: SurfaceOptions
+def _refine_triangles(
+    mesh: "Mesh", numbering: "Indices", destination: Path, scheme: "Scheme", levels: int, options: _SurfaceOptions
 ) -> tuple["Mesh", str]:
-    """Refine and write triangles; return them, and the counts of creases in words."""
+    """Refine and write triangles; return them and a summary of their creases."""
     from meshfit.mesh.io.files import save_mesh
     from meshfit.mesh.mesh import Mesh
     from meshfit.mesh.topology import Topology
@@ -92,20 +94,19 @@ def _creased(
     from meshfit.subdivision.refinement import Refinement
 
     topology = Topology.of(mesh)
-    tagged = None if options.creases is None else _creases(options.creases, options.sharpness, mesh, numbering)
-    refinement = refine(topology, scheme, levels, tagged)
+    creases = None if options.creases is None else _creases(options.creases, options.sharpness, mesh, numbering)
+    refinement = refine(topology, scheme, levels, creases)
     assert isinstance(refinement, Refinement)  # noqa: S101  of triangles
     finer = Mesh(refinement(mesh.verts), refinement.faces)
-    directions = loop_limit_normals(finer, scheme, refinement.creases) if options.normals else None
+    normals = loop_limit_normals(finer, scheme, refinement.creases) if options.normals else None
     if options.limit:
-        at_limit = loop_limit(Topology.of(finer), scheme, refinement.creases) @ finer.verts
-        finer = Mesh(at_limit, finer.faces)
-    save_mesh(finer, destination, directions)
-    return finer, "" if tagged is None else f"; {_counted(tagged, topology)}"
+        finer = Mesh(loop_limit(Topology.of(finer), scheme, refinement.creases) @ finer.verts, finer.faces)
+    save_mesh(finer, destination, normals)
+    return finer, "" if creases is None else f"; {_crease_counts(creases, topology)}"
 
 
-def refined_curves(source: str, destination: Path, scheme: "Scheme", levels: int) -> str:
-    """Refine curves from file to file, and return the counts in words."""
+def _refine_curves(source: str, destination: Path, scheme: "Scheme", levels: int) -> str:
+    """Refine curves from file to file, and return a summary of the counts."""
     from meshfit.mesh.io.files import load_curves, save_curves
     from meshfit.mesh.targets import target_path
     from meshfit.subdivision.refine import subdivide
@@ -113,11 +114,11 @@ def refined_curves(source: str, destination: Path, scheme: "Scheme", levels: int
     curves = load_curves(target_path(source))
     finer = subdivide(curves, scheme, levels)
     save_curves(finer, destination)
-    return f"{curves.num_segments:,} segments → {finer.num_segments:,} segments, {finer.num_verts:,} verts"
+    return f"{curves.num_segments:,} segments → {finer.num_segments:,} segments, {finer.num_verts:,} vertices"
 
 
-def number_in(text: str | None) -> float | None:
-    """Return the number in a text, or None."""
+def _number(text: str | None) -> float | None:
+    """Return the number that a text is; None for any other text."""
     try:
         return None if text is None else float(text)
     except ValueError:
@@ -131,7 +132,7 @@ def _alphas(text: str, mesh_path: Path, numbering: "Indices") -> "Values":
     if colon and prefix == "attribute":
         return read_vertex_property(mesh_path, name, numbering, (0.0, 1.0))
     if not Path(text).is_file():
-        raise ConfigError(f"--alpha: '{text}' is no number, no file, and no attribute:NAME")
+        raise ConfigError(f"--alpha: expected a number, a file or attribute:NAME, got '{text}'")
     return read_vertex_values(text, numbering, (0.0, 1.0))
 
 
@@ -140,22 +141,19 @@ def _creases(text: str, sharpness: float, mesh: "Mesh", numbering: "Indices") ->
     from meshfit.subdivision.creases import creases_by_angle, read_creases
 
     if not sharpness >= 0:
-        raise ConfigError(f"--sharpness: {sharpness:g} is not allowed: 0 or more is")
-    degrees = number_in(text)
+        raise ConfigError(f"--sharpness: expected 0 or more, got {sharpness:g}")
+    degrees = _number(text)
     if degrees is not None:
         return creases_by_angle(mesh, degrees, sharpness)
     if not Path(text).is_file():
-        raise ConfigError(f"--creases: '{text}' is no number of degrees and no file")
+        raise ConfigError(f"--creases: expected a number of degrees or a file, got '{text}'")
     return read_creases(text, Topology.of(mesh), numbering, sharpness)
 
 
-def _counted(creases: "Creases", topology: "Topology") -> str:
+def _crease_counts(creases: "Creases", topology: "Topology") -> str:
     edges = int(((creases.sharpness > 0) & ~topology.boundary_edges).sum())
     corners = int((creases.rules(topology).corner > 0).sum())
     return f"{count_text(edges, 'sharp edge')}, {count_text(corners, 'corner')}"
-
-
-_PARAMETERS, _CREASES, _LIMIT = "Parameters of schemes", "Creases", "The limit surface of loop"
 
 
 def subdivide(
@@ -183,14 +181,14 @@ def subdivide(
     ] = "loop",
     config: SchemeConfig = None,
     levels: Annotated[
-        int, typer.Option("--levels", "-n", min=0, max=10, help="How many times, 0 to 10.", metavar="N")
+        int, typer.Option("--levels", "-n", min=0, max=10, help="Number of refinement levels, 0 to 10.", metavar="N")
     ] = 1,
     alpha: Annotated[
         str | None,
         typer.Option(
             "--alpha",
-            help="From 0, approximating, to 1, interpolatory, for schemes that have it: one number; or one for each "
-            "vertex of IN, from a text file with one number per line or, as attribute:NAME, from a property of a PLY.",
+            help="From 0 (approximating) to 1 (interpolatory), for schemes with this parameter. One number; or one "
+            "per vertex of IN, from a text file with one number per line, or attribute:NAME for a property of a PLY.",
             metavar="A",
             rich_help_panel=_PARAMETERS,
         ),
@@ -198,18 +196,18 @@ def subdivide(
     weights: Annotated[
         str | None,
         typer.Option(
-            "--weights", help="For Loop's vertex rule: loop or warren.", metavar="NAME", rich_help_panel=_PARAMETERS
+            "--weights", help="Vertex weights of loop: loop or warren.", metavar="NAME", rich_help_panel=_PARAMETERS
         ),
     ] = None,
     tension: Annotated[
         float | None,
-        typer.Option("--tension", help="For butterfly, four-point: w.", metavar="W", rich_help_panel=_PARAMETERS),
+        typer.Option("--tension", help="w of butterfly and four-point.", metavar="W", rich_help_panel=_PARAMETERS),
     ] = None,
     valence3: Annotated[
         str | None,
         typer.Option(
             "--valence3",
-            help="For interp-loop: displacement or zorin.",
+            help="Rule of interp-loop at valence 3: displacement or zorin.",
             metavar="NAME",
             rich_help_panel=_PARAMETERS,
         ),
@@ -218,9 +216,9 @@ def subdivide(
         str | None,
         typer.Option(
             "--creases",
-            help="For loop, interp-loop and midpoint. A number of degrees: edges with a larger angle between faces are "
-            "sharp. Or a text file with one entry per line: 'a b' or 'a b sharpness' for an edge, 'a' for a corner; "
-            "vertices are counted from 0 in the order of IN.",
+            help="Sharp edges, for loop, interp-loop and midpoint. Either an angle in degrees: edges whose faces meet "
+            "at a larger angle are sharp. Or a text file with one entry per line: 'a b' or 'a b sharpness' for an "
+            "edge, 'a' for a corner; vertices are counted from 0 in the order of IN.",
             metavar="ANGLE|FILE",
             rich_help_panel=_CREASES,
         ),
@@ -229,7 +227,7 @@ def subdivide(
         float,
         typer.Option(
             "--sharpness",
-            help="Number of levels for which creases stay sharp, such as 1.5, unless the file gives another.",
+            help="Number of levels for which creases stay sharp, such as 1.5; the file may override it by edge.",
             metavar="S",
             show_default="permanent",
             rich_help_panel=_CREASES,
@@ -243,21 +241,21 @@ def subdivide(
         bool,
         typer.Option(
             "--normals",
-            help="Write the normals of Loop's limit surface with the vertices, to PLY or OBJ.",
+            help="Write vertex normals of the Loop limit surface (PLY and OBJ only).",
             rich_help_panel=_LIMIT,
         ),
     ] = False,
 ) -> int:
     """Refine a mesh, or curves, by a subdivision scheme.
 
-    A scheme on curves, such as four-point, takes polylines: the `l` lines of an OBJ, or the edges of a PLY.
+    Schemes on curves, such as four-point, read polylines: the `l` lines of an OBJ, or the edges of a PLY.
 
-    Schemes on polygons take faces as they are in the file, and write polygons; the others take them as triangles.
+    Schemes on polygons keep the faces of the file and write polygons; schemes on triangles triangulate them.
 
     Examples:
         meshfit subdivide head.obj fine.ply --scheme interp-loop --levels 2
         meshfit subdivide head.obj fine.obj -s interp-loop --alpha 0.5
-        meshfit subdivide head.obj fine.obj -s interp-loop --alpha alphas.txt  # one for each vertex
+        meshfit subdivide head.obj fine.obj -s interp-loop --alpha alphas.txt  # one per vertex
         meshfit subdivide part.obj fine.ply -n 3 --creases 40 --sharpness 2  # edges above 40 degrees
         meshfit subdivide part.obj fine.ply -n 3 --creases edges.txt --limit --normals
         meshfit subdivide cube.obj fine.obj -s catmull-clark -n 3
@@ -268,19 +266,21 @@ def subdivide(
     from meshfit.config.scheme_files import resolve_specs
     from meshfit.subdivision.registry import SURFACES, domain_of, registry_with, resolve, schemes_on
 
-    number = number_in(alpha)
-    each = alpha if number is None else None
-    shared = {"alpha": number if each is None else 1.0, "weights": weights, "tension": tension, "valence3": valence3}
+    number = _number(alpha)
+    alphas = alpha if number is None else None
+    common_alpha = number if alphas is None else 1.0  # one per vertex replaces it later
     (spec,), own = resolve_specs([scheme], load_definitions(config))
-    declared = resolve(spec, registry_with(own), **shared)
-    options = SurfaceOptions(each, creases, sharpness, limit=limit, normals=normals)
-    check(spec, declared, options)
+    declared = resolve(
+        spec, registry_with(own), alpha=common_alpha, weights=weights, tension=tension, valence3=valence3
+    )
+    options = _SurfaceOptions(alphas, creases, sharpness, limit=limit, normals=normals)
+    _check(spec, declared, options)
     on_curves = domain_of(declared) == "curves"
     try:
         if on_curves:
-            counts = refined_curves(source, destination, declared, levels)
+            counts = _refine_curves(source, destination, declared, levels)
         else:
-            counts = refined_mesh(source, destination, declared, levels, options)
+            counts = _refine_surface(source, destination, declared, levels, options)
     except DomainError as error:
         others = f"surfaces: {schemes_on(*SURFACES)}" if on_curves else f"curves: {schemes_on('curves')}"
         raise DomainError(f"{error}; schemes on {others}") from None

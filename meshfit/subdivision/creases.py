@@ -141,7 +141,7 @@ class Creases:
 def _require_sharpness(values: Shares) -> None:
     if not (values >= 0).all():
         bad = values[~(values >= 0)][0]
-        raise SchemeError(f"sharpness {bad:g} is not allowed: 0 or more is, and inf for permanently sharp edges")
+        raise SchemeError(f"sharpness {bad:g} is not allowed: expected 0 or more, or inf (permanently sharp)")
 
 
 def _sum_at_verts(topology: Topology, of_edges: Shares) -> Shares:
@@ -161,13 +161,13 @@ def require_matching_creases(creases: Creases, topology: Topology) -> None:
     """Refuse the creases of another mesh.
 
     Raises:
-        MeshError: the numbers of edges or verts differ.
+        MeshError: the numbers of edges or vertices differ.
     """
     num_edges, num_verts = len(creases.sharpness), len(creases.corners)
     if (num_edges, num_verts) != (topology.num_edges, topology.num_verts):
         raise MeshError(
-            f"creases are of {num_edges} edges and {num_verts} vertices; "
-            f"the mesh has {topology.num_edges} edges and {topology.num_verts} vertices"
+            f"the creases belong to a mesh of {num_edges} edges and {num_verts} vertices; "
+            f"this mesh has {topology.num_edges} edges and {topology.num_verts} vertices"
         )
 
 
@@ -202,7 +202,7 @@ def creases_by_angle(mesh: Mesh, degrees: int | float, sharpness: int | float = 
         SchemeError: an angle out of range, or a sharpness below 0.
     """
     if not 0 < degrees <= 180:
-        raise SchemeError(f"a crease angle of {degrees:g} degrees is not allowed: more than 0, up to 180 is")
+        raise SchemeError(f"a crease angle of {degrees:g} degrees is not allowed: expected more than 0, up to 180")
     size = float(np.abs(mesh.verts).max(initial=0.0)) or 1.0
     topology, normals = Topology.of(mesh), face_normals(Mesh(mesh.verts / size, mesh.faces))
     halfedge = topology.edge_halfedge
@@ -223,7 +223,7 @@ def read_creases(path: str | Path, topology: Topology, numbering: Indices, sharp
     Args:
         path: of the text file.
         topology: of the mesh.
-        numbering: (N,) the mesh's vertex for each vertex of the mesh file, from `load_numbered`.
+        numbering: (N,) the mesh's vertex for each vertex of the mesh file, from `load_target_with_vertex_map`.
         sharpness: of edges that are listed without one.
 
     Raises:
@@ -241,7 +241,7 @@ def read_creases(path: str | Path, topology: Topology, numbering: Indices, sharp
             )
         (given,) = levels or [sharpness]
         if not given >= 0:
-            raise MeshError(f"{where}: sharpness {given:g} is not allowed: 0 or more is, and inf for permanently sharp")
+            raise MeshError(f"{where}: sharpness {given:g} is not allowed: expected 0 or more, or inf")
         verts = [_vertex(end, numbering, where) for end in ends]
         if len(verts) == 1:
             corners.append(verts[0])
@@ -252,7 +252,7 @@ def read_creases(path: str | Path, topology: Topology, numbering: Indices, sharp
                 f"{where}: edge ({ends[0]}, {ends[1]}) is a duplicate, listed before with sharpness {listed[edge]:g}"
             )
     if not corners and not listed:
-        raise MeshError(f"{path}: it lists no creases and no corners")
+        raise MeshError(f"{path}: no creases or corners in it")
     return Creases.of(topology, topology.edges[list(listed)], list(listed.values()), corners)
 
 

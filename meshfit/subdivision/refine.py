@@ -70,7 +70,7 @@ def refine(
             which is named, or the curves branch.
     """
     if levels < 0:
-        raise SchemeError(f"levels={levels} is not allowed: 0 or more is")
+        raise SchemeError(f"levels={levels} is not allowed: expected 0 or more")
     if creases is not None:
         require_takes_creases(scheme)
     if levels:

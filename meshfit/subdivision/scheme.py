@@ -48,7 +48,7 @@ class BaseScheme:
         """
         if self.alpha is None:
             raise SchemeError(
-                "this scheme has no parameter alpha; interp-loop, interp-catmull-clark, interp-bspline and others have"
+                "this scheme has no parameter alpha; interp-loop, interp-catmull-clark, interp-bspline and others do"
             )
         return replace(self, alpha=alpha)
 
@@ -87,7 +87,7 @@ class Parameter:
             raise SchemeError(f"{name}={value} is not allowed: {suggest(str(value), words)}")
         low, high = self.allowed
         if isinstance(value, str) or not float(low) <= value <= float(high):
-            raise SchemeError(f"{name}={value} is not allowed: a number from {low:g} to {high:g} is")
+            raise SchemeError(f"{name}={value} is not allowed: expected a number from {low:g} to {high:g}")
         return float(value)
 
 

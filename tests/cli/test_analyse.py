@@ -51,7 +51,7 @@ def test_every_scheme_is_analysed_in_80_columns(name):
 def test_what_is_printed_of_interp_loop():
     out = printed("schemes", "interp-loop", "--analyse")
     assert "reproduced to degree 3, generated to degree 3" in out
-    assert "3 rings about a vertex; stencils of 1 to 10 verts" in out
+    assert "3 rings around a vertex; stencils of 1 to 10 vertices" in out
     rows = [line.split() for line in out.splitlines()]
     assert ["3", "0.2500", "4", "0.2664", "0", "–", "regular", "no"] in rows
     assert ["7", "0.5264", "2", "0.3390", "2", "unbounded", "regular", "yes"] in rows

@@ -27,7 +27,7 @@ def test_subdivide_reads_and_writes_every_format(folder, suffix):
     save_mesh(octahedron(), folder / f"in{suffix}")
     ran = invoke("subdivide", f"in{suffix}", f"out{suffix}", "--levels", 2)
     assert (ran.code, ran.err) == (0, "")
-    assert ran.out == f"out{suffix}: 8 faces → 128 faces, 66 verts\n"
+    assert ran.out == f"out{suffix}: 8 faces → 128 faces, 66 vertices\n"
     found = load_mesh(folder / f"out{suffix}")
     expected = subdivide(load_mesh(folder / f"in{suffix}"), "loop", 2)
     assert (found.num_verts, found.num_faces) == (66, 128)
@@ -46,14 +46,14 @@ def test_subdivide_takes_the_schemes_parameters(folder):
 def test_subdivide_takes_polygons_and_writes_polygons_where_the_scheme_does(folder, suffix):
     save_mesh(quad_cube(), folder / f"in{suffix}")
     ran = invoke("subdivide", f"in{suffix}", f"out{suffix}", "-s", "catmull-clark", "-n", 2)
-    assert (ran.code, ran.err, ran.out) == (0, "", f"out{suffix}: 6 faces → 96 faces, 98 verts\n")
+    assert (ran.code, ran.err, ran.out) == (0, "", f"out{suffix}: 6 faces → 96 faces, 98 vertices\n")
     found, expected = load_polygons(folder / f"out{suffix}"), subdivide(quad_cube(), "catmull-clark", 2)
     assert np.array_equal(found.verts, expected.verts)
     assert np.array_equal(found.corners, expected.corners)
     assert invoke("subdivide", f"in{suffix}", "out.stl", "-s", "doo-sabin").code == 0
     assert load_mesh("out.stl").num_faces == 8 + 2 * (6 + 12)
     ran = invoke("subdivide", f"in{suffix}", f"out{suffix}")
-    assert ran.out == f"out{suffix}: 12 faces → 48 faces, 26 verts\n"
+    assert ran.out == f"out{suffix}: 12 faces → 48 faces, 26 vertices\n"
 
 
 def test_level_0_only_converts(folder):
@@ -84,7 +84,7 @@ BAD_SUBDIVISIONS = {
     ("solid.ply", "out.ply", "-s", "lop"): "error: 'lop' is not a scheme: did you mean 'loop'?",
     ("solid.ply", "out.ply", "--alpha", "1"): "error: scheme 'loop' has no parameter 'alpha': allowed: weights",
     ("solid.ply", "out.ply", "-s", "interp-loop", "--alpha", "2"): "error: interp-loop: alpha=2.0 is not allowed: ",
-    ("solid.ply", "out.ply", "-s", "interp-loop", "--alpha", "x"): "error: --alpha: 'x' is no number, no file",
+    ("solid.ply", "out.ply", "-s", "interp-loop", "--alpha", "x"): "error: --alpha: expected a number, a file",
     ("solid.ply", "out.ply", "--weights", "best"): "error: loop: weights=best is not allowed: ",
 }
 

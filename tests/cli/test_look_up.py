@@ -79,7 +79,7 @@ def test_masks_on_polygons(name, said):
         ("lop", "error: 'lop' is not a scheme: did you mean 'loop'? allowed: midpoint, loop, "),
         ("xyz", "error: 'xyz' is not a scheme: allowed: midpoint, loop, "),
         ("loop:weight=loop", "error: scheme 'loop' has no parameter 'weight': did you mean 'weights'?"),
-        ("interp-loop:alpha=2", "error: interp-loop: alpha=2 is not allowed: a number from 0 to 1 is"),
+        ("interp-loop:alpha=2", "error: interp-loop: alpha=2 is not allowed: expected a number from 0 to 1"),
         ("interp-loop:alpha", "error: scheme 'interp-loop:alpha': expected 'key=value', got 'alpha'"),
     ],
 )

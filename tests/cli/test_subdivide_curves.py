@@ -32,7 +32,7 @@ def test_curves_are_refined(folder, name, source, segments, closed, suffix):
     said = answered("subdivide", source, f"out{suffix}", "-s", name, "-n", 4)
     fine = segments * (3 if name.startswith("ternary") else 2) ** 4
     verts = fine if closed else fine + 1
-    assert said == f"out{suffix}: {segments} segments → {fine} segments, {verts} verts\n"
+    assert said == f"out{suffix}: {segments} segments → {fine} segments, {verts} vertices\n"
     found, expected = load_curves(f"out{suffix}"), subdivide(load_curves(source), name, 4)
     assert found.closed.tolist() == [closed]
     assert np.array_equal(found.verts[found.corners], expected.verts[expected.corners])
@@ -55,7 +55,15 @@ REFUSED = {
     f"schemes on curves: {', '.join(CURVE_SCHEMES)}",
     ("gone.obj", "out.obj", "-s", "four-point"): "gone.obj: no such file",
     ("square.obj", "out.glb", "-s", "four-point"): "out.glb: unknown curve format '.glb'; allowed: .obj",
-    ("square.obj", "out.obj", "-s", "four-point", "--tension", "1"): "four-point: tension=1.0 is not allowed: a number",
+    ("square.obj", "out.obj", "-s", "four-point", "--tension", "1"): "four-point: tension=1.0 is not allowed: expected",
+    (
+        "square.obj",
+        "out.obj",
+        "-s",
+        "interp-bspline",
+        "--alpha",
+        "",
+    ): "--alpha: interp-bspline refines curves; expected one number, got ''",
     ("square.obj", "out.obj", "-s", "four-point", "--alpha", "1"): "scheme 'four-point' has no parameter 'alpha'",
     ("square.obj", "out.obj", "-s", "cubic-bspline", "-n", "11"): "Invalid value for '--levels'",
 }

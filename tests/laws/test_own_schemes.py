@@ -166,7 +166,7 @@ def test_specs_have_one_form_and_own_names_are_suggested():
         "my-lop": "did you mean 'my-loop'?",
         "my-loop:alpha=1": "scheme 'my-loop' has no parameter 'alpha': it takes none",
         "my-interp-loop:weights=warren": "has no parameter 'weights': allowed: alpha",
-        "my-interp-loop:alpha=2": "alpha=2 is not allowed: a number from 0 to 1 is",
+        "my-interp-loop:alpha=2": "alpha=2 is not allowed: expected a number from 0 to 1",
     }.items():
         with pytest.raises(SchemeError) as caught:
             resolve(spec, REGISTRY)

@@ -52,13 +52,13 @@ def test_faces_on_the_same_verts_or_on_one_vertex_twice(name, faces):
 @by_name
 @over("levels", [-1, -5])
 def test_negative_levels(name, levels):
-    with pytest.raises(SchemeError, match=f"levels={levels} is not allowed: 0 or more is"):
+    with pytest.raises(SchemeError, match=f"levels={levels} is not allowed: expected 0 or more"):
         subdivide(octahedron(), name, levels)
 
 
 @pytest.mark.parametrize("value", [float("nan"), -0.1, 1.1, float("inf"), np.float64(2), "half"])
 def test_alpha_out_of_range(value):
-    with pytest.raises(SchemeError, match=r"alpha=.* is not allowed: a number from 0 to 1 is"):
+    with pytest.raises(SchemeError, match=r"alpha=.* is not allowed: expected a number from 0 to 1"):
         subdivide(octahedron(), "interp-loop", alpha=value)
 
 

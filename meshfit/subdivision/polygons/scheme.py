@@ -133,8 +133,8 @@ class PolygonSplit(Enum):
     SQRT2 = (
         "a quad for every edge: a vertex in every face, old edges dropped; boundary edges halved at every second step"
     )
-    TERNARY = "quads to 9: two verts in every edge, one in every corner"
-    DUAL = "a face for every face, edge and vertex: a vertex in every corner, old verts dropped"
+    TERNARY = "quads to 9: two vertices in every edge, one in every corner"
+    DUAL = "a face for every face, edge and vertex: a vertex in every corner, old vertices dropped"
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,7 @@ def _quads(topology: PolygonTopology) -> PolygonDivision:
 
 
 def _sqrt2(topology: PolygonTopology, *, halve: bool) -> PolygonDivision:
-    """An edge (a, b) between faces with the new verts s and t becomes the quad (a, t, b, s).
+    """An edge (a, b) between faces with the new vertices s and t becomes the quad (a, t, b, s).
 
     At an edge on the boundary only one of them exists, and the triangle (a, b, s) is left. In the next step, that has
     its new vertex in the edge itself instead of inside, so that two steps halve the boundary.
@@ -129,10 +129,9 @@ def _ternary(topology: PolygonTopology) -> PolygonDivision:
 
 
 def _dual(topology: PolygonTopology) -> PolygonDivision:
-    """Faces of faces, of interior edges, and of verts: all interior ones, and those on the boundary of three faces on.
+    """One face for each face, interior edge, interior vertex, and boundary vertex of three faces or more.
 
-    The corners at edges on the boundary have their new verts on these edges, so that there are no faces to be added
-    beyond: the sides of these faces make the boundary.
+    Corners at boundary edges have their new vertices on these edges, so that the sides of the faces make the boundary.
     """
     halfedge = np.arange(len(topology.corners))
     loose = np.flatnonzero(topology.valence == 0)
