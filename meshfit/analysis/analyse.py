@@ -158,7 +158,7 @@ def _row_sums(meshes: StencilMeshes, steps: int, valences: Sequence[int]) -> tup
 
 
 def verdict(analysis: Analysis) -> str:
-    """Say in one line how smooth the limit is."""
+    """Return one line on the smoothness of the limit."""
     where = "" if analysis.domain == "curves" else " on regular meshes"
     bound = f"s2 = {analysis.s2:.3f}"
     if analysis.continuity < 0:
@@ -179,7 +179,7 @@ def verdict(analysis: Analysis) -> str:
 
 
 def warnings_of(analysis: Analysis) -> Iterator[str]:
-    """Say for each valence at which C1 fails, though not on regular meshes, why it does."""
+    """Yield the reason for each valence at which C1 fails, if the limit is C1 on regular meshes."""
     if analysis.continuity < 1:
         return
     for vertex in analysis.extraordinary:

@@ -88,7 +88,7 @@ def draw_surface(basis: Basis, size: tuple[int, int]) -> Image:
 
 
 def range_of(basis: Basis) -> str:
-    """Say its smallest and its largest value."""
+    """Return the range of its values as text."""
     low, top = float(basis.values.min()), float(basis.values.max())
     return f"from {low:.3f} to {top:.3f}".replace("-", "−") if low < -_SMALL * top else f"from 0 to {top:.3f}"
 

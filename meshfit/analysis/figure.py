@@ -86,7 +86,7 @@ class _FigureLayout:
         where = middle / _WIDTH, level / self.height
         self.figure.text(*where, text, ha="center", va="center", fontsize=font, color=INK)
 
-    def axes(self, place: int, margins: tuple[float, float, float, float]) -> Any:  # noqa: ANN401
+    def axes(self, place: int, margins: tuple[float, float, float, float]) -> Any:  # noqa: ANN401  matplotlib is optional
         """Add axes to a panel, with margins on its left, bottom, right and top."""
         left, bottom = self.corner(place)
         across, high = _WIDTH / 2 - margins[0] - margins[2], _ROW - margins[1] - margins[3]
@@ -100,7 +100,7 @@ class _FigureLayout:
         axes.imshow(image, interpolation="none", aspect="auto")
         axes.set_axis_off()
 
-    def _axes(self, left: float, bottom: float, across: float, high: float) -> Any:  # noqa: ANN401
+    def _axes(self, left: float, bottom: float, across: float, high: float) -> Any:  # noqa: ANN401  matplotlib is optional
         places = left / _WIDTH, bottom / self.height, across / _WIDTH, high / self.height
         return self.figure.add_axes(places)
 

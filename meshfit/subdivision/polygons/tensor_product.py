@@ -138,14 +138,14 @@ class TensorProduct:
         outer, inner = np.flatnonzero(on_border), np.flatnonzero(~on_border)
         mirrored = 2 * select(topology.tail[outer], num_verts) - select(topology.head[outer], num_verts)
         heads, tail = select(topology.head, num_verts), topology.tail[inner]
-        around = topology.tail, 4 / np.maximum(topology.valence, 1)[topology.tail]
+        weights = 4 / np.maximum(topology.valence, 1)[topology.tail]
         after = topology.next_around_tail(inner)
         before = topology.following(topology.twin[inner])
-        line = scatter(around[0], heads, num_verts, around[1])[tail] - heads[inner] - heads[after] - heads[before]
+        line = scatter(topology.tail, heads, num_verts, weights)[tail] - heads[inner] - heads[after] - heads[before]
         if self.mask.diagonal:
             far, twice = self._diagonal, topology.following(topology.twin[before])
             near = far[inner] + far[after] + far[before] + far[twice]
-            line = line + float(self.mask.diagonal) * (near - scatter(around[0], far, num_verts, around[1])[tail])
+            line = line + float(self.mask.diagonal) * (near - scatter(topology.tail, far, num_verts, weights)[tail])
         return csr_array(scatter(outer, mirrored, size) + scatter(inner, line, size))
 
     @cached_property
