@@ -1,4 +1,4 @@
-"""Checkpoints as a run directory keeps them."""
+"""Checkpoints as stored in a run directory."""
 
 import io
 

@@ -1,4 +1,4 @@
-"""Small curves that the tests are made on: open and closed, as short as can be, many at once, of any numbering."""
+"""Small curves for tests: open and closed, as short as possible, several at once, in any numbering."""
 
 from functools import lru_cache
 

@@ -1,4 +1,4 @@
-"""Damaged files: what becomes of reading them."""
+"""Reading damaged files."""
 
 import warnings
 
@@ -12,7 +12,7 @@ def read_or_refused(read, path):
         try:
             return read(path)
         except MeshError as error:
-            said = str(error)
-    assert said.startswith(f"{path}: ")
-    assert "\n" not in said
+            message = str(error)
+    assert message.startswith(f"{path}: ")
+    assert "\n" not in message
     return None

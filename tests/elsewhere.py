@@ -1,4 +1,4 @@
-"""Another device, pretended on the CPU: what runs there only is run here, on real numbers."""
+"""Another device, pretended on the CPU, so that code for other devices runs here on real numbers."""
 
 from functools import partial
 

@@ -1,10 +1,10 @@
-"""An executor in this process and thread: what tests change here is changed for the trials too."""
+"""An executor in this process and thread, so that a test's patches hold in its trials too."""
 
 from concurrent.futures import Executor, Future
 
 
 class Inline(Executor):
-    """Calls at once: the least that an executor can be."""
+    """Runs each call as soon as it is submitted."""
 
     def submit(self, fn, /, *args, **kwargs):
         future = Future()

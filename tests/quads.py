@@ -1,4 +1,4 @@
-"""Small meshes of quads and of mixed polygons that the tests are made on."""
+"""Small meshes of quads and of mixed polygons for tests."""
 
 import numpy as np
 

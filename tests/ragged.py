@@ -1,4 +1,4 @@
-"""Problems of all kinds and sizes for the tests of batches, and what of an outcome has to be the same to the byte."""
+"""Problems of all kinds and sizes for the tests of batches, and the bytes by which outcomes are compared."""
 
 import numpy as np
 
@@ -33,14 +33,14 @@ OUTSIDE = Problem(Mesh(1e12 * cube().verts, cube().faces), cube(), seed=8)
 
 
 def bytes_of(outcome: FitResult | Diverged) -> tuple[object, ...]:
-    """All that is to be the same."""
+    """Everything that must not depend on the rest of the batch."""
     if isinstance(outcome, Diverged):
         return (outcome.step, outcome.term, outcome.last_good.verts.tobytes(), outcome.trace.to_csv())
     return (outcome.mesh.verts.tobytes(), outcome.mesh.faces.tobytes(), outcome.trace.to_csv(), outcome.device)
 
 
 def alone(problem: Problem, **changes: object) -> FitResult | Diverged:
-    """What becomes of a problem without company."""
+    """Return the outcome of a problem fitted alone."""
     given = dict(vars(problem))
     polygons, source = given.pop("polygons"), given.pop("source")
     try:

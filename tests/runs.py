@@ -1,4 +1,4 @@
-"""Run directories as runs leave them behind, written by hand: trials in any state, plans, signs of life."""
+"""Hand-written run directories, as runs leave them: trials in any state, plans, progress."""
 
 import hashlib
 import json

@@ -1,4 +1,4 @@
-"""Small meshes that the tests are made on, each built from scratch and seeded where it is random."""
+"""Small triangle meshes for tests, each built from scratch, with a seed where it is random."""
 
 from functools import cache
 

@@ -1,4 +1,4 @@
-"""An experiment small enough to run for real in a test: a coarse ball fitted to an ellipsoid."""
+"""An experiment small enough to really run in a test: a coarse ball fitted to an ellipsoid."""
 
 from pathlib import Path
 

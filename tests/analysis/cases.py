@@ -1,4 +1,4 @@
-"""Analyses that several tests look at, and which of them are quick enough for every run.
+"""Analyses shared by several tests, and which of them are quick enough for every run.
 
 In the fast suite each domain is analysed by one scheme: interp-loop, catmull-clark and four-point. `make reproduce`
 runs the others too.

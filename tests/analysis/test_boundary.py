@@ -1,4 +1,4 @@
-"""Eigenvalues around boundary verts, against closed forms, tabulated values and the tests' own local matrices."""
+"""Eigenvalues around boundary vertices, against closed forms, tabulated values and the tests' own local matrices."""
 
 from math import cos, pi, sqrt
 

@@ -1,4 +1,4 @@
-"""Schemes that are broken on purpose: each in one way, which the analysis must find."""
+"""Deliberately broken schemes: the analysis must find what is wrong with each."""
 
 from fractions import Fraction
 
@@ -50,8 +50,8 @@ def test_leading_eigenvalue_of_another_mode():
     assert found.failing == (5, 7, 8)
     assert {place.spectrum.rest.mode for place in found.extraordinary if place.valence != 6} == {2}
     assert verdict(found) == "C1 on regular meshes (s2 = 2.441); C1 fails at valences 5 and 7 to 8"
-    said = list(warnings_of(found))
-    assert said[0] == "C1 fails at valence 5: |λ| = 0.6000 of mode 2 exceeds 0.3000 of mode 1"
+    message = list(warnings_of(found))
+    assert message[0] == "C1 fails at valence 5: |λ| = 0.6000 of mode 2 exceeds 0.3000 of mode 1"
 
 
 def test_leading_eigenvalue_of_mode_0():

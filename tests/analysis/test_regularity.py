@@ -1,4 +1,4 @@
-"""What an analysis says of regular meshes, against closed forms of splines and wavelets and tabulated exponents."""
+"""Smoothness and polynomial degrees on regular meshes, against closed forms and tabulated exponents."""
 
 from itertools import product
 from math import comb, log2, sqrt

@@ -1,4 +1,4 @@
-"""`make bench`: print a table of timings, write it to a file, and exit 1 where one falls short of what is asked."""
+"""`make bench`: print a table of timings, write it to a file, and exit with 1 if one misses its goal."""
 
 import argparse
 import sys

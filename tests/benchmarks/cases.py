@@ -1,4 +1,4 @@
-"""What is benchmarked: one function a line of the table, called in a process of its own."""
+"""Benchmark cases: one function per line of the table, each called in its own process."""
 
 import itertools
 import tempfile

@@ -1,4 +1,4 @@
-"""Commands that are benchmarked, apart from other cases: a process that has loaded torch would lend them its size."""
+"""Benchmarked commands, in a module without torch, whose memory would otherwise count as theirs."""
 
 import atexit
 import shutil

@@ -1,4 +1,4 @@
-"""What is benchmarked where there is a CUDA device."""
+"""Benchmark cases on a CUDA device."""
 
 from collections.abc import Callable
 from functools import partial

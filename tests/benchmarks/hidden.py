@@ -1,4 +1,4 @@
-"""How deep a mesh lies hidden inside itself, where its parts run through each other."""
+"""Depth of the hidden parts of a mesh, where its parts run through each other."""
 
 import igl
 import numpy as np

@@ -1,4 +1,4 @@
-"""What many short trials cost besides their own fits and measurements, and what it takes to find them all complete.
+"""Overhead of many short trials besides fitting and measuring, and the time to find them all complete.
 
 python -m tests.benchmarks.overnight
 """

@@ -1,6 +1,6 @@
-"""The plain twin of the first-order engine: what a tutorial's loop does, written straight down in torch.
+"""The plain twin of the first-order engine: a tutorial's loop in plain torch.
 
-Nearest neighbours by comparing all pairs, topology worked out anew at every step, autograd throughout. Faces and draws
+Nearest neighbours by comparing all pairs, topology recomputed at every step, autograd throughout. Faces and draws
 are in the order that the engine has them in, so that with the same generator the same samples give the same losses.
 """
 

@@ -1,4 +1,4 @@
-"""Results by the thousand, as runs leave them, with figures drawn at random: what the table command is timed on."""
+"""Thousands of results with random numbers, as runs write them, to time the table command on."""
 
 import itertools
 import json

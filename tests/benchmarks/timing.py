@@ -1,4 +1,4 @@
-"""How benchmarks are timed: medians over repetitions, wall time beside CPU time, against a twin in the same run."""
+"""Timing of benchmarks: medians of wall and CPU time over repetitions, against a twin in the same run."""
 
 import resource
 import statistics

@@ -1,4 +1,4 @@
-"""meshfit within this process: the same entry point as the console script, its output and its exit code."""
+"""Run meshfit within this process, by the entry point of the console script."""
 
 import contextlib
 import io

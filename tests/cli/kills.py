@@ -1,4 +1,4 @@
-"""Kills runs at random moments, over and over, and sees to it that nothing is lost by that.
+"""Kill runs at random moments, again and again, and check that nothing is lost.
 
 python -m tests.cli.kills --kills 100
 """

@@ -1,4 +1,4 @@
-"""meshfit as a user runs it: a process of its own, with its own signals, output and exit code."""
+"""Run meshfit as a user does: in its own process, with signals, output and exit code."""
 
 import os
 import signal

@@ -132,6 +132,6 @@ def test_figures_that_cannot_be_written(tmp_path, monkeypatch):
         return there(name, package)
 
     monkeypatch.setattr(importlib, "import_module", missing)
-    said = refused("schemes", "loop", "--plot", tmp_path / "x.png")
-    assert "pictures need matplotlib, which is not installed: pip install 'meshfit[report]'" in said
+    message = refused("schemes", "loop", "--plot", tmp_path / "x.png")
+    assert "pictures need matplotlib, which is not installed: pip install 'meshfit[report]'" in message
     assert answered("schemes", "four-point", "--analyse").startswith(VERDICTS["four-point"])

@@ -1,4 +1,4 @@
-"""Films of fits: as many pictures as snapshots, from one camera; or one line that says how to get snapshots."""
+"""Videos of fits: one frame per snapshot, from one camera; or one line about how to get snapshots."""
 
 import re
 import subprocess
@@ -55,18 +55,18 @@ def test_captions_tell_step_figure_and_verts_and_of_the_second_engine_the_stage(
     _, _, place = taken(tmp_path, 5)
     animation = read_animation(place)
     assert not animation.changes_faces
-    said = [moment.caption for moment in animation.frames]
-    assert [text.split("  ·  ")[0] for text in said] == [
+    message = [moment.caption for moment in animation.frames]
+    assert [text.split("  ·  ")[0] for text in message] == [
         "source",
         *(f"step {k} of 20" for k in (5, 10, 15, 20)),
         "result",
     ]
     assert all(
         text.endswith(f"  ·  {moment.mesh.num_verts:,} vertices")
-        for text, moment in zip(said, animation.frames, strict=True)
+        for text, moment in zip(message, animation.frames, strict=True)
     )
-    assert all("loss" in text for text in said[:-1])
-    assert "Hausdorff distance" in said[-1]
+    assert all("loss" in text for text in message[:-1])
+    assert "Hausdorff distance" in message[-1]
     (tmp_path / "second").mkdir()
     _, _, place = taken(tmp_path / "second", 1, "gauss-newton")
     animation = read_animation(place)
@@ -93,10 +93,10 @@ def test_a_surface_that_has_not_moved_is_shown_once(tmp_path):
 def test_without_snapshots_one_line_says_how_to_get_them(tmp_path):
     trial, store, place = prepared(tmp_path)
     run_trial(trial, store, quietly)
-    said = refused("animate", place, "-o", tmp_path / "fit.mp4")
+    message = refused("animate", place, "-o", tmp_path / "fit.mp4")
     target = f'["{trial.target}"]'
-    assert "no snapshots; to take some: meshfit run small.yaml --set fit.snapshots=1 " in said
-    assert said.endswith(f"--set 'targets={target}' --set 'schemes=[\"loop\"]' --set 'seeds=[0]' --force")
+    assert "no snapshots; to take some: meshfit run small.yaml --set fit.snapshots=1 " in message
+    assert message.endswith(f"--set 'targets={target}' --set 'schemes=[\"loop\"]' --set 'seeds=[0]' --force")
     assert "'.avi' is not a video format" in refused("animate", place, "-o", tmp_path / "fit.avi")
 
 

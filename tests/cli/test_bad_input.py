@@ -110,13 +110,13 @@ SHAPES = {
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_subdivide_names_the_place_where_a_mesh_is_no_manifold(folder, shape):
-    text, said = SHAPES[shape]
+    text, message = SHAPES[shape]
     (folder / "in.obj").write_text(text)
     ran = invoke("subdivide", "in.obj", "out.ply")
     assert (ran.code, ran.out) == (2, "")
     *warned, error = ran.err.splitlines()
     assert all(line.startswith("warning: in.obj: ") for line in warned)
-    assert error.startswith(f"error: subdivision needs a manifold mesh: {said}")
+    assert error.startswith(f"error: subdivision needs a manifold mesh: {message}")
     assert not (folder / "out.ply").exists()
 
 
@@ -139,7 +139,7 @@ BAD_FILES = {
 @pytest.mark.parametrize("command", ["subdivide", "measure result", "measure target", "run target", "run source"])
 @pytest.mark.parametrize("name", BAD_FILES)
 def test_every_command_refuses_a_bad_file_alike(folder, name, command):
-    content, said = BAD_FILES[name]
+    content, message = BAD_FILES[name]
     (folder / name).write_bytes(content)
     arguments = {
         "subdivide": ["subdivide", name, "out.ply"],
@@ -156,7 +156,7 @@ def test_every_command_refuses_a_bad_file_alike(folder, name, command):
             "targets=[solid.ply]",
         ],
     }[command]
-    assert refused(*arguments).startswith(f"error: {name}: {said}")
+    assert refused(*arguments).startswith(f"error: {name}: {message}")
     assert {path.name for path in folder.iterdir()} == {name, "solid.ply"}
 
 
@@ -190,6 +190,6 @@ def test_measure_refuses_too_few_samples(folder, samples):
 
 
 def test_measure_refuses_a_frame_that_does_not_exist(folder):
-    said = refused("measure", "solid.ply", "solid.ply", "--normalise", "sphere")
-    assert said.startswith("error: Invalid value for '--normalise'")
-    assert "'tutorial', 'box', 'none'" in said
+    message = refused("measure", "solid.ply", "solid.ply", "--normalise", "sphere")
+    assert message.startswith("error: Invalid value for '--normalise'")
+    assert "'tutorial', 'box', 'none'" in message

@@ -1,4 +1,4 @@
-"""A real Dask cluster on loopback: a scheduler and two workers, one of which is killed in mid-trial."""
+"""A real Dask cluster on loopback: a scheduler and two workers, one of which is killed during a trial."""
 
 import json
 import os

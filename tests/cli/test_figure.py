@@ -29,9 +29,9 @@ def runs(tmp_path_factory):
 
 
 def test_a_figure_is_written_with_its_captions(runs, tmp_path):
-    said = answered("figure", runs, "-o", tmp_path / "figure.pdf")
+    message = answered("figure", runs, "-o", tmp_path / "figure.pdf")
     for name in ("figure.pdf", "figure.txt", "figure.tex"):
-        assert name in said
+        assert name in message
         assert (tmp_path / name).stat().st_size > 100
     text = (tmp_path / "figure.txt").read_text()
     assert "The bone: from left to right the target" in text

@@ -1,4 +1,4 @@
-"""A disk that is full, for real: one line, and nothing half-written that is taken for whole."""
+"""A disk that is really full: one line of error, and no half-written file that is taken for complete."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""Real processes, killed for real: nothing that was complete is lost, and what was not goes on."""
+"""Real processes that are killed: complete trials are kept, and others resume."""
 
 import os
 import signal

@@ -58,7 +58,7 @@ def test_masks_are_those_of_the_parameters_given():
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "message"),
     [
         ("catmull-clark", "3/8 each end (2), 1/16 each beside an end (4)"),
         ("catmull-clark", "9/16 itself, 3/32 each neighbour (4), 1/64 each diagonally across (4)"),
@@ -69,12 +69,12 @@ def test_masks_are_those_of_the_parameters_given():
         ("ternary", "1/27, 16/27, 10/27 at -1 … 1 along it"),
     ],
 )
-def test_masks_on_polygons(name, said):
-    assert said in " ".join(answered("schemes", name).split())
+def test_masks_on_polygons(name, message):
+    assert message in " ".join(answered("schemes", name).split())
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "message"),
     [
         ("lop", "error: 'lop' is not a scheme: did you mean 'loop'? allowed: midpoint, loop, "),
         ("xyz", "error: 'xyz' is not a scheme: allowed: midpoint, loop, "),
@@ -84,8 +84,8 @@ def test_masks_on_polygons(name, said):
     ],
 )
 @pytest.mark.parametrize("option", [(), ("--json",)])
-def test_schemes_that_do_not_exist(name, said, option):
-    assert refused("schemes", name, *option).startswith(said)
+def test_schemes_that_do_not_exist(name, message, option):
+    assert refused("schemes", name, *option).startswith(message)
 
 
 def test_targets_lists_all_with_their_counts():
@@ -107,8 +107,8 @@ def test_init_writes_a_config_once(tmp_path, monkeypatch):
     assert answered("init") == "wrote experiment.yaml; now: meshfit run experiment.yaml\n"
     assert load_experiment("experiment.yaml").settings == ExperimentSettings()
     (tmp_path / "experiment.yaml").write_text("mine")
-    said = "error: experiment.yaml: already exists; choose another name, or overwrite it with --force"
-    assert refused("init") == said
+    message = "error: experiment.yaml: already exists; choose another name, or overwrite it with --force"
+    assert refused("init") == message
     assert (tmp_path / "experiment.yaml").read_text() == "mine"
     answered("init", "--force")
     assert load_experiment("experiment.yaml").settings == ExperimentSettings()
@@ -137,9 +137,9 @@ USAGE = {
 
 @pytest.mark.parametrize("arguments", USAGE, ids=" ".join)
 def test_wrong_usage_is_answered_in_one_line_that_points_to_help(arguments):
-    said = refused(*arguments)
-    assert said.startswith(USAGE[arguments])
-    assert said.endswith("--help'.")
+    message = refused(*arguments)
+    assert message.startswith(USAGE[arguments])
+    assert message.endswith("--help'.")
 
 
 @pytest.mark.parametrize("module", ["meshfit", "meshfit.cli.main"])

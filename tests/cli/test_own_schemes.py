@@ -1,4 +1,4 @@
-"""Schemes of the user's own on the command line: in configs and files, run, compared, shown, refused."""
+"""User-defined schemes on the command line: in configs and files, run, compared, shown, refused."""
 
 import csv
 import io

@@ -141,5 +141,5 @@ def test_without_a_library_the_extra_is_named(tmp_path, monkeypatch, library):
         return there(name, package)
 
     monkeypatch.setattr(importlib, "import_module", missing)
-    said = refused("render", "bone", "-o", tmp_path / "x.png")
-    assert f"{library}, which is not installed: pip install 'meshfit[report]'" in said
+    message = refused("render", "bone", "-o", tmp_path / "x.png")
+    assert f"{library}, which is not installed: pip install 'meshfit[report]'" in message

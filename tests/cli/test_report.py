@@ -1,4 +1,4 @@
-"""`meshfit report` after real runs: one file that needs no other, whatever the runs are like."""
+"""`meshfit report` after real runs of all kinds: one self-contained file."""
 
 import importlib
 import re
@@ -142,6 +142,6 @@ def test_without_a_library_the_extra_is_named(monkeypatch, missing):
         return real(name, *rest)
 
     monkeypatch.setattr(importlib, "import_module", only_others)
-    said = refused("report", "runs", "-o", "page")
-    assert missing in said
-    assert "pip install 'meshfit[report]'" in said
+    message = refused("report", "runs", "-o", "page")
+    assert missing in message
+    assert "pip install 'meshfit[report]'" in message

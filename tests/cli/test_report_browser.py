@@ -1,4 +1,4 @@
-"""A report in a real browser: opened from its file, without a network, on a desk and on a phone."""
+"""A report in a real browser: opened as a file, without a network, at desktop and phone sizes."""
 
 import io
 import shutil

@@ -1,4 +1,4 @@
-"""The check of a reproduction can fail: a mask with a weight that is off is found out, however little it is off."""
+"""The check of a reproduction can fail: even a small error in one weight of a mask is detected."""
 
 from dataclasses import replace
 from fractions import Fraction

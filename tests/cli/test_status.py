@@ -1,4 +1,4 @@
-"""`meshfit status` and `meshfit show` of run directories that are written by hand, with trials in every state."""
+"""`meshfit status` and `meshfit show` of hand-written run directories, with trials in every state."""
 
 import json
 import re

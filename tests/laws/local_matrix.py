@@ -1,4 +1,4 @@
-"""The subdivision matrix around one vertex: how its first rings, refined, follow from the same rings before."""
+"""The subdivision matrix around one vertex: its first rings after refinement from the same rings before."""
 
 from fractions import Fraction
 

@@ -1,4 +1,4 @@
-"""A mesh to walk on in plain Python, face by face: the ground that naive twins of the schemes stand on."""
+"""A mesh in plain Python, walked face by face, on which naive twins of the schemes are built."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The schemes on polygons that the laws are stated over, and on which meshes."""
+"""The polygon schemes and meshes over which the laws are stated."""
 
 from functools import cache, lru_cache
 

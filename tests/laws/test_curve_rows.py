@@ -1,4 +1,4 @@
-"""What holds for every scheme on curves: affine invariance, and the same curve from either end and of any numbering."""
+"""Laws of every scheme on curves: affine invariance, and the same curve from either end and of any numbering."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Loop's limit normals: masks that are left eigenvectors, and normals that refinement tends to."""
+"""Loop's limit normals: masks that are left eigenvectors, and normals to which refinement converges."""
 
 from math import cos, inf, pi
 

@@ -88,7 +88,7 @@ def test_laplacian_of_an_octahedron_is_its_radius(laplacian):
 
 @LAPLACIANS
 def test_laplacian_of_verts_without_neighbours_is_0_wherever_they_lie(laplacian):
-    """It is a mean over all verts, so three loose ones beside six halve nothing but add nothing either."""
+    """It is a mean over all vertices, to whose sum the three loose ones add nothing."""
     mesh = Mesh(np.concatenate([octahedron().verts, np.full((3, 3), 9.0)]), octahedron().faces)
     assert laplacian(mesh) == pytest.approx(6 / 9)
 
@@ -124,7 +124,7 @@ def test_normal_matched_by_hand_takes_the_cosine_of_each_pair():
 
 
 def far_and_near(count=200):
-    """Points a thousand from the origin and their partners about 1e-4 beside them, in float32."""
+    """Points a thousand from the origin and their partners about 1e-4 away, in float32."""
     generator = np.random.default_rng(0)
     p = 1000 + generator.uniform(-1, 1, size=(count, 3))
     q = p + 2e-4 * generator.choice([-1, 1], size=(count, 3))

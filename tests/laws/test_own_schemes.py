@@ -1,4 +1,4 @@
-"""Schemes that a user declares: equal to the built-in ones where their masks are, and under the same laws."""
+"""User-defined schemes: equal to built-in ones with the same masks, and under the same laws."""
 
 from fractions import Fraction
 
@@ -162,7 +162,7 @@ def test_own_loop_has_loops_limit():
 def test_specs_have_one_form_and_own_names_are_suggested():
     assert canonical("my-interp-warren:alpha=0.25", REGISTRY) == "my-interp-warren"
     assert canonical("my-interp-loop:alpha=1", REGISTRY) == "my-interp-loop"
-    for spec, said in {
+    for spec, message in {
         "my-lop": "did you mean 'my-loop'?",
         "my-loop:alpha=1": "scheme 'my-loop' has no parameter 'alpha': it takes none",
         "my-interp-loop:weights=warren": "has no parameter 'weights': allowed: alpha",
@@ -170,7 +170,7 @@ def test_specs_have_one_form_and_own_names_are_suggested():
     }.items():
         with pytest.raises(SchemeError) as caught:
             resolve(spec, REGISTRY)
-        assert said in str(caught.value)
+        assert message in str(caught.value)
 
 
 def test_a_scheme_hangs_on_its_definition_and_on_that_of_its_base_alone():

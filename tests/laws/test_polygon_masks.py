@@ -1,4 +1,4 @@
-"""Exact weights of schemes on polygons: on regular quads as fractions, at extraordinary places from the formulas."""
+"""Exact weights of schemes on polygons: on regular quads as fractions, at extraordinary vertices from the formulas."""
 
 from fractions import Fraction
 from math import cos, pi

@@ -1,4 +1,4 @@
-"""Which polynomials schemes on polygons reproduce on regular quads, and what they make of flat meshes."""
+"""Polynomials reproduced by polygon schemes on regular quads, and their results on flat meshes."""
 
 import numpy as np
 import pytest
@@ -50,7 +50,7 @@ def test_polynomials(spec):
 
 @pytest.mark.parametrize("spec", VARIANTS)
 def test_the_lattice_stays_one(spec):
-    """Inside, new verts of a level are where linear interpolation puts them; edges and faces shrink alike."""
+    """Inside, new verts of a level are where linear interpolation puts them; edges and faces shrink equally."""
     mesh = quad_patch(13, 12)
     fine = refined(mesh, spec, 2)(mesh.verts)
     inside = (np.abs(fine[:, 0] - 6) < 2.2) & (np.abs(fine[:, 1] - 6) < 2.2)

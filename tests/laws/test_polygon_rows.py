@@ -1,4 +1,4 @@
-"""What holds for every scheme on polygons: affine invariance, and the same result under any numbering or mirror."""
+"""Laws of every scheme on polygons: affine invariance, and the same result under any numbering or mirror."""
 
 import numpy as np
 import pytest
@@ -85,7 +85,7 @@ def test_a_mesh_is_refined_alike_under_any_numbering_and_wherever_its_faces_star
     np.testing.assert_allclose(sorted_rows(found), sorted_rows(expected), rtol=0, atol=1e-14)
     if spec in KEEPING:
         np.testing.assert_allclose(found[order], expected[: mesh.num_verts], rtol=0, atol=1e-14)
-    # The faces are the same, too, when verts are told by their rows.
+    # The faces are the same, too, when vertices are identified by their rows.
     first, second = refined(mesh, spec, 1), refined(other, spec, 1)
     matrices = first.matrix.toarray(), second.matrix.toarray()[:, order]
     names = [np.lexsort((matrix.round(11) + 0.0).T).argsort() for matrix in matrices]

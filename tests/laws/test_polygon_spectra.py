@@ -1,4 +1,4 @@
-"""Eigenvalues around one extraordinary vertex in quads: against closed forms, and in the order that smoothness asks."""
+"""Eigenvalues around one extraordinary vertex in quads: against closed forms, and in the order for smoothness."""
 
 from math import cos, pi, sqrt
 

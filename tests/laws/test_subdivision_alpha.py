@@ -1,4 +1,4 @@
-"""The parameter α of interpolatory Loop: from Loop at 0 to interpolation at 1, everywhere or vertex by vertex."""
+"""The parameter α of interpolatory Loop: from Loop at 0 to interpolation at 1, everywhere or per vertex."""
 
 from math import cos, pi
 

@@ -1,4 +1,4 @@
-"""What refinement makes of faces, edges and boundaries: counts, manifoldness, orientation, and no vertex left over."""
+"""Connectivity after refinement: counts, manifoldness, orientation, boundaries, and no unused vertex."""
 
 from collections import Counter
 

@@ -1,4 +1,4 @@
-"""Creases and corners: exact rows, sharpness that wears off, and what a crease has in common with a boundary."""
+"""Creases and corners: exact rows, decreasing sharpness, and creases compared with boundaries."""
 
 from fractions import Fraction
 from math import inf
@@ -48,7 +48,7 @@ def edge_row(topology: Topology, a: int, b: int) -> int:
 
 
 def some_creases(mesh: Mesh, seed: int = 0, share: float = 0.3) -> Creases:
-    """Edges and corners at random, of sharpness 0 to 3 and for ever."""
+    """Edges and corners at random, of sharpness 0 to 3 or infinite."""
     generator, topology = np.random.default_rng(seed), Topology.of(mesh)
     edges = np.flatnonzero(generator.random(topology.num_edges) < share)
     sharpness = generator.choice([0.2, 0.5, 1, 1.4, 2.3, inf], size=len(edges))

@@ -1,4 +1,4 @@
-"""The weights at interior verts of valence other than 6, from the published formulas, on disks with one such vertex."""
+"""The weights at interior vertices of valence other than 6, from the published formulas, on disks around one."""
 
 from math import cos, pi
 

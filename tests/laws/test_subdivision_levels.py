@@ -1,4 +1,4 @@
-"""Several levels at once, in sequence, and on values other than positions; numpy and torch alike."""
+"""Several levels at once, in sequence, and on values other than positions, in numpy and torch."""
 
 import numpy as np
 import pytest

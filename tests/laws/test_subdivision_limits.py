@@ -1,4 +1,4 @@
-"""Where repeated refinement leads: limit positions, and whether the surface flattens out around a vertex."""
+"""Limits of repeated refinement: positions, and whether the surface flattens out around a vertex."""
 
 from math import cos, pi
 

@@ -1,4 +1,4 @@
-"""Which polynomials a scheme reproduces on the regular lattice: from values at old verts, those at new ones."""
+"""Polynomials that schemes reproduce on the regular lattice: values at old vertices give those at new ones."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What holds for every scheme on every mesh: affine invariance, and the same result under any numbering or mirror."""
+"""Laws of every scheme on every mesh: affine invariance, and the same result under any numbering or mirror."""
 
 import numpy as np
 import pytest

@@ -1,6 +1,6 @@
 """Spectra of the subdivision matrix around one extraordinary vertex, against closed forms and tabulated values.
 
-Smoothness there asks for 1 > λ1 = λ2 > all others, with λ1 in the Fourier mode 1.
+Smoothness there requires 1 > λ1 = λ2 > all others, with λ1 in the Fourier mode 1.
 """
 
 from math import cos, pi

@@ -1,4 +1,4 @@
-"""The schemes on triangles that the laws are stated over: all of the table, and further values of their parameters."""
+"""The triangle schemes over which the laws are stated: the whole table, and more values of parameters."""
 
 from functools import lru_cache
 

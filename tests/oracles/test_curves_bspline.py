@@ -112,7 +112,7 @@ def twin(points: list[Fraction], spec: str, *, closed: bool) -> list[Fraction]:
 @over("closed", [False, True])
 @over("size", [2, 3, 4, 11])
 def test_a_twin_in_fractions_agrees(spec, closed, size):
-    """It keeps the ends by mirroring alone: that they stay is not said anywhere."""
+    """Mirroring alone keeps the ends: no rule fixes them."""
     values = np.random.default_rng(size).integers(-50, 50, size)
     expected = [Fraction(int(value)) for value in values]
     for _ in range(LEVELS):

@@ -1,4 +1,4 @@
-"""Distances against libigl's exact point-to-surface distances, taken from points that our code has no part in.
+"""Distances against libigl's exact point-to-surface distances, taken from points that our code did not choose.
 
 A barycentric grid on every face leaves no point of the face farther than `eps` from the grid, and the distance to a
 surface changes by at most eps over eps, so the true largest distance lies within [largest on the grid, the same + eps].
@@ -19,7 +19,7 @@ from meshfit.mesh.meshlab import decimate
 from meshfit.mesh.solids import icosahedron
 from meshfit.mesh.targets import load_target
 from meshfit.mesh.topology import Topology
-from tests.for_all import for_all
+from tests.loops import over
 
 
 def triangles(verts, faces):
@@ -132,7 +132,7 @@ def bounds(origin, destination, eps):
     return max(largest * (1 - SINGLE) - reach, 0.0), (largest + eps) * (1 + SINGLE)
 
 
-@for_all("name", PAIRS)
+@over("name", PAIRS)
 def test_largest_distance_lies_within_the_exact_bounds(name):
     result, goal = pair(name)
     eps = bounding_box_diagonal(goal.verts) / 400
@@ -145,7 +145,7 @@ def test_largest_distance_lies_within_the_exact_bounds(name):
     assert found.symmetric == max(found.forward, found.backward)
 
 
-@for_all("name", PAIRS)
+@over("name", PAIRS)
 def test_largest_distance_covers_verts_and_edge_midpoints(name):
     result, goal = pair(name)
     found, _ = surface_distances(result, goal, 100, 0)
@@ -155,7 +155,7 @@ def test_largest_distance_covers_verts_and_edge_midpoints(name):
         assert figure >= exact(features, destination).max() * (1 - SINGLE)
 
 
-@for_all("name", PAIRS)
+@over("name", PAIRS)
 def test_mean_and_rms_agree_with_exact_distances_of_independent_points(name):
     """Within five standard errors of both draws; ours, being stratified, has less than is granted it."""
     result, goal = pair(name)

@@ -1,4 +1,4 @@
-"""Doo–Sabin against pymeshlab, and Catmull–Clark against a plain twin: pymeshlab's own takes other vertex weights."""
+"""Doo–Sabin against pymeshlab, and Catmull–Clark against a plain twin: pymeshlab's has other vertex weights."""
 
 import numpy as np
 import pymeshlab
@@ -31,7 +31,7 @@ EQUAL = {name: CLOSED[name] for name in ("cube", "prism of 3", "prism of 5")} | 
 
 @over("make", EQUAL.values())
 def test_doo_sabin_is_pymeshlabs(make):
-    """In single precision, as triangles, so that verts are what can be told.
+    """In single precision, as triangles, so that only vertices can be compared.
 
     Only on triangles and affine images of regular polygons: pymeshlab takes the mean of a corner and the face,
     which is Doo and Sabin's rule there and nowhere else. On meshes of mixed valence it may never return.

@@ -1,4 +1,4 @@
-"""Other people's subdivision, run live, each where it is known to follow the same rules.
+"""Subdivision by other libraries, each where it is known to follow the same rules.
 
 Valid are: Loop by pymeshlab (all edges split only at threshold 0) on any mesh, by trimesh on closed ones (its boundary
 rows sum to more than one where an inner edge joins two boundary verts), by libigl with Warren's weights on any, by VTK

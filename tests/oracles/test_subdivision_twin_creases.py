@@ -28,7 +28,7 @@ MESHES = {
 
 
 class Creased(Walk):
-    """A mesh with the sharpness of its edges in a dictionary, rims being sharp for ever."""
+    """A mesh with the sharpness of its edges in a dictionary, with infinitely sharp boundaries."""
 
     def __init__(self, mesh: Mesh, sharpness: dict[frozenset, float], corners: set[int]) -> None:
         super().__init__(mesh)

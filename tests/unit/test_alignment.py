@@ -1,4 +1,4 @@
-"""Alignment: each way undoes the transformation that it is made for."""
+"""Alignment: each method undoes the transformation it is made for."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from meshfit.mesh.alignment import align, boxes_are_disjoint
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron
 from meshfit.subdivision.refine import subdivide
-from tests.for_all import for_all
+from tests.loops import over
 
 
 def pear():
@@ -38,8 +38,8 @@ def test_center_takes_back_a_shift_and_nothing_else():
     np.testing.assert_allclose(found.verts, source.verts, atol=1e-9)
 
 
-@for_all("angle", [0.3, 1.5, 3.0])
-@for_all("scale", [0.01, 1.0, 30.0])
+@over("angle", [0.3, 1.5, 3.0])
+@over("scale", [0.01, 1.0, 30.0])
 def test_pca_takes_back_turn_scale_and_shift(angle, scale):
     source = pear()
     found = align(moved(source, angle, scale, (7, 8, -9)), source, "pca")

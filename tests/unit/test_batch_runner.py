@@ -1,4 +1,4 @@
-"""Trials that are run as one batch: each ends as it would alone, and none takes another with it."""
+"""Trials run as one batch: each ends as it would alone, and none makes another fail."""
 
 import pytest
 

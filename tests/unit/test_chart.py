@@ -1,4 +1,4 @@
-"""The chart of numbers: what is on it, and what it refuses."""
+"""The chart of results: its contents and its refusals."""
 
 import re
 from dataclasses import replace

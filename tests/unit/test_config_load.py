@@ -11,7 +11,7 @@ from meshfit.errors import ConfigError
 from meshfit.mesh.io.files import save_mesh
 from meshfit.mesh.solids import cube
 from meshfit.settings import build
-from tests.for_all import for_all
+from tests.loops import over
 
 
 @pytest.fixture
@@ -32,7 +32,7 @@ def refusal(*arguments):
     return str(caught.value)
 
 
-@for_all("name", bundled_configs())
+@over("name", bundled_configs())
 def test_bundled_configs_load_by_name_and_by_path(name):
     experiment = load_experiment(name)
     assert experiment.name == name
@@ -60,8 +60,8 @@ def test_what_is_not_there_is_said(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert refusal("gone.yaml") == f"gone.yaml: no such file in {Path.cwd()}; `meshfit init gone.yaml` writes one"
     assert refusal("gone/quickstart") == "gone/quickstart: no such file: there is no folder gone"
-    said = "'quikstart' is neither a config nor a file: did you mean 'quickstart'? allowed: quickstart"
-    assert refusal("quikstart").startswith(said.removesuffix("allowed: quickstart"))
+    message = "'quikstart' is neither a config nor a file: did you mean 'quickstart'? allowed: quickstart"
+    assert refusal("quikstart").startswith(message.removesuffix("allowed: quickstart"))
     assert refusal(str(tmp_path)) == f"{tmp_path}: expected a YAML file, got a directory"
 
 
@@ -99,7 +99,7 @@ OVERRIDES = [
 TEXT = "seeds: [0]\nfit:\n  steps: 9\n  losses: {edge: 3, chamfer: 4}\n"
 
 
-@for_all(("overrides", "value", "expected"), OVERRIDES)
+@over(("overrides", "value", "expected"), OVERRIDES)
 def test_overrides(config, overrides, value, expected):
     assert value(config(TEXT, *overrides)) == expected
 
@@ -136,7 +136,7 @@ BAD_OVERRIDES = {
 }
 
 
-@for_all("text", BAD_OVERRIDES)
+@over("text", BAD_OVERRIDES)
 def test_overrides_at_fault_are_named(tmp_path, text):
     (tmp_path / "c.yaml").write_text(TEXT)
     assert refusal(str(tmp_path / "c.yaml"), [text]).startswith(BAD_OVERRIDES[text])
@@ -149,7 +149,7 @@ def test_faults_of_the_file_are_not_blamed_on_overrides(tmp_path):
     )
 
 
-@for_all("name", bundled_configs())
+@over("name", bundled_configs())
 def test_resolved_settings_are_written_and_read_back(name):
     settings = load_experiment(name, ["fit.trace_every=7", "source.centre=null"]).settings
     assert build(ExperimentSettings, parse_document(dump(settings.model_dump(mode="json")), "it").data) == settings

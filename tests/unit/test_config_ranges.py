@@ -9,7 +9,7 @@ from meshfit.config.loading import load_experiment
 from meshfit.config.strict_yaml import parse_document
 from meshfit.errors import ConfigError
 from meshfit.settings import build
-from tests.for_all import for_all
+from tests.loops import over
 
 RANGES = {
     "source.decimate": (["4", "100"], ["3", "-1", "4.5"]),
@@ -83,7 +83,7 @@ def test_every_key_is_tested_here():
     assert set(keys_of(ExperimentSettings())) - {"device"} <= RANGES.keys()
 
 
-@for_all(("key", "value"), INSIDE)
+@over(("key", "value"), INSIDE)
 def test_what_lies_inside_is_taken(key, value):
     text, _ = nested(key, value)
     assert build(ExperimentSettings, parse_document(text, "it").data) is not None
@@ -95,20 +95,20 @@ def refused(tmp_path, key, value):
     path.write_text(text)
     with pytest.raises(ConfigError) as caught:
         load_experiment(str(path))
-    said = str(caught.value)
-    assert "\n" not in said
-    assert said.startswith(f"{path}, line {line}: {key}")
-    return said.removeprefix(f"{path}, line {line}: {key}")
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.startswith(f"{path}, line {line}: {key}")
+    return message.removeprefix(f"{path}, line {line}: {key}")
 
 
-@for_all(("key", "value"), OUTSIDE)
+@over(("key", "value"), OUTSIDE)
 def test_what_lies_outside_is_refused_with_its_line(tmp_path, key, value):
-    said = refused(tmp_path, key, value)
-    assert re.search("got|duplicate|allowed|missing", said)
+    message = refused(tmp_path, key, value)
+    assert re.search("got|duplicate|allowed|missing", message)
 
 
-@for_all("value", ["true", "false", "'1'", "[1]", "{a: 1}"])
-@for_all("key", NUMBERS)
+@over("value", ["true", "false", "'1'", "[1]", "{a: 1}"])
+@over("key", NUMBERS)
 def test_truth_texts_and_collections_are_no_numbers(tmp_path, key, value):
     assert refused(tmp_path, key, value).startswith(": expected ")
 
@@ -138,7 +138,7 @@ SAID = [
 ]
 
 
-@for_all(("key", "value", "expected"), SAID)
+@over(("key", "value", "expected"), SAID)
 def test_what_is_said(tmp_path, key, value, expected):
     assert refused(tmp_path, key, value).startswith(expected)
 
@@ -160,7 +160,7 @@ def test_settings_nested_beyond_what_json_can_hold(tmp_path):
         load_experiment(str(tmp_path / "c.yaml"))
 
 
-@for_all("value", ["0", "many", "2.5", "[1]"])
+@over("value", ["0", "many", "2.5", "[1]"])
 def test_a_count_that_is_refused_says_both_things_that_are_allowed(tmp_path, value):
     (tmp_path / "a.yaml").write_text(f"jobs: {value}\n", encoding="utf-8")
     with pytest.raises(ConfigError, match=r"line 1: jobs: expected auto or an integer of 1 or more, got .+"):

@@ -11,7 +11,7 @@ from meshfit.config.starter import starter_config
 from meshfit.config.strict_yaml import parse_document
 from meshfit.errors import ConfigError
 from meshfit.settings import Settings, build
-from tests.for_all import for_all
+from tests.loops import over
 
 LINES = starter_config().splitlines()
 
@@ -100,7 +100,7 @@ def faulty(value, schema):
     return any(BREAKS[word](value, rule, schema) for word, rule in schema.items() if word not in SILENT)
 
 
-@for_all("name", bundled_configs())
+@over("name", bundled_configs())
 def test_the_schema_lets_bundled_configs_through(name):
     data = parse_document(bundled_configs()[name].read_text(encoding="utf-8"), name).data
     assert not faulty(data, SCHEMA)
@@ -113,7 +113,7 @@ def test_the_schema_lets_the_starter_through():
 OWN = {"edge": {"end": "3/8", "opposite": 0.125}, "boundary": "linear"}
 
 
-@for_all(
+@over(
     "own",
     [
         OWN,
@@ -129,7 +129,7 @@ def test_the_schema_lets_schemes_of_ones_own_through_as_the_models_do(own):
     build(ExperimentSettings, data)
 
 
-@for_all(
+@over(
     "own",
     [
         {},
@@ -156,7 +156,7 @@ def test_the_example_in_the_starter_is_one():
     assert list(settings.define) == ["my-loop", "softer"]
 
 
-@for_all(
+@over(
     "data",
     [
         {"seed": 1},

@@ -10,7 +10,7 @@ from meshfit.config.sweeps import variants_of
 from meshfit.errors import ConfigError
 from meshfit.experiment.plan import plan
 from meshfit.settings import build, override
-from tests.for_all import for_all
+from tests.loops import over
 from tests.small import CONFIG, config_file, ellipsoid, experiment
 
 
@@ -45,7 +45,7 @@ def test_variants_have_names_and_change_several_settings_dotted_or_nested():
     assert found[1].settings.fit.losses.normal == ExperimentSettings().fit.losses.normal
 
 
-@for_all(
+@over(
     "change",
     [
         {"fit": {"method": "gauss-newton", "levels": 2}},
@@ -104,7 +104,7 @@ def test_swept_mesh_files_lie_relative_to_the_config(tmp_path, monkeypatch):
     assert meshes == ["octahedron", str(ellipsoid(tmp_path))]
 
 
-@for_all(
+@over(
     ("sweep", "message"),
     [
         ({"fit.losses.egde": [1, 2]}, r"fit\.losses\.egde: no such key: did you mean 'edge'"),

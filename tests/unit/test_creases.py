@@ -1,4 +1,4 @@
-"""Creases as people give them: by edges, by a file in the numbers of a mesh file; and what is refused."""
+"""Creases given by edges or by a file with the vertex numbers of a mesh file, and their refusals."""
 
 from math import inf, nan
 

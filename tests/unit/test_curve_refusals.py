@@ -20,27 +20,27 @@ from meshfit.subdivision.refine import refine, subdivide
 from meshfit.subdivision.registry import SCHEMES, domain_of, resolve
 from meshfit.subdivision.triangles.table import TRIANGLE_SCHEMES
 from tests.curve_shapes import single
-from tests.for_all import for_all
+from tests.loops import over
 
-by_curve_scheme = for_all("name", CURVE_SCHEMES)
+by_curve_scheme = over("name", CURVE_SCHEMES)
 ON_CURVES, ON_TRIANGLES = ", ".join(CURVE_SCHEMES), ", ".join(TRIANGLE_SCHEMES)
 
 
 @by_curve_scheme
-@for_all("levels", [0, 1])
+@over("levels", [0, 1])
 def test_a_scheme_on_curves_on_a_mesh(name, levels):
-    said = f"^a scheme on curves cannot refine triangles; schemes on triangles: {ON_TRIANGLES}$"
-    with pytest.raises(SchemeError, match=said):
+    text = f"^a scheme on curves cannot refine triangles; schemes on triangles: {ON_TRIANGLES}$"
+    with pytest.raises(SchemeError, match=text):
         subdivide(octahedron(), name, levels)
-    with pytest.raises(SchemeError, match=said):
+    with pytest.raises(SchemeError, match=text):
         build_source(SourceSettings(levels=levels), name)
 
 
-@for_all("name", TRIANGLE_SCHEMES)
-@for_all("levels", [0, 1])
+@over("name", TRIANGLE_SCHEMES)
+@over("levels", [0, 1])
 def test_a_scheme_on_triangles_on_curves(name, levels):
-    said = f"^a scheme on triangles cannot refine curves; schemes on curves: {ON_CURVES}$"
-    with pytest.raises(SchemeError, match=said):
+    text = f"^a scheme on triangles cannot refine curves; schemes on curves: {ON_CURVES}$"
+    with pytest.raises(SchemeError, match=text):
         subdivide(single(4, closed=True), name, levels)
 
 
@@ -52,14 +52,14 @@ def test_curves_that_branch(name):
 
 
 @by_curve_scheme
-@for_all("levels", [-1, -5])
+@over("levels", [-1, -5])
 def test_negative_levels(name, levels):
     with pytest.raises(SchemeError, match=f"levels={levels} is not allowed: expected 0 or more"):
         subdivide(single(3, closed=True), name, levels)
 
 
 @by_curve_scheme
-@for_all("count", [0, 1])
+@over("count", [0, 1])
 def test_no_curves_at_all_are_refined_to_none(name, count):
     fine = subdivide(Curves(np.ones((count, 3)), [], [], []), name, 2)
     assert np.array_equal(fine.verts, np.ones((count, 3)))
@@ -73,7 +73,7 @@ def test_level_0_changes_nothing():
     assert np.array_equal(same.corners, curves.corners)
 
 
-@for_all(
+@over(
     ("spec", "parameters", "message"),
     [
         ("four-point", {"tension": 0.2}, "tension=0.2 is not allowed: expected a number from 0 to 0.154508"),
@@ -97,13 +97,13 @@ def test_parameters(spec, parameters, message):
         subdivide(single(3, closed=True), spec, **parameters)
 
 
-@for_all("inserted", [(), LINEAR.inserted * 3])
+@over("inserted", [(), LINEAR.inserted * 3])
 def test_masks_that_divide_segments_otherwise(inserted):
     with pytest.raises(SchemeError, match=f"a curve mask of {len(inserted)} inserted vertices; 1 or 2 are allowed"):
         CurveScheme(CurveMask(KEPT, inserted))
 
 
-@for_all(
+@over(
     ("vert", "inserted", "message"),
     [
         ({-2: Fraction(1)}, LINEAR.inserted, "offset -2; -1 to 1 are allowed"),
@@ -126,8 +126,8 @@ def test_a_scheme_of_ones_own():
 
 def test_experiments_refuse_schemes_on_curves():
     for name in CURVE_SCHEMES:
-        said = f"schemes.1.: {name} refines curves, and experiments fit surfaces; allowed: {ON_TRIANGLES}"
-        with pytest.raises(ConfigError, match=said):
+        text = f"schemes.1.: {name} refines curves, and experiments fit surfaces; allowed: {ON_TRIANGLES}"
+        with pytest.raises(ConfigError, match=text):
             load_experiment("quickstart", [f"schemes=[loop, {name}]"])
 
 

@@ -9,7 +9,7 @@ from meshfit.errors import MeshError
 from meshfit.mesh.curves import Chains, Curves, join_segments, require_chains
 from meshfit.mesh.topology import NONE
 from tests.curve_shapes import SHAPES, many, single
-from tests.for_all import for_all
+from tests.loops import over
 
 POINTS = np.eye(3)
 
@@ -31,7 +31,7 @@ def test_curves_hold_copies_that_cannot_be_changed():
             getattr(curves, name)[0] = 0
 
 
-@for_all(
+@over(
     ("arrays", "message"),
     [
         ((np.eye(4), [0, 1], [2], [False]), r"verts: expected rows of three numbers, got an array of shape \(4, 4\)"),
@@ -48,7 +48,7 @@ def test_arrays_that_do_not_fit(arrays, message):
         Curves(*arrays)
 
 
-@for_all(
+@over(
     ("corners", "sizes", "closed", "message"),
     [
         ([0, 1, 2, 9], [2, 2], [False, True], "chain 1 has vertex 9: vertices are numbered 0 to 3"),
@@ -73,8 +73,8 @@ def test_segments_and_neighbours():
     assert chains.neighbours.tolist() == [[1, NONE], [4, 0], [5, 5], [NONE, NONE], [NONE, 1], [2, 2], [NONE, NONE]]
 
 
-@for_all("inserted", [1, 2])
-@for_all("shape", SHAPES)
+@over("inserted", [1, 2])
+@over("shape", SHAPES)
 def test_split_puts_new_verts_between_the_ends_of_segments(shape, inserted):
     coarse = Chains.of(SHAPES[shape]())
     fine = coarse.split(inserted)
@@ -103,13 +103,13 @@ JOINED = {
 }
 
 
-@for_all("name", JOINED)
+@over("name", JOINED)
 def test_segments_are_joined(name):
     segments, expected = JOINED[name]
     assert chains_of(join_segments(7, np.array(segments, dtype=np.int64).reshape(-1, 2), "a.obj")) == expected
 
 
-@for_all(
+@over(
     ("segments", "message"),
     [
         ([(0, 1), (1, 2), (1, 3)], r"the curves branch: vertex 1 has 3 segments, allowed: 1 or 2 \(1 such vertices\)"),
@@ -127,7 +127,7 @@ def test_segments_that_make_no_curves(segments, message):
         join_segments(4, np.array(segments), "a.obj")
 
 
-@for_all("shape", SHAPES)
+@over("shape", SHAPES)
 def test_segments_listed_along_chains_come_back_as_these_chains(shape):
     chains = Chains.of(SHAPES[shape]())
     found = join_segments(chains.num_verts, np.stack([chains.tail, chains.head], axis=1), "a.obj")

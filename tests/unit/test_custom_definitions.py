@@ -1,4 +1,4 @@
-"""Definitions in configs: what is refused is named with its key, its line and its remedy."""
+"""Definitions in configs: refusals name key, line and remedy."""
 
 import time
 

@@ -1,4 +1,4 @@
-"""Files that hold a scheme of the user's own: read where a scheme's name stands, and said where they are at fault."""
+"""Files that define a scheme: accepted in place of a scheme's name, and refused with the place of the error."""
 
 from pathlib import Path
 
@@ -96,9 +96,9 @@ FAULTS = {
 @pytest.mark.parametrize("text", FAULTS)
 def test_faults_are_said_with_the_files_own_lines(project, text):
     write("project/own/bad.yaml", text)
-    said = refusal("seeds: [0]\nschemes: [loop, own/bad.yaml]\n")
-    assert FAULTS[text] in said
-    assert "project/own" in said
+    message = refusal("seeds: [0]\nschemes: [loop, own/bad.yaml]\n")
+    assert FAULTS[text] in message
+    assert "project/own" in message
 
 
 def test_files_that_refer_to_each_other_come_to_an_end(project):

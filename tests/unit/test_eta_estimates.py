@@ -1,4 +1,4 @@
-"""Estimates of time: what they are told from, and how they grow with the work."""
+"""Estimates of time: their basis, and their growth with the work."""
 
 import pytest
 

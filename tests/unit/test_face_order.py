@@ -4,7 +4,7 @@ import numpy as np
 
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.nearest import renumber_verts_by_faces, sort_faces_spatially
-from tests.for_all import for_all
+from tests.loops import over
 from tests.shapes import ALL, mixed_closed, real, torus
 
 LOOSE = Mesh(np.concatenate([[[9.0, 9, 9]], mixed_closed().verts, [[7.0, 8, 9]]]), 1 + mixed_closed().faces)
@@ -14,7 +14,7 @@ MESHES = {name: make() for name, make in ALL.items()} | {
     "faces at the same place, and one without area": ALIKE,
     "larger than a leaf": torus(20, 21),
 }
-EACH = for_all("mesh", MESHES.values())
+EACH = over("mesh", MESHES.values())
 
 
 def triangles(mesh):
@@ -23,7 +23,7 @@ def triangles(mesh):
 
 
 @EACH
-@for_all("order", [sort_faces_spatially, renumber_verts_by_faces])
+@over("order", [sort_faces_spatially, renumber_verts_by_faces])
 def test_triangles_and_their_orientations_stay_the_same(mesh, order):
     assert triangles(order(mesh)) == triangles(mesh)
 
@@ -49,7 +49,7 @@ def test_renumbering_drops_verts_of_no_face():
 
 
 @EACH
-@for_all("order", [sort_faces_spatially, renumber_verts_by_faces])
+@over("order", [sort_faces_spatially, renumber_verts_by_faces])
 def test_an_order_is_the_same_each_time(mesh, order):
     np.testing.assert_array_equal(order(mesh).faces, order(mesh).faces)
 

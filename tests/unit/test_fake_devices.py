@@ -1,4 +1,4 @@
-"""Steps on devices that are not here.
+"""Steps on devices that this machine lacks.
 
 On torch's meta device tensors have shapes and no numbers, so that whatever waits for a result raises; and a step that
 never does so can be captured as a CUDA graph. For numbers, the CPU is pretended to be another device.

@@ -12,7 +12,7 @@ from meshfit.mesh.io.files import CURVE_FORMATS, encode_curves, load_curves, loa
 from meshfit.mesh.solids import octahedron
 from tests.curve_shapes import SHAPES, many
 from tests.damaged import read_or_refused
-from tests.for_all import for_all
+from tests.loops import over
 
 MEGABYTE = 2**20
 SCALES = (1.0, 1e-30, 1e30, 1 / 3)
@@ -49,9 +49,9 @@ def loaded(folder, content: bytes, name: str = "a.obj") -> Curves:
     return load_curves(folder / name)
 
 
-@for_all("scale", SCALES)
+@over("scale", SCALES)
 @pytest.mark.parametrize("suffix", CURVE_FORMATS)
-@for_all("shape", SHAPES)
+@over("shape", SHAPES)
 def test_round_trip_to_the_last_bit(tmp_path, shape, suffix, scale):
     curves = without_unused(SHAPES[shape]())
     curves = Curves(curves.verts * scale * np.pi, curves.corners, curves.sizes, curves.closed)
@@ -85,7 +85,7 @@ def test_ply_is_binary_little_endian_and_double():
     assert body == np.eye(3).astype("<f8").tobytes() + np.array([0, 1, 1, 2, 2, 0], "<i4").tobytes()
 
 
-@for_all(
+@over(
     ("lines", "corners", "closed"),
     [
         (b"l 1 2 3 4\n", [[0, 1, 2, 3]], [False]),
@@ -135,7 +135,7 @@ REFUSED = {
 }
 
 
-@for_all("content", REFUSED)
+@over("content", REFUSED)
 def test_what_is_wrong_is_said_in_one_line(tmp_path, content):
     with pytest.raises(MeshError) as error:
         loaded(tmp_path, content)
@@ -159,12 +159,12 @@ PLY_REFUSED = {
 }
 
 
-@for_all("name", PLY_REFUSED)
+@over("name", PLY_REFUSED)
 def test_what_is_wrong_with_a_ply(tmp_path, name):
-    content, said = PLY_REFUSED[name]
+    content, message = PLY_REFUSED[name]
     with pytest.raises(MeshError) as error:
         loaded(tmp_path, content, "a.ply")
-    assert str(error.value).startswith(f"{tmp_path / 'a.ply'}: {said}")
+    assert str(error.value).startswith(f"{tmp_path / 'a.ply'}: {message}")
 
 
 def test_paths_that_cannot_be_read_or_written(tmp_path):
@@ -218,8 +218,8 @@ def test_a_damaged_file_is_refused_or_gives_sane_curves(tmp_path, name):
     assert 0 < refused < 200
 
 
-@for_all("announced", [b"edge 1000000000", b"vertex 1000000000"])
-@for_all("name", ["a.ply", "text.ply"])
+@over("announced", [b"edge 1000000000", b"vertex 1000000000"])
+@over("name", ["a.ply", "text.ply"])
 def test_what_a_file_announces_is_not_allocated_before_it_is_there(tmp_path, name, announced):
     what = announced.split()[0]
     head, _, body = VALID[name].partition(b"element " + what)

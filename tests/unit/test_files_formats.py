@@ -9,7 +9,7 @@ import pytest
 from meshfit.errors import MeshfitWarning
 from meshfit.mesh.io.files import FORMATS, load_mesh
 from meshfit.paths import MESH_SUFFIXES
-from tests.for_all import for_all
+from tests.loops import over
 
 VERTS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
@@ -62,7 +62,7 @@ VARIANTS = {
 }
 
 
-@for_all("name", VARIANTS)
+@over("name", VARIANTS)
 def test_all_ways_of_writing_a_tetrahedron_give_the_same_mesh(tmp_path, name):
     (tmp_path / name).write_text(VARIANTS[name], encoding="utf-8", newline="")
     found = load_mesh(tmp_path / name)
@@ -85,8 +85,8 @@ def binary_ply(order, kinds, faces, verts=VERTS):
     return head.encode() + verts.astype(order + kinds[1]).tobytes() + rows
 
 
-@for_all("kinds", [("float", "f4"), ("double", "f8")])
-@for_all("order", ["<", ">"])
+@over("kinds", [("float", "f4"), ("double", "f8")])
+@over("order", ["<", ">"])
 def test_binary_ply_of_either_byte_order(tmp_path, order, kinds):
     (tmp_path / "a.ply").write_bytes(binary_ply(order, kinds, FACES.tolist()))
     found = load_mesh(tmp_path / "a.ply")
@@ -102,8 +102,8 @@ PENTAGON = [[0.0, 0, 0], [2, 0, 0], [3, 1, 0], [1, 3, 0], [-1, 1, 0]]
 HOUSE = [(0, 1, 2, 3, 4), (0, 1, 2), (0, 2, 3, 4)]
 
 
-@for_all("polygon", HOUSE)
-@for_all("suffix", [".obj", ".off", ".ply"])
+@over("polygon", HOUSE)
+@over("suffix", [".obj", ".off", ".ply"])
 def test_polygons_become_a_fan_of_triangles(tmp_path, suffix, polygon):
     rows = "\n".join(" ".join(map(str, vert)) for vert in PENTAGON)
     corners = " ".join(map(str, polygon))

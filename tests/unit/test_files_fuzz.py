@@ -10,7 +10,7 @@ import pytest
 from meshfit.mesh.io.files import FORMATS, encode_mesh, load_mesh
 from meshfit.mesh.solids import octahedron
 from tests.damaged import read_or_refused
-from tests.for_all import for_all
+from tests.loops import over
 
 CASES = 150
 SECONDS = 20
@@ -102,7 +102,7 @@ GIANTS = {
 }
 
 
-@for_all("name", GIANTS)
+@over("name", GIANTS)
 def test_what_a_file_announces_is_not_allocated_before_it_is_there(tmp_path, name):
     (tmp_path / name).write_bytes(GIANTS[name])
     tracemalloc.start()

@@ -10,7 +10,7 @@ from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.cleaning import clean
 from meshfit.mesh.io.files import encode_mesh, load_mesh, load_polygons, save_mesh
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup, face_rows
-from tests.for_all import for_all
+from tests.loops import over
 from tests.quads import EVERY, mixed, prism, quad_cube, quad_torus
 
 OF_POLYGONS = (".obj", ".off", ".ply")
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::meshfit.errors.MeshfitWarning")
 
 
 @pytest.mark.parametrize("suffix", OF_POLYGONS)
-@for_all("shape", EVERY)
+@over("shape", EVERY)
 def test_polygons_come_back_as_they_are_and_to_the_last_bit(tmp_path, suffix, shape):
     mesh = EVERY[shape]()
     save_mesh(mesh, tmp_path / f"a{suffix}")
@@ -28,8 +28,8 @@ def test_polygons_come_back_as_they_are_and_to_the_last_bit(tmp_path, suffix, sh
     assert encode_mesh(found, suffix) == encode_mesh(mesh, suffix)
 
 
-@for_all("suffix", [*OF_POLYGONS, ".stl", ".glb"])
-@for_all("make", [mixed, quad_torus, lambda: prism(7)])
+@over("suffix", [*OF_POLYGONS, ".stl", ".glb"])
+@over("make", [mixed, quad_torus, lambda: prism(7)])
 def test_a_reader_of_triangles_gets_the_fan_of_each(tmp_path, suffix, make):
     mesh = make().with_short_diagonals()
     save_mesh(mesh, tmp_path / f"a{suffix}")
@@ -63,7 +63,7 @@ def test_ply_of_polygons_byte_by_byte():
 OBJ = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 2 0 1\n"
 
 
-@for_all(
+@over(
     ("faces", "rows"),
     [
         ("f 1 2 3 4\nf 2 5 3\n", [[0, 1, 2, 3], [1, 4, 2]]),
@@ -77,8 +77,8 @@ def test_obj_in_all_its_ways_of_writing(tmp_path, faces, rows):
     assert face_rows(load_polygons(tmp_path / "a.obj")) == rows
 
 
-@for_all("load", [load_mesh, load_polygons])
-@for_all(
+@over("load", [load_mesh, load_polygons])
+@over(
     ("faces", "message"),
     [
         ("f 1 2 3 4\nf 1 2\n", "line 7: expected a face of 3 or more corners, got 2"),
@@ -111,8 +111,8 @@ SIDES = face_rows(CUBE)
 
 
 def test_a_clean_cube_is_left_alone_in_silence():
-    mesh, said = cleaned(CUBE.verts, SIDES)
-    assert said == []
+    mesh, text = cleaned(CUBE.verts, SIDES)
+    assert text == []
     assert face_rows(mesh) == SIDES
 
 
@@ -120,8 +120,8 @@ def test_what_is_dropped_is_told():
     verts = [*CUBE.verts, CUBE.verts[0], [9.0, 9, 9], [8.0, 8, 8]]
     a, b, c, d = SIDES[2]
     rows = [*SIDES[:2], [a, b, b, c, d], *SIDES[3:], [d, c, b, a], [a, b, a], [a, b, b, a]]
-    mesh, said = cleaned(verts, rows)
-    assert set(said) == {
+    mesh, text = cleaned(verts, rows)
+    assert set(text) == {
         "dropped 2 degenerate faces",
         "dropped 1 duplicate faces",
         "dropped 1 repeated corners",
@@ -130,12 +130,12 @@ def test_what_is_dropped_is_told():
     assert face_rows(mesh) == SIDES
 
 
-@for_all("roll", range(4))
-@for_all("step", [1, -1])
+@over("roll", range(4))
+@over("step", [1, -1])
 def test_duplicates_are_found_whichever_way_they_are_turned(roll, step):
     again = list(np.roll(SIDES[3], roll)[::step])
-    mesh, said = cleaned(CUBE.verts, [*SIDES, again])
-    assert said == ["dropped 1 duplicate faces"]
+    mesh, text = cleaned(CUBE.verts, [*SIDES, again])
+    assert text == ["dropped 1 duplicate faces"]
     assert face_rows(mesh) == SIDES
 
 
@@ -149,13 +149,13 @@ def test_soup_of_polygons_is_welded():
     for make in (quad_cube, mixed, lambda: prism(5)):
         mesh = make()
         soup = PolygonMesh(mesh.verts[mesh.corners], np.arange(len(mesh.corners)), mesh.sizes)
-        found, said = cleaned(soup.verts, face_rows(soup))
-        assert said == []
+        found, text = cleaned(soup.verts, face_rows(soup))
+        assert text == []
         assert found.num_verts == mesh.num_verts
         assert np.array_equal(found.verts[found.corners], mesh.verts[mesh.corners])
 
 
-@for_all(
+@over(
     ("verts", "rows", "message"),
     [
         (np.zeros((0, 3)), [], "no vertices"),

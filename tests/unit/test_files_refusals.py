@@ -10,7 +10,7 @@ from meshfit.errors import MeshError
 from meshfit.mesh.io.files import FORMATS, encode_mesh, load_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import octahedron
-from tests.for_all import for_all
+from tests.loops import over
 
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
 OFF = "OFF\n4 4 6\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 2 0 3\n"
@@ -36,7 +36,7 @@ def written(path, content):
     return path
 
 
-@for_all("suffix", FORMATS)
+@over("suffix", FORMATS)
 def test_a_file_that_is_not_there(tmp_path, suffix):
     assert refusal(tmp_path / f"gone{suffix}") == f"no such file in {tmp_path}"
     assert refusal(tmp_path / "gone" / f"gone{suffix}") == f"no such file: there is no folder {tmp_path / 'gone'}"
@@ -55,42 +55,42 @@ def test_a_file_that_may_not_be_read(tmp_path):
     assert refusal(tmp_path / "a.obj") == "cannot be read: Permission denied"
 
 
-@for_all("content", ["", " \n\t\r\n  "])
-@for_all("suffix", FORMATS)
+@over("content", ["", " \n\t\r\n  "])
+@over("suffix", FORMATS)
 def test_an_empty_file(tmp_path, suffix, content):
     assert refusal(written(tmp_path / f"a{suffix}", content)) == "the file is empty"
 
 
-@for_all("name", ["a.xyz", "a.obj.zip", "a.gltf", "a.jpg"])
+@over("name", ["a.xyz", "a.obj.zip", "a.gltf", "a.jpg"])
 def test_a_format_that_is_not_known(tmp_path, name):
     suffix = name[name.rindex(".") :]
-    said = refusal(written(tmp_path / name, OBJ))
-    assert said == f"unknown mesh format '{suffix}'; allowed: .obj, .ply, .stl, .off, .glb"
+    message = refusal(written(tmp_path / name, OBJ))
+    assert message == f"unknown mesh format '{suffix}'; allowed: .obj, .ply, .stl, .off, .glb"
 
 
 def test_a_name_without_suffix(tmp_path):
     assert refusal(written(tmp_path / "bunny", OBJ)).startswith("no suffix to tell the mesh format; allowed")
 
 
-@for_all("seed", range(4))
-@for_all("suffix", FORMATS)
+@over("seed", range(4))
+@over("suffix", FORMATS)
 def test_garbage(tmp_path, suffix, seed):
     garbage = np.random.default_rng(seed).bytes(int(10 ** (seed + 1)))
     assert refusal(written(tmp_path / f"a{suffix}", garbage)).startswith(f"cannot be read as {suffix[1:].upper()}: ")
 
 
-@for_all("suffix", FORMATS)
+@over("suffix", FORMATS)
 def test_prose(tmp_path, suffix):
-    said = refusal(written(tmp_path / f"a{suffix}", "Dear all,\nplease find the model attached.\n"))
-    assert said.startswith(f"cannot be read as {suffix[1:].upper()}: ")
+    message = refusal(written(tmp_path / f"a{suffix}", "Dear all,\nplease find the model attached.\n"))
+    assert message.startswith(f"cannot be read as {suffix[1:].upper()}: ")
 
 
-@for_all("suffix", [".ply", ".stl", ".glb"])
+@over("suffix", [".ply", ".stl", ".glb"])
 def test_a_binary_file_cut_anywhere(tmp_path, suffix):
     content = encode_mesh(octahedron(), suffix)
     for length in {1, 40, 85, len(content) // 3, len(content) // 2, len(content) - 7, len(content) - 1}:
-        said = refusal(written(tmp_path / f"a{suffix}", content[:length]))
-        assert said.startswith(f"cannot be read as {suffix[1:].upper()}: "), length
+        message = refusal(written(tmp_path / f"a{suffix}", content[:length]))
+        assert message.startswith(f"cannot be read as {suffix[1:].upper()}: "), length
 
 
 FAULTS = {
@@ -132,14 +132,14 @@ FAULTS = {
 }  # fmt: skip
 
 
-@for_all("fault", FAULTS)
+@over("fault", FAULTS)
 def test_the_fault_is_named(tmp_path, fault):
     name, content, expected = FAULTS[fault]
     assert re.search(re.escape(expected), refusal(written(tmp_path / name, content)))
 
 
-@for_all("value", [np.nan, np.inf, -np.inf])
-@for_all("suffix", [".ply", ".obj", ".off"])
+@over("value", [np.nan, np.inf, -np.inf])
+@over("suffix", [".ply", ".obj", ".off"])
 def test_coordinates_that_are_not_finite_are_refused_in_every_format(tmp_path, suffix, value):
     verts = np.array(octahedron().verts)
     verts[3, 1] = value
@@ -147,7 +147,7 @@ def test_coordinates_that_are_not_finite_are_refused_in_every_format(tmp_path, s
     assert "a coordinate that is not finite" in refusal(written(tmp_path / f"a{suffix}", content))
 
 
-@for_all("value", [np.nan, np.inf, -np.inf])
+@over("value", [np.nan, np.inf, -np.inf])
 def test_coordinates_that_are_not_finite_are_refused_in_stl(tmp_path, value):
     content = encode_mesh(octahedron(), ".stl")
     first_coordinate = 84 + 12

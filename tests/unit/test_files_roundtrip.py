@@ -6,7 +6,7 @@ import pytest
 from meshfit.errors import MeshError
 from meshfit.mesh.io.files import FORMATS, encode_mesh, load_mesh, save_mesh
 from meshfit.mesh.mesh import Mesh
-from tests.for_all import for_all
+from tests.loops import over
 from tests.shapes import CLOSED
 
 DOUBLE = (".obj", ".ply", ".off")
@@ -24,7 +24,7 @@ def again(mesh, path):
     return load_mesh(path)
 
 
-@for_all("scale", SCALES)
+@over("scale", SCALES)
 @pytest.mark.parametrize("suffix", DOUBLE)
 def test_double_precision_comes_back_to_the_last_bit(tmp_path, suffix, scale):
     mesh = Mesh(CLOSED["mixed"]().verts * scale * np.pi, CLOSED["mixed"]().faces)
@@ -33,7 +33,7 @@ def test_double_precision_comes_back_to_the_last_bit(tmp_path, suffix, scale):
     assert np.array_equal(found.faces, mesh.faces)
 
 
-@for_all("scale", SCALES)
+@over("scale", SCALES)
 def test_glb_comes_back_rounded_to_single_precision(tmp_path, scale):
     mesh = Mesh(CLOSED["mixed"]().verts * scale * np.pi, CLOSED["mixed"]().faces)
     found = again(mesh, tmp_path / "a.glb")
@@ -41,8 +41,8 @@ def test_glb_comes_back_rounded_to_single_precision(tmp_path, scale):
     assert np.array_equal(found.faces, mesh.faces)
 
 
-@for_all("scale", SCALES)
-@for_all("shape", CLOSED)
+@over("scale", SCALES)
+@over("shape", CLOSED)
 def test_stl_comes_back_as_the_same_faces_welded(tmp_path, shape, scale):
     mesh = Mesh(CLOSED[shape]().verts * scale * np.pi, CLOSED[shape]().faces)
     found = again(mesh, tmp_path / "a.stl")
@@ -51,7 +51,7 @@ def test_stl_comes_back_as_the_same_faces_welded(tmp_path, shape, scale):
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
-@for_all("shape", CLOSED)
+@over("shape", CLOSED)
 def test_every_closed_shape_survives_every_format(tmp_path, suffix, shape):
     mesh = CLOSED[shape]()
     found = again(mesh, tmp_path / f"a{suffix}")
@@ -93,7 +93,7 @@ def test_ply_is_binary_little_endian_and_double(tmp_path):
     assert np.array_equal(rows["index"], mesh.faces)
 
 
-@for_all("suffix", [".stl", ".glb"])
+@over("suffix", [".stl", ".glb"])
 def test_coordinates_beyond_single_precision_are_refused(tmp_path, suffix):
     mesh = Mesh(CLOSED["cube"]().verts * 1e39, CLOSED["cube"]().faces)
     with pytest.raises(MeshError, match=rf"a\{suffix}: {suffix[1:].upper()} holds single precision"):

@@ -14,7 +14,7 @@ from meshfit.mesh.polygons import PolygonSoup
 from meshfit.mesh.solids import SOLIDS, cube, icosahedron, octahedron
 from meshfit.mesh.targets import load_target
 from meshfit.mesh.topology import Topology
-from tests.for_all import for_all
+from tests.loops import over
 from tests.shapes import patch, torus
 
 
@@ -47,7 +47,7 @@ CORNERS = {
 }
 
 
-@for_all("corner", CORNERS)
+@over("corner", CORNERS)
 def test_texture_and_normal_seams_of_obj_do_not_cut_the_surface(tmp_path, corner):
     mesh = icosahedron()
     (tmp_path / "a.obj").write_text(obj_text(mesh, CORNERS[corner]))
@@ -66,7 +66,7 @@ def test_textured_obj_loads_without_its_material(tmp_path):
     assert np.array_equal(found.faces, cube().faces)
 
 
-@for_all("solid", SOLIDS)
+@over("solid", SOLIDS)
 def test_soup_is_welded_into_one_closed_surface(solid):
     mesh = SOLIDS[solid]()
     welded = weld_seams(soup(mesh))

@@ -10,7 +10,7 @@ from meshfit.mesh.io.files import encode_mesh, load_mesh, load_mesh_with_vertex_
 from meshfit.mesh.io.vertex_values import read_vertex_property, read_vertex_values
 from meshfit.mesh.solids import octahedron
 from meshfit.mesh.topology import NONE
-from tests.for_all import for_all
+from tests.loops import over
 
 SAME = np.arange(6)
 VALUES = [0.0, 1.0, 0.25, 0.5, 0.125, 1e-3]
@@ -52,7 +52,7 @@ def test_they_go_where_the_files_verts_went(tmp_path):
     assert read_vertex_values(path, np.array([1, NONE, 0, 1, 2])).tolist() == [0.25, 0.5, 1.0]
 
 
-@for_all("kind", ["ascii", "binary_little_endian", "binary_big_endian"])
+@over("kind", ["ascii", "binary_little_endian", "binary_big_endian"])
 def test_a_property_of_a_ply_file(tmp_path, kind):
     path = ply_file(tmp_path, kind)
     mesh, numbering = load_mesh_with_vertex_map(path)
@@ -72,7 +72,7 @@ BAD_TEXTS = {
 }
 
 
-@for_all("text", BAD_TEXTS)
+@over("text", BAD_TEXTS)
 def test_texts_that_are_refused(tmp_path, text):
     with pytest.raises(MeshError, match=rf"alpha\.txt[:,].*{BAD_TEXTS[text]}"):
         read_vertex_values(text_file(tmp_path, text), SAME)
@@ -105,7 +105,7 @@ def test_properties_that_are_not_there(tmp_path):
         read_vertex_property(path, "alpha", SAME)
 
 
-@for_all("suffix", [".ply", ".obj"])
+@over("suffix", [".ply", ".obj"])
 def test_normals_are_written_and_passed_over_by_readers(tmp_path, suffix):
     solid = octahedron()
     normals = np.array([[1 / 3, -2e-17, 1e300], *solid.verts[1:]])
@@ -125,7 +125,7 @@ def test_normals_are_written_and_passed_over_by_readers(tmp_path, suffix):
     assert np.array_equal(found, normals)
 
 
-@for_all("suffix", [".off", ".stl", ".glb"])
+@over("suffix", [".off", ".stl", ".glb"])
 def test_formats_without_a_place_for_normals(tmp_path, suffix):
     with pytest.raises(MeshError, match=r"vertex normals can be written to \.obj and \.ply files only"):
         save_mesh(octahedron(), tmp_path / f"a{suffix}", octahedron().verts)

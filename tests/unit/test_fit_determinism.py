@@ -78,9 +78,9 @@ def test_global_generators_are_neither_used_nor_changed():
     for seed in (0, 1):
         np.random.seed(seed)  # noqa: NPY002  the global generator is what is watched
         torch.manual_seed(seed)
-        before = (str(np.random.get_state()), torch.get_rng_state())  # noqa: NPY002  likewise
+        before = (str(np.random.get_state()), torch.get_rng_state())  # noqa: NPY002  the state of the global generator
         results.add(fitted())
-        after = (str(np.random.get_state()), torch.get_rng_state())  # noqa: NPY002  likewise
+        after = (str(np.random.get_state()), torch.get_rng_state())  # noqa: NPY002  the state of the global generator
         assert before[0] == after[0]
         assert torch.equal(before[1], after[1])
     assert len(results) == 1
@@ -121,6 +121,6 @@ def test_single_and_double_precision_agree_early_on():
 
 
 def test_points_are_drawn_apart_on_source_and_target():
-    """Were both drawn alike, the samples of a mesh fitted to itself would coincide and their distance be 0."""
+    """If both were drawn equally, the samples of a mesh fitted to itself would coincide and their distance be 0."""
     mesh = Mesh(mixed_closed().verts, mixed_closed().faces)
     assert fit(mesh, mesh, steps=1, samples=50, device="cpu").trace.rows[0][2] > 1e-3

@@ -62,7 +62,7 @@ def test_a_first_order_trial_keeps_the_polygons_of_its_source(tmp_path, scheme):
     assert np.array_equal(before.sizes, after.sizes)
     assert (before.sizes == 4).sum() > 0.9 * before.num_faces or scheme == "doo-sabin"
     assert not np.array_equal(before.verts, after.verts)
-    # Whoever reads triangles gets those that were fitted and measured.
+    # A reader of triangles gets those that were fitted and measured.
     for polygons, name in ((before, "source"), (after, "result")):
         assert np.array_equal(load_mesh(folder / f"{name}.ply").faces, polygons.triangulated().faces)
     assert np.array_equal(before.with_short_diagonals().corners, before.corners)

@@ -127,12 +127,12 @@ SAID = [
 EACH = over(("changes", "expected"), SAID)
 
 
-def assert_said(said, changes, expected):
-    assert said.startswith(expected)
-    assert "\n" not in said
+def assert_said(message, changes, expected):
+    assert message.startswith(expected)
+    assert "\n" not in message
     if "no such key" in expected:
         model = GaussNewtonSettings if changes.get("method") == "gauss-newton" else FirstOrderSettings
-        assert said.endswith("allowed: " + ", ".join(model.model_fields))
+        assert message.endswith("allowed: " + ", ".join(model.model_fields))
 
 
 @EACH

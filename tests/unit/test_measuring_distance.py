@@ -10,7 +10,7 @@ from meshfit.mesh.geometry import bounding_box_diagonal
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import SOLIDS, cube, icosahedron
 from meshfit.mesh.topology import Topology
-from tests.for_all import for_all
+from tests.loops import over
 
 
 def triangles(verts, faces):
@@ -58,20 +58,20 @@ def some_rotation(seed):
     return q * np.linalg.det(q)
 
 
-def figures(result, target, samples=SAMPLES, seed=0):
+def all_distances(result, target, samples=SAMPLES, seed=0):
     hausdorff, distance = surface_distances(result, target, samples, seed)
     lengths = [hausdorff.forward, hausdorff.backward, hausdorff.symmetric]
     return np.array([*lengths, *vars(distance).values()])
 
 
-@for_all("mesh", [*(make() for make in SOLIDS.values()), square(), sphere(), rough_sphere(1)])
+@over("mesh", [*(make() for make in SOLIDS.values()), square(), sphere(), rough_sphere(1)])
 def test_a_mesh_is_at_no_distance_from_itself(mesh):
-    assert figures(mesh, mesh).max() <= NOTHING * bounding_box_diagonal(mesh.verts)
+    assert all_distances(mesh, mesh).max() <= NOTHING * bounding_box_diagonal(mesh.verts)
 
 
-@for_all("height", [1e-3, 0.25, 3.0])
+@over("height", [1e-3, 0.25, 3.0])
 def test_a_lifted_square_is_everywhere_as_far_as_it_was_lifted(height):
-    assert figures(square(height=height), square()) == pytest.approx(height, rel=SINGLE)
+    assert all_distances(square(height=height), square()) == pytest.approx(height, rel=SINGLE)
 
 
 def test_concentric_spheres_keep_the_distances_of_their_polyhedra():
@@ -79,7 +79,7 @@ def test_concentric_spheres_keep_the_distances_of_their_polyhedra():
     inner, outer = 1.0, 1.3
     unit = sphere()
     inset = np.linalg.norm(unit.verts[unit.faces].mean(axis=1), axis=1).min()
-    found = figures(sphere(inner), sphere(outer))
+    found = all_distances(sphere(inner), sphere(outer))
     assert found.max() <= (outer - inset * inner) * (1 + SINGLE)
     assert found.min() >= (inset * outer - inner) * (1 - SINGLE)
 
@@ -96,7 +96,7 @@ def test_scaled_concentric_polyhedra_are_a_known_distance_apart():
 
 def test_a_translated_copy_is_no_farther_than_it_was_moved():
     shift = np.array([0.02, -0.01, 0.03])
-    found = figures(moved(sphere(), shift=shift), sphere())
+    found = all_distances(moved(sphere(), shift=shift), sphere())
     length = np.linalg.norm(shift)
     assert found.max() <= length * (1 + SINGLE)
     assert found[:2] == pytest.approx(length, rel=0.01)  # where the sphere faces along the shift
@@ -119,11 +119,11 @@ def test_a_spike_is_seen_from_its_own_side_only():
         assert distance.mean < 0.02
 
 
-@for_all("diagonals", [5, 50])
+@over("diagonals", [5, 50])
 def test_a_total_failure_is_not_reported_as_a_fit(diagonals):
     mesh = sphere(times=2)
     shift = diagonals * bounding_box_diagonal(mesh.verts)
-    found = figures(moved(mesh, shift=(shift, 0, 0)), mesh, samples=500)
+    found = all_distances(moved(mesh, shift=(shift, 0, 0)), mesh, samples=500)
     assert found[:3] == pytest.approx(shift, rel=0.02)
     assert found.min() > shift - 2
 
@@ -131,10 +131,10 @@ def test_a_total_failure_is_not_reported_as_a_fit(diagonals):
 def test_verts_that_no_face_uses_are_not_part_of_the_surface():
     mesh = sphere(times=2)
     littered = Mesh(np.concatenate([mesh.verts, [[0, 0, 0]]]), mesh.faces)
-    assert figures(littered, mesh).max() <= NOTHING * 4
+    assert all_distances(littered, mesh).max() <= NOTHING * 4
 
 
-@for_all("seed", range(3))
+@over("seed", range(3))
 def test_swapping_the_meshes_swaps_the_directions(seed):
     """Exactly so for the largest, up to how far apart the points are; means agree within their standard errors."""
     first, second = rough_sphere(seed), rough_sphere(seed + 10)
@@ -146,25 +146,25 @@ def test_swapping_the_meshes_swaps_the_directions(seed):
     assert one_mean.rms == pytest.approx(other_mean.rms, rel=0.1)
 
 
-@for_all("seed", range(3))
+@over("seed", range(3))
 def test_figures_are_those_of_the_shape_not_of_its_place(seed):
     """Under a rigid motion and a scaling the same points are drawn, so only rounding differs."""
     first, second = rough_sphere(seed), rough_sphere(seed + 10)
     motion = {"rotation": some_rotation(seed), "shift": (3.0, -2.0, 1.0)}
-    before = figures(first, second)
-    assert figures(moved(first, **motion), moved(second, **motion)) == pytest.approx(before, rel=1e-6)
-    scaled = figures(moved(first, scale=100.0), moved(second, scale=100.0))
+    before = all_distances(first, second)
+    assert all_distances(moved(first, **motion), moved(second, **motion)) == pytest.approx(before, rel=1e-6)
+    scaled = all_distances(moved(first, scale=100.0), moved(second, scale=100.0))
     assert scaled == pytest.approx(100 * before, rel=1e-6)
 
 
 def test_the_same_call_gives_the_same_bits_whatever_came_between():
     first, second = rough_sphere(0), rough_sphere(1)
-    before = figures(first, second)
-    assert np.array_equal(figures(first, second), before)
-    figures(second, square(), samples=777, seed=9)
+    before = all_distances(first, second)
+    assert np.array_equal(all_distances(first, second), before)
+    all_distances(second, square(), samples=777, seed=9)
     np.random.default_rng(3).random(10)
-    assert np.array_equal(figures(first, second), before)
-    assert not np.array_equal(figures(first, second, seed=1)[3:], before[3:])
+    assert np.array_equal(all_distances(first, second), before)
+    assert not np.array_equal(all_distances(first, second, seed=1)[3:], before[3:])
 
 
 def test_mean_and_rms_combine_both_directions():

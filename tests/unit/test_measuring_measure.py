@@ -13,7 +13,7 @@ from meshfit.measuring.metrics import MEASURED
 from meshfit.measuring.settings import MeasureSettings
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, octahedron
-from tests.for_all import for_all
+from tests.loops import over
 
 FEW = MeasureSettings(samples=1000, points=500)
 
@@ -64,7 +64,7 @@ def test_overrides_count_as_settings():
     assert measure(octahedron(), cube(), FEW, seed=3) != measure(octahedron(), cube(), FEW)
 
 
-@for_all(
+@over(
     ("override", "message"),
     [({"sample": 10}, "sample: no such key.*samples"), ({"samples": 5}, "samples: expected .*100.* got 5")],
 )
@@ -81,7 +81,7 @@ def test_a_result_with_nan_is_refused_before_meshlab_sees_it():
         measure(Mesh(verts, cube().faces), cube(), FEW)
 
 
-@for_all("module", ["metrics", "settings"])
+@over("module", ["metrics", "settings"])
 def test_help_and_configs_load_nothing_heavy(module):
     heavy = "{'torch', 'pymeshlab', 'trimesh', 'scipy', 'pykdtree'}"
     code = f"import sys, meshfit.measuring.{module}; print(sorted({heavy} & set(sys.modules)))"

@@ -9,7 +9,7 @@ from meshfit.mesh.geometry import face_normals
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.solids import SOLIDS, cube, octahedron
-from tests.for_all import for_all
+from tests.loops import over
 
 
 def triangles(verts, faces):
@@ -51,7 +51,7 @@ def brute_force(result, target, count, tau, seed):
     }
 
 
-@for_all("seed", range(3))
+@over("seed", range(3))
 def test_every_score_agrees_with_brute_force(seed):
     generator = np.random.default_rng(seed)
     meshes = [
@@ -71,7 +71,7 @@ def test_lifted_square_has_its_height_in_both_directions():
     assert 2 * height**2 <= chamfer.l2_squared <= 2 * (height**2 + SPACING**2)
 
 
-@for_all(("tau", "score"), [(0.4999, 0.0), (np.hypot(0.5, SPACING), 1.0)])
+@over(("tau", "score"), [(0.4999, 0.0), (np.hypot(0.5, SPACING), 1.0)])
 def test_f_score_jumps_where_tau_passes_the_height(tau, score):
     found = point_scores(lifted(0.5), SQUARE, COUNT, tau, 0)[1]
     assert (found.precision, found.recall, found.f1) == (score, score, score)
@@ -90,7 +90,7 @@ def test_precision_is_the_results_and_recall_the_targets():
     assert swapped.precision == pytest.approx(found.recall, abs=0.03)
 
 
-@for_all("mesh", [SQUARE, *(make() for make in SOLIDS.values())])
+@over("mesh", [SQUARE, *(make() for make in SOLIDS.values())])
 def test_a_mesh_inside_out_has_opposite_normals(mesh):
     """Exactly so on the flat square. Elsewhere other points are drawn, and the next side may be nearest."""
     same = point_scores(mesh, mesh, COUNT, 0.1, 0)[2]

@@ -8,7 +8,7 @@ from meshfit.measuring.quality import degenerate_faces, flipped_faces, mesh_qual
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, icosahedron, octahedron, tetrahedron
 from meshfit.mesh.topology import Topology
-from tests.for_all import for_all
+from tests.loops import over
 
 
 def triangles(verts, faces):
@@ -68,7 +68,7 @@ def test_open_square():
     assert found.smallest_angle == pytest.approx(45)
 
 
-@for_all("mesh", [cube(), octahedron(), icosahedron()])
+@over("mesh", [cube(), octahedron(), icosahedron()])
 def test_closed_solids_are_sound(mesh):
     found = mesh_quality(mesh)
     assert found.watertight is True
@@ -100,7 +100,7 @@ def test_verts_without_faces_are_counted_but_make_no_component():
     assert (found.verts, found.components, found.euler_number) == (9, 1, 2)
 
 
-@for_all("radius", [np.inf, 30.0, 5.0])
+@over("radius", [np.inf, 30.0, 5.0])
 def test_a_vertex_pushed_across_an_edge_flips_one_face(radius):
     with np.errstate(invalid="ignore"):
         sheet = plane() if np.isinf(radius) else wrapped(plane(), radius)
@@ -111,7 +111,7 @@ def test_a_vertex_pushed_across_an_edge_flips_one_face(radius):
     assert mesh_quality(folded).flipped_faces == 1
 
 
-@for_all("mesh", [cube(), icosahedron(), torus()])
+@over("mesh", [cube(), icosahedron(), torus()])
 def test_inside_out_is_not_flipped_but_one_reversed_face_is(mesh):
     assert count_flipped(Mesh(mesh.verts, mesh.faces[:, ::-1])) == 0
     faces = mesh.faces.copy()
@@ -133,15 +133,15 @@ def test_degenerate_faces_are_those_without_area():
     assert mesh_quality(mesh).smallest_angle == pytest.approx(0)
 
 
-@for_all(("height", "degenerate"), [(3e-12, False), (1e-13, True)])
-@for_all("scale", [1e-3, 1.0, 1e4])
+@over(("height", "degenerate"), [(3e-12, False), (1e-13, True)])
+@over("scale", [1e-3, 1.0, 1e4])
 def test_degenerate_is_relative_to_the_size_of_the_mesh(height, degenerate, scale):
     """The sliver's area is height / 2 and the squared diagonal 1: the limit lies at a height of 2e-12."""
     sliver = triangles(scale * np.array([[0, 0, 0], [1, 0, 0], [0.5, height, 0]]), [[0, 1, 2]])
     assert degenerate_faces(sliver).tolist() == [degenerate]
 
 
-@for_all("angle", [1e-3, 5.0, 30.0, 59.0])
+@over("angle", [1e-3, 5.0, 30.0, 59.0])
 def test_smallest_angle_of_a_known_triangle(angle):
     apex = [np.cos(np.radians(angle)), np.sin(np.radians(angle)), 0]
     mesh = triangles([[0, 0, 0], [1, 0, 0], apex], [[0, 1, 2]])

@@ -9,14 +9,14 @@ from meshfit.measuring.surface import split_obtuse_faces
 from meshfit.mesh.geometry import corner_angles, face_areas
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube
-from tests.for_all import for_all
+from tests.loops import over
 
 
 def triangles(verts, faces):
     return Mesh(np.array(verts, dtype=np.float64), np.array(faces, dtype=np.int64))
 
 
-@for_all("seed", range(3))
+@over("seed", range(3))
 def test_cutting_obtuse_corners_keeps_the_surface(seed):
     mesh = Mesh(np.random.default_rng(seed).normal(size=(60, 3)), np.arange(60).reshape(-1, 3))
     cut = split_obtuse_faces(mesh)
@@ -26,7 +26,7 @@ def test_cutting_obtuse_corners_keeps_the_surface(seed):
     assert split_obtuse_faces(cube()).num_faces == 12
 
 
-@for_all(
+@over(
     ("verts", "faces", "message"),
     [
         ([[0, 0, 0], [1, 0, 0], [0, np.nan, 0]], [[0, 1, 2]], "nan.* at vertex 2"),

@@ -12,7 +12,7 @@ from meshfit.mesh.io.files import load_mesh, save_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonSoup
 from meshfit.mesh.solids import icosahedron, octahedron
-from tests.for_all import for_all
+from tests.loops import over
 from tests.shapes import CLOSED, mixed_open, patch
 
 SOLID = octahedron()
@@ -30,7 +30,7 @@ def cleaned(verts, faces):
     return mesh, [text.removeprefix("it: ") for text in said]
 
 
-@for_all("shape", CLOSED)
+@over("shape", CLOSED)
 def test_a_clean_closed_mesh_is_left_alone_in_silence(shape):
     mesh = CLOSED[shape]()
     found, said = cleaned(mesh.verts, mesh.faces)
@@ -55,7 +55,7 @@ def test_welded_verts_are_not_called_unreferenced():
     assert said == ["dropped 1 unreferenced vertices"]
 
 
-@for_all("turn", [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0]])
+@over("turn", [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0]])
 def test_duplicate_faces_are_dropped_whichever_way_they_are_turned(turn):
     faces = np.concatenate([SOLID.faces, SOLID.faces[[3, 5, 3]][:, turn]])
     found, said = cleaned(SOLID.verts, faces)
@@ -122,7 +122,7 @@ def test_everything_at_once_is_told_in_a_line_each():
     ]
 
 
-@for_all(
+@over(
     ("verts", "faces", "message"),
     [
         (np.empty((0, 3)), [[0, 1, 2]], "it: the mesh has no vertices"),

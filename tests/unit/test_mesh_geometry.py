@@ -13,11 +13,11 @@ from meshfit.mesh.geometry import (
     unit_vectors,
 )
 from meshfit.mesh.mesh import Mesh
-from tests.for_all import for_all
+from tests.loops import over
 from tests.shapes import ALL, CLOSED
 
 RIGHT = Mesh(np.array([[0.0, 0, 0], [3, 0, 0], [0, 4, 0]]), np.array([[0, 1, 2]]))
-every_shape = for_all("shape", ALL)
+every_shape = over("shape", ALL)
 
 
 def test_right_triangle():
@@ -40,7 +40,7 @@ def test_faces_without_area_have_no_normal_and_no_nan():
     assert np.degrees(corner_angles(mesh)).tolist() == [[0, 180, 0], [0, 0, 0], [0, 0, 0]]
 
 
-@for_all("angle", [1e-7, 0.3, 90, 179.9999])
+@over("angle", [1e-7, 0.3, 90, 179.9999])
 def test_angles_are_accurate_even_where_they_are_extreme(angle):
     turn = np.radians(angle)
     verts = np.array([[0.0, 0, 0], [1, 0, 0], [np.cos(turn), np.sin(turn), 0]])
@@ -70,7 +70,7 @@ def test_normals_are_unit_and_stand_on_their_faces(shape):
         assert np.allclose(((corners[:, i] - corners[:, i - 1]) * normals).sum(axis=1), 0)
 
 
-@for_all("shape", CLOSED)
+@over("shape", CLOSED)
 def test_area_vectors_of_a_closed_surface_sum_to_0(shape):
     assert np.allclose(area_vectors(CLOSED[shape]()).sum(axis=0), 0)
 

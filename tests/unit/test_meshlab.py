@@ -12,7 +12,7 @@ from meshfit.mesh.meshlab import decimate, point_to_surface, self_intersecting_f
 from meshfit.mesh.solids import cube
 from meshfit.mesh.targets import load_target
 from meshfit.mesh.topology import Topology
-from tests.for_all import for_all
+from tests.loops import over
 
 
 def triangles(verts, faces):
@@ -38,7 +38,7 @@ def test_distances_of_points_above_a_floor_are_their_heights():
     assert found.rms == pytest.approx(np.sqrt((heights**2).mean()))
 
 
-@for_all("height", [1e-6, 1.0, 1e3, 1e6])
+@over("height", [1e-6, 1.0, 1e3, 1e6])
 def test_no_point_is_too_far_to_count(height):
     """By default the filter leaves out what is beyond half a diagonal, and reports 0 for a total failure."""
     found = point_to_surface(np.array([[0.0, 0.0, height]]), FLOOR)
@@ -86,7 +86,7 @@ def test_self_intersections_are_found_on_both_faces():
     assert not self_intersecting_faces(cube()).any()
 
 
-@for_all("num_faces", [2000, 500])
+@over("num_faces", [2000, 500])
 def test_decimation_reaches_its_count_and_keeps_the_topology(num_faces):
     bone = load_bone()
     reduced = decimate(bone, num_faces)

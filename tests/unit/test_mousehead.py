@@ -13,7 +13,7 @@ from meshfit.mesh.meshlab import self_intersecting_faces
 from meshfit.mesh.targets import NAMED_TARGETS, load_target
 from meshfit.mesh.topology import Topology
 from meshfit.paths import bundled_folder
-from tests.for_all import for_all
+from tests.loops import over
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +116,7 @@ BROKEN = {
 }
 
 
-@for_all("promise", BROKEN)
+@over("promise", BROKEN)
 def test_the_check_refuses_a_broken_promise(mesh, generator, promise):
     with pytest.raises(ValueError, match="mousehead breaks the promise that it: ") as caught:
         generator.check(*BROKEN[promise](*as_arrays(mesh)))

@@ -6,7 +6,7 @@ import pytest
 from meshfit.errors import MeshError
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.normalisation import Frame, frame_of
-from tests.for_all import for_all
+from tests.loops import over
 from tests.shapes import ALL, mixed_closed
 
 TRIANGLE = np.array([[1.0, 0, 0], [4, 0, 0], [1, 4, 12]])
@@ -41,9 +41,9 @@ def test_the_box_does_not_depend_on_how_densely_verts_lie():
     assert frame_of(dense, "tutorial") != frame_of(TRIANGLE, "tutorial")
 
 
-@for_all("size", [1e-9, 1.0, 1e9])
-@for_all("how", ["tutorial", "box", "none"])
-@for_all("shape", ALL)
+@over("size", [1e-9, 1.0, 1e9])
+@over("how", ["tutorial", "box", "none"])
+@over("shape", ALL)
 def test_there_and_back(shape, how, size):
     mesh = Mesh(ALL[shape]().verts * size + 3 * size, ALL[shape]().faces)
     frame = frame_of(mesh.verts, how)
@@ -52,7 +52,7 @@ def test_there_and_back(shape, how, size):
     assert np.array_equal(found.faces, mesh.faces)
 
 
-@for_all("how", ["tutorial", "box"])
+@over("how", ["tutorial", "box"])
 def test_the_frame_moves_and_scales_with_the_mesh(how):
     verts = mixed_closed().verts
     one, other = frame_of(verts, how), frame_of(verts * 7 + [1, 2, 3], how)
@@ -60,7 +60,7 @@ def test_the_frame_moves_and_scales_with_the_mesh(how):
     assert other.centre == pytest.approx(np.array(one.centre) * 7 + [1, 2, 3])
 
 
-@for_all("how", ["tutorial", "box"])
+@over("how", ["tutorial", "box"])
 def test_a_mesh_at_one_point_has_no_frame(how):
     with pytest.raises(MeshError, match="no extent: all its vertices are at one point"):
         frame_of(np.full((5, 3), 0.5), how)

@@ -10,14 +10,14 @@ from meshfit.mesh.solids import POLYGON_SOLIDS, SOLIDS, cube
 from meshfit.mesh.topology import NONE, PolygonTopology, Topology
 from meshfit.subdivision.refine import refine, subdivide
 from meshfit.subdivision.registry import resolve
-from tests.for_all import for_all
+from tests.loops import over
 from tests.quads import EVERY, mixed, of_rows, prism, quad_cube, quad_patch, quad_wheel
 from tests.shapes import ALL
 
-every_shape = for_all("shape", EVERY)
+every_shape = over("shape", EVERY)
 
 
-@for_all(
+@over(
     ("corners", "sizes", "message"),
     [
         ([0, 1, 2], [4], "3 corners do not match the sizes of 1 faces"),
@@ -47,7 +47,7 @@ def test_a_fan_from_the_first_corner_in_the_order_of_the_polygons():
     assert mesh.triangulated().faces.tolist() == expected
 
 
-@for_all("shape", ALL)
+@over("shape", ALL)
 def test_triangles_are_polygons_and_back(shape):
     mesh = ALL[shape]()
     polygons = PolygonMesh.of(mesh)
@@ -102,7 +102,7 @@ def test_halfedges_of_polygons_by_counting(shape):
     require_manifold(topology, "the test")
 
 
-@for_all("shape", ALL)
+@over("shape", ALL)
 def test_triangles_have_the_same_halfedges_either_way(shape):
     one = Topology.of(ALL[shape]())
     two = PolygonTopology.of(one)
@@ -117,7 +117,7 @@ def test_triangles_have_the_same_halfedges_either_way(shape):
 SPREAD = np.random.default_rng(0).standard_normal((9, 3))
 
 
-@for_all(
+@over(
     ("rows", "message"),
     [
         ([[0, 1, 2, 3], [1, 0, 4, 5], [0, 1, 6, 7]], r"edge \(0, 1\) has 3 faces; allowed: 1 or 2"),
@@ -151,14 +151,14 @@ def test_faces_may_share_edges_that_do_not_meet():
     require_manifold(topology, "the test")
 
 
-@for_all("scheme", ["loop", "interp-sqrt3", "midpoint"])
+@over("scheme", ["loop", "interp-sqrt3", "midpoint"])
 def test_schemes_on_triangles_refuse_polygons(scheme):
     with pytest.raises(SchemeError, match="refines triangles, and the mesh is of polygons: triangulate it, or choose"):
         subdivide(quad_cube(), scheme)
 
 
-@for_all("scheme", ["ternary", "interp-ternary"])
-@for_all(
+@over("scheme", ["ternary", "interp-ternary"])
+@over(
     ("make", "message"),
     [
         (mixed, r"needs quads: face \d+ has [35] corners"),

@@ -1,4 +1,4 @@
-"""The number of seeds needed, against known answers and against experiments that were simulated."""
+"""The number of seeds needed, against known answers and against simulated experiments."""
 
 import numpy as np
 import pytest

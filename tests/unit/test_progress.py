@@ -1,4 +1,4 @@
-"""Lines of progress: each trial by name while that can be read, several in one when it cannot, and signs of life."""
+"""Progress lines: one per trial, one for several that end too fast, and one per minute while none ends."""
 
 import re
 
@@ -42,9 +42,9 @@ def test_trials_that_end_slowly_are_named(watched, capsys):
     for i in range(30):
         end(i)
         look(seconds=10)
-    said = capsys.readouterr().err.splitlines()
-    assert len(said) == 30
-    assert said[0] == "[1/300] ellipsoid · loop · seed 0: complete"
+    text = capsys.readouterr().err.splitlines()
+    assert len(text) == 30
+    assert text[0] == "[1/300] ellipsoid · loop · seed 0: complete"
 
 
 def test_trials_that_end_fast_are_counted_and_failures_still_named(watched, capsys):
@@ -52,12 +52,12 @@ def test_trials_that_end_fast_are_counted_and_failures_still_named(watched, caps
     for i in range(300):
         end(i, *((TrialStatus.FAILED, "diverged: so it goes") if i == 200 else ()))
         look(seconds=0.2)
-    said = capsys.readouterr().err.splitlines()
-    assert len(said) < 45
-    assert sum("seed 200: failed: diverged: so it goes" in line for line in said) == 1
-    assert said[-1].startswith("[300/300]")
-    named = sum(line.endswith(": complete") for line in said)
-    counted = sum(int(found[1]) for line in said if (found := re.search(r"(\d+) more are complete", line)))
+    text = capsys.readouterr().err.splitlines()
+    assert len(text) < 45
+    assert sum("seed 200: failed: diverged: so it goes" in line for line in text) == 1
+    assert text[-1].startswith("[300/300]")
+    named = sum(line.endswith(": complete") for line in text)
+    counted = sum(int(found[1]) for line in text if (found := re.search(r"(\d+) more are complete", line)))
     assert named + counted == 299
 
 
@@ -76,8 +76,8 @@ def test_a_minute_in_which_nothing_ends_has_a_sign_of_life(watched, capsys):
     progress[0] = Progress(TrialStatus.FITTING, Step(10, 20, 0.5))
     for _ in range(600):
         look()
-    (said,) = capsys.readouterr().err.splitlines()
-    assert said == "[0/300] 1 running, 299 waiting; about 9 h 59 min left"
+    (text,) = capsys.readouterr().err.splitlines()
+    assert text == "[0/300] 1 running, 299 waiting; about 9 h 59 min left"
 
 
 def test_parts_are_printed_at_a_rate_that_can_be_read_and_their_end_in_any_case(capsys):

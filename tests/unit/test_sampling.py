@@ -6,7 +6,7 @@ from scipy.stats import chisquare, kstest
 from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.sampling import sample_surface
-from tests.for_all import for_all
+from tests.loops import over
 from tests.shapes import ALL, mixed_closed, torus
 
 LEAST_P = 0.001
@@ -22,7 +22,7 @@ def weights_of(mesh, points, faces):
     return np.column_stack([1 - second.sum(axis=1), second]), off
 
 
-@for_all("shape", ALL)
+@over("shape", ALL)
 def test_points_lie_on_the_faces_named(shape):
     mesh = ALL[shape]()
     found = sample_surface(mesh, 500, np.random.default_rng(1))
@@ -33,7 +33,7 @@ def test_points_lie_on_the_faces_named(shape):
     assert weights.min() > -1e-12
 
 
-@for_all("count", [1, 7, 1000])
+@over("count", [1, 7, 1000])
 def test_each_face_gets_its_share_of_points_but_for_the_ends_of_its_stretch(count):
     """Stratified: a face of area a holds between floor and ceiling of a's share, and at most one beyond at each end."""
     mesh = mixed_closed()

@@ -74,7 +74,7 @@ def test_a_plan_alone_makes_an_experiment(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         (b"{", "not valid JSON"),
         (b"[]", "expected a JSON object, got a list"),
@@ -87,7 +87,7 @@ def test_a_plan_alone_makes_an_experiment(tmp_path):
         ({"trials": [{"folder": "../x"}]}, "the folder '../x' is not inside the experiment's"),
     ],
 )
-def test_a_damaged_plan_is_one_clear_line(tmp_path, change, said):
+def test_a_damaged_plan_is_one_clear_line(tmp_path, change, message):
     write_plan(tmp_path / "small", [{"seed": 0}])
     path = tmp_path / "small/plan.json"
     path.write_bytes(
@@ -96,7 +96,7 @@ def test_a_damaged_plan_is_one_clear_line(tmp_path, change, said):
     with pytest.raises(StoreError) as caught:
         scan_experiments([tmp_path], NOW)
     assert str(caught.value).startswith(f"{path}: ")
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
     assert "to have the trial run again" not in str(caught.value)
 

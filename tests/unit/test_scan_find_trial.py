@@ -42,9 +42,11 @@ def test_digits_that_several_begin_with_are_refused_with_those(tmp_path, monkeyp
     folder.rename(other)
     folder.mkdir()
     (folder / "result.json").write_text("{}")
-    said = refusal(digits(folder)[:6], tmp_path)
-    assert said.startswith(f"2 trials under {tmp_path} begin with {digits(folder)[:6]}: {digits(folder)} (other, bunny")
-    assert "(small, bunny · loop · seed 0)" in said
+    message = refusal(digits(folder)[:6], tmp_path)
+    assert message.startswith(
+        f"2 trials under {tmp_path} begin with {digits(folder)[:6]}: {digits(folder)} (other, bunny"
+    )
+    assert "(small, bunny · loop · seed 0)" in message
 
 
 @pytest.mark.parametrize("text", ["abc", "12", "zzzz", "gone/seed-0-0123456789", "ffffffffff", ""])
@@ -52,10 +54,10 @@ def test_what_is_no_trial_is_refused_with_those_that_there_are(tmp_path, monkeyp
     monkeypatch.chdir(tmp_path)
     for seed in range(module._MOST_LISTED + 2):
         complete(tmp_path / "runs", seed=seed)
-    said = refusal(text or "-", tmp_path / "runs")
-    assert "4 or more digits of its identity; the trials are: " in said
-    assert said.count("bunny · loop · seed") == module._MOST_LISTED
-    assert said.endswith(" and 2 more")
+    message = refusal(text or "-", tmp_path / "runs")
+    assert "4 or more digits of its identity; the trials are: " in message
+    assert message.count("bunny · loop · seed") == module._MOST_LISTED
+    assert message.endswith(" and 2 more")
 
 
 def test_a_folder_above_trials_is_none(tmp_path):

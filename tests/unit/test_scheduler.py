@@ -1,4 +1,4 @@
-"""The executor, with real processes: some of these tests start workers, which import torch."""
+"""The scheduler, with real processes: some of these tests start workers, which import torch."""
 
 import json
 import math

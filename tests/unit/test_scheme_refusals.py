@@ -1,4 +1,4 @@
-"""What refinement refuses: meshes that are no manifolds, numbers out of range, arrays of the wrong shape."""
+"""Refusals of refinement: meshes that are not manifold, numbers out of range, arrays of the wrong shape."""
 
 import numpy as np
 import pytest

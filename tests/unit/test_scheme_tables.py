@@ -1,4 +1,4 @@
-"""Masks check themselves; the table says of each scheme what is true of it."""
+"""Masks check themselves, and the statements of the table about each scheme are true."""
 
 from dataclasses import FrozenInstanceError
 from fractions import Fraction

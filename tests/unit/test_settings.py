@@ -11,7 +11,7 @@ from meshfit.errors import ConfigError
 from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.measuring.settings import MeasureSettings
 from meshfit.settings import build, deep_merge, dotted, override
-from tests.for_all import for_all
+from tests.loops import over
 
 
 def test_settings_cannot_be_changed_and_can_be_hashed():
@@ -68,7 +68,7 @@ def test_numpy_scalars_are_as_good_as_pythons():
     assert build(MeasureSettings, {"samples": np.int64(500), "f_score_tau": np.float64(0.5)}).samples == 500
 
 
-@for_all(
+@over(
     ("key", "text"),
     [
         ((), ""),

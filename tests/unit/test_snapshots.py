@@ -1,4 +1,4 @@
-"""Snapshots: they are of the steps that they say, move no number, and are the same for a trial that was stopped."""
+"""Snapshots: taken at the steps in their names, without effect on results, and the same after an interruption."""
 
 import pytest
 

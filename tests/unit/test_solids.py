@@ -6,11 +6,11 @@ from meshfit.mesh.geometry import area_vectors, corner_angles, face_areas
 from meshfit.mesh.manifold import euler_number, is_watertight, num_components, require_manifold
 from meshfit.mesh.solids import SOLIDS
 from meshfit.mesh.topology import Topology
-from tests.for_all import for_all
+from tests.loops import over
 
 COUNTS = {"tetrahedron": (4, 4, {3}), "octahedron": (6, 8, {4}), "icosahedron": (12, 20, {5}), "cube": (8, 12, {3, 6})}
 EDGES = {"tetrahedron": np.sqrt(8 / 3), "octahedron": np.sqrt(2), "icosahedron": 4 / np.sqrt(10 + 2 * np.sqrt(5))}
-every_solid = for_all("name", SOLIDS)
+every_solid = over("name", SOLIDS)
 
 
 def test_every_solid_is_tested_here():
@@ -45,7 +45,7 @@ def test_faces_look_outwards(name):
     assert ((area_vectors(mesh) * mesh.verts[mesh.faces].mean(axis=1)).sum(axis=1) > 0).all()
 
 
-@for_all("name", EDGES)
+@over("name", EDGES)
 def test_edges_are_as_long_as_geometry_says(name):
     mesh = SOLIDS[name]()
     ends = mesh.verts[Topology.of(mesh).edges]

@@ -240,10 +240,10 @@ TAGS = [
 ]
 
 
-@pytest.mark.parametrize(("given", "said"), TAGS)
-def test_tables_tell_what_a_source_is_tagged_with(given, said):
+@pytest.mark.parametrize(("given", "text"), TAGS)
+def test_tables_tell_what_a_source_is_tagged_with(given, text):
     plain = {"source": settings(**given).model_dump(mode="json")}
-    assert list(_creases_and_alphas(shared_settings({"settings": plain, "schema_version": 2}))) == said
+    assert list(_creases_and_alphas(shared_settings({"settings": plain, "schema_version": 2}))) == text
 
 
 def test_results_share_a_table_by_what_is_in_their_files_not_by_where_these_lie(tmp_path, edges, alphas):

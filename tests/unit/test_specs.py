@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from meshfit.errors import ConfigError
 from meshfit.specs import Spec, parse_spec, suggest
-from tests.for_all import for_all
+from tests.loops import over
 
 WORD = st.text("abcdefghijklmnopqrstuvwxyz-_", min_size=1, max_size=12)
 
@@ -36,7 +36,7 @@ def test_spaces_about_the_parts_do_not_matter(spec, space):
     assert parse_spec(text) == spec
 
 
-@for_all(
+@over(
     ("text", "expected"),
     [
         ("loop", Spec("loop")),
@@ -60,13 +60,13 @@ def test_what_looks_like_a_number_is_one_and_an_integer_stays_one():
     assert math.isnan(values["n"])
 
 
-@for_all("text", ["", "  ", ":", ":a=1", "two words", "a=1", "a,b", "=", "a b:c=1"])
+@over("text", ["", "  ", ":", ":a=1", "two words", "a=1", "a,b", "=", "a b:c=1"])
 def test_what_has_no_name_is_refused(text):
     with pytest.raises(ConfigError, match=r"expected a name or 'name:key=value,key=value'$"):
         parse_spec(text)
 
 
-@for_all(
+@over(
     ("text", "pair"),
     [
         ("a:", ""),

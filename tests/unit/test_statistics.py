@@ -1,4 +1,4 @@
-"""Summaries against numbers worked out by hand; intervals against what an interval has to do."""
+"""Summaries against numbers computed by hand, and the coverage of intervals."""
 
 import math
 import subprocess

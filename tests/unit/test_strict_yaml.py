@@ -6,7 +6,7 @@ import pytest
 
 from meshfit.config.strict_yaml import dump, parse_document, parse_value
 from meshfit.errors import ConfigError
-from tests.for_all import for_all
+from tests.loops import over
 
 NUMBERS = {
     "1e-3": 0.001, "1E5": 1e5, ".5": 0.5, "5.": 5.0, "1.e3": 1000.0, "+.5": 0.5, "-2.5e-3": -0.0025,
@@ -19,20 +19,20 @@ WORDS = [
 ]  # fmt: skip
 
 
-@for_all("text", NUMBERS)
+@over("text", NUMBERS)
 def test_numbers(text):
     found = parse_value(text, "it")
     assert found == NUMBERS[text]
     assert type(found) is type(NUMBERS[text])
 
 
-@for_all("text", WORDS)
+@over("text", WORDS)
 def test_words(text):
     assert parse_value(text, "it") == text
     assert parse_document(f"a: [{text}]", "it").data == {"a": [text]}
 
 
-@for_all(
+@over(
     ("text", "value"),
     [("true", True), ("True", True), ("TRUE", True), ("false", False), ("False", False), ("FALSE", False)]
     + [(text, None) for text in ("null", "Null", "NULL", "~", "")],
@@ -41,7 +41,7 @@ def test_truth_and_nothing(text, value):
     assert parse_document(f"a: {text}", "it").data["a"] is value
 
 
-@for_all("text", ["'1'", '"1"', "'true'", "'~'", "'1e-3'", "! 'no'"])
+@over("text", ["'1'", '"1"', "'true'", "'~'", "'1e-3'", "! 'no'"])
 def test_what_stands_in_quotes_is_a_word(text):
     assert isinstance(parse_value(text, "it"), str)
 
@@ -102,7 +102,7 @@ REFUSED = {
 }
 
 
-@for_all("text", REFUSED)
+@over("text", REFUSED)
 def test_what_is_refused_is_refused_in_one_line(text):
     with pytest.raises(ConfigError) as caught:
         parse_document(text, "it")
@@ -110,7 +110,7 @@ def test_what_is_refused_is_refused_in_one_line(text):
     assert str(caught.value).startswith(REFUSED[text])
 
 
-@for_all("text", ["{a: 1, a: 2}", "*a", "&a 1", "!!bool x", "[1", "[" * 700, "{[a]: 1}", "1\n---\n2"])
+@over("text", ["{a: 1, a: 2}", "*a", "&a 1", "!!bool x", "[1", "[" * 700, "{[a]: 1}", "1\n---\n2"])
 def test_single_values_are_held_to_the_same(text):
     with pytest.raises(ConfigError, match=r"^--set k(: |, line 1: duplicate key 'a')") as caught:
         parse_value(text, "--set k")
@@ -121,13 +121,13 @@ def test_a_byte_order_mark_and_document_marks_do_no_harm():
     assert parse_document("\ufeff---\na: 1\n...\n", "it").data == {"a": 1}
 
 
-@for_all("value", [*WORDS, *NUMBERS, "true", "null", "~", "", "a: b", "# c", "[x]", "é√", " x ", "a\nb", "-"])
+@over("value", [*WORDS, *NUMBERS, "true", "null", "~", "", "a: b", "# c", "[x]", "é√", " x ", "a\nb", "-"])
 def test_what_is_written_is_read_back_as_the_word_it_was(value):
     data = {"a": value, "b": [value, {"c": value}]}
     assert parse_document(dump(data), "it").data == data
 
 
-@for_all("value", [0, -3, 10**12, 1.0, 0.1, 1e-9, 1e22, 1.7976931348623157e308, True, False, None, [], [1.5]])
+@over("value", [0, -3, 10**12, 1.0, 0.1, 1e-9, 1e22, 1.7976931348623157e308, True, False, None, [], [1.5]])
 def test_what_is_written_is_read_back_as_the_value_it_was(value):
     found = parse_document(dump({"a": value}), "it").data["a"]
     assert found == value

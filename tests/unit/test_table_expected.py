@@ -1,4 +1,4 @@
-"""The check of a reproduction: green for itself, red for what it should catch, and clear about why."""
+"""The check of a reproduction: it passes its own results, fails what it should, and says why."""
 
 import copy
 import json

@@ -1,4 +1,4 @@
-"""Merged tables: which tables are shown as one, and that nothing in them is other than it was before."""
+"""Merged tables: which tables are shown as one, with unchanged contents."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Result tables: which results share one, in which order, and what becomes of gaps and contradictions."""
+"""Result tables: which results share one, their order, and gaps and contradictions."""
 
 from statistics import mean, stdev
 

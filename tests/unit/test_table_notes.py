@@ -1,4 +1,4 @@
-"""Sentences about tables: what is said of the source."""
+"""Notes of tables about the source."""
 
 import pytest
 
@@ -18,7 +18,7 @@ def source_line(*sources):
 
 
 @pytest.mark.parametrize(
-    ("source", "said"),
+    ("source", "message"),
     [
         ({"levels": 1}, "Source: icosahedron, 1 level"),
         ({"wanted_verts": 2562}, "Source: icosahedron, refined to about 2562 vertices"),
@@ -26,8 +26,8 @@ def source_line(*sources):
         ({"project": "sphere"}, "Source: icosahedron, 4 levels, projected to the sphere"),
     ],
 )
-def test_the_source_of_all_trials(source, said):
-    assert source_line(source) == said
+def test_the_source_of_all_trials(source, message):
+    assert source_line(source) == message
 
 
 def test_what_differs_from_trial_to_trial_is_told_to_vary():

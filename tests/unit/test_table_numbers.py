@@ -1,4 +1,4 @@
-"""How numbers are printed."""
+"""Printing of numbers."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What settings that differ are called, and in which order they come."""
+"""Names and order of settings that differ."""
 
 import pytest
 

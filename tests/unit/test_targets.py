@@ -13,7 +13,7 @@ from meshfit.mesh.manifold import euler_number, is_watertight, num_components
 from meshfit.mesh.solids import cube
 from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path, target_title
 from meshfit.mesh.topology import Topology
-from tests.for_all import for_all
+from tests.loops import over
 
 COUNTS = {
     "bunny": (28088, 56172, 2),
@@ -71,8 +71,8 @@ def test_a_missing_bundled_file_asks_to_reinstall(monkeypatch, tmp_path):
 
 def test_a_missing_sample_of_the_wheel_names_the_version_to_install(monkeypatch, tmp_path):
     monkeypatch.setattr(targets, "_wheel_samples", lambda: tmp_path)
-    said = said_of("bunny")
-    assert said.startswith(f"target 'bunny': {tmp_path / 'bunny.obj'} is missing; install the pymeshlab version")
+    message = said_of("bunny")
+    assert message.startswith(f"target 'bunny': {tmp_path / 'bunny.obj'} is missing; install the pymeshlab version")
 
 
 def test_without_pymeshlab_its_targets_are_explained(monkeypatch):
@@ -89,7 +89,7 @@ def test_a_slip_of_the_pen_is_answered_with_the_nearest_name():
     assert "did you mean" not in said_of("dragon")
 
 
-@for_all("name", ["gone.obj", "gone/bunny"])
+@over("name", ["gone.obj", "gone/bunny"])
 def test_what_looks_like_a_path_is_called_a_file(name):
     assert said_of(name).startswith(name)
     assert ": no such file" in said_of(name)

@@ -19,13 +19,13 @@ from meshfit.mesh.manifold import (
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron, octahedron, tetrahedron
 from meshfit.mesh.topology import NONE, Topology, next_in_face, previous_in_face
-from tests.for_all import for_all
+from tests.loops import over
 from tests.shapes import ALL, CLOSED, fan, patch, wheel
 
 BOOK = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]])
 BOW_TIE = np.array([[0, 1, 2], [0, 3, 4]])
 TWISTED = np.array([[0, 1, 2], [0, 1, 3]])
-every_shape = for_all("shape", ALL)
+every_shape = over("shape", ALL)
 
 
 def topology_of(shape: str) -> Topology:
@@ -131,9 +131,7 @@ def test_turning_around_a_vertex_is_counter_clockwise():
     assert open_fan.next_around_tail(last).tolist() == [NONE]
 
 
-@for_all(
-    ("mesh", "euler"), [(tetrahedron(), 2), (icosahedron(), 2), (patch(4, 3), 1), (ALL["torus"](), 0), (wheel(5), 1)]
-)
+@over(("mesh", "euler"), [(tetrahedron(), 2), (icosahedron(), 2), (patch(4, 3), 1), (ALL["torus"](), 0), (wheel(5), 1)])
 def test_euler_number_does_not_count_verts_without_faces(mesh, euler):
     topology = Topology(mesh.num_verts + 3, mesh.faces)
     assert euler_number(topology) == euler
@@ -151,7 +149,7 @@ def test_components_and_watertightness():
     assert not is_watertight(Topology(3, np.empty((0, 3), dtype=np.int64)))
 
 
-@for_all(
+@over(
     ("faces", "fault", "number", "message"),
     [
         (BOOK, nonmanifold_edges, 0, r"the test needs a manifold mesh: edge \(0, 1\) has 3 faces"),
@@ -183,7 +181,7 @@ def test_manifolds_are_let_through(shape):
         assert len(faults(topology)) == 0
 
 
-@for_all("faces", [[[0, 1, 2], [0, 2, 1]], [[0, 0, 1]]])
+@over("faces", [[[0, 1, 2], [0, 2, 1]], [[0, 0, 1]]])
 def test_faces_that_no_manifold_has_are_refused(faces):
     """Two faces on the same three verts, or one that meets a vertex twice: no complex of triangles has them."""
     with pytest.raises(MeshError):

@@ -1,4 +1,4 @@
-"""Trials with schemes of the user's own: what their identities hang on, and what they come out at."""
+"""Trials with user-defined schemes: their identities and their results."""
 
 import pickle
 
