@@ -5,7 +5,7 @@ import os
 import pytest
 
 from meshfit.experiment.plan import plan
-from meshfit.experiment.running import device_assignment as placement
+from meshfit.experiment.running import device_assignment
 from meshfit.experiment.running.device_assignment import assign_devices, available_cores, workers_and_threads
 from tests.small import experiment
 
@@ -31,7 +31,7 @@ def machine(monkeypatch, tmp_path):
     def of(cores, quota=None, memory=1e15):
         monkeypatch.setattr(os, "sched_getaffinity", lambda _: range(cores), raising=False)
         monkeypatch.setattr(os, "sysconf", lambda name: 1 if name == "SC_PAGE_SIZE" else int(memory))
-        monkeypatch.setattr(placement, "_QUOTA", tmp_path / "cpu.max")
+        monkeypatch.setattr(device_assignment, "_CPU_QUOTA", tmp_path / "cpu.max")
         if quota is not None:
             (tmp_path / "cpu.max").write_text(quota)
 
@@ -68,7 +68,7 @@ def test_several_gpus_share_the_trials(trials):
 
 def test_a_gpu_that_is_named_gets_them_all_and_batches_stay_small(trials, monkeypatch):
     named = numbered(trials(150, device="auto"))
-    monkeypatch.setattr(placement, "_MAX_BATCH", 64)
+    monkeypatch.setattr(device_assignment, "_MAX_BATCH", 64)
     batches = assign_devices(named, gpus(1))
     assert [len(numbers) for _, numbers in batches] == [64, 64, 22]
     assert sorted(i for _, numbers in batches for i in numbers) == list(range(150))
