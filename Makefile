@@ -11,10 +11,13 @@ BENCH  ?= bench.json
 OLD    ?= bench.json
 NEW    ?= bench.json
 
+# Shapes and dtypes are checked at every call, in the packages that compute. It takes as long again.
+SHAPE_CHECKS := --jaxtyping-packages=meshfit.mesh,meshfit.subdivision,meshfit.analysis,meshfit.remeshing,meshfit.loss,meshfit.fitting,meshfit.measuring,beartype.beartype
+
 ALL_TARGETS := --set 'targets=[bunny, cow, bone, airplane, mousehead]' --set 'seeds=[0, 1, 2, 3, 4]'
 
 .DEFAULT_GOAL := help
-.PHONY: help setup quickstart test check lint types layers docs table1 reproduce bench bench-compare ablation accuracy figures zoo mousehead wheel clean
+.PHONY: help setup quickstart test shapes check lint types layers docs table1 reproduce bench bench-compare ablation accuracy figures zoo mousehead wheel clean
 
 help:  ## List the targets
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -49,6 +52,9 @@ export PYTHONDONTWRITEBYTECODE :=
 test: $(DEV)  ## Run the fast tests
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"
 
+shapes: $(DEV)  ## Run the fast tests with shapes and dtypes checked at every call (under 5 minutes)
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal -m "not slow" $(SHAPE_CHECKS)
+
 check: lint types layers test  ## Everything that has to pass: ruff, mypy --strict, layers, tests
 
 lint: $(DEV)
@@ -68,7 +74,7 @@ table1: $(RUN)  ## Reproduce the paper's Table 1 in full: 5 seeds (under 15 minu
 reproduce: $(DEV)  ## The short reproduction that CI runs, checked against its expected numbers
 	$(BIN)/meshfit run reproduce --runs $(RUNS)
 	$(BIN)/meshfit table $(RUNS)/reproduce --check configs/expected/reproduce.json
-	$(BIN)/python -m pytest -m slow
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal -m slow $(SHAPE_CHECKS)
 
 bench: $(DEV)  ## Measure speed and memory, against plain twins in the same run; writes $(BENCH) (8 minutes)
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks --json $(BENCH)
