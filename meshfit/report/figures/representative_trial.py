@@ -128,7 +128,7 @@ def select_trials(
 
 
 def _table_names(tables: Sequence[Table]) -> list[str]:
-    """What distinguishes the tables: their experiments if that is enough, else the settings in which they differ."""
+    """Return a label for each table: its experiment if that tells them apart, else the settings that differ."""
     if len(tables) == 1:
         return [""]
     experiments = [table.experiment for table in tables]

@@ -9,7 +9,7 @@ from meshfit.subdivision.scheme import BaseScheme
 
 
 class CurveSplit(Enum):
-    """How segments are divided; it follows from the mask."""
+    """Division of segments, which follows from the mask."""
 
     BISECT = "1-to-2: a vertex in every segment"
     TRISECT = "1-to-3: two vertices in every segment"
@@ -35,5 +35,5 @@ class CurveScheme(BaseScheme):
 
     @property
     def split(self) -> CurveSplit:
-        """How segments are divided."""
+        """Division of segments."""
         return _SPLITS[len(self.mask.inserted)]

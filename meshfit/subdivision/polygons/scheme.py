@@ -127,7 +127,7 @@ class CornerMask:
 
 
 class PolygonSplit(Enum):
-    """How faces are divided."""
+    """Division of faces."""
 
     QUADS = "n-gons to n quads: a vertex in every edge and every face"
     SQRT2 = (

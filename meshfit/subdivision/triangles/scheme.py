@@ -80,7 +80,7 @@ class SpokeMask:
 
 
 class Split(Enum):
-    """How faces are divided."""
+    """Division of faces."""
 
     QUADRISECT = "1-to-4: a vertex in every edge"
     SQRT3 = "1-to-3: a vertex in every face, old edges flipped; boundary edges trisected at every second step"
