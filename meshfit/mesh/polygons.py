@@ -135,10 +135,10 @@ def checked_face_size(count: int, where: str = "") -> int:
     """Return the number of corners of a face in a file, if it is allowed; `where` begins the message otherwise.
 
     Raises:
-        ValueError: fewer than three corners.
+        MeshError: fewer than three corners.
     """
     if count < 3:
-        raise ValueError(f"{where}expected a face of 3 or more corners, got {count}")
+        raise MeshError(f"{where}expected a face of 3 or more corners, got {count}")
     return count
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Float64
 from meshfit.errors import DomainError, MeshError, MeshfitWarning
 from meshfit.mesh.cleaning import clean, require_finite_verts
 from meshfit.mesh.curves import Chains, Curves, Segments, join_segments
-from meshfit.mesh.io import obj, off, ply, stl_glb
+from meshfit.mesh.io import gltf, obj, off, ply, stl
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup, fan_triangles
 from meshfit.mesh.topology import Indices
@@ -45,9 +45,9 @@ class CurveFormat(NamedTuple):
 FORMATS = {
     ".obj": Format(obj.read_obj, obj.write_obj, normals=True),
     ".ply": Format(ply.read_ply, ply.write_ply, normals=True),
-    ".stl": Format(stl_glb.read_stl, stl_glb.write_stl, double=False),
+    ".stl": Format(stl.read_stl, stl.write_stl, double=False),
     ".off": Format(off.read_off, off.write_off),
-    ".glb": Format(stl_glb.read_glb, stl_glb.write_glb, double=False),
+    ".glb": Format(gltf.read_glb, gltf.write_glb, double=False),
 }
 CURVE_FORMATS = {
     ".obj": CurveFormat(obj.read_obj_segments, obj.write_obj_curves, "'l' lines"),
@@ -185,10 +185,23 @@ def _read_file(path: Path, suffixes: Collection[str], parse: Callable[[bytes], _
         raise MeshError(f"{path}: cannot be read: {error.strerror}") from error
     if not content.strip():
         raise MeshError(f"{path}: the file is empty")
-    try:
-        return parse(content)
-    except Exception as error:
-        raise _unreadable(path, " ".join(str(error).split()) or type(error).__name__) from error
+    return _parse(path, content, parse)
+
+
+def _parse(path: Path, content: bytes, parse: Callable[[bytes], _Content]) -> _Content:
+    """Return the parsed content of a file; its name precedes the errors and warnings of the parser."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            parsed = parse(content)
+        except MeshError as error:
+            raise _unreadable(path, str(error)) from None
+        except Exception as error:
+            raise _unreadable(path, "the file is damaged, or of another format") from error
+    for warning in caught:
+        if issubclass(warning.category, MeshfitWarning):
+            warnings.warn(f"{path}: {warning.message}", MeshfitWarning, stacklevel=5)
+    return parsed
 
 
 def _unreadable(path: Path, reason: str) -> MeshError:

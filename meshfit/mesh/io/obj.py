@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meshfit.errors import MeshError
 from meshfit.mesh.curves import Curves
 from meshfit.mesh.io.text import Lines, parse_integers, parse_point, split_lines
 from meshfit.mesh.mesh import Mesh
@@ -21,7 +22,7 @@ def read_obj(content: bytes) -> PolygonSoup:
     """Read vertices and faces in file order.
 
     Raises:
-        ValueError: naming the line at fault.
+        MeshError: naming the line at fault.
     """
     if (plain := _read_plain(content)) is not None:
         return plain
@@ -41,7 +42,7 @@ def read_obj_segments(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.i
     """Read (V, 3) vertices and (S, 2) the segments of all `l` elements, in file order.
 
     Raises:
-        ValueError: naming the line at fault.
+        MeshError: naming the line at fault.
     """
     verts: list[list[float]] = []
     segments: list[tuple[int, int]] = []
@@ -51,7 +52,7 @@ def read_obj_segments(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.i
         elif words[0] == b"l":
             corners = _corners(words[1:], number, "line", len(verts))
             if len(corners) < 2:
-                raise ValueError(f"line {number}: expected a line of 2 or more vertices, got {len(corners)}")
+                raise MeshError(f"line {number}: expected a line of 2 or more vertices, got {len(corners)}")
             segments += itertools.pairwise(corners)
     return np.array(verts, np.float64).reshape(-1, 3), np.array(segments, np.int64).reshape(-1, 2)
 
@@ -88,7 +89,7 @@ def _corners(words: Sequence[bytes], number: int, kind: str, num_verts: int) -> 
     """Return vertex indices from 0 on, for an element that follows `num_verts` vertices."""
     corners = parse_integers([word.partition(b"/")[0] for word in words], number)
     if 0 in corners:
-        raise ValueError(f"line {number}: a {kind} with vertex 0; OBJ counts from 1, or from -1 backwards")
+        raise MeshError(f"line {number}: a {kind} with vertex 0; OBJ counts from 1, or from -1 backwards")
     return [corner - 1 if corner > 0 else num_verts + corner for corner in corners]
 
 

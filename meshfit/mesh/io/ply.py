@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meshfit.errors import MeshError
 from meshfit.mesh.curves import Chains, Curves
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup, checked_face_size
@@ -28,7 +29,7 @@ def read_ply(content: bytes) -> PolygonSoup:
     """Read vertices and faces in file order.
 
     Raises:
-        ValueError: the file is damaged; the message names the place.
+        MeshError: the file is damaged; the message names the place.
     """
     soup = PolygonSoup.of_rows([], [])
     for element, rows in _read_elements(content):
@@ -44,7 +45,7 @@ def read_ply_segments(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.i
     """Read (V, 3) vertices and (S, 2) the ends of all `edge` elements, in file order.
 
     Raises:
-        ValueError: the file is damaged; the message names the place.
+        MeshError: the file is damaged; the message names the place.
     """
     verts, ends = np.empty((0, 3)), np.empty((0, 2))
     for element, rows in _read_elements(content):
@@ -53,7 +54,7 @@ def read_ply_segments(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.i
         elif element.name == "edge":
             ends = _columns(element, rows, ("vertex1", "vertex2"))
     if not (np.abs(ends) < _LARGEST_INDEX).all() or (ends % 1).any():
-        raise ValueError("'edge' has ends that are not vertex indices")
+        raise MeshError("'edge' has ends that are not vertex indices")
     return verts, ends.astype(np.int64)
 
 
@@ -61,17 +62,17 @@ def read_ply_property(content: bytes, name: str) -> NDArray[np.float64]:
     """Read (N,) the values of a vertex property, in file order.
 
     Raises:
-        ValueError: there is no such property, it is a list, or the file is damaged.
+        MeshError: there is no such property, it is a list, or the file is damaged.
     """
     for element, rows in _read_elements(content):
         if element.name == "vertex":
             names = [prop.name for prop in element.properties]
             if name not in names:
-                raise ValueError(f"its vertices have no property '{name}'; they have {', '.join(names)}")
+                raise MeshError(f"its vertices have no property '{name}'; they have {', '.join(names)}")
             if element.properties[names.index(name)].count_code:
-                raise ValueError(f"expected one number per vertex, got a list as property '{name}'")
+                raise MeshError(f"expected one number per vertex, got a list as property '{name}'")
             return _columns(element, rows, [name]).reshape(-1)
-    raise ValueError("it has no vertices")
+    raise MeshError("it has no vertices")
 
 
 def write_ply(mesh: Mesh | PolygonMesh, normals: NDArray[np.float64] | None = None) -> bytes:
@@ -194,9 +195,9 @@ def _read_elements(content: bytes) -> Iterator[tuple[_Element, _Rows]]:
     """Yield each element of a file with its rows; refuse anything after the last one."""
     head, end, body = content.partition(b"end_header")
     if not content.startswith(b"ply"):
-        raise ValueError("it does not start with 'ply'")
+        raise MeshError("it does not start with 'ply'")
     if not end:
-        raise ValueError("its header has no 'end_header'")
+        raise MeshError("its header has no 'end_header'")
     byte_order, elements = _parse_header(head)
     line_end = b"\r\n" if body.startswith(b"\r\n") else body[:1]
     body = body[len(line_end) :]
@@ -205,10 +206,10 @@ def _read_elements(content: bytes) -> Iterator[tuple[_Element, _Rows]]:
         try:
             rows = numbers.take_rows(element) if element.properties and element.length else []
         except EOFError:
-            raise ValueError(f"the file ends within '{element.name}', of which it announces {element.length}") from None
+            raise MeshError(f"the file ends within '{element.name}', of which it announces {element.length}") from None
         yield element, rows
     if numbers.rest():
-        raise ValueError("more data than its header announces")
+        raise MeshError("more data than its header announces")
 
 
 def _parse_header(head: bytes) -> tuple[str, list[_Element]]:
@@ -226,9 +227,9 @@ def _parse_header(head: bytes) -> tuple[str, list[_Element]]:
             case [] | ["ply" | "comment" | "obj_info", *_]:
                 pass
             case _:
-                raise ValueError(f"unexpected line in its header: {line[:60]!r}")
+                raise MeshError(f"unexpected line in its header: {line[:60]!r}")
     if byte_order is None:
-        raise ValueError("its header has no 'format' line")
+        raise MeshError("its header has no 'format' line")
     return byte_order, elements
 
 
@@ -237,7 +238,7 @@ def _read_row(element: _Element, numbers: _TextBody | _BinaryBody) -> _Row:
     for prop in element.properties:
         count = int(numbers.take(prop.count_code, 1)[0]) if prop.count_code else 1
         if count < 0:
-            raise ValueError(f"'{element.name}' has a list of {count} entries")
+            raise MeshError(f"'{element.name}' has a list of {count} entries")
         row[prop.name] = numbers.take(prop.code, count)
     return row
 
@@ -264,5 +265,5 @@ def _property_name(element: _Element, *names: str) -> str:
     """Return the first of these names that the element has."""
     present = [prop.name for prop in element.properties if prop.name in names]
     if not present and element.length:
-        raise ValueError(f"'{element.name}' has no property '{names[0]}'")
+        raise MeshError(f"'{element.name}' has no property '{names[0]}'")
     return present[0] if present else names[0]

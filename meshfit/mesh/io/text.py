@@ -38,26 +38,26 @@ def parse_point(words: Sequence[bytes], number: int) -> list[float]:
     """Return the three coordinates that a line begins with.
 
     Raises:
-        ValueError: naming the line.
+        MeshError: naming the line.
     """
     if len(words) < 3:
-        raise ValueError(f"line {number}: expected a vertex of 3 coordinates, got {len(words)}")
+        raise MeshError(f"line {number}: expected a vertex of 3 coordinates, got {len(words)}")
     try:
         return [float(word) for word in words[:3]]
     except ValueError:
-        raise ValueError(f"line {number}: expected three numbers, got {_quoted(words[:3])}") from None
+        raise MeshError(f"line {number}: expected three numbers, got {_quoted(words[:3])}") from None
 
 
 def parse_integers(words: Sequence[bytes], number: int) -> list[int]:
     """Return the words of a line as integers.
 
     Raises:
-        ValueError: naming the line.
+        MeshError: naming the line.
     """
     try:
         return [int(word) for word in words]
     except ValueError:
-        raise ValueError(f"line {number}: expected integers, got {_quoted(words)}") from None
+        raise MeshError(f"line {number}: expected integers, got {_quoted(words)}") from None
 
 
 def _quoted(words: Sequence[bytes]) -> str:

@@ -63,7 +63,7 @@ def read_vertex_property(
         )
     try:
         values = read_ply_property(path.read_bytes(), name)
-    except (OSError, ValueError) as error:
+    except (OSError, MeshError) as error:
         raise MeshError(f"{path}: '{name}' cannot be read: {error}") from error
     return _at_mesh_verts(values, vertex_map, within, f"{path}: '{name}'")
 

@@ -1,8 +1,4 @@
-"""STL and GLB files, by trimesh. The one module that imports it.
-
-trimesh reads the other formats as well, but takes OBJ's backward indices to count from the end of the file, a comment
-in OFF for the line before it, and binary PLY to hold polygons of one size.
-"""
+"""File formats that trimesh reads. The one module that imports it."""
 
 import io
 import warnings
@@ -13,27 +9,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
 
 
-def read_stl(content: bytes) -> PolygonSoup:
-    """Read the triangles of an STL file, text or binary."""
-    return _read(content, "stl")
-
-
-def read_glb(content: bytes) -> PolygonSoup:
-    """Read the triangles of a GLB file, all parts where their nodes put them."""
-    return _read(content, "glb")
-
-
-def write_stl(mesh: Mesh | PolygonMesh) -> bytes:
-    """Return the bytes of a binary STL file."""
-    return _write(mesh, "stl")
-
-
-def write_glb(mesh: Mesh | PolygonMesh) -> bytes:
-    """Return the bytes of a GLB file."""
-    return _write(mesh, "glb")
-
-
-def _read(content: bytes, file_type: str) -> PolygonSoup:
+def read_with_trimesh(content: bytes, file_type: str) -> PolygonSoup:
     """Read a file; a damaged one makes trimesh raise any exception."""
     import trimesh  # takes as long to import as all the rest, and most files are of other formats
 
@@ -53,7 +29,8 @@ def _read(content: bytes, file_type: str) -> PolygonSoup:
     return PolygonSoup.of_triangles(np.concatenate(verts), np.concatenate(faces).astype(np.int64))
 
 
-def _write(mesh: Mesh | PolygonMesh, file_type: str) -> bytes:
+def write_with_trimesh(mesh: Mesh | PolygonMesh, file_type: str) -> bytes:
+    """Return the bytes of a file."""
     import trimesh
 
     triangles = PolygonMesh.of(mesh).triangulated()
