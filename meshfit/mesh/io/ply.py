@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from meshfit.errors import MeshError
 from meshfit.mesh.curves import Chains, Curves
+from meshfit.mesh.io.text import quoted
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup, checked_face_size
 
@@ -141,7 +142,11 @@ class _TextBody:
         words = list(itertools.islice(self._words, count))
         if len(words) < count:
             raise EOFError
-        return [float(word) for word in words] if code in "fd" else [int(word) for word in words]
+        try:
+            return [float(word) for word in words] if code in "fd" else [int(word) for word in words]
+        except ValueError:
+            expected = "numbers" if code in "fd" else "integers"
+            raise MeshError(f"expected {expected}, got {quoted(words)}") from None
 
     def take_rows(self, element: _Element) -> _Rows:
         """Return all rows of an element."""

@@ -45,7 +45,7 @@ def parse_point(words: Sequence[bytes], number: int) -> list[float]:
     try:
         return [float(word) for word in words[:3]]
     except ValueError:
-        raise MeshError(f"line {number}: expected three numbers, got {_quoted(words[:3])}") from None
+        raise MeshError(f"line {number}: expected three numbers, got {quoted(words[:3])}") from None
 
 
 def parse_integers(words: Sequence[bytes], number: int) -> list[int]:
@@ -57,9 +57,10 @@ def parse_integers(words: Sequence[bytes], number: int) -> list[int]:
     try:
         return [int(word) for word in words]
     except ValueError:
-        raise MeshError(f"line {number}: expected integers, got {_quoted(words)}") from None
+        raise MeshError(f"line {number}: expected integers, got {quoted(words)}") from None
 
 
-def _quoted(words: Sequence[bytes]) -> str:
+def quoted(words: Sequence[bytes]) -> str:
+    """Return words in quotes, cut at 40 characters."""
     text = b" ".join(words).decode("ascii", "backslashreplace")
     return repr(text if len(text) <= 40 else text[:39] + "…")
