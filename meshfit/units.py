@@ -6,9 +6,10 @@ _SIZES = ("B", "kB", "MB", "GB", "TB")
 
 
 def count_text(number: int | str, noun: str) -> str:
-    """Return `1 trial`, `2 trials` or `1,200 trials`; a number given as text stays as it is."""
+    """Return `1 trial`, `1,200 trials` or `2 vertices`; a number given as text stays as it is."""
     text = number if isinstance(number, str) else f"{number:,}"
-    return f"{text} {noun}" if text == "1" else f"{text} {noun}s"
+    plural = f"{noun.removesuffix('ex')}ices" if noun.endswith("vertex") else f"{noun}s"
+    return f"{text} {noun}" if text == "1" else f"{text} {plural}"
 
 
 def duration_text(seconds: float) -> str:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from meshfit.mesh.polygons import PolygonMesh
+from meshfit.mesh.polygons import PolygonMesh, face_rows
 from meshfit.mesh.solids import quad_cube
 from tests.shapes import mixed_closed, mixed_open, wheel
 
@@ -63,6 +63,43 @@ def prism(sides: int) -> PolygonMesh:
     return PolygonMesh(np.concatenate([ring, ring + np.array([0, 0, 1.0])]), corners, [sides, sides] + [4] * sides)
 
 
+def lens(sides: int) -> PolygonMesh:
+    """Two polygons glued along all sides, so that every vertex has valence 2; corners lie up and down in turn."""
+    turn = 2 * np.pi * np.arange(sides) / sides
+    verts = np.stack([np.cos(turn), np.sin(turn), 0.3 * (-1.0) ** np.arange(sides)], axis=1)
+    return of_rows(verts, np.array([np.arange(sides), np.arange(sides)[::-1]]))
+
+
+def cut(mesh: PolygonMesh, face: int) -> PolygonMesh:
+    """A mesh one of whose quads is cut in two along a diagonal, by a vertex of valence 2."""
+    rows = face_rows(mesh)
+    a, b, c, d = rows[face]
+    middle, here = mesh.num_verts, mesh.verts[[a, b, c, d]]
+    rows[face : face + 1] = [[a, b, c, middle], [a, middle, c, d]]
+    verts = np.concatenate([mesh.verts, [here.mean(axis=0) + 0.1 * np.cross(here[1] - here[0], here[2] - here[0])]])
+    return PolygonMesh(verts, [v for row in rows for v in row], [len(row) for row in rows])
+
+
+def cube_with_a_vertex_in_an_edge() -> PolygonMesh:
+    """A cube, two of whose faces are pentagons, as a vertex lies in an edge between them."""
+    mesh = quad_cube()
+    rows = face_rows(mesh)
+    a, b = rows[0][:2]
+    for row in rows:
+        for k, pair in enumerate(zip(row, row[1:] + row[:1], strict=True)):
+            if set(pair) == {a, b}:
+                row.insert(k + 1, mesh.num_verts)
+                break
+    verts = np.concatenate([mesh.verts, [(mesh.verts[a] + 2 * mesh.verts[b]) / 3]])
+    return PolygonMesh(verts, [v for row in rows for v in row], [len(row) for row in rows])
+
+
+def two_quads_that_share_two_edges() -> PolygonMesh:
+    """An open mesh with an interior vertex of valence 2, number 3."""
+    verts = [[0, 0, 2], [0, 0.3, 0], [2, 0, 0], [0.6, 0.1, 0.8], [2, 0.2, 2]]
+    return PolygonMesh(verts, [0, 1, 2, 3, 3, 2, 4, 0], [4, 4])
+
+
 def mixed(*, closed: bool = True, seed: int = 5) -> PolygonMesh:
     """Triangles, quads and pentagons: a triangle mesh of mixed valence, some of whose inner edges are taken away."""
     mesh = mixed_closed() if closed else mixed_open()
@@ -121,4 +158,14 @@ POLYGONS = {
     "mixed open": lambda: mixed(closed=False),
     "triangles": lambda: PolygonMesh.of(wheel(5, 2)),
 }
-EVERY = QUADS | POLYGONS
+VALENCE_2 = {
+    "pillow": lambda: lens(4),
+    "lens of 5": lambda: lens(5),
+    "cut torus": lambda: cut(quad_torus(5, 4), 7),
+    "cut corner": lambda: cut(quad_patch(4, 3), 0),
+    "cube with a vertex in an edge": cube_with_a_vertex_in_an_edge,
+    "triangle in a quad": lambda: PolygonMesh(np.eye(4)[:, :3], [0, 1, 2, 0, 2, 3, 1], [3, 4]),
+    "two quads that share two edges": two_quads_that_share_two_edges,
+}
+"""Meshes with interior vertices of valence 2, where two faces share several edges."""
+EVERY = QUADS | POLYGONS | VALENCE_2

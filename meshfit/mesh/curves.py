@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from meshfit.errors import MeshError
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.topology import NONE, Indices, Mask
+from meshfit.units import count_text
 
 Segments = Int64[np.ndarray, "S 2"]
 
@@ -231,5 +232,5 @@ def _require_segments(num_verts: int, segments: Segments, origin: str) -> None:
     if len(branching):
         raise MeshError(
             f"{origin}: the curves branch: vertex {branching[0]} has {meeting[branching[0]]} segments, "
-            f"allowed: 1 or 2 ({len(branching)} such vertices); split the curves there"
+            f"allowed: 1 or 2 ({count_text(len(branching), 'such vertex')}); split the curves there"
         )

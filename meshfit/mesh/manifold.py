@@ -1,11 +1,12 @@
-"""Manifold tests, components, boundary loops and genus of a surface."""
+"""Manifold tests, components, boundary loops, genus and Euler number of a surface."""
 
 import numpy as np
+from jaxtyping import Int64
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from meshfit.errors import MeshError
-from meshfit.mesh.topology import NONE, HalfEdges, Indices
+from meshfit.mesh.topology import NONE, HalfEdges, Indices, Mask
 from meshfit.units import count_text
 
 
@@ -27,13 +28,86 @@ def euler_number(topology: HalfEdges) -> int:
 
 
 def describe_topology(topology: HalfEdges) -> str:
-    """Describe the pieces, boundary loops and genus of an oriented manifold: `1 piece, closed, genus 0`."""
-    pieces = num_components(topology)
-    outer = topology.edges[topology.faces_per_edge == 1]
-    loops = _components(outer[:, 0], outer[:, 1], topology.num_verts)[0] - (topology.num_verts - len(np.unique(outer)))
-    genus = (2 * pieces - loops - euler_number(topology)) / 2
-    border = count_text(loops, "boundary loop") if loops else "closed"
-    return f"{count_text(pieces, 'piece')}, {border}, genus {genus:g}"
+    """Describe a surface by its pieces: `1 piece, closed, genus 0`.
+
+    Closed manifold pieces that can be oriented have a genus. Others are described by their boundary loops and their
+    Euler number. Pieces of several kinds are counted by kind: `3 pieces: 2 closed, total genus 1; 1 open, ...`.
+    """
+    piece = _pieces(topology)
+    total = int(piece.max(initial=-1)) + 1
+    loops, euler = _boundary_loops(topology, piece, total), _euler_numbers(topology, piece, total)
+    manifold, oriented = ~_nonmanifold_pieces(topology, piece, total), _orientable_pieces(topology, piece, total)
+    kinds = {
+        "closed": manifold & oriented & (loops == 0),
+        "closed, not orientable": manifold & ~oriented & (loops == 0),
+        "open": manifold & oriented & (loops > 0),
+        "open, not orientable": manifold & ~oriented & (loops > 0),
+        "not manifold": ~manifold,
+    }
+    parts = list[tuple[int, str]]()
+    for kind, chosen in kinds.items():
+        if count := int(chosen.sum()):
+            border, number = int(loops[chosen].sum()), int(euler[chosen].sum())
+            genus = f"{'genus' if count == 1 else 'total genus'} {count - number // 2}"
+            words = [kind, count_text(border, "boundary loop") if border else ""]
+            words.append(genus if kind == "closed" else f"Euler number {number}")
+            parts.append((count, ", ".join(word for word in words if word)))
+    pieces = count_text(total, "piece")
+    if len(parts) == 1:
+        return f"{pieces}, {parts[0][1]}"
+    return f"{pieces}: {'; '.join(f'{count} {text}' for count, text in parts)}" if parts else "no faces"
+
+
+def _pieces(topology: HalfEdges) -> Indices:
+    """Return (V,) the piece of each vertex, numbered from 0; `NONE` for vertices that no face uses."""
+    _, label = _components(topology.edges[:, 0], topology.edges[:, 1], topology.num_verts)
+    piece, used = np.full(topology.num_verts, NONE, dtype=np.int64), topology.valence > 0
+    piece[used] = np.unique(label[used], return_inverse=True)[1]
+    return piece
+
+
+def _euler_numbers(topology: HalfEdges, piece: Indices, total: int) -> Indices:
+    """Return (P,) the Euler number of each piece."""
+    corner = np.arange(len(topology.tail))
+    of_face = np.empty(topology.num_faces, dtype=np.int64)
+    of_face[topology.face_of(corner)] = piece[topology.tail]
+    counted = (piece[piece != NONE], piece[topology.edges[:, 0]], of_face)
+    verts, edges, faces = (np.bincount(part, minlength=total) for part in counted)
+    return np.asarray(verts - edges + faces)
+
+
+def _boundary_loops(topology: HalfEdges, piece: Indices, total: int) -> Indices:
+    """Return (P,) the number of boundary loops of each piece; loops that meet at a non-manifold vertex count each."""
+    count, fan = vertex_fans(topology)
+    border = np.flatnonzero(topology.boundary_edges[topology.edge_of])
+    ends = fan[border], fan[topology.following(border)]
+    _, loop = _components(*ends, count)
+    _, first = np.unique(loop[ends[0]], return_index=True)
+    return np.bincount(piece[topology.tail[border[first]]], minlength=total)
+
+
+def _nonmanifold_pieces(topology: HalfEdges, piece: Indices, total: int) -> Mask:
+    """Return (P,) which pieces have an edge with three faces or more, or a vertex of several fans."""
+    bad = np.zeros(total, dtype=bool)
+    bad[piece[topology.edges[nonmanifold_edges(topology), 0]]] = True
+    bad[piece[nonmanifold_verts(topology)]] = True
+    return bad
+
+
+def _orientable_pieces(topology: HalfEdges, piece: Indices, total: int) -> Mask:
+    """Return (P,) which pieces have faces that can be wound alike: whose two sides are not connected."""
+    orientable = np.ones(total, dtype=bool)
+    if not len(misoriented_edges(topology)):
+        return orientable
+    here = np.flatnonzero(topology.twin > np.arange(len(topology.twin)))
+    there, num_faces = topology.twin[here], topology.num_faces
+    face, other = topology.face_of(here), topology.face_of(there)
+    turned = num_faces * (topology.tail[here] == topology.tail[there])
+    sides = np.concatenate([face, face + num_faces]), np.concatenate([other + turned, other + num_faces - turned])
+    _, side = _components(*sides, 2 * num_faces)
+    one_sided = (side[:num_faces] == side[num_faces:])[topology.face_of(np.arange(len(topology.tail)))]
+    orientable[piece[topology.tail[one_sided]]] = False
+    return orientable
 
 
 def is_watertight(topology: HalfEdges) -> bool:
@@ -55,27 +129,36 @@ def misoriented_edges(topology: HalfEdges) -> Indices:
     return np.asarray(inner[topology.tail[halfedge] == topology.tail[topology.twin[halfedge]]])
 
 
+def vertex_fans(topology: HalfEdges) -> tuple[int, Indices]:
+    """Return the number of fans, and (C,) the fan of each corner: faces at one vertex, joined by edges at it."""
+    # A half-edge represents the corner at its tail; the next one in the face, that at its head.
+    here = np.flatnonzero(topology.twin > np.arange(len(topology.twin)))
+    there = topology.twin[here]
+    same_way = topology.tail[here] == topology.tail[there]
+    after, after_there = topology.following(here), topology.following(there)
+    of_tails, of_heads = np.where(same_way, there, after_there), np.where(same_way, after_there, there)
+    return _components(np.concatenate([here, after]), np.concatenate([of_tails, of_heads]), len(topology.tail))
+
+
 def nonmanifold_verts(topology: HalfEdges) -> Indices:
     """Return the vertices whose faces form more than one fan, such as the tip that two cones share."""
-    crossing = np.flatnonzero(topology.twin != NONE)
-    across = topology.twin[crossing]
-    # A half-edge represents the corner at its tail. Across an edge, that corner meets the neighbour's head corner.
-    same_way = topology.tail[crossing] == topology.tail[across]
-    corner = np.where(same_way, across, topology.following(across))
-    count, fan = _components(crossing, corner, len(topology.tail))
+    count, fan = vertex_fans(topology)
     owner = np.empty(count, dtype=np.int64)
     owner[fan] = topology.tail
     return np.flatnonzero(np.bincount(owner, minlength=topology.num_verts) > 1)
 
 
-def folded_faces(topology: HalfEdges) -> Indices:
-    """Return the faces that share two consecutive edges with one other face and fold at the vertex between them."""
+def duplicate_triangles(topology: HalfEdges) -> Int64[np.ndarray, "D 2"]:
+    """Return (D, 2) pairs of triangles with the same three vertices, which share two edges or more."""
     inner = np.flatnonzero(topology.twin != NONE)
     after = topology.following(inner)
     both = topology.twin[after] != NONE
-    inner, after = inner[both], after[both]
-    twice = topology.face_of(topology.twin[inner]) == topology.face_of(topology.twin[after])
-    return np.unique(topology.face_of(inner[twice]))
+    first, second = (topology.twin[halfedge[both]] for halfedge in (inner, after))
+    face, other = topology.face_of(inner[both]), topology.face_of(first)
+    corners = np.bincount(topology.face_of(np.arange(len(topology.tail))), minlength=topology.num_faces)
+    folded = (topology.face_of(second) == other) & (corners[face] == 3) & (corners[other] == 3)
+    pairs = np.stack([face, other], axis=1)[folded & (face < other)]
+    return np.unique(pairs, axis=0) if len(pairs) else pairs
 
 
 def require_faces(topology: HalfEdges, purpose: str) -> None:
@@ -97,6 +180,8 @@ def require_faces(topology: HalfEdges, purpose: str) -> None:
 def require_manifold(topology: HalfEdges, purpose: str) -> None:
     """Refuse a mesh that is not an oriented manifold, with or without boundary.
 
+    Two faces may share several edges, so that an interior vertex has valence 2, unless both are triangles.
+
     Raises:
         MeshError: naming the first face, edge or vertex at fault.
     """
@@ -108,16 +193,17 @@ def require_manifold(topology: HalfEdges, purpose: str) -> None:
         if len(edges):
             a, b = topology.edges[edges[0]]
             reason = fault.format(faces=topology.faces_per_edge[edges[0]])
-            raise MeshError(f"{purpose} needs a manifold mesh: edge ({a}, {b}) {reason} ({len(edges)} such edges)")
-    folded = folded_faces(topology)
-    if len(folded):
+            count = count_text(len(edges), "such edge")
+            raise MeshError(f"{purpose} needs a manifold mesh: edge ({a}, {b}) {reason} ({count})")
+    pairs = duplicate_triangles(topology)
+    if len(pairs):
         raise MeshError(
-            f"{purpose} needs a manifold mesh: face {folded[0]} shares more than one edge with the same neighbour, "
-            f"so that a vertex has valence 2 ({len(folded)} such faces)"
+            f"{purpose} needs a manifold mesh: faces {pairs[0, 0]} and {pairs[0, 1]} are triangles with the same three "
+            f"vertices; remove one of them ({count_text(len(pairs), 'such pair')})"
         )
     verts = nonmanifold_verts(topology)
     if len(verts):
         raise MeshError(
             f"{purpose} needs a manifold mesh: vertex {verts[0]} joins separate fans of faces "
-            f"({len(verts)} such vertices)"
+            f"({count_text(len(verts), 'such vertex')})"
         )

@@ -98,12 +98,12 @@ def test_subdivide_refuses(folder, arguments):
 SHAPES = {
     "three faces at an edge": (
         OBJ + "v 5 5 5\nf 1 2 5\n",
-        r"edge (0, 1) has 3 faces; allowed: 1 or 2 (1 such edges)",
+        r"edge (0, 1) has 3 faces; allowed: 1 or 2 (1 such edge)",
     ),
     "a face turned over": (OBJ.replace("f 1 3 2", "f 1 2 3"), "edge (0, 1) has two faces of opposite orientation"),
     "two cones at one tip": (
         "v 0 0 0\nv 1 0 0\nv 0 1 0\nv -1 0 0\nv 0 -1 0\nf 1 2 3\nf 1 4 5\n",
-        "vertex 0 joins separate fans of faces (1 such vertices)",
+        "vertex 0 joins separate fans of faces (1 such vertex)",
     ),
 }
 

@@ -112,7 +112,7 @@ def test_segments_are_joined(name):
 @over(
     ("segments", "message"),
     [
-        ([(0, 1), (1, 2), (1, 3)], r"the curves branch: vertex 1 has 3 segments, allowed: 1 or 2 \(1 such vertices\)"),
+        ([(0, 1), (1, 2), (1, 3)], r"the curves branch: vertex 1 has 3 segments, allowed: 1 or 2 \(1 such vertex\)"),
         (
             [(0, 1), (0, 1), (0, 1)],
             r"vertex 0 has 3 segments, .* \(2 such vertices\); split the curves there",

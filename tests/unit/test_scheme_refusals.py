@@ -21,7 +21,7 @@ POINTS = np.random.default_rng(0).standard_normal((7, 3))
 @over(
     ("faces", "message"),
     [
-        ([[0, 1, 2], [1, 0, 3], [0, 1, 4]], r"edge \(0, 1\) has 3 faces; allowed: 1 or 2 \(1 such edges\)"),
+        ([[0, 1, 2], [1, 0, 3], [0, 1, 4]], r"edge \(0, 1\) has 3 faces; allowed: 1 or 2 \(1 such edge\)"),
         ([[0, 1, 2], [0, 3, 4]], r"vertex 0 joins separate fans of faces"),
         ([[0, 1, 2], [2, 1, 3], [2, 4, 5], [2, 5, 6]], r"vertex 2 joins separate fans"),
         ([[0, 1, 2], [0, 1, 3]], r"edge \(0, 1\) has two faces of opposite orientation; make the face winding"),

@@ -8,6 +8,7 @@ import pytest
 
 from meshfit.errors import MeshError
 from meshfit.mesh.manifold import (
+    describe_topology,
     euler_number,
     is_watertight,
     misoriented_edges,
@@ -18,7 +19,7 @@ from meshfit.mesh.manifold import (
 )
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron, octahedron, tetrahedron
-from meshfit.mesh.topology import NONE, Topology, next_in_face, previous_in_face
+from meshfit.mesh.topology import NONE, PolygonTopology, Topology, next_in_face, previous_in_face
 from tests.loops import over
 from tests.shapes import ALL, CLOSED, fan, patch, wheel
 
@@ -153,7 +154,7 @@ def test_components_and_watertightness():
     ("faces", "fault", "number", "message"),
     [
         (BOOK, nonmanifold_edges, 0, r"the test needs a manifold mesh: edge \(0, 1\) has 3 faces"),
-        (BOW_TIE, nonmanifold_verts, 0, r"vertex 0 joins separate fans of faces \(1 such vertices\)"),
+        (BOW_TIE, nonmanifold_verts, 0, r"vertex 0 joins separate fans of faces \(1 such vertex\)"),
         (TWISTED, misoriented_edges, 0, r"edge \(0, 1\) has two faces of opposite orientation"),
     ],
 )
@@ -181,8 +182,59 @@ def test_manifolds_are_let_through(shape):
         assert len(faults(topology)) == 0
 
 
-@over("faces", [[[0, 1, 2], [0, 2, 1]], [[0, 0, 1]]])
-def test_faces_that_no_manifold_has_are_refused(faces):
+@over(
+    ("faces", "message"),
+    [
+        ([[0, 1, 2], [0, 2, 1]], "faces 0 and 1 are triangles with the same three vertices; remove one of them"),
+        ([[0, 0, 1]], r"face 0 is \[0, 0, 1\]: it has a vertex twice"),
+    ],
+)
+def test_faces_that_no_manifold_has_are_refused(faces, message):
     """Two faces on the same three verts, or one that meets a vertex twice: no complex of triangles has them."""
-    with pytest.raises(MeshError):
+    with pytest.raises(MeshError, match=message):
         require_manifold(Topology.of(Mesh(np.eye(3), np.array(faces))), "the test")
+
+
+MOEBIUS = [[0, 1, 2], [1, 2, 3], [2, 3, 4], [3, 4, 0], [4, 0, 1]]
+PROJECTIVE_PLANE = [
+    *[[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5], [0, 5, 1]],
+    *[[1, 2, 4], [2, 3, 5], [3, 4, 1], [4, 5, 2], [5, 1, 3]],
+]
+SPHERE, TORUS, DISK = tetrahedron().faces, ALL["torus"]().faces, patch(4, 4).faces
+FLIPPED = np.concatenate([SPHERE[:1, ::-1], SPHERE[1:]])
+TUBE = [face for k in range(3) for face in ([k, (k + 1) % 3, k + 3], [(k + 1) % 3, (k + 1) % 3 + 3, k + 3])]
+
+
+@over(
+    ("pieces", "words"),
+    [
+        ([SPHERE], "1 piece, closed, genus 0"),
+        ([TORUS], "1 piece, closed, genus 1"),
+        ([TORUS, SPHERE, TORUS], "3 pieces, closed, total genus 2"),
+        ([FLIPPED], "1 piece, closed, genus 0"),
+        ([[[0, 1, 2]]], "1 piece, open, 1 boundary loop, Euler number 1"),
+        ([DISK, DISK], "2 pieces, open, 2 boundary loops, Euler number 2"),
+        ([TUBE], "1 piece, open, 2 boundary loops, Euler number 0"),
+        ([MOEBIUS], "1 piece, open, not orientable, 1 boundary loop, Euler number 0"),
+        ([PROJECTIVE_PLANE], "1 piece, closed, not orientable, Euler number 1"),
+        ([BOOK], "1 piece, not manifold, 3 boundary loops, Euler number 1"),
+        ([BOW_TIE], "1 piece, not manifold, 2 boundary loops, Euler number 1"),
+        (
+            [DISK, TORUS, BOW_TIE, SPHERE, PROJECTIVE_PLANE],
+            "5 pieces: 2 closed, total genus 1; 1 closed, not orientable, Euler number 1; "
+            "1 open, 1 boundary loop, Euler number 1; 1 not manifold, 2 boundary loops, Euler number 1",
+        ),
+        ([], "no faces"),
+    ],
+)
+def test_topology_in_words(pieces, words):
+    """Vertices without faces lie between the pieces, and count for nothing."""
+    faces, num_verts = [], 1
+    for piece in pieces:
+        faces.append(np.array(piece) + num_verts)
+        num_verts += np.max(piece) + 3
+    topology = Topology(num_verts, np.concatenate([np.empty((0, 3), dtype=np.int64), *faces]))
+    assert describe_topology(topology) == words
+    assert describe_topology(PolygonTopology.of(topology)) == words
+    lone = [topology, *(Topology(num_verts, piece) for piece in faces)]
+    assert euler_number(lone[0]) == sum(euler_number(piece) for piece in lone[1:])

@@ -1,4 +1,4 @@
-from meshfit.units import duration_text, size_text
+from meshfit.units import count_text, duration_text, size_text
 from tests.loops import over
 
 
@@ -37,3 +37,18 @@ def test_durations(seconds, text):
 )
 def test_sizes(count, text):
     assert size_text(count) == text
+
+
+@over(
+    ("number", "noun", "text"),
+    [
+        (1, "trial", "1 trial"),
+        (0, "trial", "0 trials"),
+        (1200, "trial", "1,200 trials"),
+        (1, "such vertex", "1 such vertex"),
+        (2, "such vertex", "2 such vertices"),
+        ("3", "level", "3 levels"),
+    ],
+)
+def test_counts(number, noun, text):
+    assert count_text(number, noun) == text

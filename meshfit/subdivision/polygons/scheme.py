@@ -21,7 +21,7 @@ from meshfit.subdivision.scheme import BaseScheme
 
 @dataclass(frozen=True)
 class PolygonVertMask:
-    """The new position of an interior vertex of valence n.
+    """The new position of an interior vertex of valence n, which is 2 or more.
 
     Attributes:
         weights: n → weights of itself, of the mean of its n neighbours, and of the mean of the means of its n faces.
@@ -30,7 +30,7 @@ class PolygonVertMask:
     weights: Callable[[int], tuple[Fraction, Fraction, Fraction]]
 
     def __post_init__(self) -> None:
-        for valence in CHECKED_VALENCES:
+        for valence in (2, *CHECKED_VALENCES):
             require_unit_sum(sum(self.weights(valence), Fraction(0)), f"a vertex mask at valence {valence}")
 
 

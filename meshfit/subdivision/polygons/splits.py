@@ -129,8 +129,9 @@ def _ternary(topology: PolygonTopology) -> PolygonDivision:
 
 
 def _dual(topology: PolygonTopology) -> PolygonDivision:
-    """One face for each face, interior edge, interior vertex, and boundary vertex of three faces or more.
+    """One face for each face, interior edge, and vertex of three faces or more.
 
+    At an interior vertex of two faces, the faces of its two edges meet in the edge between its two new vertices.
     Corners at boundary edges have their new vertices on these edges, so that the sides of the faces make the boundary.
     """
     halfedge = np.arange(len(topology.corners))
@@ -157,7 +158,7 @@ def _dual_verts(topology: PolygonTopology) -> Faces:
     border = np.flatnonzero(topology.twin == NONE)
     out[topology.tail[border]] = border
     count = np.bincount(topology.tail, minlength=topology.num_verts)
-    verts = np.flatnonzero(np.where(topology.boundary_verts, count >= 3, count > 0))
+    verts = np.flatnonzero(count >= 3)
     sizes, at = count[verts], out[verts]
     corners = np.empty(int(sizes.sum()), dtype=np.int64)
     starts = np.cumsum(sizes) - sizes

@@ -15,6 +15,7 @@ from meshfit.subdivision.masks import CurveMask
 from meshfit.subdivision.polygons.scheme import TensorProductMask
 from meshfit.subdivision.polygons.selection import boundary_rows, scatter, select, weighted_sum
 from meshfit.subdivision.polygons.splits import PolygonDivision
+from meshfit.units import count_text
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,5 +187,5 @@ def _require_regular(topology: PolygonTopology) -> None:
         where, allowed = ("on the boundary", "2 or 3") if topology.boundary_verts[vert] else ("inside", "4")
         raise MeshError(
             f"this scheme needs a regular mesh: vertex {vert}, {where}, has valence {topology.valence[vert]}, "
-            f"{allowed} is allowed ({len(irregular)} such vertices){remedy}"
+            f"{allowed} is allowed ({count_text(len(irregular), 'such vertex')}){remedy}"
         )
