@@ -24,7 +24,7 @@ def split_by_mode(n, spec):
     return first[0], max([first[1], radial[1], *higher])
 
 
-@over("n", VALENCES)
+@over("n", (2, *VALENCES))
 def test_catmull_clarks_leading_eigenvalue(n):
     c = cos(2 * pi / n)
     leading, _ = split_by_mode(n, "catmull-clark")
@@ -54,6 +54,14 @@ def test_eigenvalues(spec, n):
 def test_a_leading_pair_alone_comes_after_the_one(spec, n):
     leading, rest = split_by_mode(n, spec)
     assert rest < leading < 1
+
+
+@pytest.mark.parametrize("spec", [*RINGS, "interp-catmull-clark:alpha=0.5", "interp-sqrt2:alpha=0.5"])
+def test_at_valence_2_the_surface_is_continuous_without_a_leading_pair(spec):
+    """The modes around the vertex are 0 and 1 alone, and both are real, so that no tangent plane is spanned."""
+    values = moduli(quad_matrix(2, spec, RINGS[spec.partition(":")[0]]))
+    assert np.isclose(values[0], 1, atol=1e-12)
+    assert values[1] < 0.4
 
 
 @over("n", VALENCES)

@@ -1,4 +1,7 @@
-"""Doo–Sabin against pymeshlab, and Catmull–Clark against a plain twin: pymeshlab's has other vertex weights."""
+"""Doo–Sabin against pymeshlab, and Catmull–Clark, Doo–Sabin and √2 against plain twins.
+
+pymeshlab's Catmull–Clark has other vertex weights.
+"""
 
 import numpy as np
 import pymeshlab
@@ -6,10 +9,12 @@ from scipy.spatial import cKDTree
 
 from meshfit.mesh.polygons import PolygonMesh, face_rows
 from meshfit.mesh.solids import icosahedron
+from meshfit.mesh.topology import PolygonTopology
+from meshfit.subdivision.polygons.table import POLYGON_SCHEMES
 from meshfit.subdivision.refine import subdivide
 from tests.laws.naive import same_face_sets
 from tests.loops import over
-from tests.quads import mixed, prism, quad_cube, quad_patch, quad_torus, quad_wheel
+from tests.quads import VALENCE_2, lens, mixed, prism, quad_cube, quad_patch, quad_torus, quad_wheel
 
 CLOSED = {
     "cube": quad_cube,
@@ -82,7 +87,11 @@ def twin(mesh: PolygonMesh) -> tuple[np.ndarray, list[tuple[int, ...]]]:
     return np.array(verts + centre), quads
 
 
-@over("make", (CLOSED | OPEN).values())
+# The two faces of a lens have one mean, so that positions do not tell vertices apart.
+APART = {name: make for name, make in VALENCE_2.items() if name not in ("pillow", "lens of 5")}
+
+
+@over("make", (CLOSED | OPEN | APART).values())
 @over("levels", [1, 2])
 def test_catmull_clark(make, levels):
     mesh, ours = make(), subdivide(make(), "catmull-clark", levels)
@@ -94,3 +103,69 @@ def test_catmull_clark(make, levels):
     assert len(np.unique(name)) == mesh.num_verts == ours.num_verts
     found = [tuple(int(name[v]) for v in row) for row in face_rows(mesh)]
     assert same_face_sets(found, [tuple(row) for row in face_rows(ours)])
+
+
+def doo_sabin_twin(mesh: PolygonMesh) -> tuple[np.ndarray, list[tuple[int, ...]]]:
+    """Doo and Sabin's rules on a closed mesh; a vertex of two faces leaves an edge in place of a face."""
+    faces = face_rows(mesh)
+    name = {corner: k for k, corner in enumerate((f, v) for f, face in enumerate(faces) for v in face)}
+    left = {(a, b): f for f, face in enumerate(faces) for a, b in zip(face, face[1:] + face[:1], strict=True)}
+    before = {(f, b): a for (a, b), f in left.items()}
+    verts = []
+    for face in faces:
+        n = len(face)
+        for k in range(n):
+            weights = [(3 + 2 * np.cos(2 * np.pi * (i - k) / n)) / (4 * n) + (i == k) / 4 for i in range(n)]
+            verts.append(sum(w * mesh.verts[v] for w, v in zip(weights, face, strict=True)))
+    fine = [tuple(name[f, v] for v in face) for f, face in enumerate(faces)]
+    fine += [(name[f, b], name[f, a], name[left[b, a], a], name[left[b, a], b]) for (a, b), f in left.items() if a < b]
+    for v in range(mesh.num_verts):
+        ring = [next(f for f, face in enumerate(faces) if v in face)]
+        while (following := left[v, before[ring[-1], v]]) != ring[0]:
+            ring.append(following)
+        fine += [tuple(name[f, v] for f in ring)] if len(ring) > 2 else []
+    return np.array(verts), fine
+
+
+def sqrt2_twin(mesh: PolygonMesh) -> tuple[np.ndarray, list[tuple[int, ...]]]:
+    """The rules of √2 on a closed mesh: a quad for every edge, with the means of its two faces as corners."""
+    faces = face_rows(mesh)
+    left = {(a, b): f for f, face in enumerate(faces) for a, b in zip(face, face[1:] + face[:1], strict=True)}
+    near = [[b for a, b in left if a == v] for v in range(mesh.num_verts)]
+    verts = [(point + mesh.verts[ring].mean(axis=0)) / 2 for point, ring in zip(mesh.verts, near, strict=True)]
+    verts += [mesh.verts[face].mean(axis=0) for face in faces]
+    first = mesh.num_verts
+    return np.array(verts), [(a, first + left[b, a], b, first + f) for (a, b), f in left.items() if a < b]
+
+
+CLOSED_AT_2 = ("pillow", "lens of 5", "cut torus", "cube with a vertex in an edge")
+TWINS = {"doo-sabin": doo_sabin_twin, "sqrt2": sqrt2_twin}
+
+
+@over("scheme", TWINS)
+@over("make", [*CLOSED.values(), *(VALENCE_2[name] for name in CLOSED_AT_2)])
+@over("levels", [1, 2])
+def test_doo_sabin_and_sqrt2(scheme, make, levels):
+    """Vertices come in the order of corners, and of old vertices and faces; so do those of the twins."""
+    mesh = make()
+    for _ in range(levels):
+        ours, (verts, rows) = subdivide(mesh, scheme), TWINS[scheme](mesh)
+        np.testing.assert_allclose(ours.verts, verts, rtol=0, atol=1e-14)
+        assert same_face_sets(rows, [tuple(row) for row in face_rows(ours)])
+        mesh = ours
+
+
+def test_a_pillow_becomes_a_cube_under_doo_sabin():
+    fine = PolygonTopology.of(subdivide(VALENCE_2["pillow"](), "doo-sabin"))
+    assert (fine.num_verts, fine.num_edges, fine.sizes.tolist()) == (8, 12, [4] * 6)
+    assert fine.valence.tolist() == [3] * 8
+
+
+@over("scheme", [spec for spec in POLYGON_SCHEMES if "ternary" not in spec])
+@over("sides", [4, 6])
+def test_a_symmetric_lens_stays_symmetric(scheme, sides):
+    """Turned by one side and mirrored between its faces, a lens of an even number of sides lies where it was."""
+    mesh, turn = lens(sides), 2 * np.pi / sides
+    symmetry = np.array([[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, -1]])
+    fine = subdivide(mesh, scheme, 3)
+    assert cKDTree(fine.verts).query(fine.verts @ symmetry)[0].max() < 1e-13
