@@ -35,7 +35,7 @@ _FILES = {
     "trace.csv": "every loss term by step",
     "source.ply": "the source, refined and aligned",
     "result.ply": "the result",
-    "control.ply": "the control mesh of the result",
+    "control.ply": "the control mesh; refined by the scheme, it is the result",
     "last_good.ply": "the mesh before the fit diverged",
     "checkpoint.pt": "where a rerun resumes",
     "progress.json": "the latest progress",

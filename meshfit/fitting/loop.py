@@ -65,7 +65,7 @@ class Engine(ABC):
     def polygons(self, member: int) -> PolygonMesh | None:
         """Return the polygons whose fan triangulation the current surface is, if any."""
 
-    def control(self, _member: int) -> Mesh | None:
+    def control(self, _member: int) -> Mesh | PolygonMesh | None:
         """Return the current control mesh, if one is solved for."""
         return None
 
@@ -102,14 +102,15 @@ class FitResult:
         mesh: the deformed source, with its own faces, or those that the fit refined or remeshed them to.
         trace: one row of numbers per traced step.
         device: name of the device.
-        control: the control mesh of which `mesh` is the refinement, if one was solved for.
+        control: the control mesh, if one was solved for: of polygons for a scheme on polygons, if the source has any.
+            Refined by the scheme as many levels as the settings say, it is the surface.
         polygons: the polygons whose fan triangulation `mesh` is, if any.
     """
 
     mesh: Mesh
     trace: Trace
     device: str
-    control: Mesh | None = None
+    control: Mesh | PolygonMesh | None = None
     polygons: PolygonMesh | None = None
 
 

@@ -10,7 +10,7 @@ from torch import Generator, Tensor
 
 from meshfit.errors import ConfigError
 from meshfit.fitting.gauss_newton.fit_state import FitState
-from meshfit.fitting.gauss_newton.refinement import refine_state, with_control_mesh
+from meshfit.fitting.gauss_newton.refinement import control_mesh, refine_state, with_control_mesh
 from meshfit.fitting.gauss_newton.schedule import Stage, schedule
 from meshfit.fitting.gauss_newton.sphere_map import initial_sphere_map
 from meshfit.fitting.gauss_newton.target import TargetCloud
@@ -117,10 +117,10 @@ class GaussNewton(Engine):
             return None
         return PolygonMesh(self.mesh(member).verts, polygons.corners, polygons.sizes)
 
-    def control(self, member: int) -> Mesh | None:
-        """Return the current control mesh, if one is solved for."""
+    def control(self, member: int) -> Mesh | PolygonMesh | None:
+        """Return the current control mesh, if one is solved for; its levels by the scheme are the current surface."""
         state = self._states[member]
-        return None if state.controlled is None else state.pattern.connectivity.mesh(state.verts)
+        return None if state.controlled is None else control_mesh(state, self.problems[member].scheme)
 
     @torch.no_grad()
     def step(self) -> list[float]:

@@ -12,8 +12,8 @@ from meshfit.fitting.gauss_newton.fit_state import FitState
 from meshfit.fitting.gauss_newton.step_limiting import limit_step
 from meshfit.fitting.gauss_newton.surface import Connectivity
 from meshfit.loss.sparse import Sparse
-from meshfit.mesh.mesh import Verts
-from meshfit.mesh.polygons import fan_triangles
+from meshfit.mesh.mesh import Mesh, Verts
+from meshfit.mesh.polygons import PolygonMesh, fan_triangles
 from meshfit.mesh.topology import PolygonTopology, Topology
 from meshfit.subdivision.limit import loop_limit
 from meshfit.subdivision.polygons.scheme import PolygonScheme
@@ -58,6 +58,14 @@ def with_control_mesh(
         polygons,
     )
     return replace(state, on_sphere=None, controlled=surface)
+
+
+def control_mesh(state: FitState, scheme: str | Scheme) -> Mesh | PolygonMesh:
+    """Return the mesh that a scheme refines: of polygons where the scheme is on polygons and the state has any."""
+    topology, verts = _topology_for(state, resolve(scheme)), _positions(state)
+    if isinstance(topology, Topology):
+        return Mesh(verts, topology.faces)
+    return PolygonMesh(verts, topology.corners, topology.sizes)
 
 
 def refine_state(state: FitState, scheme: str | Scheme) -> FitState:
