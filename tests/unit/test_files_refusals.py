@@ -120,7 +120,7 @@ FAULTS = {
     "ply: too high": ("a.ply", PLY.replace("3 2 0 3", "3 2 0 4"), "face 3 is [2, 0, 4], but vertices are numbered"),
     "ply: negative": ("a.ply", PLY.replace("3 2 0 3", "3 2 0 -1"), "face 3 is [2, 0, -1]"),
     "ply: fewer than said": ("a.ply", PLY.replace("face 4", "face 5"), "ends within 'face', of which it announces 5"),
-    "ply: more than said": ("a.ply", PLY.replace("face 4", "face 3"), "more data than its header announces"),
+    "ply: more than said": ("a.ply", PLY.replace("face 4", "face 3"), "announces 3 of 'face', but 4 are there"),
     "ply: no z": ("a.ply", PLY.replace("double z", "double w"), "'vertex' has no property 'z'"),
     "ply: no indices": ("a.ply", PLY.replace("vertex_indices", "corners"), "'face' has no property 'vertex_indices'"),
     "ply: a negative list": ("a.ply", PLY.replace("uchar", "char").replace("3 2 0 3", "-3 2 0 3"), "a list of -3"),
@@ -128,7 +128,7 @@ FAULTS = {
     "ply: no format": ("a.ply", PLY.replace("format ascii 1.0\n", ""), "its header has no 'format' line"),
     "ply: points only": ("a.ply", PLY.partition("3 0 2 1")[0].replace("face 4", "face 0"), "4 vertices and no faces"),
     "ply: nan": ("a.ply", PLY.replace("1 0 0\n", "nan 0 0\n", 1), "vertex 1 has a coordinate that is not finite"),
-    "ply: extra bytes": ("a.ply", BINARY + b"more", "more data than its header announces"),
+    "ply: more binary faces": ("a.ply", BINARY.replace(b"face 8", b"face 7"), "announces 7 of 'face', but 8 are"),
 }  # fmt: skip
 
 

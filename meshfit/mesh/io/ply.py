@@ -1,45 +1,41 @@
 """PLY files, text or binary: vertices, faces, edges and vertex properties. Other elements are ignored."""
 
-import itertools
-import struct
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+import warnings
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meshfit.errors import MeshError
+from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.curves import Chains, Curves
-from meshfit.mesh.io.text import quoted
+from meshfit.mesh.io.ply_elements import Ply, Rows, read_elements
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup, checked_face_size
 
-_CODES = {"char": "b", "uchar": "B", "short": "h", "ushort": "H", "int": "i", "uint": "I", "float": "f", "double": "d"}
-_CODES |= {"int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I"}
-_CODES |= {"float32": "f", "float64": "d"}
-_BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_LISTS = ("vertex_indices", "vertex_index")
 _LARGEST_INDEX = 2**53  # float64 holds every integer up to here
+_RESTART = 2**32 - 1  # -1 in an unsigned list
 
-_Row = dict[str, list[int] | list[float]]
-_Rows = NDArray[Any] | list[_Row]
-"""The rows of an element: a structured array where all have the same shape, else one dictionary each."""
+_Corners = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
 def read_ply(content: bytes) -> PolygonSoup:
-    """Read vertices and faces in file order.
+    """Read vertices and faces in file order, then the triangles of strips.
 
     Raises:
-        MeshError: the file is damaged; the message names the place.
+        MeshError: the file is damaged, or its surface is in elements of another kind; the message names the place.
+
+    Warns:
+        MeshfitWarning: of elements with lists of integers that are passed over, and of bytes after the last element.
     """
-    soup = PolygonSoup.of_rows([], [])
-    for element, rows in _read_elements(content):
-        if element.name == "vertex":
-            soup = soup._replace(verts=_columns(element, rows, "xyz"))
-        elif element.name == "face":
-            corners, sizes = _faces(element, rows)
-            soup = soup._replace(corners=corners, sizes=sizes)
-    return soup
+    ply = read_elements(content)
+    _check_other_elements(ply)
+    corners, sizes = _faces(ply.rows["face"]) if "face" in ply.rows else (np.empty(0, np.int64), np.empty(0, np.int64))
+    if "tristrips" in ply.rows:
+        triangles = _strip_triangles(ply.rows["tristrips"])
+        corners = np.concatenate([corners, triangles.reshape(-1)])
+        sizes = np.concatenate([sizes, np.full(len(triangles), 3, dtype=np.int64)])
+    return PolygonSoup(_verts(ply), corners, sizes)
 
 
 def read_ply_segments(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -47,16 +43,13 @@ def read_ply_segments(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.i
 
     Raises:
         MeshError: the file is damaged; the message names the place.
+
+    Warns:
+        MeshfitWarning: of bytes after the last element.
     """
-    verts, ends = np.empty((0, 3)), np.empty((0, 2))
-    for element, rows in _read_elements(content):
-        if element.name == "vertex":
-            verts = _columns(element, rows, "xyz")
-        elif element.name == "edge":
-            ends = _columns(element, rows, ("vertex1", "vertex2"))
-    if not (np.abs(ends) < _LARGEST_INDEX).all() or (ends % 1).any():
-        raise MeshError("'edge' has ends that are not vertex indices")
-    return verts, ends.astype(np.int64)
+    ply = read_elements(content)
+    ends = ply.rows["edge"].numbers("vertex1", "vertex2") if "edge" in ply.rows else np.empty((0, 2))
+    return _verts(ply), _indices(ends, "'edge' has ends")
 
 
 def read_ply_property(content: bytes, name: str) -> NDArray[np.float64]:
@@ -64,16 +57,14 @@ def read_ply_property(content: bytes, name: str) -> NDArray[np.float64]:
 
     Raises:
         MeshError: there is no such property, it is a list, or the file is damaged.
+
+    Warns:
+        MeshfitWarning: of bytes after the last element.
     """
-    for element, rows in _read_elements(content):
-        if element.name == "vertex":
-            names = [prop.name for prop in element.properties]
-            if name not in names:
-                raise MeshError(f"its vertices have no property '{name}'; they have {', '.join(names)}")
-            if element.properties[names.index(name)].count_code:
-                raise MeshError(f"expected one number per vertex, got a list as property '{name}'")
-            return _columns(element, rows, [name]).reshape(-1)
-    raise MeshError("it has no vertices")
+    rows = read_elements(content).rows
+    if "vertex" not in rows:
+        raise MeshError("it has no vertices")
+    return rows["vertex"].numbers(name).reshape(-1)
 
 
 def write_ply(mesh: Mesh | PolygonMesh, normals: NDArray[np.float64] | None = None) -> bytes:
@@ -113,162 +104,59 @@ def _face_bytes(mesh: PolygonMesh, count: np.dtype[Any]) -> bytes:
     return content.tobytes()
 
 
-@dataclass(frozen=True)
-class _Property:
-    """A property of an element, with the `struct` codes of its numbers and, for a list, of their count."""
-
-    name: str
-    code: str
-    count_code: str = ""
+def _verts(ply: Ply) -> NDArray[np.float64]:
+    return ply.rows["vertex"].numbers("x", "y", "z") if "vertex" in ply.rows else np.empty((0, 3))
 
 
-@dataclass(frozen=True)
-class _Element:
-    """An element that the header announces: its name, its number of rows, and the properties of each row."""
-
-    name: str
-    length: int
-    properties: list[_Property]
-
-
-class _TextBody:
-    """Reader of the numbers of a text body, one after another."""
-
-    def __init__(self, body: bytes) -> None:
-        self._words = iter(body.split())
-
-    def take(self, code: str, count: int) -> list[int] | list[float]:
-        """Return the next numbers, all of the kind of that code."""
-        words = list(itertools.islice(self._words, count))
-        if len(words) < count:
-            raise EOFError
-        try:
-            return [float(word) for word in words] if code in "fd" else [int(word) for word in words]
-        except ValueError:
-            expected = "numbers" if code in "fd" else "integers"
-            raise MeshError(f"expected {expected}, got {quoted(words)}") from None
-
-    def take_rows(self, element: _Element) -> _Rows:
-        """Return all rows of an element."""
-        return [_read_row(element, self) for _ in range(element.length)]
-
-    def rest(self) -> bytes:
-        """Return the remaining content."""
-        return b" ".join(self._words)
-
-
-class _BinaryBody:
-    """Reader of the numbers of a binary body, one after another."""
-
-    def __init__(self, body: bytes, byte_order: str) -> None:
-        self._body, self._byte_order, self._position = body, byte_order, 0
-
-    def take(self, code: str, count: int) -> list[int] | list[float]:
-        """Return the next numbers, all of the kind of that code."""
-        shape = f"{self._byte_order}{count}{code}"
-        end = self._position + struct.calcsize(shape)
-        if end > len(self._body):
-            raise EOFError
-        numbers = struct.unpack_from(shape, self._body, self._position)
-        self._position = end
-        return list(numbers)
-
-    def take_rows(self, element: _Element) -> _Rows:
-        """Return all rows of an element: at once if its lists are as long in every row as in the first."""
-        start = self._position
-        first = _read_row(element, self)
-        self._position = start
-        dtype = np.dtype([field for prop in element.properties for field in self._fields(prop, len(first[prop.name]))])
-        if start + dtype.itemsize * element.length <= len(self._body):
-            rows = np.frombuffer(self._body, dtype, element.length, start)
-            lists = [prop.name for prop in element.properties if prop.count_code]
-            if all((rows[f"{name} count"] == len(first[name])).all() for name in lists):
-                self._position += dtype.itemsize * element.length
-                return rows
-        return [_read_row(element, self) for _ in range(element.length)]
-
-    def _fields(self, prop: _Property, length: int) -> list[tuple[str, str, tuple[int, ...]]]:
-        fields: list[tuple[str, str, tuple[int, ...]]] = [(prop.name, self._byte_order + prop.code, (length,))]
-        return [(f"{prop.name} count", self._byte_order + prop.count_code, ()), *fields] if prop.count_code else fields
-
-    def rest(self) -> bytes:
-        """Return the remaining content."""
-        return self._body[self._position :].strip()
-
-
-def _read_elements(content: bytes) -> Iterator[tuple[_Element, _Rows]]:
-    """Yield each element of a file with its rows; refuse anything after the last one."""
-    head, end, body = content.partition(b"end_header")
-    if not content.startswith(b"ply"):
-        raise MeshError("it does not start with 'ply'")
-    if not end:
-        raise MeshError("its header has no 'end_header'")
-    byte_order, elements = _parse_header(head)
-    line_end = b"\r\n" if body.startswith(b"\r\n") else body[:1]
-    body = body[len(line_end) :]
-    numbers = _BinaryBody(body, byte_order) if byte_order else _TextBody(body)
-    for element in elements:
-        try:
-            rows = numbers.take_rows(element) if element.properties and element.length else []
-        except EOFError:
-            raise MeshError(f"the file ends within '{element.name}', of which it announces {element.length}") from None
-        yield element, rows
-    if numbers.rest():
-        raise MeshError("more data than its header announces")
-
-
-def _parse_header(head: bytes) -> tuple[str, list[_Element]]:
-    byte_order, elements = None, list[_Element]()
-    for line in head.decode("latin-1").splitlines():
-        match line.split():
-            case ["format", name, *_] if name in _BYTE_ORDERS:
-                byte_order = _BYTE_ORDERS[name]
-            case ["element", name, length] if length.isdecimal():
-                elements.append(_Element(name, int(length), []))
-            case ["property", "list", count, kind, name] if elements and count in _CODES and kind in _CODES:
-                elements[-1].properties.append(_Property(name, _CODES[kind], _CODES[count]))
-            case ["property", kind, name] if elements and kind in _CODES:
-                elements[-1].properties.append(_Property(name, _CODES[kind]))
-            case [] | ["ply" | "comment" | "obj_info", *_]:
-                pass
-            case _:
-                raise MeshError(f"unexpected line in its header: {line[:60]!r}")
-    if byte_order is None:
-        raise MeshError("its header has no 'format' line")
-    return byte_order, elements
-
-
-def _read_row(element: _Element, numbers: _TextBody | _BinaryBody) -> _Row:
-    row = {}
-    for prop in element.properties:
-        count = int(numbers.take(prop.count_code, 1)[0]) if prop.count_code else 1
-        if count < 0:
-            raise MeshError(f"'{element.name}' has a list of {count} entries")
-        row[prop.name] = numbers.take(prop.code, count)
-    return row
-
-
-def _columns(element: _Element, rows: _Rows, names: Iterable[str]) -> NDArray[np.float64]:
-    """Return (N, K) the values of some properties; float64 holds every kind of number exactly."""
-    columns = [_property_name(element, name) for name in names]
-    if isinstance(rows, np.ndarray):
-        return np.concatenate([rows[name] for name in columns], axis=1).astype(np.float64)
-    return np.array([[float(row[name][0]) for name in columns] for row in rows], np.float64).reshape(-1, len(columns))
-
-
-def _faces(element: _Element, rows: _Rows) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _faces(rows: Rows) -> _Corners:
     """Return the corners of all faces in a row, and the size of each face."""
-    name = _property_name(element, "vertex_indices", "vertex_index")
-    if isinstance(rows, np.ndarray):
-        corners = rows[name].astype(np.int64)
-        return corners.reshape(-1), np.full(len(corners), checked_face_size(corners.shape[1]))
-    sizes = np.array([checked_face_size(len(row[name])) for row in rows], dtype=np.int64)
-    return np.array([int(corner) for row in rows for corner in row[name]], dtype=np.int64), sizes
+    entries, sizes = rows.lists(*_LISTS)
+    small = np.flatnonzero(sizes < 3)
+    if len(small):
+        checked_face_size(int(sizes[small[0]]), f"face {small[0]}: ")
+    return _indices(entries, "'face' has corners"), sizes
 
 
-def _property_name(element: _Element, *names: str) -> str:
-    """Return the first of these names that the element has."""
-    present = [prop.name for prop in element.properties if prop.name in names]
-    if not present and element.length:
-        raise MeshError(f"'{element.name}' has no property '{names[0]}'")
-    return present[0] if present else names[0]
+def _strip_triangles(rows: Rows) -> NDArray[np.int64]:
+    """Return (T, 3) the triangles of all strips, of which -1 ends one; every other one is turned.
+
+    A triangle with a repeated vertex joins two parts of a strip and is left out.
+    """
+    entries, sizes = rows.lists(*_LISTS)
+    indices = _indices(entries, "'tristrips' has entries")
+    strip = np.repeat(np.arange(len(sizes)), sizes)
+    is_restart = (indices == -1) | (indices == _RESTART)
+    strip = (strip + np.cumsum(is_restart))[~is_restart]
+    indices = indices[~is_restart]
+    first = np.flatnonzero(np.diff(strip, prepend=-1))
+    place = np.arange(len(strip)) - np.repeat(first, np.diff(first, append=len(strip)))
+    triangles = np.stack([indices[:-2], indices[1:-1], indices[2:]], axis=1)
+    turned = place[:-2] % 2 == 1
+    triangles[turned] = triangles[turned][:, [1, 0, 2]]
+    a, b, c = triangles.T
+    is_triangle = (strip[:-2] == strip[2:]) & (a != b) & (b != c) & (c != a)
+    return np.asarray(triangles[is_triangle])
+
+
+def _indices(values: NDArray[Any], what: str) -> NDArray[np.int64]:
+    if values.dtype.kind == "f" or values.dtype.itemsize == 8:
+        with np.errstate(invalid="ignore"):
+            bad = np.flatnonzero(~(np.abs(values.astype(np.float64)) < _LARGEST_INDEX) | (values % 1 != 0))
+        if len(bad):
+            raise MeshError(f"{what} that are not vertex indices: {float(values.flat[bad[0]]):g}")
+    return values.astype(np.int64)
+
+
+def _check_other_elements(ply: Ply) -> None:
+    """Warn of elements that may hold a surface in a way that is not read; refuse a file whose only surface it is."""
+    known = ("vertex", "face", "tristrips")
+    elements = [rows.element for name, rows in ply.rows.items() if name not in known and rows.element.length]
+    names = [f"'{element.name}'" for element in elements if element.integer_lists]
+    if not names:
+        return
+    if any(name in ply.rows and ply.rows[name].element.length for name in known[1:]):
+        warnings.warn(f"passed over elements with lists of indices: {', '.join(names)}", MeshfitWarning, stacklevel=2)
+        return
+    if "'range_grid'" in names:
+        raise MeshError("its surface is a 'range_grid', a grid of scanned points; expected 'face' or 'tristrips'")
+    raise MeshError(f"its surface is in elements {', '.join(names)}; expected 'face' or 'tristrips'")

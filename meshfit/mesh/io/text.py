@@ -1,18 +1,25 @@
 """Lines of text files: numbered, split into words, without comments; and the numbers on them."""
 
+import re
+import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from meshfit.errors import MeshError
 
 Lines = Iterator[tuple[int, list[bytes]]]
 
-_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+# What the C library of Windows has printed for numbers that are not finite, such as `-1.#IND00` and `-nan(ind)`.
+_NOT_FINITE = re.compile(rb"[-+]?\d\.#\w*|[-+]?nan\(\w*\)", re.IGNORECASE)
 
 
 def split_lines(content: bytes) -> Lines:
     """Yield the number and the words of each line that is not empty; `#` begins a comment."""
-    for number, line in enumerate(content.removeprefix(_BYTE_ORDER_MARK).splitlines(), 1):
+    for number, line in enumerate(content.removeprefix(BYTE_ORDER_MARK).splitlines(), 1):
         if words := line.partition(b"#")[0].split():
             yield number, words
 
@@ -34,6 +41,27 @@ def read_word_lines(path: str | Path) -> Iterator[tuple[int, list[str]]]:
             yield number, words
 
 
+def parse_float(word: bytes) -> float | None:
+    """Return a number; NaN for the ways in which Windows spells it; None for any other word."""
+    try:
+        return None if b"_" in word else float(word)
+    except ValueError:
+        return float("nan") if _NOT_FINITE.fullmatch(word) else None
+
+
+def parse_floats(text: bytes) -> NDArray[np.float64] | None:
+    """Return all numbers of a text, correctly rounded, or None if one of its words is not a number."""
+    text = _NOT_FINITE.sub(b"nan", text) if b"#" in text else text
+    if not text.strip():
+        return np.empty(0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)
+        try:
+            return np.fromstring(text, sep=" ")
+        except (ValueError, DeprecationWarning):
+            return None
+
+
 def parse_point(words: Sequence[bytes], number: int) -> list[float]:
     """Return the three coordinates that a line begins with.
 
@@ -42,10 +70,10 @@ def parse_point(words: Sequence[bytes], number: int) -> list[float]:
     """
     if len(words) < 3:
         raise MeshError(f"line {number}: expected a vertex of 3 coordinates, got {len(words)}")
-    try:
-        return [float(word) for word in words[:3]]
-    except ValueError:
-        raise MeshError(f"line {number}: expected three numbers, got {quoted(words[:3])}") from None
+    point = [value for word in words[:3] if (value := parse_float(word)) is not None]
+    if len(point) < 3:
+        raise MeshError(f"line {number}: expected three numbers, got {quoted(words[:3])}")
+    return point
 
 
 def parse_integers(words: Sequence[bytes], number: int) -> list[int]:

@@ -1,12 +1,13 @@
 """One number per vertex of a mesh file, from a text file or from a property of the PLY file itself."""
 
+import warnings
 from math import inf
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float64
 
-from meshfit.errors import MeshError
+from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.io.ply import read_ply_property
 from meshfit.mesh.io.text import read_word_lines
 from meshfit.mesh.topology import NONE, Indices
@@ -62,7 +63,9 @@ def read_vertex_property(
             f"{path}: '{name}' can be read from a PLY file only; use a text file with one number per line instead"
         )
     try:
-        values = read_ply_property(path.read_bytes(), name)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", MeshfitWarning)  # they were given when the mesh was read
+            values = read_ply_property(path.read_bytes(), name)
     except (OSError, MeshError) as error:
         raise MeshError(f"{path}: '{name}' cannot be read: {error}") from error
     return _at_mesh_verts(values, vertex_map, within, f"{path}: '{name}'")
