@@ -5,7 +5,7 @@ import errno
 from collections.abc import Collection
 from pathlib import Path
 
-MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb")
+MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
 CONFIG_SUFFIXES = (".yaml", ".yml")
 
 _PACKAGE = Path(__file__).resolve().parent

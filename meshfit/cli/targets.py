@@ -12,7 +12,7 @@ from meshfit.cli.options import AsJson
 def targets(as_json: AsJson = False) -> int:
     """List the named targets.
 
-    Any mesh file (.obj, .ply, .stl, .off, .glb) works as a target too.
+    Any mesh file (.obj, .ply, .stl, .off, .glb, .gltf) works as a target too.
 
     Example:
         meshfit targets

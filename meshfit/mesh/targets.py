@@ -136,11 +136,26 @@ def _load(target: str, load: Callable[[Path], _Loaded]) -> _Loaded:
 
 
 def file_sha256(path: Path) -> str:
-    """Return the SHA-256 of a file's content, in hexadecimal."""
+    """Return the SHA-256 of a file's content, in hexadecimal; of a glTF file, with the buffers beside it."""
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
+        content = path.read_bytes()
+        sha256 = hashlib.sha256(content)
+        for buffer in _buffer_files(path, content):
+            sha256.update(buffer.read_bytes())
     except OSError as error:
         raise MeshError(f"{path}: cannot be read: {error.strerror}") from error
+    return sha256.hexdigest()
+
+
+def _buffer_files(path: Path, content: bytes) -> list[Path]:
+    if not path.name.lower().endswith((".gltf", ".glb")):
+        return []
+    from meshfit.mesh.io.gltf import gltf_files
+
+    try:
+        return gltf_files(content, path.parent)
+    except MeshError:  # loading the file says what is wrong with it
+        return []
 
 
 def target_title(target: str) -> str:

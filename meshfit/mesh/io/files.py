@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Collection
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
@@ -25,13 +26,15 @@ _LARGEST_SINGLE = float(np.finfo(np.float32).max)
 class Format(NamedTuple):
     """A mesh file format: its reader, its writer, and whether it holds vertex normals and double precision.
 
-    A format with normals has a writer that takes them as a second argument.
+    A format with normals has a writer that takes them as a second argument; one with `folder`, a reader that takes the
+    folder of the file, as it refers to files in it.
     """
 
-    read: Callable[[bytes], PolygonSoup]
+    read: Callable[..., PolygonSoup]
     write: Callable[..., bytes]
     normals: bool = False
     double: bool = True
+    folder: bool = False
 
 
 class CurveFormat(NamedTuple):
@@ -47,7 +50,8 @@ FORMATS = {
     ".ply": Format(ply.read_ply, ply.write_ply, normals=True),
     ".stl": Format(stl.read_stl, stl.write_stl, double=False),
     ".off": Format(off.read_off, off.write_off),
-    ".glb": Format(gltf.read_glb, gltf.write_glb, double=False),
+    ".glb": Format(gltf.read_gltf, gltf.write_glb, double=False, folder=True),
+    ".gltf": Format(gltf.read_gltf, gltf.write_gltf, double=False, folder=True),
 }
 CURVE_FORMATS = {
     ".obj": CurveFormat(obj.read_obj_segments, obj.write_obj_curves, "'l' lines"),
@@ -56,7 +60,7 @@ CURVE_FORMATS = {
 
 
 def load_mesh(path: str | Path) -> Mesh:
-    """Read a triangle mesh from an OBJ, PLY, STL, OFF or GLB file; triangulate polygons and weld seams.
+    """Read a triangle mesh from an OBJ, PLY, STL, OFF, GLB or glTF file; triangulate polygons and weld seams.
 
     Example:
         >>> mesh = load_mesh("bunny.obj")  # doctest: +SKIP
@@ -82,7 +86,7 @@ def load_mesh_with_vertex_map(path: str | Path) -> tuple[Mesh, Indices]:
 
 
 def load_polygons(path: str | Path) -> PolygonMesh:
-    """Read a mesh from an OBJ, PLY, STL, OFF or GLB file; keep its faces as they are and weld seams.
+    """Read a mesh from an OBJ, PLY, STL, OFF, GLB or glTF file; keep its faces as they are and weld seams.
 
     Example:
         >>> mesh = load_polygons("quads.obj")  # doctest: +SKIP
@@ -124,9 +128,9 @@ def load_curves(path: str | Path) -> Curves:
 
 
 def save_mesh(mesh: Mesh | PolygonMesh, path: str | Path, normals: Normals | None = None) -> None:
-    """Write a mesh in the format of the suffix, in double precision except STL and GLB, which are single.
+    """Write a mesh in the format of the suffix, in double precision except STL, GLB and glTF, which are single.
 
-    OBJ, OFF and PLY keep polygons; STL and GLB get their triangles.
+    OBJ, OFF and PLY keep polygons; STL, GLB and glTF get their triangles.
 
     Args:
         mesh: V vertices.
@@ -169,7 +173,8 @@ def encode_curves(curves: Curves, suffix: str) -> bytes:
 
 
 def _read_soup(path: Path) -> PolygonSoup:
-    soup = _read_file(path, FORMATS, FORMATS[_known_suffix(path, FORMATS, "mesh")].read)
+    form = FORMATS[_known_suffix(path, FORMATS, "mesh")]
+    soup = _read_file(path, FORMATS, partial(form.read, folder=path.parent) if form.folder else form.read)
     if not len(soup.verts):
         raise _unreadable(path, "no vertices in it; another format, or cut short")
     return soup

@@ -1,15 +1,189 @@
-"""glTF files."""
+"""glTF 2.0 files, text (`.gltf`) with buffers beside them and binary (`.glb`)."""
 
-from meshfit.mesh.io.trimesh_formats import read_with_trimesh, write_with_trimesh
+import base64
+import json
+import struct
+import warnings
+from pathlib import Path
+from typing import Any
+
+from meshfit.errors import MeshError, MeshfitWarning
+from meshfit.mesh.io.gltf_buffers import DRACO, MESHOPT, WITHOUT_COMPRESSION, Document, buffer_path
+from meshfit.mesh.io.gltf_scene import INSTANCING, Scene
+from meshfit.mesh.io.json_objects import JsonObject
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
 
+_MAGIC = b"glTF"
+_JSON, _BIN = b"JSON", b"BIN\0"
+_SUPPORTED = {"KHR_mesh_quantization", INSTANCING, DRACO, *MESHOPT}
+# Extensions of looks, light, sound and data, which move no vertex.
+_NEUTRAL = {
+    "ADOBE_materials_thin_transparency",
+    "AGI_stk_metadata",
+    "CESIUM_primitive_outline",
+    "EXT_feature_metadata",
+    "EXT_instance_features",
+    "EXT_mesh_features",
+    "EXT_mesh_manifold",
+    "EXT_structural_metadata",
+    "KHR_techniques_webgl",
+    "KHR_xmp",
+    "KHR_xmp_json_ld",
+    "MSFT_lod",
+}
+_NEUTRAL_PREFIXES = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "KHR_audio", "EXT_texture_", "EXT_lights_",
+                     "EXT_materials_", "MSFT_texture_", "MSFT_packing_", "VRMC_materials_")  # fmt: skip
 
-def read_glb(content: bytes) -> PolygonSoup:
-    """Read the triangles of a GLB file, all parts where their nodes put them."""
-    return read_with_trimesh(content, "glb")
+
+def read_gltf(content: bytes, folder: Path | None = None) -> PolygonSoup:
+    """Read the triangles of the default scene of a glTF file, text or binary, all meshes where their nodes put them.
+
+    Without a default scene, the first one is read; without scenes, all nodes; without nodes, each mesh once. Skins and
+    morph targets are applied in the pose that the file holds. A file of points and lines alone gives their vertices.
+
+    Args:
+        content: of the file.
+        folder: of the file, where its buffers are.
+
+    Raises:
+        MeshError: a damaged or invalid file, a missing buffer, or a required extension that is not supported.
+
+    Warns:
+        MeshfitWarning: with the number of primitives, nodes, meshes and scenes that are passed over.
+    """
+    root, binary = _split(content)
+    _require_version(root)
+    _require_extensions(root)
+    return Scene(Document(root, binary, folder)).read()
+
+
+def gltf_files(content: bytes, folder: Path) -> list[Path]:
+    """Return the files beside a glTF file that hold its buffers, without repetition.
+
+    Raises:
+        MeshError: a damaged file, or a missing buffer.
+    """
+    buffers = _split(content)[0].objects("buffers")
+    uris = [(buffer.text("uri"), buffer.place) for buffer in buffers if "uri" in buffer]
+    return list(dict.fromkeys(buffer_path(uri, folder, place) for uri, place in uris if not uri.startswith("data:")))
 
 
 def write_glb(mesh: Mesh | PolygonMesh) -> bytes:
-    """Return the bytes of a GLB file."""
-    return write_with_trimesh(mesh, "glb")
+    """Return the bytes of a GLB file of the triangles, in single precision; the same mesh gives the same bytes."""
+    document, binary = _document(mesh)
+    text = json.dumps(document, separators=(",", ":")).encode()
+    chunks = [(_JSON, text + b" " * (-len(text) % 4)), (_BIN, binary + b"\0" * (-len(binary) % 4))]
+    body = b"".join(struct.pack("<I", len(data)) + kind + data for kind, data in chunks if data)
+    return _MAGIC + struct.pack("<II", 2, 12 + len(body)) + body
+
+
+def write_gltf(mesh: Mesh | PolygonMesh) -> bytes:
+    """Return the bytes of a text glTF file that holds all its data, otherwise as `write_glb`."""
+    document, binary = _document(mesh)
+    for buffer in document.get("buffers", []):
+        buffer["uri"] = f"data:application/octet-stream;base64,{base64.b64encode(binary).decode()}"
+    return json.dumps(document, indent=1).encode()
+
+
+def _document(mesh: Mesh | PolygonMesh) -> tuple[dict[str, Any], bytes]:
+    """Return the JSON and the buffer of a file with the triangles of a mesh."""
+    triangles = PolygonMesh.of(mesh).triangulated()
+    document: dict[str, Any] = {"asset": {"version": "2.0", "generator": "meshfit"}}
+    if not triangles.num_faces:
+        return document, b""
+    verts = triangles.verts.astype("<f4")
+    # The largest 16-bit number restarts a strip, and may not be an index.
+    indices = triangles.faces.astype("<u2" if len(verts) < 2**16 else "<u4")
+    pieces = [verts.tobytes(), indices.tobytes()]
+    return document | {
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "accessors": [
+            {
+                "bufferView": 0,
+                "componentType": 5126,
+                "count": len(verts),
+                "type": "VEC3",
+                "min": verts.min(axis=0).astype(float).tolist(),
+                "max": verts.max(axis=0).astype(float).tolist(),
+            },
+            {
+                "bufferView": 1,
+                "componentType": 5123 if indices.itemsize == 2 else 5125,
+                "count": indices.size,
+                "type": "SCALAR",
+            },
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteLength": len(pieces[0]), "target": 34962},
+            {"buffer": 0, "byteOffset": len(pieces[0]), "byteLength": len(pieces[1]), "target": 34963},
+        ],
+        "buffers": [{"byteLength": sum(map(len, pieces))}],
+    }, b"".join(pieces)
+
+
+def _split(content: bytes) -> tuple[JsonObject, bytes | None]:
+    """Return the JSON and the binary chunk of a file, text or binary."""
+    if not content.startswith(_MAGIC):
+        return JsonObject.parse(content), None
+    if len(content) < 12:
+        raise MeshError(f"cut short within its header: {len(content)} bytes")
+    version, length = struct.unpack_from("<II", content, 4)
+    if version != 2:
+        raise MeshError(f"version {version} of glTF; expected version 2: convert the file, for example with Blender")
+    if length > len(content):
+        raise MeshError(f"cut short: its header announces {length} bytes, but the file has {len(content)}")
+    if length < len(content):
+        _warn(f"its header announces {length} bytes; ignored the {len(content) - length} bytes after them")
+    chunks = _chunks(content[:length])
+    if [kind for kind, _ in chunks].count(_JSON) != 1 or chunks[0][0] != _JSON:
+        raise MeshError("expected one JSON chunk, and that as the first")
+    binary = next((data for kind, data in chunks if kind == _BIN), None)
+    return JsonObject.parse(chunks[0][1].rstrip(b"\0 ")), binary
+
+
+def _chunks(content: bytes) -> list[tuple[bytes, bytes]]:
+    """Return the kind and the data of each chunk of a binary file."""
+    chunks: list[tuple[bytes, bytes]] = []
+    place = 12
+    while len(content) - place >= 8:
+        size, kind = struct.unpack_from("<I", content, place)[0], content[place + 4 : place + 8]
+        place += 8
+        if place + size > len(content):
+            raise MeshError(f"chunk {len(chunks)} announces {size} bytes, but {len(content) - place} are left")
+        chunks.append((kind, content[place : place + size]))
+        place += size
+    if content[place:].strip(b"\0 "):
+        raise MeshError(f"cut short within a chunk's header: {len(content) - place} bytes after the last whole chunk")
+    return chunks
+
+
+def _require_version(root: JsonObject) -> None:
+    asset = root.member("asset")
+    if asset is None:
+        if "meshes" not in root:
+            raise MeshError("expected members 'asset' and 'meshes', got neither")
+        return
+    version = asset.text("version", "2.0")
+    if version.partition(".")[0] != "2" or asset.text("minVersion", "2.0") not in {"2", "2.0"}:
+        raise MeshError(
+            f"version {asset.text('minVersion', version)[:20]} of glTF; expected 2.0: "
+            "convert the file, for example with Blender"
+        )
+
+
+def _require_extensions(root: JsonObject) -> None:
+    required = root.texts("extensionsRequired")
+    unknown = [
+        name[:60] for name in required if name not in _SUPPORTED | _NEUTRAL and not name.startswith(_NEUTRAL_PREFIXES)
+    ]
+    if unknown:
+        remedy = WITHOUT_COMPRESSION if any("compression" in name for name in unknown) else "export the file without"
+        raise MeshError(f"requires {', '.join(sorted(set(unknown)))}, which is not supported; {remedy}")
+
+
+def _warn(text: str) -> None:
+    warnings.warn(text, MeshfitWarning, stacklevel=3)
