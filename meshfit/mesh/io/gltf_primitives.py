@@ -106,13 +106,13 @@ def _assembled(order: NDArray[np.int64], mode: int, place: str) -> NDArray[np.in
     if len(order) < 3:
         _warn(f"{place}: ignored a strip or fan of {len(order)} corners")
         return np.empty((0, 3), np.int64)
+    first = np.arange(len(order) - 2)
     if mode == FAN:
-        triangles: NDArray[np.int64] = np.stack([order[1:-1], order[2:], np.broadcast_to(order[0], len(order) - 2)], axis=1)
+        places = np.stack([first + 1, first + 2, np.zeros_like(first)], axis=1)
     else:
-        first = np.arange(len(order) - 2)
-        triangles = order[np.stack([first, first + 1 + first % 2, first + 2 - first % 2], axis=1)]
-    whole_ones: NDArray[np.int64] = triangles[(triangles != np.roll(triangles, 1, axis=1)).all(axis=1)]
-    return whole_ones
+        places = np.stack([first, first + 1 + first % 2, first + 2 - first % 2], axis=1)
+    triangles = order[places]
+    return np.asarray(triangles[(triangles != np.roll(triangles, 1, axis=1)).all(axis=1)])
 
 
 def _warn(text: str) -> None:
