@@ -15,6 +15,7 @@ from meshfit.subdivision.limit import loop_limit, loop_limit_normals
 from meshfit.subdivision.refine import subdivide
 from meshfit.subdivision.registry import resolve
 from tests.cli import invoke, refused
+from tests.loops import over
 
 ALPHAS = [0.0, 1.0, 0.25, 0.5, 0.125, 1.0]
 
@@ -101,6 +102,44 @@ def test_seams_are_welded_and_files_count_as_the_mesh_file_does(folder):
     found = load_mesh("out.ply")
     distance = np.linalg.norm(found.verts[:, None] - expected.verts[None], axis=2).min(axis=1)
     assert distance.max() < 1e-15
+
+
+VALENCE_2 = """\
+v 0.0 0.0 2.0
+v 0.0 0.3 0.0
+v 2.0 0.0 0.0
+v 0.6 0.1 0.8
+v 2.0 0.2 2.0
+f 1 2 3 4
+f 4 3 5 1
+"""
+
+
+@over(
+    ("scheme", "counts"),
+    [
+        ("catmull-clark", "8 faces, 13 vertices"),
+        ("interp-catmull-clark", "8 faces, 13 vertices"),
+        ("kobbelt", "8 faces, 13 vertices"),
+        ("doo-sabin", "4 faces, 8 vertices"),
+        ("sqrt2", "6 faces, 7 vertices"),
+        ("interp-sqrt2", "6 faces, 7 vertices"),
+    ],
+)
+def test_an_interior_vertex_of_valence_2(folder, scheme, counts):
+    """Two quads that share two edges: 2 faces, 6 edges, 5 vertices and 8 corners."""
+    (folder / "two.obj").write_text(VALENCE_2)
+    ran = invoke("subdivide", "two.obj", "out.obj", "-s", scheme)
+    assert (ran.code, ran.out) == (0, f"out.obj: 2 faces → {counts}\n")
+    assert ran.err == "warning: two.obj: 4 boundary edges: the surface is open\n"
+
+
+def test_tensor_products_refuse_a_vertex_of_valence_2(folder):
+    (folder / "two.obj").write_text(VALENCE_2)
+    for scheme in ("ternary", "interp-ternary"):
+        ran = invoke("subdivide", "two.obj", "out.obj", "-s", scheme)
+        assert ran.code == 2
+        assert "vertex 3, inside, has valence 2, 4 is allowed (1 such vertex); catmull-clark, kobbelt" in ran.err
 
 
 REFUSED = {

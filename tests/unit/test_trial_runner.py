@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from meshfit.config.loading import load_experiment
-from meshfit.errors import StoreError
+from meshfit.errors import MeshfitWarning, StoreError
 from meshfit.experiment.plan import plan
 from meshfit.experiment.running import batch_runner, trial_runner
 from meshfit.experiment.running.batch_runner import run_batch
@@ -13,8 +13,9 @@ from meshfit.experiment.trial_status import TrialStatus
 from meshfit.fitting import loop as run
 from meshfit.fitting.callbacks import Interrupted
 from meshfit.measuring.measure import measure
-from meshfit.mesh.io.files import load_mesh
-from tests.small import experiment
+from meshfit.mesh.io.files import load_mesh, save_mesh
+from meshfit.mesh.mesh import Mesh
+from tests.small import ellipsoid, experiment
 
 pytestmark = pytest.mark.usefixtures("without_shape_checks")
 
@@ -47,6 +48,19 @@ def test_a_complete_trial_leaves_its_files_and_nothing_else(tmp_path):
     assert result["peak_memory_mb"] is None or 50 < result["peak_memory_mb"] < 100_000
     assert (result["target"], result["scheme"], result["seed"]) == ("ellipsoid", "loop", 0)
     assert {"python", "meshfit", "torch", "pymeshlab"} <= result["versions"].keys()
+
+
+def test_a_difference_in_topology_is_warned_of_in_words(tmp_path):
+    """An open target has no genus: its boundary loops and its Euler number are named."""
+    closed = load_mesh(ellipsoid(tmp_path, "closed.ply"))
+    save_mesh(Mesh(closed.verts, closed.faces[1:]), tmp_path / "open.ply")
+    with pytest.warns(MeshfitWarning, match="the surface is open"):
+        trial, store, _ = prepared(tmp_path, targets=[str(tmp_path / "open.ply")])
+    assert run_trial(trial, store, lambda _: None).status is TrialStatus.COMPLETE
+    assert store.result(trial)["warnings"][-1] == (
+        "source and target differ in topology (1 piece, closed, genus 0; 1 piece, open, 1 boundary loop, "
+        "Euler number 1); the fit keeps that of the source"
+    )
 
 
 def test_a_trial_that_another_process_is_running_is_waited_for(tmp_path, monkeypatch):
