@@ -17,6 +17,20 @@ class MeshError(MeshfitError):
     """An unusable mesh or mesh file."""
 
 
+class FormatError(MeshError):
+    """A mesh file whose format is not known, or not the one that its name or the caller gives.
+
+    Attributes:
+        remedy: what to do, which is the end of the message; empty if there is only one way, to give the format.
+        file_format: the format to give, such as `ply`, `obj|ply` or `FORMAT`; None where giving one is of no use.
+    """
+
+    def __init__(self, finding: str, remedy: str = "", file_format: str | None = None) -> None:
+        super().__init__(f"{finding}; {remedy}" if remedy else finding)
+        self.remedy = remedy
+        self.file_format = file_format
+
+
 class DomainError(MeshError):
     """A file of the wrong kind: without faces where a surface is expected, or without segments where curves are."""
 

@@ -1,10 +1,10 @@
 """Shell completion of names and paths, without heavy imports because it has to be quick."""
 
 import os
-from collections.abc import Iterable
+from collections.abc import Collection
 from pathlib import Path
 
-from meshfit.paths import CONFIG_SUFFIXES, MESH_SUFFIXES
+from meshfit.paths import CONFIG_SUFFIXES, MESH_SUFFIXES, format_suffix
 
 _TRIAL = "seed-"
 
@@ -49,8 +49,13 @@ def listed_targets(incomplete: str) -> Completions:
 
 
 def meshes(incomplete: str) -> Completions:
-    """Mesh files."""
+    """Mesh files, compressed or not."""
     return _files(incomplete, MESH_SUFFIXES)
+
+
+def formats(incomplete: str) -> Completions:
+    """Mesh formats."""
+    return _named({suffix[1:]: "" for suffix in MESH_SUFFIXES}, incomplete)
 
 
 def metrics(incomplete: str) -> Completions:
@@ -97,10 +102,11 @@ def _named(names: dict[str, str], incomplete: str) -> Completions:
     return [(name, meaning) for name, meaning in names.items() if name.startswith(incomplete)]
 
 
-def _files(incomplete: str, suffixes: Iterable[str]) -> Completions:
+def _files(incomplete: str, suffixes: Collection[str]) -> Completions:
     """Files with these suffixes, and folders that may contain more."""
-    names = [f"{path}{os.sep}" if path.is_dir() else str(path) for path in _paths(incomplete)]
-    return [(name, "") for name in names if name.endswith((os.sep, *suffixes))]
+    folders = {path: path.is_dir() for path in _paths(incomplete)}
+    chosen = {path: is_folder for path, is_folder in folders.items() if is_folder or format_suffix(path) in suffixes}
+    return [(f"{path}{os.sep}" if is_folder else str(path), "") for path, is_folder in chosen.items()]
 
 
 def _folders(incomplete: str) -> list[Path]:

@@ -1,7 +1,7 @@
 """`meshfit measure`: measure one mesh against one target."""
 
 import json
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.markup import escape
@@ -9,16 +9,28 @@ from rich.table import Table
 
 from meshfit.cli import completions
 from meshfit.cli.console import out
-from meshfit.cli.options import AsJson
+from meshfit.cli.options import AsJson, MeshFormat, suggest_option
+from meshfit.errors import ConfigError
+from meshfit.paths import MESH_SUFFIXES, STREAM, format_suffix, is_pipe
+
+if TYPE_CHECKING:
+    from meshfit.mesh.mesh import Mesh
 
 
 def measure(
     result: Annotated[
-        str, typer.Argument(help="Mesh file of the result.", metavar="RESULT", autocompletion=completions.targets)
+        str,
+        typer.Argument(
+            help="Mesh file of the result; - is standard input.", metavar="RESULT", autocompletion=completions.targets
+        ),
     ],
     target: Annotated[
         str,
-        typer.Argument(help="Mesh file or name of the target.", metavar="TARGET", autocompletion=completions.targets),
+        typer.Argument(
+            help="Mesh file or name of the target; - is standard input.",
+            metavar="TARGET",
+            autocompletion=completions.targets,
+        ),
     ],
     samples: Annotated[
         int | None,
@@ -38,6 +50,7 @@ def measure(
             metavar="FRAME",
         ),
     ] = "none",
+    input_format: MeshFormat = None,
     as_json: AsJson = False,
 ) -> int:
     """Measure a mesh against a target.
@@ -48,13 +61,15 @@ def measure(
     Examples:
         meshfit measure result.ply target.obj
         meshfit measure decimated.obj bunny --normalise tutorial --json
+        zcat scan.ply.gz | meshfit measure - target.obj --format ply
     """
     from meshfit.measuring.measure import measure as measure_mesh
     from meshfit.measuring.settings import MeasureSettings
     from meshfit.mesh.normalisation import frame_of
-    from meshfit.mesh.targets import load_target
 
-    result_mesh, target_mesh = load_target(result), load_target(target)
+    if result == target == STREAM:
+        raise ConfigError("standard input can be only one of RESULT and TARGET")
+    result_mesh, target_mesh = _load(result, input_format), _load(target, input_format)
     frame = frame_of(target_mesh.verts, normalise)
     settings = MeasureSettings() if samples is None else MeasureSettings(samples=samples)
     values = measure_mesh(frame.normalise(result_mesh), frame.normalise(target_mesh), settings).to_dict()
@@ -63,6 +78,16 @@ def measure(
     else:
         out.print(_table(result, target, values))
     return 0
+
+
+def _load(name: str, input_format: str | None) -> "Mesh":
+    """Load a mesh; the format applies if the name does not tell it."""
+    from meshfit.mesh.targets import NAMED_TARGETS, load_target, open_target
+
+    if name in NAMED_TARGETS or (format_suffix(name) in MESH_SUFFIXES and not is_pipe(name)):
+        return load_target(name)
+    with suggest_option("--format"):
+        return load_target(name, file=open_target(name, file_format=input_format))
 
 
 def _table(result: str, target: str, values: dict[str, Any]) -> Table:

@@ -2,7 +2,8 @@
 
 import functools
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -10,9 +11,11 @@ from typing import Annotated, Any, Literal
 import typer
 
 from meshfit.cli import completions
+from meshfit.errors import FormatError, MeshError
 from meshfit.measuring.metrics import DEFAULT_METRIC
 
 SELECTION, EXECUTION, OUTPUT = "Selection", "Execution", "Output"
+FORMATS = "File formats"
 DEFAULT_RUNS = Path("runs")
 
 Runs = Annotated[
@@ -49,6 +52,26 @@ SchemeConfig = Annotated[
         help="Config whose `define` section may define the scheme.",
         metavar="CONFIG",
         autocompletion=completions.configs,
+    ),
+]
+MeshFormat = Annotated[
+    str | None,
+    typer.Option(
+        "--format",
+        help="Format of a mesh that is read from - (standard input), a pipe, or a file whose suffix does not tell it.",
+        metavar="FORMAT",
+        rich_help_panel=FORMATS,
+        autocompletion=completions.formats,
+    ),
+]
+OutputFormat = Annotated[
+    str | None,
+    typer.Option(
+        "--output-format",
+        help="Format of OUT in place of its suffix; needed for - (standard output).",
+        metavar="FORMAT",
+        rich_help_panel=FORMATS,
+        autocompletion=completions.formats,
     ),
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Hide progress.", rich_help_panel=OUTPUT)]
@@ -140,6 +163,17 @@ class RunOptions:
     baseline: Baseline = None
     quiet: Quiet = False
     as_json: AsJson = False
+
+
+@contextmanager
+def suggest_option(option: str) -> Iterator[None]:
+    """Let errors about the format of a mesh file name an option that gives it."""
+    try:
+        yield
+    except FormatError as error:
+        if error.file_format is None:
+            raise
+        raise MeshError(f"{error}{', or' if error.remedy else ';'} give {option} {error.file_format}") from None
 
 
 def takes_run_options(command: Callable[..., int]) -> Callable[..., int]:

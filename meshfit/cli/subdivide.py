@@ -1,19 +1,21 @@
 """`meshfit subdivide`: refine a mesh or curves, from file to file."""
 
+import os
 from dataclasses import dataclass
 from math import inf
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from meshfit.cli import completions
-from meshfit.cli.console import out
-from meshfit.cli.options import SchemeConfig
+from meshfit.cli.console import err, out
+from meshfit.cli.options import MeshFormat, OutputFormat, SchemeConfig, suggest_option
 from meshfit.errors import ConfigError, DomainError
+from meshfit.paths import STDOUT_PATHS, is_pipe, is_regular_file, looks_like_path, not_a_file_message, quoted_path
 from meshfit.units import count_text
 
 if TYPE_CHECKING:
+    from meshfit.mesh.io.mesh_file import MeshFile
     from meshfit.mesh.io.vertex_values import Values
     from meshfit.mesh.mesh import Mesh
     from meshfit.mesh.topology import Indices, Topology
@@ -21,6 +23,23 @@ if TYPE_CHECKING:
     from meshfit.subdivision.registry import Scheme
 
 _PARAMETERS, _CREASES, _LIMIT = "Scheme parameters", "Creases", "Loop limit surface"
+
+
+@dataclass(frozen=True)
+class _Files:
+    """The file that is read, and the one that is written.
+
+    Attributes:
+        source: name of the mesh or curve file, or of a target.
+        content: its content.
+        destination: path of the file to write.
+        output_format: its format, in place of its suffix.
+    """
+
+    source: str
+    content: "MeshFile"
+    destination: str
+    output_format: str | None
 
 
 @dataclass(frozen=True)
@@ -59,31 +78,31 @@ def _check(name: str, scheme: "Scheme", options: _SurfaceOptions) -> None:
             raise ConfigError(f"{option}: the limit surface is known for loop only, not for {name}")
 
 
-def _refine_surface(source: str, destination: Path, scheme: "Scheme", levels: int, options: _SurfaceOptions) -> str:
+def _refine_surface(files: _Files, scheme: "Scheme", levels: int, options: _SurfaceOptions) -> str:
     """Refine a surface from file to file, and return a summary of the counts."""
     from meshfit.mesh.io.files import save_mesh
     from meshfit.mesh.mesh import Mesh
     from meshfit.mesh.polygons import PolygonMesh
-    from meshfit.mesh.targets import load_target_with_vertex_map, target_path
+    from meshfit.mesh.targets import load_target_with_vertex_map
     from meshfit.subdivision.polygons.scheme import PolygonScheme
     from meshfit.subdivision.refine import subdivide
 
     on_polygons = isinstance(scheme, PolygonScheme)
-    mesh, numbering = load_target_with_vertex_map(source, polygons=on_polygons)
+    mesh, numbering = load_target_with_vertex_map(files.source, polygons=on_polygons, file=files.content)
     if options.alphas is not None:
-        scheme = scheme.with_alpha(_alphas(options.alphas, target_path(source), numbering))
+        scheme = scheme.with_alpha(_alphas(options.alphas, files.content, numbering))
     finer: Mesh | PolygonMesh
     creases = ""
     if isinstance(mesh, Mesh):
-        finer, creases = _refine_triangles(mesh, numbering, destination, scheme, levels, options)
+        finer, creases = _refine_triangles(mesh, numbering, files, scheme, levels, options)
     else:
         finer = subdivide(mesh, scheme, levels)
-        save_mesh(finer, destination)
+        save_mesh(finer, files.destination, file_format=files.output_format)
     return f"{mesh.num_faces:,} faces → {finer.num_faces:,} faces, {finer.num_verts:,} vertices{creases}"
 
 
 def _refine_triangles(
-    mesh: "Mesh", numbering: "Indices", destination: Path, scheme: "Scheme", levels: int, options: _SurfaceOptions
+    mesh: "Mesh", numbering: "Indices", files: _Files, scheme: "Scheme", levels: int, options: _SurfaceOptions
 ) -> tuple["Mesh", str]:
     """Refine and write triangles; return them and a summary of their creases."""
     from meshfit.mesh.io.files import save_mesh
@@ -101,19 +120,18 @@ def _refine_triangles(
     normals = loop_limit_normals(finer, scheme, refinement.creases) if options.normals else None
     if options.limit:
         finer = Mesh(loop_limit(Topology.of(finer), scheme, refinement.creases) @ finer.verts, finer.faces)
-    save_mesh(finer, destination, normals)
+    save_mesh(finer, files.destination, normals, file_format=files.output_format)
     return finer, "" if creases is None else f"; {_crease_counts(creases, topology)}"
 
 
-def _refine_curves(source: str, destination: Path, scheme: "Scheme", levels: int) -> str:
+def _refine_curves(files: _Files, scheme: "Scheme", levels: int) -> str:
     """Refine curves from file to file, and return a summary of the counts."""
     from meshfit.mesh.io.files import load_curves, save_curves
-    from meshfit.mesh.targets import target_path
     from meshfit.subdivision.refine import subdivide
 
-    curves = load_curves(target_path(source))
+    curves = load_curves(files.content)
     finer = subdivide(curves, scheme, levels)
-    save_curves(finer, destination)
+    save_curves(finer, files.destination, file_format=files.output_format)
     return f"{curves.num_segments:,} segments → {finer.num_segments:,} segments, {finer.num_verts:,} vertices"
 
 
@@ -125,14 +143,13 @@ def _number(text: str | None) -> float | None:
         return None
 
 
-def _alphas(text: str, mesh_path: Path, numbering: "Indices") -> "Values":
+def _alphas(text: str, mesh_file: "MeshFile", numbering: "Indices") -> "Values":
     from meshfit.mesh.io.vertex_values import read_vertex_property, read_vertex_values
 
     prefix, colon, name = text.partition(":")
     if colon and prefix == "attribute":
-        return read_vertex_property(mesh_path, name, numbering, (0.0, 1.0))
-    if not Path(text).is_file():
-        raise ConfigError(f"--alpha: expected a number, a file or attribute:NAME, got '{text}'")
+        return read_vertex_property(mesh_file, name, numbering, (0.0, 1.0))
+    _require_text_file(text, "--alpha: expected a number, a file or attribute:NAME")
     return read_vertex_values(text, numbering, (0.0, 1.0))
 
 
@@ -145,9 +162,16 @@ def _creases(text: str, sharpness: float, mesh: "Mesh", numbering: "Indices") ->
     degrees = _number(text)
     if degrees is not None:
         return creases_by_angle(mesh, degrees, sharpness)
-    if not Path(text).is_file():
-        raise ConfigError(f"--creases: expected a number of degrees or a file, got '{text}'")
+    _require_text_file(text, "--creases: expected a number of degrees or a file")
     return read_creases(text, Topology.of(mesh), numbering, sharpness)
+
+
+def _require_text_file(text: str, expected: str) -> None:
+    """Refuse a text that is not the path of a file or pipe."""
+    if is_regular_file(text) or is_pipe(text):
+        return
+    problem = f": {not_a_file_message(text, ('.txt',))}" if looks_like_path(text) or os.path.lexists(text) else ""
+    raise ConfigError(f"{expected}, got {quoted_path(text)}{problem}")
 
 
 def _crease_counts(creases: "Creases", topology: "Topology") -> str:
@@ -160,13 +184,17 @@ def subdivide(
     source: Annotated[
         str,
         typer.Argument(
-            help="Mesh or curve file, or name of a target.", metavar="IN", autocompletion=completions.targets
+            help="Mesh or curve file, or name of a target; - is standard input.",
+            metavar="IN",
+            autocompletion=completions.targets,
         ),
     ],
     destination: Annotated[
-        Path,
+        str,
         typer.Argument(
-            help="File to write; its suffix names the format.", metavar="OUT", autocompletion=completions.meshes
+            help="File to write; its suffix names the format. - is standard output.",
+            metavar="OUT",
+            autocompletion=completions.meshes,
         ),
     ],
     scheme: Annotated[
@@ -245,12 +273,16 @@ def subdivide(
             rich_help_panel=_LIMIT,
         ),
     ] = False,
+    input_format: MeshFormat = None,
+    output_format: OutputFormat = None,
 ) -> int:
     """Refine a mesh, or curves, by a subdivision scheme.
 
     Schemes on curves, such as four-point, read polylines: the `l` lines of an OBJ, or the edges of a PLY.
 
     Schemes on polygons keep the faces of the file and write polygons; schemes on triangles triangulate them.
+
+    Files may be compressed, as in head.ply.gz.
 
     Examples:
         meshfit subdivide head.obj fine.ply --scheme interp-loop --levels 2
@@ -261,9 +293,12 @@ def subdivide(
         meshfit subdivide cube.obj fine.obj -s catmull-clark -n 3
         meshfit subdivide curve.obj smooth.obj -s four-point -n 4
         meshfit subdivide head.obj fine.obj -s my-scheme.yaml
+        meshfit subdivide head.ply.gz - --output-format obj > fine.obj  # - is standard output, and input
     """
     from meshfit.config.loading import load_definitions
     from meshfit.config.scheme_files import resolve_specs
+    from meshfit.mesh.io.files import curve_output_suffix, mesh_output_suffix
+    from meshfit.mesh.targets import open_target
     from meshfit.subdivision.registry import SURFACES, domain_of, registry_with, resolve, schemes_on
 
     number = _number(alpha)
@@ -276,13 +311,19 @@ def subdivide(
     options = _SurfaceOptions(alphas, creases, sharpness, limit=limit, normals=normals)
     _check(spec, declared, options)
     on_curves = domain_of(declared) == "curves"
+    with suggest_option("--output-format"):
+        (curve_output_suffix if on_curves else mesh_output_suffix)(destination, output_format)
     try:
-        if on_curves:
-            counts = _refine_curves(source, destination, declared, levels)
-        else:
-            counts = _refine_surface(source, destination, declared, levels, options)
+        with suggest_option("--format"):
+            content = open_target(source, "curve" if on_curves else "mesh", input_format)
+            files = _Files(source, content, destination, output_format)
+            if on_curves:
+                counts = _refine_curves(files, declared, levels)
+            else:
+                counts = _refine_surface(files, declared, levels, options)
     except DomainError as error:
         others = f"surfaces: {schemes_on(*SURFACES)}" if on_curves else f"curves: {schemes_on('curves')}"
         raise DomainError(f"{error}; schemes on {others}") from None
-    out.print(f"{destination}: {counts}", soft_wrap=True, markup=False)
+    console, name = (err, "standard output") if destination in STDOUT_PATHS else (out, destination)
+    console.print(f"{name}: {counts}", soft_wrap=True, markup=False)
     return 0

@@ -1,5 +1,6 @@
 """Load the settings of an experiment from the name or path of a config and overrides."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,7 @@ from meshfit.config.scheme_files import read_scheme_files, relative_to_folder
 from meshfit.config.strict_yaml import parse_value, read_document
 from meshfit.config.sweeps import variants_of
 from meshfit.errors import ConfigError
-from meshfit.paths import CONFIG_SUFFIXES, bundled_folder, missing_file_message
+from meshfit.paths import CONFIG_SUFFIXES, bundled_folder, format_suffix, is_regular_file, not_a_file_message, path_text
 from meshfit.settings import KeyPath, apply_changes, build, deep_merge, nested
 from meshfit.specs import suggest
 from meshfit.subdivision.custom.definitions import Definition
@@ -75,13 +76,11 @@ def config_path(name_or_path: str) -> Path:
     if name_or_path in configs:
         return configs[name_or_path]
     path = Path(name_or_path)
-    if path.is_file():
+    if is_regular_file(path):
         return path
-    if path.is_dir():
-        raise ConfigError(f"{name_or_path}: expected a YAML file, got a directory")
-    if path.suffix in CONFIG_SUFFIXES or len(path.parts) > 1:
+    if format_suffix(path) in CONFIG_SUFFIXES or len(path.parts) > 1 or os.path.lexists(path):
         remedy = f"`meshfit init {path}` writes one"
-        raise ConfigError(f"{name_or_path}: {missing_file_message(path, CONFIG_SUFFIXES, remedy)}")
+        raise ConfigError(f"{path_text(name_or_path)}: {not_a_file_message(path, CONFIG_SUFFIXES, remedy)}")
     raise ConfigError(f"'{name_or_path}' is neither a config nor a file: {suggest(name_or_path, configs)}")
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from meshfit.config.strict_yaml import Document, read_document
 from meshfit.errors import ConfigError
-from meshfit.paths import CONFIG_SUFFIXES, missing_file_message
+from meshfit.paths import CONFIG_SUFFIXES, is_regular_file, not_a_file_message, path_text
 from meshfit.settings import KeyPath, Settings, build, dotted
 from meshfit.subdivision.custom.definitions import Definition
 from meshfit.subdivision.registry import UserSchemes
@@ -123,10 +123,8 @@ class _Reader:
             if self.files[name].path.resolve() != path.resolve():
                 raise ConfigError(f"{place}{path}: {self.files[name].path} defines '{name}' too; rename one")
             return
-        if path.is_dir():
-            raise ConfigError(f"{place}{path}: expected a YAML file, got a directory")
-        if not path.is_file():
-            raise ConfigError(f"{place}{path}: {missing_file_message(path, CONFIG_SUFFIXES)}")
+        if not is_regular_file(path):
+            raise ConfigError(f"{place}{path_text(path)}: {not_a_file_message(path, CONFIG_SUFFIXES)}")
         document = read_document(path)
         self.files[name] = SchemeFile(path, document)
         base = document.data.get("base")

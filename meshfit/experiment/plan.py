@@ -14,6 +14,7 @@ from meshfit.config.loading import Experiment
 from meshfit.config.sweeps import Variant, variants_of
 from meshfit.experiment.source import build_source, source_files
 from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path, target_title
+from meshfit.paths import file_stem
 from meshfit.subdivision.registry import NamedScheme
 
 RESULTS_VERSION = 2
@@ -114,7 +115,7 @@ class Trial:
 
 def target_label(target: str) -> str:
     """The short name of a target: that of a named one, or the stem of a file."""
-    return target if target in NAMED_TARGETS else Path(target).stem
+    return target if target in NAMED_TARGETS else file_stem(target)
 
 
 def plan(experiments: Sequence[Experiment], *, remote: bool = False) -> list[Trial]:

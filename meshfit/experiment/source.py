@@ -1,5 +1,6 @@
 """Source meshes: a control mesh, read or built, placed, and refined by a scheme."""
 
+import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from math import inf, log
@@ -17,6 +18,7 @@ from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.solids import POLYGON_SOLIDS, SOLIDS
 from meshfit.mesh.targets import NAMED_TARGETS, load_target_with_vertex_map, target_path
 from meshfit.mesh.topology import Indices, PolygonTopology, Topology
+from meshfit.paths import STREAM, is_regular_file, looks_like_path
 from meshfit.specs import parse_spec, suggest
 from meshfit.subdivision.creases import Creases, creases_by_angle, read_creases
 from meshfit.subdivision.polygons.scheme import PolygonScheme
@@ -116,8 +118,11 @@ def _control_mesh_path(name: str) -> Path | None:
     """The file of a control mesh; None for a built-in one."""
     if name in SOLIDS or name.partition(":")[0] == "icosphere":
         return None
-    if name in NAMED_TARGETS or Path(name).is_file():
+    if name in NAMED_TARGETS or is_regular_file(name):
         return target_path(name)
+    if name == STREAM or looks_like_path(name) or os.path.lexists(name):
+        with _error_prefix("source.mesh"):
+            return target_path(name)
     allowed = [*SOLIDS, "icosphere", *NAMED_TARGETS]
     raise ConfigError(f"source.mesh: '{name}': {suggest(name, allowed)}, or the path of a mesh file")
 

@@ -2,17 +2,33 @@
 
 import hashlib
 import importlib.util
+import os
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 from meshfit.errors import MeshError, MeshfitWarning
+from meshfit.mesh.io.mesh_file import MeshFile, read_file
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.topology import Indices
-from meshfit.paths import MESH_SUFFIXES, bundled_folder, missing_file_message
+from meshfit.paths import (
+    MESH_SUFFIXES,
+    STREAM,
+    bundled_folder,
+    file_stem,
+    format_suffix,
+    is_pipe,
+    is_regular_file,
+    looks_like_path,
+    not_a_file_message,
+    path_text,
+    quoted_path,
+    read_error_message,
+    similar_file,
+)
 from meshfit.specs import suggest
 
 
@@ -85,75 +101,102 @@ def target_path(target: str) -> Path:
         target: a name of `NAMED_TARGETS`, or a path; anything with a suffix or a separator is a path.
 
     Raises:
-        MeshError: neither a known name nor a file, or a named target whose file is missing or not the expected one.
+        MeshError: neither a known name nor a file, a pipe or standard input, which can be read only once, or a named
+            target whose file is missing or not the expected one.
     """
     named = NAMED_TARGETS.get(target)
     if named is not None:
         return _verified(target, named)
+    if target == STREAM:
+        raise MeshError("standard input can be read only once; save it to a file, and give that")
     path = Path(target)
-    if path.is_file():
+    if is_regular_file(path):
         return path
-    if path.is_dir():
-        raise MeshError(f"{target}: expected a mesh file, got a directory")
-    if path.suffix or len(path.parts) > 1:
-        raise MeshError(f"{target}: {missing_file_message(path, MESH_SUFFIXES)}")
+    if looks_like_path(target) or not target or os.path.lexists(path):
+        raise MeshError(f"{path_text(target)}: {not_a_file_message(target, MESH_SUFFIXES)}")
+    similar = similar_file(path, MESH_SUFFIXES)
+    or_file = quoted_path(similar) if similar is not None else "the path of a mesh file"
     raise MeshError(
-        f"'{target}' is neither a target nor a file: {suggest(target, NAMED_TARGETS)}, or the path of a mesh file"
+        f"{quoted_path(target)} is neither a target nor a file: {suggest(target, NAMED_TARGETS)}, or {or_file}"
     )
 
 
-def load_target(target: str) -> Mesh:
+def open_target(target: str, kind: Literal["mesh", "curve"] = "mesh", file_format: str | None = None) -> MeshFile:
+    """Read the file of a target once; with a format, a pipe or `-` for standard input as well.
+
+    Args:
+        target: as for `target_path`.
+        kind: of the file's content.
+        file_format: the format, such as `ply`, in place of the suffix.
+
+    Raises:
+        MeshError: as `target_path` and `open_mesh_file` do.
+    """
+    from meshfit.mesh.io.files import open_mesh_file  # imports scipy, which a list of names does not need
+
+    is_stream = target not in NAMED_TARGETS and (target == STREAM or is_pipe(target))
+    return open_mesh_file(target if is_stream else target_path(target), kind, file_format)
+
+
+def load_target(target: str, *, file: MeshFile | None = None) -> Mesh:
     """Load a target, by name or path, in its own coordinates.
+
+    Args:
+        target: as for `target_path`.
+        file: its file, if `open_target` has read it already.
 
     Raises:
         MeshError: as `target_path` and `load_mesh` do.
     """
-    from meshfit.mesh.io.files import load_mesh  # imports scipy, which a list of names does not need
+    from meshfit.mesh.io.files import load_mesh
 
-    return _load(target, load_mesh)
+    return _load(target, file, load_mesh)
 
 
-def load_target_with_vertex_map(target: str, *, polygons: bool) -> tuple[Mesh | PolygonMesh, Indices]:
+def load_target_with_vertex_map(
+    target: str, *, polygons: bool, file: MeshFile | None = None
+) -> tuple[Mesh | PolygonMesh, Indices]:
     """Load a target as triangles or with the faces of its file, and with its vertex map.
+
+    Arguments are those of `load_target`.
 
     Raises:
         MeshError: as `target_path` and `load_mesh_with_vertex_map` do.
     """
     from meshfit.mesh.io.files import load_mesh_with_vertex_map, load_polygons_with_vertex_map
 
-    load: Callable[[Path], tuple[Mesh | PolygonMesh, Indices]] = (
+    load: Callable[[Path | MeshFile], tuple[Mesh | PolygonMesh, Indices]] = (
         load_polygons_with_vertex_map if polygons else load_mesh_with_vertex_map
     )
-    return _load(target, load)
+    return _load(target, file, load)
 
 
-def _load(target: str, load: Callable[[Path], _Loaded]) -> _Loaded:
-    path = target_path(target)
+def _load(target: str, file: MeshFile | None, load: Callable[[Path | MeshFile], _Loaded]) -> _Loaded:
     with warnings.catch_warnings():
         if target in NAMED_TARGETS:  # its faults are known, and listed in `origin`
             warnings.simplefilter("ignore", MeshfitWarning)
-        return load(path)
+        return load(target_path(target) if file is None else file)
 
 
 def file_sha256(path: Path) -> str:
     """Return the SHA-256 of a file's content, in hexadecimal; of a glTF file, with the buffers beside it."""
     try:
-        content = path.read_bytes()
-        sha256 = hashlib.sha256(content)
-        for buffer in _buffer_files(path, content):
+        sha256 = hashlib.sha256(path.read_bytes())
+        for buffer in _buffer_files(path):
             sha256.update(buffer.read_bytes())
     except OSError as error:
-        raise MeshError(f"{path}: cannot be read: {error.strerror}") from error
+        raise MeshError(f"{path_text(path)}: {read_error_message(error)}") from error
     return sha256.hexdigest()
 
 
-def _buffer_files(path: Path, content: bytes) -> list[Path]:
-    if not path.name.lower().endswith((".gltf", ".glb")):
+def _buffer_files(path: Path) -> list[Path]:
+    suffixes = (".gltf", ".glb")
+    if format_suffix(path) not in suffixes:
         return []
     from meshfit.mesh.io.gltf import gltf_files
 
     try:
-        return gltf_files(content, path.parent)
+        return gltf_files(read_file(path, suffixes, "mesh").content, path.parent)
     except MeshError:  # loading the file says what is wrong with it
         return []
 
@@ -161,7 +204,7 @@ def _buffer_files(path: Path, content: bytes) -> list[Path]:
 def target_title(target: str) -> str:
     """Return the name of a target in tables: the title of a named one, the stem of a file."""
     named = NAMED_TARGETS.get(target)
-    return named.title if named else Path(target).stem
+    return named.title if named else file_stem(target)
 
 
 def _verified(name: str, named: NamedTarget) -> Path:

@@ -62,7 +62,7 @@ def test_what_is_not_there_is_said(tmp_path, monkeypatch):
     assert refusal("gone/quickstart") == "gone/quickstart: no such file: there is no folder gone"
     message = "'quikstart' is neither a config nor a file: did you mean 'quickstart'? allowed: quickstart"
     assert refusal("quikstart").startswith(message.removesuffix("allowed: quickstart"))
-    assert refusal(str(tmp_path)) == f"{tmp_path}: expected a YAML file, got a directory"
+    assert refusal(str(tmp_path)) == f"{tmp_path}: expected a file, got a directory"
 
 
 def test_a_file_that_is_no_text(tmp_path):

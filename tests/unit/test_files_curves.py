@@ -171,8 +171,10 @@ def test_paths_that_cannot_be_read_or_written(tmp_path):
     curves = Curves.through(np.eye(3))
     with pytest.raises(MeshError, match=r"a\.stl: unknown curve format '\.stl'; allowed: \.obj, \.ply"):
         save_curves(curves, tmp_path / "a.stl")
+    (tmp_path / "a").write_text("v 0 0 0\nv 1 0 0\nl 1 2\n")
     with pytest.raises(MeshError, match="no suffix to tell the curve format"):
         load_curves(tmp_path / "a")
+    assert load_curves(tmp_path / "a", file_format="obj").num_segments == 1
     with pytest.raises(MeshError, match=r"gone/a\.ply: cannot be written: there is no folder"):
         save_curves(curves, tmp_path / "gone" / "a.ply")
     save_curves(curves, tmp_path / "curve.obj")

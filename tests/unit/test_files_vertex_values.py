@@ -93,11 +93,11 @@ def test_welded_verts_must_agree(tmp_path):
 
 def test_properties_that_are_not_there(tmp_path):
     path = ply_file(tmp_path)
-    with pytest.raises(MeshError, match="'beta' cannot be read: its vertices have no property 'beta'; they have x, a"):
+    with pytest.raises(MeshError, match=r"'beta' cannot be read: .* has no property 'beta'; it has x, a"):
         read_vertex_property(path, "beta", SAME)
     with pytest.raises(MeshError, match="from a PLY file only; use a text file with one number per line"):
         read_vertex_property(tmp_path / "solid.obj", "alpha", SAME)
-    with pytest.raises(MeshError, match="'alpha' cannot be read"):
+    with pytest.raises(MeshError, match="no such file"):
         read_vertex_property(tmp_path / "gone.ply", "alpha", SAME)
     listed = path.read_text().replace("property float alpha", "property list uchar float alpha")
     path.write_text(listed)

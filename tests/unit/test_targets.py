@@ -96,7 +96,7 @@ def test_what_looks_like_a_path_is_called_a_file(name):
 
 
 def test_a_directory_is_no_mesh(tmp_path):
-    assert said_of(str(tmp_path)) == f"{tmp_path}: expected a mesh file, got a directory"
+    assert said_of(str(tmp_path)) == f"{tmp_path}: expected a file, got a directory"
 
 
 def test_a_file_is_a_target_too_and_a_name_comes_before_a_file(monkeypatch, tmp_path):

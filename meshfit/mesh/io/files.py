@@ -4,7 +4,7 @@ import warnings
 from collections.abc import Callable, Collection
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 from jaxtyping import Float64
@@ -13,10 +13,11 @@ from meshfit.errors import DomainError, MeshError, MeshfitWarning
 from meshfit.mesh.cleaning import clean, require_finite_verts
 from meshfit.mesh.curves import Chains, Curves, Segments, join_segments
 from meshfit.mesh.io import gltf, obj, off, ply, stl
+from meshfit.mesh.io.mesh_file import MeshFile, output_suffix, read_file, write_file, wrong_format
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup, fan_triangles
 from meshfit.mesh.topology import Indices
-from meshfit.paths import missing_file_message, write_error_message
+from meshfit.paths import path_text
 
 Normals = Float64[np.ndarray, "V 3"]
 _Content = TypeVar("_Content")
@@ -59,106 +60,147 @@ CURVE_FORMATS = {
 }
 
 
-def load_mesh(path: str | Path) -> Mesh:
-    """Read a triangle mesh from an OBJ, PLY, STL, OFF, GLB or glTF file; triangulate polygons and weld seams.
+def load_mesh(path: str | Path | MeshFile, *, file_format: str | None = None) -> Mesh:
+    """Read a triangle mesh in one of `FORMATS`; triangulate polygons and weld seams.
+
+    Args:
+        path: of the file, which may be compressed (`.gz`, `.bz2`, `.xz`); the text `-` is standard input.
+        file_format: the format, such as `ply`, in place of the suffix; pipes and standard input have none.
 
     Example:
         >>> mesh = load_mesh("bunny.obj")  # doctest: +SKIP
 
     Raises:
-        MeshError: no such file, an unknown suffix, an unreadable file, or a mesh that `clean` refuses.
+        MeshError: no such file, an unknown format, an unreadable file, or a mesh that `clean` refuses.
 
     Warns:
         MeshfitWarning: as `clean` does.
     """
-    return load_mesh_with_vertex_map(path)[0]
+    return load_mesh_with_vertex_map(path, file_format=file_format)[0]
 
 
-def load_mesh_with_vertex_map(path: str | Path) -> tuple[Mesh, Indices]:
+def load_mesh_with_vertex_map(path: str | Path | MeshFile, *, file_format: str | None = None) -> tuple[Mesh, Indices]:
     """Return the mesh of `load_mesh`, and (N,) the index in it of each vertex of the file.
 
     Welded vertices share an index; dropped ones have `NONE`. Errors and warnings are those of `load_mesh`.
     """
-    soup = _read_soup(Path(path))
+    file = _opened(path, "mesh", file_format)
+    soup = _read_soup(file)
     triangles = PolygonSoup.of_triangles(soup.verts, fan_triangles(soup.corners, soup.sizes))
-    mesh, vertex_map = clean(triangles, str(path))
+    mesh, vertex_map = clean(triangles, file.name)
     return mesh.triangulated(), vertex_map
 
 
-def load_polygons(path: str | Path) -> PolygonMesh:
-    """Read a mesh from an OBJ, PLY, STL, OFF, GLB or glTF file; keep its faces as they are and weld seams.
+def load_polygons(path: str | Path | MeshFile, *, file_format: str | None = None) -> PolygonMesh:
+    """Read a mesh in one of `FORMATS`; keep its faces as they are and weld seams.
 
     Example:
         >>> mesh = load_polygons("quads.obj")  # doctest: +SKIP
 
-    Errors and warnings are those of `load_mesh`.
+    Arguments, errors and warnings are those of `load_mesh`.
     """
-    return load_polygons_with_vertex_map(path)[0]
+    return load_polygons_with_vertex_map(path, file_format=file_format)[0]
 
 
-def load_polygons_with_vertex_map(path: str | Path) -> tuple[PolygonMesh, Indices]:
+def load_polygons_with_vertex_map(
+    path: str | Path | MeshFile, *, file_format: str | None = None
+) -> tuple[PolygonMesh, Indices]:
     """Return the mesh of `load_polygons`, and (N,) the index in it of each vertex of the file."""
-    return clean(_read_soup(Path(path)), str(path))
+    file = _opened(path, "mesh", file_format)
+    return clean(_read_soup(file), file.name)
 
 
-def load_curves(path: str | Path) -> Curves:
+def load_curves(path: str | Path | MeshFile, *, file_format: str | None = None) -> Curves:
     """Read curves from an OBJ or PLY file; join segments that share vertices to chains, as long as possible.
 
     A chain that ends where it starts is closed. Faces are ignored, and vertices of no segment dropped.
+
+    Args:
+        path: as for `load_mesh`.
+        file_format: as for `load_mesh`.
 
     Example:
         >>> curves = load_curves("profile.obj")  # doctest: +SKIP
 
     Raises:
-        MeshError: no such file, an unknown suffix, an unreadable file or one without curves, a coordinate that is not
+        MeshError: no such file, an unknown format, an unreadable file or one without curves, a coordinate that is not
             finite or beyond 1e60, a segment with an index out of range, or curves that branch.
 
     Warns:
         MeshfitWarning: with the number of dropped vertices.
     """
-    path = Path(path)
-    suffix = _known_suffix(path, CURVE_FORMATS, "curve")
-    verts, segments = _read_file(path, CURVE_FORMATS, CURVE_FORMATS[suffix].read)
+    file = _opened(path, "curve", file_format)
+    form = CURVE_FORMATS[file.suffix]
+    verts, segments = _parse(file, form.read, CURVE_FORMATS)
     if not len(segments):
-        raise DomainError(
-            f"{path}: no curves in it; {suffix[1:].upper()} holds them as {CURVE_FORMATS[suffix].elements}"
-        )
-    require_finite_verts(verts, str(path))
-    return _without_unused_verts(verts, join_segments(len(verts), segments, str(path)), str(path))
+        raise DomainError(f"{file.name}: no curves in it; {file.suffix[1:].upper()} holds them as {form.elements}")
+    require_finite_verts(verts, file.name)
+    return _without_unused_verts(verts, join_segments(len(verts), segments, file.name), file.name)
 
 
-def save_mesh(mesh: Mesh | PolygonMesh, path: str | Path, normals: Normals | None = None) -> None:
+def open_mesh_file(path: str | Path, kind: Literal["mesh", "curve"], file_format: str | None = None) -> MeshFile:
+    """Read a file's bytes once, for functions that take it in place of a path.
+
+    Args:
+        path: as for `load_mesh`.
+        kind: of its content.
+        file_format: as for `load_mesh`.
+
+    Raises:
+        FormatError: the format is not known, or the content is not of it.
+        MeshError: no such file, or one that cannot be read.
+    """
+    return read_file(path, FORMATS if kind == "mesh" else CURVE_FORMATS, kind, file_format)
+
+
+def save_mesh(
+    mesh: Mesh | PolygonMesh, path: str | Path, normals: Normals | None = None, *, file_format: str | None = None
+) -> None:
     """Write a mesh in the format of the suffix, in double precision except STL, GLB and glTF, which are single.
 
     OBJ, OFF and PLY keep polygons; STL, GLB and glTF get their triangles.
 
     Args:
         mesh: V vertices.
-        path: of the file.
+        path: of the file, compressed if it ends in `.gz`, `.bz2` or `.xz`; the text `-` is standard output.
         normals: (V, 3) of the vertices, for OBJ and PLY.
+        file_format: the format, such as `ply`, in place of the suffix.
 
     Raises:
-        MeshError: an unknown suffix or one without normals, coordinates too large for single precision, or a path that
+        MeshError: an unknown format or one without normals, coordinates too large for single precision, or a path that
             cannot be written.
     """
-    path = Path(path)
-    suffix = _known_suffix(path, FORMATS, "mesh")
+    suffix, name = mesh_output_suffix(path, file_format), path_text(path)
     if not FORMATS[suffix].double and not np.abs(mesh.verts).max(initial=0.0) <= _LARGEST_SINGLE:
-        raise MeshError(f"{path}: {suffix[1:].upper()} holds single precision, too small for the coordinates")
+        raise MeshError(f"{name}: {suffix[1:].upper()} holds single precision, too small for the coordinates")
     if normals is not None and not FORMATS[suffix].normals:
         with_normals = " and ".join(suffix for suffix, form in FORMATS.items() if form.normals)
-        raise MeshError(f"{path}: vertex normals can be written to {with_normals} files only")
-    _write_content(path, encode_mesh(mesh, suffix, normals))
+        raise MeshError(f"{name}: vertex normals can be written to {with_normals} files only")
+    write_file(path, encode_mesh(mesh, suffix, normals))
 
 
-def save_curves(curves: Curves, path: str | Path) -> None:
-    """Write curves as OBJ or PLY, by the suffix, in double precision.
+def save_curves(curves: Curves, path: str | Path, *, file_format: str | None = None) -> None:
+    """Write curves as OBJ or PLY, in double precision.
+
+    Args:
+        curves: the curves.
+        path: as for `save_mesh`.
+        file_format: as for `save_mesh`.
 
     Raises:
-        MeshError: an unknown suffix, or a path that cannot be written.
+        MeshError: an unknown format, or a path that cannot be written.
     """
-    path = Path(path)
-    _write_content(path, encode_curves(curves, _known_suffix(path, CURVE_FORMATS, "curve")))
+    write_file(path, encode_curves(curves, curve_output_suffix(path, file_format)))
+
+
+def mesh_output_suffix(path: str | Path, file_format: str | None = None) -> str:
+    """Return the suffix of the format in which `save_mesh` writes a file; unknown ones raise MeshError."""
+    return output_suffix(path, FORMATS, "mesh", file_format)
+
+
+def curve_output_suffix(path: str | Path, file_format: str | None = None) -> str:
+    """Return the suffix of the format in which `save_curves` writes a file; unknown ones raise MeshError."""
+    return output_suffix(path, CURVE_FORMATS, "curve", file_format)
 
 
 def encode_mesh(mesh: Mesh | PolygonMesh, suffix: str, normals: Normals | None = None) -> bytes:
@@ -172,61 +214,39 @@ def encode_curves(curves: Curves, suffix: str) -> bytes:
     return CURVE_FORMATS[suffix].write(curves)
 
 
-def _read_soup(path: Path) -> PolygonSoup:
-    form = FORMATS[_known_suffix(path, FORMATS, "mesh")]
-    soup = _read_file(path, FORMATS, partial(form.read, folder=path.parent) if form.folder else form.read)
+def _opened(path: str | Path | MeshFile, kind: Literal["mesh", "curve"], file_format: str | None) -> MeshFile:
+    return path if isinstance(path, MeshFile) else open_mesh_file(path, kind, file_format)
+
+
+def _read_soup(file: MeshFile) -> PolygonSoup:
+    form = FORMATS[file.suffix]
+    soup = _parse(file, partial(form.read, folder=file.folder) if form.folder else form.read, FORMATS)
     if not len(soup.verts):
-        raise _unreadable(path, "no vertices in it; another format, or cut short")
+        raise _unreadable(file, "no vertices in it; another format, or cut short", FORMATS)
     return soup
 
 
-def _read_file(path: Path, suffixes: Collection[str], parse: Callable[[bytes], _Content]) -> _Content:
-    """Return the parsed content of a file, or turn any exception that a damaged one causes into one line."""
-    try:
-        content = path.read_bytes()
-    except FileNotFoundError:
-        raise MeshError(f"{path}: {missing_file_message(path, suffixes)}") from None
-    except OSError as error:
-        raise MeshError(f"{path}: cannot be read: {error.strerror}") from error
-    if not content.strip():
-        raise MeshError(f"{path}: the file is empty")
-    return _parse(path, content, parse)
-
-
-def _parse(path: Path, content: bytes, parse: Callable[[bytes], _Content]) -> _Content:
+def _parse(file: MeshFile, parse: Callable[[bytes], _Content], suffixes: Collection[str]) -> _Content:
     """Return the parsed content of a file; its name precedes the errors and warnings of the parser."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            parsed = parse(content)
+            parsed = parse(file.content)
         except MeshError as error:
-            raise _unreadable(path, str(error)) from None
+            raise _unreadable(file, str(error), suffixes) from None
+        except MemoryError:
+            raise MeshError(f"{file.name}: the file needs more memory than is free") from None
         except Exception as error:
-            raise _unreadable(path, "the file is damaged, or of another format") from error
+            raise _unreadable(file, "the file is damaged, or of another format", suffixes) from error
     for warning in caught:
         if issubclass(warning.category, MeshfitWarning):
-            warnings.warn(f"{path}: {warning.message}", MeshfitWarning, stacklevel=5)
+            warnings.warn(f"{file.name}: {warning.message}", MeshfitWarning, stacklevel=4)
     return parsed
 
 
-def _unreadable(path: Path, reason: str) -> MeshError:
-    return MeshError(f"{path}: cannot be read as {path.suffix[1:].upper()}: {reason}")
-
-
-def _known_suffix(path: Path, suffixes: Collection[str], kind: str) -> str:
-    """Return the suffix of a mesh or curve file in lower case, or refuse an unknown one."""
-    suffix = path.suffix.lower()
-    if suffix not in suffixes:
-        fault = f"unknown {kind} format '{path.suffix}'" if path.suffix else f"no suffix to tell the {kind} format"
-        raise MeshError(f"{path}: {fault}; allowed: {', '.join(suffixes)}")
-    return suffix
-
-
-def _write_content(path: Path, content: bytes) -> None:
-    try:
-        path.write_bytes(content)
-    except OSError as error:
-        raise MeshError(f"{path}: {write_error_message(path, error)}") from error
+def _unreadable(file: MeshFile, reason: str, suffixes: Collection[str]) -> MeshError:
+    mismatch = wrong_format(file, suffixes)
+    return mismatch or MeshError(f"{file.name}: cannot be read as {file.suffix[1:].upper()}: {reason}")
 
 
 def _without_unused_verts(verts: Verts, chains: Chains, origin: str) -> Curves:

@@ -8,9 +8,11 @@ import numpy as np
 from jaxtyping import Float64
 
 from meshfit.errors import MeshError, MeshfitWarning
+from meshfit.mesh.io.mesh_file import MeshFile, read_file
 from meshfit.mesh.io.ply import read_ply_property
 from meshfit.mesh.io.text import read_word_lines
 from meshfit.mesh.topology import NONE, Indices
+from meshfit.paths import MESH_SUFFIXES, format_suffix, path_text
 
 Values = Float64[np.ndarray, "_"]
 
@@ -43,12 +45,12 @@ def read_vertex_values(path: str | Path, vertex_map: Indices, within: tuple[floa
 
 
 def read_vertex_property(
-    path: str | Path, name: str, vertex_map: Indices, within: tuple[float, float] = (-inf, inf)
+    path: str | Path | MeshFile, name: str, vertex_map: Indices, within: tuple[float, float] = (-inf, inf)
 ) -> Values:
     """Return (V,) a vertex property of a PLY file, such as `property float alpha`.
 
     Args:
-        path: of the mesh file.
+        path: of the mesh file; or the file, if it has been read.
         name: of the property.
         vertex_map: as for `read_vertex_values`.
         within: as for `read_vertex_values`.
@@ -57,18 +59,21 @@ def read_vertex_property(
         MeshError: the file is not a PLY or lacks the property, a value is not allowed, or vertices that were welded
             have different values.
     """
-    path = Path(path)
-    if path.suffix.lower() != ".ply":
+    origin, suffix = (path.name, path.suffix) if isinstance(path, MeshFile) else (path_text(path), format_suffix(path))
+    if suffix != ".ply":
         raise MeshError(
-            f"{path}: '{name}' can be read from a PLY file only; use a text file with one number per line instead"
+            f"{origin}: '{name}' can be read from a PLY file only; use a text file with one number per line instead"
         )
+    file = path if isinstance(path, MeshFile) else read_file(path, MESH_SUFFIXES, "mesh")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", MeshfitWarning)  # they were given when the mesh was read
-            values = read_ply_property(path.read_bytes(), name)
-    except (OSError, MeshError) as error:
-        raise MeshError(f"{path}: '{name}' cannot be read: {error}") from error
-    return _at_mesh_verts(values, vertex_map, within, f"{path}: '{name}'")
+            values = read_ply_property(file.content, name)
+    except MeshError as error:
+        raise MeshError(f"{file.name}: '{name}' cannot be read: {error}") from error
+    except Exception as error:
+        raise MeshError(f"{file.name}: '{name}' cannot be read: not all of its values are numbers") from error
+    return _at_mesh_verts(values, vertex_map, within, f"{file.name}: '{name}'")
 
 
 def _at_mesh_verts(values: Values, vertex_map: Indices, within: tuple[float, float], origin: str) -> Values:

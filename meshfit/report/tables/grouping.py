@@ -12,6 +12,7 @@ from meshfit.config.experiment import SOURCE_FILE_KEYS
 from meshfit.config.scheme_files import scheme_name_for
 from meshfit.errors import StoreError
 from meshfit.experiment.storage.run_directory import Result
+from meshfit.paths import file_stem
 from meshfit.report.tables.paper_numbers import PAPER_TARGETS
 from meshfit.settings import build
 from meshfit.statistics import BySeed
@@ -174,7 +175,7 @@ def shared_settings(result: Result) -> dict[str, Any]:
     settings["schema_version"] = result["schema_version"]
     for key in sorted(settings.keys() & _PATHS):
         # As in a trial's identity, the content of a file counts, and its folder does not.
-        settings[key] = settings[key] and Path(settings[key]).stem
+        settings[key] = settings[key] and file_stem(settings[key])
     for role, sha256 in result.get("inputs", {}).items():
         if role != "target":
             settings["source.sha256" if role == "source" else f"source.{role}.sha256"] = sha256[:12]
