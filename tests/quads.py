@@ -131,6 +131,22 @@ def _joined(one: list[int], two: list[int]) -> list[int] | None:
     return one + two[1:-1] if two[-1] == one[0] else None
 
 
+def merged(seed: int) -> PolygonMesh:
+    """A closed mesh of large polygons, most of whose verts have valence 2: neighbours merged at random."""
+    generator, rows = np.random.default_rng(seed), face_rows(PolygonMesh.of(mixed_closed()))
+    for _ in range(400):
+        one = rows[generator.integers(len(rows))]
+        k = generator.integers(len(one))
+        a, b = one[k - 1], one[k]
+        two = next(row for row in rows if (b, a) in zip(row, row[1:] + row[:1], strict=True))
+        if set(one) & set(two) == {a, b}:
+            rest = np.roll(two, -two.index(a)).tolist()[1:-1]
+            rows = [row for row in rows if row not in (one, two)] + [one[k:] + one[:k] + rest]
+    corners = [v for row in rows for v in row]
+    used, names = np.unique(corners, return_inverse=True)
+    return PolygonMesh(mixed_closed().verts[used], names, [len(row) for row in rows])
+
+
 def of_rows(verts: np.ndarray, rows: np.ndarray) -> PolygonMesh:
     """A mesh whose faces all have as many corners as the rows are long."""
     return PolygonMesh(verts, rows.reshape(-1), np.full(len(rows), rows.shape[1]))
@@ -163,6 +179,7 @@ VALENCE_2 = {
     "lens of 5": lambda: lens(5),
     "cut torus": lambda: cut(quad_torus(5, 4), 7),
     "cut corner": lambda: cut(quad_patch(4, 3), 0),
+    "merged": lambda: merged(3),
     "cube with a vertex in an edge": cube_with_a_vertex_in_an_edge,
     "triangle in a quad": lambda: PolygonMesh(np.eye(4)[:, :3], [0, 1, 2, 0, 2, 3, 1], [3, 4]),
     "two quads that share two edges": two_quads_that_share_two_edges,

@@ -26,7 +26,8 @@ from tests.shapes import mixed_closed, mixed_open
 by_spec = pytest.mark.parametrize("spec", VARIANTS)
 every_shape = over("shape", shapes_for)
 small_shapes = over(
-    "shape", lambda spec: [s for s in shapes_for(spec) if s in ("mixed open", "prism of 5") or spec in REGULAR]
+    "shape",
+    lambda spec: [s for s in shapes_for(spec) if s in ("mixed open", "prism of 5", "cut corner") or spec in REGULAR],
 )
 LEVELS = 2
 

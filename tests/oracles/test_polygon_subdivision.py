@@ -138,7 +138,7 @@ def sqrt2_twin(mesh: PolygonMesh) -> tuple[np.ndarray, list[tuple[int, ...]]]:
     return np.array(verts), [(a, first + left[b, a], b, first + f) for (a, b), f in left.items() if a < b]
 
 
-CLOSED_AT_2 = ("pillow", "lens of 5", "cut torus", "cube with a vertex in an edge")
+CLOSED_AT_2 = ("pillow", "lens of 5", "cut torus", "merged", "cube with a vertex in an edge")
 TWINS = {"doo-sabin": doo_sabin_twin, "sqrt2": sqrt2_twin}
 
 
