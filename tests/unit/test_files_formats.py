@@ -139,7 +139,9 @@ def test_objects_of_one_file_make_one_mesh(tmp_path):
         for line in moved.splitlines()
     )
     (tmp_path / "a.obj").write_text(f"o a\n{OBJ}o b\n{second}")
-    (tmp_path / "a.stl").write_text(f"solid a\n{SOLID}endsolid a\nsolid b\n{SOLID.replace('x 0', 'x 5')}endsolid b\n")
+    (tmp_path / "a.stl").write_text(
+        f"solid a\n{SOLID}endsolid a\nsolid b\n{SOLID.replace('x 0', 'x 5').replace('x 1', 'x 6')}endsolid b\n"
+    )
     for name in ("a.obj", "a.stl"):
         with pytest.warns(MeshfitWarning, match="2 separate components"):
             found = load_mesh(tmp_path / name)

@@ -64,6 +64,9 @@ def read_ply_property(content: bytes, name: str) -> NDArray[np.float64]:
     rows = read_elements(content).rows
     if "vertex" not in rows:
         raise MeshError("it has no vertices")
+    names = [prop.name for prop in rows["vertex"].element.properties]
+    if name not in names:
+        raise MeshError(f"its vertices have no property '{name}'; they have {', '.join(names) or 'none'}")
     return rows["vertex"].numbers(name).reshape(-1)
 
 
