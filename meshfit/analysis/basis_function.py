@@ -9,7 +9,7 @@ from jaxtyping import Float64, Int64
 
 from meshfit.analysis.stencil_meshes import Patch, StencilMeshes
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.polygons import fan_triangles
+from meshfit.mesh.triangulation import triangulate
 from meshfit.report.extra import import_optional
 from meshfit.report.figures.camera import camera_from
 from meshfit.report.figures.colours import INK
@@ -62,7 +62,8 @@ def basis_of(meshes: StencilMeshes, steps: int, dilation: int, radius: float) ->
         chosen, triangles = order[near[order]], np.empty((0, 3), dtype=np.int64)
     else:
         chosen = np.flatnonzero(near)
-        every = fan_triangles(finer.topology.corners, finer.topology.sizes)
+        flat = np.pad(places @ np.array(meshes.axes), ((0, 0), (0, 1)))
+        every = triangulate(flat, finer.topology.corners, finer.topology.sizes)
         place = np.full(len(places), -1)
         place[chosen] = np.arange(len(chosen))
         triangles = place[every]

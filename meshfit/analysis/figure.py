@@ -184,7 +184,7 @@ def _draw_limit_surface(scheme: Scheme, size: tuple[int, int], *, regular: bool)
 
 
 def _triangles(mesh: Mesh | PolygonMesh) -> Mesh:
-    return mesh.with_short_diagonals().triangulated() if isinstance(mesh, PolygonMesh) else mesh
+    return mesh.triangulated() if isinstance(mesh, PolygonMesh) else mesh
 
 
 def _draw_limit_curve(axes: Any, scheme: CurveScheme) -> None:  # noqa: ANN401  matplotlib is optional

@@ -9,11 +9,12 @@ from rich.table import Table
 
 from meshfit.cli import completions
 from meshfit.cli.console import out
-from meshfit.cli.options import AsJson, MeshFormat, suggest_option
+from meshfit.cli.options import AsJson, MeshFormat, RepairMode, Weld, suggest_option
 from meshfit.errors import ConfigError
 from meshfit.paths import MESH_SUFFIXES, STREAM, format_suffix, is_pipe
 
 if TYPE_CHECKING:
+    from meshfit.mesh.cleaning import CleaningOptions
     from meshfit.mesh.mesh import Mesh
 
 
@@ -51,6 +52,8 @@ def measure(
         ),
     ] = "none",
     input_format: MeshFormat = None,
+    weld: Weld = 0.0,
+    repair: RepairMode = "split",
     as_json: AsJson = False,
 ) -> int:
     """Measure a mesh against a target.
@@ -65,11 +68,13 @@ def measure(
     """
     from meshfit.measuring.measure import measure as measure_mesh
     from meshfit.measuring.settings import MeasureSettings
+    from meshfit.mesh.cleaning import CleaningOptions
     from meshfit.mesh.normalisation import frame_of
 
     if result == target == STREAM:
         raise ConfigError("standard input can be only one of RESULT and TARGET")
-    result_mesh, target_mesh = _load(result, input_format), _load(target, input_format)
+    cleaning = CleaningOptions(weld, repair)
+    result_mesh, target_mesh = (_load(name, cleaning, input_format) for name in (result, target))
     frame = frame_of(target_mesh.verts, normalise)
     settings = MeasureSettings() if samples is None else MeasureSettings(samples=samples)
     values = measure_mesh(frame.normalise(result_mesh), frame.normalise(target_mesh), settings).to_dict()
@@ -80,14 +85,14 @@ def measure(
     return 0
 
 
-def _load(name: str, input_format: str | None) -> "Mesh":
+def _load(name: str, cleaning: "CleaningOptions", input_format: str | None) -> "Mesh":
     """Load a mesh; the format applies if the name does not tell it."""
     from meshfit.mesh.targets import NAMED_TARGETS, load_target, open_target
 
     if name in NAMED_TARGETS or (format_suffix(name) in MESH_SUFFIXES and not is_pipe(name)):
-        return load_target(name)
+        return load_target(name, cleaning)
     with suggest_option("--format"):
-        return load_target(name, file=open_target(name, file_format=input_format))
+        return load_target(name, cleaning, file=open_target(name, file_format=input_format))
 
 
 def _table(result: str, target: str, values: dict[str, Any]) -> Table:

@@ -15,7 +15,7 @@ from meshfit.errors import FormatError, MeshError
 from meshfit.measuring.metrics import DEFAULT_METRIC
 
 SELECTION, EXECUTION, OUTPUT = "Selection", "Execution", "Output"
-FORMATS = "File formats"
+FORMATS, CLEANING = "File formats", "Cleaning of mesh files"
 DEFAULT_RUNS = Path("runs")
 
 Runs = Annotated[
@@ -72,6 +72,26 @@ OutputFormat = Annotated[
         metavar="FORMAT",
         rich_help_panel=FORMATS,
         autocompletion=completions.formats,
+    ),
+]
+Weld = Annotated[
+    float,
+    typer.Option(
+        "--weld",
+        min=0.0,
+        help="Join boundary vertices up to this distance, in the unit of the file.",
+        show_default="equal positions only",
+        metavar="DISTANCE",
+        rich_help_panel=CLEANING,
+    ),
+]
+RepairMode = Annotated[
+    Literal["split", "refuse"],
+    typer.Option(
+        "--repair",
+        help="Where a mesh is not manifold: split separates the faces, refuse leaves them.",
+        metavar="MODE",
+        rich_help_panel=CLEANING,
     ),
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Hide progress.", rich_help_panel=OUTPUT)]

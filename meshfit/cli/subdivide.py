@@ -9,16 +9,17 @@ import typer
 
 from meshfit.cli import completions
 from meshfit.cli.console import err, out
-from meshfit.cli.options import MeshFormat, OutputFormat, SchemeConfig, suggest_option
+from meshfit.cli.options import MeshFormat, OutputFormat, RepairMode, SchemeConfig, Weld, suggest_option
 from meshfit.errors import ConfigError, DomainError
 from meshfit.paths import STDOUT_PATHS, is_pipe, is_regular_file, looks_like_path, not_a_file_message, quoted_path
 from meshfit.units import count_text
 
 if TYPE_CHECKING:
+    from meshfit.mesh.cleaning import CleaningOptions, VertexMap
     from meshfit.mesh.io.mesh_file import MeshFile
     from meshfit.mesh.io.vertex_values import Values
     from meshfit.mesh.mesh import Mesh
-    from meshfit.mesh.topology import Indices, Topology
+    from meshfit.mesh.topology import Topology
     from meshfit.subdivision.creases import Creases
     from meshfit.subdivision.registry import Scheme
 
@@ -50,6 +51,7 @@ class _SurfaceOptions:
         alphas: source of one α per vertex; None if one α serves all.
         creases: an angle in degrees, or a file.
         sharpness: of the creases, in levels.
+        cleaning: of the mesh file.
         limit: whether to move vertices to their limit.
         normals: whether to write limit normals.
     """
@@ -57,6 +59,7 @@ class _SurfaceOptions:
     alphas: str | None
     creases: str | None
     sharpness: float
+    cleaning: "CleaningOptions"
     limit: bool
     normals: bool
 
@@ -88,13 +91,15 @@ def _refine_surface(files: _Files, scheme: "Scheme", levels: int, options: _Surf
     from meshfit.subdivision.refine import subdivide
 
     on_polygons = isinstance(scheme, PolygonScheme)
-    mesh, numbering = load_target_with_vertex_map(files.source, polygons=on_polygons, file=files.content)
+    mesh, vertex_map = load_target_with_vertex_map(
+        files.source, options.cleaning, polygons=on_polygons, file=files.content
+    )
     if options.alphas is not None:
-        scheme = scheme.with_alpha(_alphas(options.alphas, files.content, numbering))
+        scheme = scheme.with_alpha(_alphas(options.alphas, files.content, vertex_map))
     finer: Mesh | PolygonMesh
     creases = ""
     if isinstance(mesh, Mesh):
-        finer, creases = _refine_triangles(mesh, numbering, files, scheme, levels, options)
+        finer, creases = _refine_triangles(mesh, vertex_map, files, scheme, levels, options)
     else:
         finer = subdivide(mesh, scheme, levels)
         save_mesh(finer, files.destination, file_format=files.output_format)
@@ -102,7 +107,7 @@ def _refine_surface(files: _Files, scheme: "Scheme", levels: int, options: _Surf
 
 
 def _refine_triangles(
-    mesh: "Mesh", numbering: "Indices", files: _Files, scheme: "Scheme", levels: int, options: _SurfaceOptions
+    mesh: "Mesh", vertex_map: "VertexMap", files: _Files, scheme: "Scheme", levels: int, options: _SurfaceOptions
 ) -> tuple["Mesh", str]:
     """Refine and write triangles; return them and a summary of their creases."""
     from meshfit.mesh.io.files import save_mesh
@@ -113,7 +118,7 @@ def _refine_triangles(
     from meshfit.subdivision.refinement import Refinement
 
     topology = Topology.of(mesh)
-    creases = None if options.creases is None else _creases(options.creases, options.sharpness, mesh, numbering)
+    creases = None if options.creases is None else _creases(options.creases, options.sharpness, mesh, vertex_map)
     refinement = refine(topology, scheme, levels, creases)
     assert isinstance(refinement, Refinement)  # noqa: S101  of triangles
     finer = Mesh(refinement(mesh.verts), refinement.faces)
@@ -143,17 +148,17 @@ def _number(text: str | None) -> float | None:
         return None
 
 
-def _alphas(text: str, mesh_file: "MeshFile", numbering: "Indices") -> "Values":
+def _alphas(text: str, mesh_file: "MeshFile", vertex_map: "VertexMap") -> "Values":
     from meshfit.mesh.io.vertex_values import read_vertex_property, read_vertex_values
 
     prefix, colon, name = text.partition(":")
     if colon and prefix == "attribute":
-        return read_vertex_property(mesh_file, name, numbering, (0.0, 1.0))
+        return read_vertex_property(mesh_file, name, vertex_map, (0.0, 1.0))
     _require_text_file(text, "--alpha: expected a number, a file or attribute:NAME")
-    return read_vertex_values(text, numbering, (0.0, 1.0))
+    return read_vertex_values(text, vertex_map, (0.0, 1.0))
 
 
-def _creases(text: str, sharpness: float, mesh: "Mesh", numbering: "Indices") -> "Creases":
+def _creases(text: str, sharpness: float, mesh: "Mesh", vertex_map: "VertexMap") -> "Creases":
     from meshfit.mesh.topology import Topology
     from meshfit.subdivision.creases import creases_by_angle, read_creases
 
@@ -163,7 +168,7 @@ def _creases(text: str, sharpness: float, mesh: "Mesh", numbering: "Indices") ->
     if degrees is not None:
         return creases_by_angle(mesh, degrees, sharpness)
     _require_text_file(text, "--creases: expected a number of degrees or a file")
-    return read_creases(text, Topology.of(mesh), numbering, sharpness)
+    return read_creases(text, Topology.of(mesh), vertex_map, sharpness)
 
 
 def _require_text_file(text: str, expected: str) -> None:
@@ -275,6 +280,8 @@ def subdivide(
     ] = False,
     input_format: MeshFormat = None,
     output_format: OutputFormat = None,
+    weld: Weld = 0.0,
+    repair: RepairMode = "split",
 ) -> int:
     """Refine a mesh, or curves, by a subdivision scheme.
 
@@ -297,6 +304,7 @@ def subdivide(
     """
     from meshfit.config.loading import load_definitions
     from meshfit.config.scheme_files import resolve_specs
+    from meshfit.mesh.cleaning import CleaningOptions
     from meshfit.mesh.io.files import curve_output_suffix, mesh_output_suffix
     from meshfit.mesh.targets import open_target
     from meshfit.subdivision.registry import SURFACES, domain_of, registry_with, resolve, schemes_on
@@ -308,7 +316,7 @@ def subdivide(
     declared = resolve(
         spec, registry_with(own), alpha=common_alpha, weights=weights, tension=tension, valence3=valence3
     )
-    options = _SurfaceOptions(alphas, creases, sharpness, limit=limit, normals=normals)
+    options = _SurfaceOptions(alphas, creases, sharpness, CleaningOptions(weld, repair), limit=limit, normals=normals)
     _check(spec, declared, options)
     on_curves = domain_of(declared) == "curves"
     with suggest_option("--output-format"):

@@ -18,6 +18,7 @@ from pydantic import (
 from meshfit.errors import SchemeError
 from meshfit.fitting.settings import METHODS, Dtype, FirstOrderSettings, FitSettings
 from meshfit.measuring.settings import MeasureSettings
+from meshfit.mesh.cleaning import CleaningOptions, Repair
 from meshfit.settings import DEFAULT_KIND, KIND_KEY, Settings
 from meshfit.subdivision.registry import SURFACES, Definitions, canonical, entry_of, registry_with, schemes_on, spec_of
 
@@ -123,6 +124,12 @@ class SourceSettings(Settings):
     a target, or the path of a mesh file."""
     decimate: Annotated[int, Field(ge=4)] | None = None
     """Number of faces, 4 or more, to which the control mesh is reduced first; null keeps all."""
+    weld: Annotated[float, Field(gt=0)] | None = None
+    """Distance, in the unit of the control mesh's file, up to which boundary vertices are joined; null joins equal
+    positions only."""
+    repair: Repair = "split"
+    """Treatment of vertices and edges where the mesh is not manifold: `split` separates the faces; `refuse` leaves
+    them, so that subdivision and the Gauss–Newton engine refuse the mesh."""
     levels: Annotated[int, Field(ge=0, le=MAX_LEVELS)] = 4
     """Number of subdivision levels, from 0 to 8."""
     wanted_verts: Annotated[int, Field(ge=4)] | None = None
@@ -146,6 +153,11 @@ class SourceSettings(Settings):
     """One alpha per vertex of the control mesh, in place of the schemes' own: `{file: PATH}` or `{attribute: NAME}`;
     null means none."""
 
+    @property
+    def cleaning(self) -> CleaningOptions:
+        """The options for cleaning the control mesh's file."""
+        return CleaningOptions(self.weld or 0.0, self.repair)
+
 
 class ExperimentSettings(Settings):
     """An experiment: every target with every scheme and every seed."""
@@ -163,6 +175,12 @@ class ExperimentSettings(Settings):
     normalise: Literal["tutorial", "box", "none"] = "tutorial"
     """Frame of all lengths: `tutorial` puts the target's mean at 0 and its largest |coordinate| at 1, `box` puts its
     bounding box's centre at 0 and diagonal at 1, `none` keeps its coordinates."""
+    weld: Annotated[float, Field(gt=0)] | None = None
+    """Distance, in the unit of the target's file, up to which boundary vertices are joined; null joins equal positions
+    only."""
+    repair: Repair = "split"
+    """Treatment of vertices and edges where the mesh is not manifold: `split` separates the faces; `refuse` leaves
+    them, so that subdivision and the Gauss–Newton engine refuse the mesh."""
     write_frame: Literal["normalised", "target"] = "normalised"
     """Frame of `source.ply` and `result.ply`: the normalised one, or the target file's own."""
     source: SourceSettings = SourceSettings()
@@ -186,6 +204,11 @@ class ExperimentSettings(Settings):
     sweep: dict[str, Any] = Field(default_factory=dict)
     """Settings to vary, one table row per combination: `fit.losses.edge: [0.1, 1.0]` for a grid, lists under `zip` to
     vary in step, and names under `variants` with the settings that each changes."""
+
+    @property
+    def cleaning(self) -> CleaningOptions:
+        """The options for cleaning the targets' files."""
+        return CleaningOptions(self.weld or 0.0, self.repair)
 
     @model_validator(mode="after")
     def _creases_and_alpha_need_first_order(self) -> "ExperimentSettings":

@@ -13,11 +13,12 @@ from meshfit.config.experiment import NO_EFFECT_ON_RESULTS, ExperimentSettings, 
 from meshfit.config.loading import Experiment
 from meshfit.config.sweeps import Variant, variants_of
 from meshfit.experiment.source import build_source, source_files
+from meshfit.mesh.cleaning import CleaningOptions
 from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path, target_title
 from meshfit.paths import file_stem
 from meshfit.subdivision.registry import NamedScheme
 
-RESULTS_VERSION = 2
+RESULTS_VERSION = 3
 """Increased whenever the same settings give other numbers, so that older results are not taken for current ones.
 
 It is the `schema_version` of a `result.json`, and part of each trial's identity.
@@ -145,16 +146,16 @@ def _trials_of(experiment: str, variant: Variant) -> Iterator[Trial]:
     schemes = tuple(NamedScheme.of(scheme, settings.define) for scheme in settings.schemes)
     source_inputs = _check_source(settings.source, schemes)
     for target in settings.targets:
-        inputs = (("target", _check_target(target)), *source_inputs)
+        inputs = (("target", _check_target(target, settings.cleaning)), *source_inputs)
         for scheme, seed in product(schemes, settings.seeds):
             narrowed = {"targets": (target,), "schemes": (scheme.spec,), "seeds": (seed,), "define": dict(scheme.own)}
             yield Trial(experiment, settings.model_copy(update=narrowed), inputs, variant.name)
 
 
 @cache
-def _check_target(target: str) -> str:
+def _check_target(target: str, cleaning: CleaningOptions) -> str:
     """Load a target, and return the SHA-256 of its file."""
-    load_target(target)
+    load_target(target, cleaning)
     return file_sha256(target_path(target))
 
 

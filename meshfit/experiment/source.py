@@ -11,13 +11,14 @@ from scipy.sparse import csr_array
 
 from meshfit.config.experiment import MAX_LEVELS, SourceSettings
 from meshfit.errors import ConfigError, MeshError, MeshfitError
+from meshfit.mesh.cleaning import CleaningOptions, VertexMap
 from meshfit.mesh.io.vertex_values import read_vertex_property, read_vertex_values
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.meshlab import decimate
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.solids import POLYGON_SOLIDS, SOLIDS
 from meshfit.mesh.targets import NAMED_TARGETS, load_target_with_vertex_map, target_path
-from meshfit.mesh.topology import Indices, PolygonTopology, Topology
+from meshfit.mesh.topology import PolygonTopology, Topology
 from meshfit.paths import STREAM, is_regular_file, looks_like_path
 from meshfit.specs import parse_spec, suggest
 from meshfit.subdivision.creases import Creases, creases_by_angle, read_creases
@@ -86,15 +87,15 @@ def relocated(settings: SourceSettings, where: Callable[[str], str]) -> SourceSe
     return settings.model_copy(update=changes)
 
 
-def _control_mesh(settings: SourceSettings, *, polygons: bool) -> tuple[AnyMesh, Indices | None]:
+def _control_mesh(settings: SourceSettings, *, polygons: bool) -> tuple[AnyMesh, VertexMap | None]:
     """Load, decimate and place the control mesh.
 
     Returns:
-        The mesh, and the index of its vertex for each vertex of its file; None if it was decimated.
+        The mesh, and the vertices of it that those of its file became; None if it was decimated.
     """
     mesh: AnyMesh
-    vertex_map: Indices | None
-    mesh, vertex_map = _load(settings.mesh, polygons=polygons)
+    vertex_map: VertexMap | None
+    mesh, vertex_map = _load(settings.mesh, settings.cleaning, polygons=polygons)
     triangles = mesh.triangulated() if isinstance(mesh, PolygonMesh) else mesh
     if settings.decimate is not None and settings.decimate < triangles.num_faces:
         triangles = decimate(triangles, settings.decimate)
@@ -102,16 +103,16 @@ def _control_mesh(settings: SourceSettings, *, polygons: bool) -> tuple[AnyMesh,
     return mesh.with_verts(_placed(mesh.verts, settings)), vertex_map
 
 
-def _load(name: str, *, polygons: bool) -> tuple[AnyMesh, Indices]:
+def _load(name: str, cleaning: CleaningOptions, *, polygons: bool) -> tuple[AnyMesh, VertexMap]:
     if _control_mesh_path(name) is not None:
-        return load_target_with_vertex_map(name, polygons=polygons)
+        return load_target_with_vertex_map(name, cleaning, polygons=polygons)
     mesh: AnyMesh
     if polygons and name in POLYGON_SOLIDS:
         mesh = POLYGON_SOLIDS[name]()
     else:
         triangles = SOLIDS[name]() if name in SOLIDS else _icosphere(name)
         mesh = PolygonMesh.of(triangles) if polygons else triangles
-    return mesh, np.arange(mesh.num_verts)
+    return mesh, VertexMap(np.arange(mesh.num_verts))
 
 
 def _control_mesh_path(name: str) -> Path | None:
@@ -162,7 +163,7 @@ def _refined(mesh: AnyMesh, settings: SourceSettings, scheme: Scheme, creases: C
         verts = _refined_on_sphere(mesh.verts, refinement.operators)
     if isinstance(refinement, Refinement):
         return Mesh(verts, refinement.faces)
-    return refinement.mesh(verts).with_short_diagonals()
+    return refinement.mesh(verts)
 
 
 def _nearest_in_size(
@@ -200,7 +201,7 @@ def _refined_on_sphere(verts: Verts, operators: Iterable[csr_array]) -> Verts:
 
 
 def _creases(
-    settings: SourceSettings, scheme: Scheme, name: str, mesh: AnyMesh, vertex_map: Indices | None
+    settings: SourceSettings, scheme: Scheme, name: str, mesh: AnyMesh, vertex_map: VertexMap | None
 ) -> Creases | None:
     options = settings.creases
     if options is None:
@@ -215,7 +216,7 @@ def _creases(
         return read_creases(options.file, Topology.of(mesh), _undecimated(settings, vertex_map), sharpness)
 
 
-def _with_alphas(settings: SourceSettings, scheme: Scheme, name: str, vertex_map: Indices | None) -> Scheme:
+def _with_alphas(settings: SourceSettings, scheme: Scheme, name: str, vertex_map: VertexMap | None) -> Scheme:
     options = settings.alpha
     if options is None:
         return scheme
@@ -241,7 +242,7 @@ def _error_prefix(key: str) -> Iterator[None]:
         raise type(error)(f"{key}: {error}") from None
 
 
-def _undecimated(settings: SourceSettings, vertex_map: Indices | None) -> Indices:
+def _undecimated(settings: SourceSettings, vertex_map: VertexMap | None) -> VertexMap:
     if vertex_map is None:
         raise ConfigError(
             f"refers to the vertices of {settings.mesh}, which source.decimate replaces; set source.decimate to null"

@@ -53,8 +53,8 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     Lengths in the settings are in the unit of the vertices; normalise the target first, or use `meshfit run`.
 
     Args:
-        source: mesh to start from; its faces are kept, refined or replaced, depending on the method. Polygons are cut
-            into fans from their first corners; see `PolygonMesh.with_short_diagonals`.
+        source: mesh to start from; its faces are kept, refined or replaced, depending on the method. Polygons are
+            triangulated; see `PolygonMesh.triangulated`.
         target: mesh to fit to.
         settings: settings of either engine; the defaults are those of PyTorch3D's tutorial.
         seed: seed of the samples. The same seed, settings and machine give the same bytes on the CPU.

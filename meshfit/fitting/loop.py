@@ -63,7 +63,7 @@ class Engine(ABC):
 
     @abstractmethod
     def polygons(self, member: int) -> PolygonMesh | None:
-        """Return the polygons whose fan triangulation the current surface is, if any."""
+        """Return the polygons that the current surface was triangulated from, if any."""
 
     def control(self, _member: int) -> Mesh | PolygonMesh | None:
         """Return the current control mesh, if one is solved for."""
@@ -104,7 +104,7 @@ class FitResult:
         device: name of the device.
         control: the control mesh, if one was solved for: of polygons for a scheme on polygons, if the source has any.
             Refined by the scheme as many levels as the settings say, it is the surface.
-        polygons: the polygons whose fan triangulation `mesh` is, if any.
+        polygons: the polygons of which `mesh` is the triangulation, if any.
     """
 
     mesh: Mesh
@@ -147,8 +147,9 @@ def run(engine: Engine, *, save_end: bool = False, snapshots: int | None = None)
 
 
 def _result(engine: Engine, member: int) -> FitResult:
-    trace, device = engine.traces[member], str(engine.device)
-    return FitResult(engine.mesh(member), trace, device, engine.control(member), engine.polygons(member))
+    polygons = engine.polygons(member)
+    mesh = engine.mesh(member) if polygons is None else polygons.triangulated()
+    return FitResult(mesh, engine.traces[member], str(engine.device), engine.control(member), polygons)
 
 
 def _running(engine: Engine) -> Iterator[tuple[int, Problem]]:

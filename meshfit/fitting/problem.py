@@ -57,7 +57,7 @@ class Problem:
         scheme: subdivision scheme that carries a Gauss–Newton fit from level to level.
         on_snapshot: called with the number of steps made and the surface, as often as the settings say; before a
             checkpoint of the same step is saved.
-        polygons: the polygons whose fan triangulation the source is, if any; schemes on polygons start from them.
+        polygons: the polygons that the source was triangulated from, if any; schemes on polygons start from them.
     """
 
     source: Mesh

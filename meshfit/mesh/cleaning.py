@@ -1,69 +1,145 @@
 """Clean the raw arrays of a file: refuse meaningless meshes, repair harmless faults, and warn of each."""
 
 import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
 
 import numpy as np
+from jaxtyping import Float64
 from numpy.typing import NDArray
 
 from meshfit.errors import DomainError, MeshError, MeshfitWarning
-from meshfit.mesh.geometry import face_areas
-from meshfit.mesh.manifold import misoriented_edges, nonmanifold_edges, num_components
-from meshfit.mesh.mesh import Verts
+from meshfit.mesh.geometry import bounding_box_diagonal, signed_volume
+from meshfit.mesh.manifold import is_watertight, misoriented_edges, nonmanifold_edges, nonmanifold_verts, num_components
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
-from meshfit.mesh.topology import NONE, HalfEdges, Indices, Mask, PolygonTopology
+from meshfit.mesh.topology import NONE, Indices, Mask, PolygonTopology
+from meshfit.mesh.triangulation import triangle_corners, triangulate
+from meshfit.mesh.welding import coincident, first_equal, nearly_coincident, stitch
 
 # Areas and their squares stay finite up to here.
 _LARGEST_COORDINATE = 1e60
+# Volumes of a smaller size, relative to the cube of the bounding box's diagonal, may come from rounding.
+_ROUNDING = 1e-9
+# Faces of a smaller area, relative to the square of their longest edge, are flat.
+_FLAT = 1e-14
+
+Repair = Literal["split", "refuse"]
 
 
-def clean(soup: PolygonSoup, origin: str) -> tuple[PolygonMesh, Indices]:
-    """Return a mesh without seams, degenerate or duplicate faces and unused vertices, and the index of each vertex.
+@dataclass(frozen=True)
+class CleaningOptions:
+    """Options for cleaning a mesh.
 
-    Boundary vertices at equal positions, which file formats split along seams, are merged. Coincident vertices off the
-    boundary stay separate: there a closed surface touches itself, and merging would tear it. A corner that repeats the
-    previous one is dropped; a polygon is degenerate if no triangle of its fan has an area.
+    Attributes:
+        weld: distance, in the unit of the file, up to which boundary vertices are joined; 0 joins equal positions.
+        repair: `split` separates faces where they meet in a non-manifold vertex or edge; `refuse` leaves them, so that
+            an operation on manifolds refuses the mesh.
+    """
+
+    weld: float = 0.0
+    repair: Repair = "split"
+
+    @classmethod
+    def of(cls, settings: Mapping[str, Any]) -> "CleaningOptions":
+        """Return the options among the settings of an experiment or a source, as plain data."""
+        return cls(settings.get("weld") or 0.0, settings.get("repair", "split"))
+
+
+def _no_indices() -> Indices:
+    return np.empty(0, dtype=np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class VertexMap:
+    """The vertices of a mesh that each vertex of its file became.
+
+    Attributes:
+        first: (N,) index in the mesh of each vertex of the file, `NONE` for dropped ones; welded ones share an index.
+        split: (K,) vertices of the file that became several.
+        copies: (K,) the further vertices of the mesh that they became.
+    """
+
+    first: Indices
+    split: Indices = field(default_factory=_no_indices)
+    copies: Indices = field(default_factory=_no_indices)
+
+    @property
+    def num_file_verts(self) -> int:
+        """N, the number of vertices of the file."""
+        return len(self.first)
+
+    def mesh_verts(self, file_vert: int) -> list[int]:
+        """Return the vertices of the mesh that a vertex of the file became; none if it was dropped."""
+        if self.first[file_vert] == NONE:
+            return []
+        return [int(self.first[file_vert]), *self.copies[self.split == file_vert].tolist()]
+
+    def pairs(self) -> tuple[Indices, Indices]:
+        """Return all pairs of a vertex of the file and a vertex of the mesh."""
+        kept = np.flatnonzero(self.first != NONE)
+        return np.concatenate([kept, self.split]), np.concatenate([self.first[kept], self.copies])
+
+
+def clean(
+    soup: PolygonSoup, origin: str, options: CleaningOptions | None = None, *, triangles: bool = False
+) -> tuple[PolygonMesh, VertexMap]:
+    """Return a mesh without seams, degenerate or duplicate faces, unused and non-manifold vertices.
+
+    Boundary edges whose ends coincide, which file formats split along seams, are joined; see `meshfit.mesh.welding`.
+    Coincident vertices off the boundary stay separate: there a closed surface touches itself, and merging would tear
+    it. Corners at the place of the previous one are dropped, and so are faces of fewer than three corners. A face
+    without area but with three places is dropped only where that opens no edge.
 
     Args:
         soup: N positions, and polygons.
         origin: name of the mesh in messages, usually its path.
+        options: distance of welding, and repair of non-manifold vertices.
+        triangles: triangulate all faces; else those with a vertex twice only, such as a polygon with a bridge to its
+            hole.
 
     Returns:
-        The mesh, and (N,) the index in it of each given vertex, `NONE` for dropped ones.
+        The mesh, and the vertices that those of the file became.
 
     Raises:
         MeshError: no vertices or faces, a coordinate that is not finite or beyond 1e60, a face with an index out of
             range, or no area at all.
 
     Warns:
-        MeshfitWarning: with the number of dropped elements of each kind, and where the surface is not one closed
-            manifold.
+        MeshfitWarning: with the number of dropped or split elements of each kind, and where the surface is not one
+            closed manifold.
     """
+    options = options or CleaningOptions()
     _require_valid(soup, origin)
     raw = PolygonMesh(*soup)
-    welded = _weld_targets(PolygonTopology.of(raw), raw.verts)
-    mesh, repeated = _without_repeated_corners(raw.verts, welded[raw.corners], raw.sizes)
-    result, dropped = _without_bad_faces(mesh)
-    dropped["degenerate faces"] += raw.num_faces - mesh.num_faces
-    if not result.num_faces:
+    given = PolygonTopology.of(raw)
+    place = coincident(given, raw.verts, options.weld)
+    mesh, repeated = _without_repeated_corners(raw, place)
+    counts = {"degenerate face": raw.num_faces - mesh.num_faces}
+    bridged = _with_place_twice(mesh, place)
+    mesh = _triangulated(mesh, place, np.full(mesh.num_faces, fill_value=True) if triangles else bridged)
+    if bridged.any():
+        mesh, _ = _without_repeated_corners(mesh, place)
+    welded = _topology(mesh, place[mesh.corners], given)
+    duplicate = _duplicates(mesh, welded)
+    mesh, welded = _selected(mesh, welded, ~duplicate)
+    flat = _needless_flat_faces(mesh, welded)
+    mesh, welded = _selected(mesh, welded, ~flat)
+    if not mesh.num_faces:
         raise MeshError(f"{origin}: all {raw.num_faces} faces are degenerate (no area)")
-    unreferenced = int((~_marked(raw.corners, raw.num_verts)).sum())
-    dropped |= {"repeated corners": repeated, "unreferenced vertices": unreferenced}
-    used = _marked(result.corners, raw.num_verts)
-    number = np.where(used, np.cumsum(used) - 1, NONE)
-    result = PolygonMesh(raw.verts[used], number[result.corners], result.sizes)
-    for kind, count in dropped.items():
+    stitched = stitch(mesh.verts, _topology(mesh, mesh.corners, given), welded, split=options.repair == "split")
+    result = PolygonMesh(raw.verts[stitched.origins], stitched.corners, mesh.sizes)
+    counts["degenerate face"] += int(flat.sum())
+    counts |= {"duplicate face": int(duplicate.sum()), "repeated corner": repeated}
+    counts["unreferenced vertex"] = int((~_marked(raw.corners, raw.num_verts)).sum())
+    for kind, count in counts.items():
         if count:
-            _warn(f"{origin}: dropped {count} {kind}")
-    _warn_of_shape(PolygonTopology.of(result), origin)
-    return result, number[welded]
-
-
-def _weld_targets(topology: HalfEdges, verts: Verts) -> Indices:
-    """Return (V,) the vertex that each one is merged into."""
-    seam = np.flatnonzero(topology.boundary_verts)
-    target = np.arange(topology.num_verts)
-    target[seam] = seam[_first_equal(verts[seam])]
-    return target
+            _warn(f"{origin}: dropped {_counted(count, kind)}")
+    if stitched.num_split:
+        where = "where separate fans of faces, or more than two faces at an edge, meet"
+        _warn(f"{origin}: split {_counted(stitched.num_split, 'vertex')} {where}")
+    _warn_of_shape(result, _topology(result, result.corners, given), origin)
+    return result, _vertex_map(mesh.corners, stitched.corners, place)
 
 
 def require_finite_verts(verts: NDArray[np.floating], origin: str) -> None:
@@ -99,45 +175,118 @@ def _require_valid(soup: PolygonSoup, origin: str) -> None:
         raise MeshError(f"{origin}: face {bad} is {face}, but vertices are numbered 0 to {len(verts) - 1}")
 
 
-def _without_repeated_corners(verts: Verts, corners: Indices, sizes: Indices) -> tuple[PolygonMesh, int]:
-    """Drop repeated corners, then polygons of fewer than three; return how many corners the other polygons lost."""
-    topology = PolygonTopology(len(verts), corners, sizes)
-    differs = corners != topology.head
-    remaining = np.bincount(topology.face[differs], minlength=len(sizes))
+def _topology(mesh: PolygonMesh, corners: Indices, known: PolygonTopology) -> PolygonTopology:
+    """Return the connectivity of faces with these corners; the known one, with all it has computed, if it is equal."""
+    same = mesh.num_verts == known.num_verts and np.array_equal(mesh.sizes, known.sizes)
+    if same and np.array_equal(corners, known.corners):
+        return known
+    return PolygonTopology(mesh.num_verts, corners, mesh.sizes)
+
+
+def _without_repeated_corners(mesh: PolygonMesh, place: Indices) -> tuple[PolygonMesh, int]:
+    """Drop corners at the place of the next one, then faces of fewer than three; count those of the other faces."""
+    topology = PolygonTopology.of(mesh)
+    differs = place[topology.tail] != place[topology.head]
+    if differs.all():
+        return mesh, 0
+    remaining = np.bincount(topology.face[differs], minlength=mesh.num_faces)
     whole = remaining >= 3
     kept = differs & whole[topology.face]
-    return PolygonMesh(verts, corners[kept], remaining[whole]), int((sizes - remaining)[whole].sum())
+    repeated = int((mesh.sizes - remaining)[whole].sum())
+    return PolygonMesh(mesh.verts, mesh.corners[kept], remaining[whole]), repeated
 
 
-def _without_bad_faces(mesh: PolygonMesh) -> tuple[PolygonMesh, dict[str, int]]:
-    """Drop degenerate and duplicate faces, and count them."""
-    counts = mesh.sizes - 2
-    has_area = face_areas(mesh.triangulated()) != 0.0
-    kept = np.logical_or.reduceat(has_area, np.cumsum(counts) - counts) if len(has_area) else has_area
-    rest = _selected(mesh, kept)
-    first = _first_of_duplicates(rest)
-    return _selected(rest, first), {
-        "degenerate faces": int((~kept).sum()),
-        "duplicate faces": int((~first).sum()),
-    }
+def _with_place_twice(mesh: PolygonMesh, place: Indices) -> Mask:
+    """Return (F,) which faces have two corners at one place."""
+    large = mesh.sizes > 3
+    twice = np.zeros(mesh.num_faces, dtype=bool)
+    if large.any():
+        corners, sizes = place[mesh.corners[np.repeat(large, mesh.sizes)]], mesh.sizes[large]
+        twice[large] = PolygonTopology(mesh.num_verts, corners, sizes).has_vert_twice
+    return twice
 
 
-def _selected(mesh: PolygonMesh, faces: Mask) -> PolygonMesh:
-    return PolygonMesh(mesh.verts, mesh.corners[np.repeat(faces, mesh.sizes)], mesh.sizes[faces])
+def _triangulated(mesh: PolygonMesh, place: Indices, chosen: Mask) -> PolygonMesh:
+    """Split some faces into triangles, in their place."""
+    chosen = chosen & (mesh.sizes > 3)
+    if not chosen.any():
+        return mesh
+    inside = np.repeat(chosen, mesh.sizes)
+    corners = mesh.corners[inside]
+    triangles = triangle_corners(mesh.verts, place[corners], mesh.sizes[chosen])
+    faces = np.repeat(np.flatnonzero(chosen), mesh.sizes[chosen] - 2)
+    rest = np.flatnonzero(~chosen)
+    order = np.argsort(np.concatenate([rest, faces]), kind="stable")
+    sizes = np.concatenate([mesh.sizes[rest], np.full(len(faces), 3)])
+    starts = np.cumsum(sizes) - sizes
+    every = np.concatenate([mesh.corners[~inside], corners[triangles].reshape(-1)])
+    ordered = sizes[order]
+    places = np.repeat(starts[order] - np.cumsum(ordered) + ordered, ordered) + np.arange(len(every))
+    return PolygonMesh(mesh.verts, every[places], ordered)
 
 
-def _first_of_duplicates(mesh: PolygonMesh) -> Mask:
-    """Return (F,) which faces are the first with their corners, whatever the starting corner and the direction."""
-    first = np.zeros(mesh.num_faces, dtype=bool)
-    for size in np.unique(mesh.sizes):
-        faces = np.flatnonzero(mesh.sizes == size)
-        rows = mesh.corners[mesh.starts[faces][:, None] + np.arange(size)]
+def _selected(mesh: PolygonMesh, topology: PolygonTopology, faces: Mask) -> tuple[PolygonMesh, PolygonTopology]:
+    """Return some faces of a mesh, and of another connectivity of the same faces."""
+    if faces.all():
+        return mesh, topology
+    kept = np.repeat(faces, mesh.sizes)
+    sizes = mesh.sizes[faces]
+    return PolygonMesh(mesh.verts, mesh.corners[kept], sizes), PolygonTopology(
+        topology.num_verts, topology.corners[kept], sizes
+    )
+
+
+def _duplicates(mesh: PolygonMesh, welded: PolygonTopology) -> Mask:
+    """Return (F,) which faces repeat an earlier one: with the same vertices, or in the same direction at its place."""
+    # A duplicate lies at edges of three faces or more, or has no neighbour but the other.
+    crowded = np.zeros(mesh.num_faces, dtype=bool)
+    crowded[welded.face[welded.faces_per_edge[welded.edge_of] > 2]] = True
+    neighbour = np.where(welded.twin == NONE, NONE, welded.face[welded.twin])
+    lone = neighbour[welded.starts] != NONE
+    lone[welded.face[neighbour != neighbour[welded.starts][welded.face]]] = False
+    same_verts = _repeats(mesh.corners, mesh, crowded | (lone & (mesh.sizes == 3)), directed=False)
+    return np.asarray(same_verts | _repeats(welded.corners, mesh, crowded | lone, directed=True))
+
+
+def _repeats(corners: Indices, mesh: PolygonMesh, among: Mask, *, directed: bool) -> Mask:
+    """Return (F,) which of some faces have the corners of an earlier one, whatever the first corner."""
+    repeats = np.zeros(mesh.num_faces, dtype=bool)
+    for size in np.unique(mesh.sizes[among]):
+        faces = np.flatnonzero(among & (mesh.sizes == size))
+        rows = corners[mesh.starts[faces][:, None] + np.arange(size)]
         places = rows.argmin(axis=1)[:, None] + np.arange(size)
         ahead = np.take_along_axis(rows, places % size, axis=1)
-        backwards = ahead[:, 1] > ahead[:, -1]
-        ahead[backwards, 1:] = ahead[backwards, :0:-1]
-        first[faces] = _first_equal(ahead) == np.arange(len(faces))
-    return first
+        if not directed:
+            backwards = ahead[:, 1] > ahead[:, -1]
+            ahead[backwards, 1:] = ahead[backwards, :0:-1]
+        repeats[faces] = first_equal(ahead) != np.arange(len(faces))
+    return repeats
+
+
+def _needless_flat_faces(mesh: PolygonMesh, welded: PolygonTopology) -> Mask:
+    """Return (F,) which faces without area can be dropped without opening an edge."""
+    flat = _relative_areas(mesh, welded) <= _FLAT
+    if not flat.any():
+        return flat
+    edge, before = welded.edge_of, welded.faces_per_edge
+    while True:
+        after = np.bincount(edge[~flat[welded.face]], minlength=len(before))
+        opened = (before >= 2) & (after == 1)
+        needed = np.unique(welded.face[opened[edge] & flat[welded.face]])
+        if not len(needed):
+            return flat
+        flat[needed] = False
+
+
+def _relative_areas(mesh: PolygonMesh, welded: PolygonTopology) -> Float64[np.ndarray, " F"]:
+    """Return the area of each face, divided by the square of its longest edge."""
+    triangles = triangulate(mesh.verts, welded.corners, mesh.sizes)
+    points = mesh.verts[triangles]
+    doubled = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+    counts = mesh.sizes - 2
+    area = np.add.reduceat(np.linalg.norm(doubled, axis=1), np.cumsum(counts) - counts) / 2
+    lengths = np.linalg.norm(mesh.verts[welded.head] - mesh.verts[welded.tail], axis=1)
+    return np.asarray(area / np.maximum.reduceat(lengths, mesh.starts) ** 2)
 
 
 def _marked(verts: Indices, num_verts: int) -> Mask:
@@ -146,28 +295,44 @@ def _marked(verts: Indices, num_verts: int) -> Mask:
     return mark
 
 
-def _first_equal(rows: NDArray[np.generic]) -> Indices:
-    """Return (N,) the first row equal to each row. Faster than `np.unique` by rows, and 0.0 equals -0.0."""
-    order = np.lexsort(rows.T)
-    ordered = rows[order]
-    starts = np.ones(len(rows), dtype=bool)
-    starts[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
-    first = np.empty(len(rows), dtype=np.int64)
-    first[order] = order[np.flatnonzero(starts)][np.cumsum(starts) - 1]
-    return first
+def _vertex_map(given: Indices, corners: Indices, place: Indices) -> VertexMap:
+    """Return the map from the given vertex of each corner to the new one."""
+    first = np.full(len(place), NONE)
+    first[given[::-1]] = corners[::-1]
+    # A vertex whose faces were all dropped goes with the one at its place.
+    first = np.where(first == NONE, first[place], first)
+    others = np.flatnonzero(corners != first[given])
+    pairs = np.unique(np.stack([given[others], corners[others]], axis=1), axis=0)
+    return VertexMap(first, pairs[:, 0], pairs[:, 1])
 
 
-def _warn_of_shape(topology: HalfEdges, origin: str) -> None:
-    components = num_components(topology)
+def _warn_of_shape(mesh: PolygonMesh, topology: PolygonTopology, origin: str) -> None:
+    components, edges = num_components(topology), nonmanifold_edges(topology)
+    verts = np.setdiff1d(nonmanifold_verts(topology), topology.edges[edges])
     findings = {
-        "non-manifold edges (three faces or more)": len(nonmanifold_edges(topology)),
-        "edges between faces of opposite orientation": len(misoriented_edges(topology)),
-        "boundary edges: the surface is open": int(topology.boundary_edges.sum()),
-        "separate components": components if components > 1 else 0,
+        ("non-manifold edge", " (three faces or more)"): len(edges),
+        ("non-manifold vertex", " (separate fans of faces)"): len(verts),
+        ("edge", " between faces of opposite orientation"): len(misoriented_edges(topology)),
+        ("boundary edge", ": the surface is open"): int(topology.boundary_edges.sum()),
+        ("separate component", ""): components if components > 1 else 0,
     }
-    for finding, count in findings.items():
+    for (noun, remark), count in findings.items():
         if count:
-            _warn(f"{origin}: {count} {finding}")
+            _warn(f"{origin}: {_counted(count, noun)}{remark}")
+    near, distance = nearly_coincident(topology, mesh.verts)
+    if near:
+        _warn(
+            f"{origin}: {_counted(near, 'boundary vertex')} within {distance:.2g} of another one; weld joins those "
+            "within a distance"
+        )
+    rounding = _ROUNDING * bounding_box_diagonal(mesh.verts) ** 3
+    if is_watertight(topology) and signed_volume(mesh.triangulated()) < -rounding:
+        _warn(f"{origin}: the surface is inside out: closed, with a negative volume")
+
+
+def _counted(count: int, noun: str) -> str:
+    plural = noun.removesuffix("ex") + "ices" if noun.endswith("vertex") else f"{noun}s"
+    return f"{count} {noun if count == 1 else plural}"
 
 
 def _warn(text: str) -> None:

@@ -23,6 +23,12 @@ def unit_vectors(vectors: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, "N 
     return np.asarray(np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0))
 
 
+def signed_volume(mesh: Mesh) -> float:
+    """Return the enclosed volume of a closed mesh; it is negative where normals point inwards."""
+    a, b, c = (mesh.verts[mesh.faces] - mesh.verts.mean(axis=0)).swapaxes(0, 1)
+    return float(np.einsum("fk,fk->", a, np.cross(b, c)) / 6.0)
+
+
 def face_normals(mesh: Mesh) -> Float64[np.ndarray, "F 3"]:
     """Return the unit normal of each face; 0 for a face without area."""
     return unit_vectors(area_vectors(mesh))

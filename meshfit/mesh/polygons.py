@@ -5,14 +5,12 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Int64
 from numpy.typing import ArrayLike, NDArray
 
 from meshfit.errors import MeshError
 from meshfit.mesh.mesh import Mesh, Verts
-
-# Lengths that differ by less, relative to themselves, count as equal.
-_TIE = 1e-9
+from meshfit.mesh.triangulation import triangulate
 
 Corners = Int64[np.ndarray, " C"]
 Sizes = Int64[np.ndarray, " F"]
@@ -93,35 +91,12 @@ class PolygonMesh:
         return PolygonMesh(verts, self.corners, self.sizes)
 
     def triangulated(self) -> Mesh:
-        """Split each polygon into a fan of triangles from its first corner, in the order of the polygons.
+        """Split each polygon into triangles as `triangulate` does: n corners give n - 2 consecutive triangles.
 
-        A polygon of n corners gives n - 2 consecutive triangles.
+        Raises:
+            MeshError: a vertex index out of range.
         """
-        return Mesh(self.verts, fan_triangles(self.corners, self.sizes))
-
-    def with_short_diagonals(self) -> "PolygonMesh":
-        """Rotate the corners of each polygon so that its fan has the smallest total length of diagonals.
-
-        Of corners that tie up to rounding, the first is taken, so that nothing changes without gain.
-        """
-        corners = self.corners.copy()
-        for size in np.unique(self.sizes[self.sizes > 3]):
-            places = self.starts[self.sizes == size][:, None] + np.arange(size)
-            rows = self.corners[places]
-            lengths = _diagonals(self.verts[rows])
-            roll = (lengths <= lengths.min(axis=1, keepdims=True) * (1 + _TIE)).argmax(axis=1)
-            corners[places] = np.take_along_axis(rows, (np.arange(size) + roll[:, None]) % size, axis=1)
-        return PolygonMesh(self.verts, corners, self.sizes)
-
-
-def fan_triangles(corners: Corners, sizes: Sizes) -> Int64[np.ndarray, "T 3"]:
-    """Return (T, 3) the fan of triangles of each polygon from its first corner, in the order of the polygons."""
-    if (sizes == 3).all():
-        return corners.reshape(-1, 3)
-    count = sizes - 2
-    first = np.repeat(np.cumsum(sizes) - sizes, count)
-    second = first + 1 + np.arange(int(count.sum())) - np.repeat(np.cumsum(count) - count, count)
-    return np.stack([corners[first], corners[second], corners[second + 1]], axis=1)
+        return Mesh(self.verts, triangulate(self.verts, self.corners, self.sizes))
 
 
 def face_rows(mesh: Mesh | PolygonMesh) -> list[list[int]]:
@@ -140,11 +115,3 @@ def checked_face_size(count: int, where: str = "") -> int:
     if count < 3:
         raise MeshError(f"{where}expected a face of 3 or more corners, got {count}")
     return count
-
-
-def _diagonals(points: Float64[np.ndarray, "G N 3"]) -> Float64[np.ndarray, "G N"]:
-    """Return the total length of the diagonals from each corner of G polygons with N corners."""
-    total = np.zeros(points.shape[:2])
-    for step in range(2, points.shape[1] - 1):
-        total += np.linalg.norm(points - np.roll(points, -step, axis=1), axis=2)
-    return total

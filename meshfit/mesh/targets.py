@@ -7,13 +7,12 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.io.mesh_file import MeshFile, read_file
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh
-from meshfit.mesh.topology import Indices
 from meshfit.paths import (
     MESH_SUFFIXES,
     STREAM,
@@ -30,6 +29,9 @@ from meshfit.paths import (
     similar_file,
 )
 from meshfit.specs import suggest
+
+if TYPE_CHECKING:
+    from meshfit.mesh.cleaning import CleaningOptions, VertexMap
 
 
 @dataclass(frozen=True)
@@ -138,7 +140,7 @@ def open_target(target: str, kind: Literal["mesh", "curve"] = "mesh", file_forma
     return open_mesh_file(target if is_stream else target_path(target), kind, file_format)
 
 
-def load_target(target: str, *, file: MeshFile | None = None) -> Mesh:
+def load_target(target: str, cleaning: "CleaningOptions | None" = None, *, file: MeshFile | None = None) -> Mesh:
     """Load a target, by name or path, in its own coordinates.
 
     Args:
@@ -150,12 +152,12 @@ def load_target(target: str, *, file: MeshFile | None = None) -> Mesh:
     """
     from meshfit.mesh.io.files import load_mesh
 
-    return _load(target, file, load_mesh)
+    return _load(target, file, lambda path: load_mesh(path, cleaning))
 
 
 def load_target_with_vertex_map(
-    target: str, *, polygons: bool, file: MeshFile | None = None
-) -> tuple[Mesh | PolygonMesh, Indices]:
+    target: str, cleaning: "CleaningOptions | None" = None, *, polygons: bool, file: MeshFile | None = None
+) -> tuple[Mesh | PolygonMesh, "VertexMap"]:
     """Load a target as triangles or with the faces of its file, and with its vertex map.
 
     Arguments are those of `load_target`.
@@ -165,10 +167,10 @@ def load_target_with_vertex_map(
     """
     from meshfit.mesh.io.files import load_mesh_with_vertex_map, load_polygons_with_vertex_map
 
-    load: Callable[[Path | MeshFile], tuple[Mesh | PolygonMesh, Indices]] = (
+    load: Callable[..., tuple[Mesh | PolygonMesh, VertexMap]] = (
         load_polygons_with_vertex_map if polygons else load_mesh_with_vertex_map
     )
-    return _load(target, file, load)
+    return _load(target, file, lambda path: load(path, cleaning))
 
 
 def _load(target: str, file: MeshFile | None, load: Callable[[Path | MeshFile], _Loaded]) -> _Loaded:

@@ -4,6 +4,8 @@ The rules are those of Hoppe et al. 1994, Piecewise smooth surface reconstructio
 edge; finite sharpness is that of DeRose, Kass and Truong 1998, Subdivision surfaces in character animation.
 """
 
+import contextlib
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
@@ -15,6 +17,7 @@ from jaxtyping import Float64, Int64
 from numpy.typing import NDArray
 
 from meshfit.errors import MeshError, SchemeError
+from meshfit.mesh.cleaning import VertexMap
 from meshfit.mesh.geometry import face_normals
 from meshfit.mesh.io.text import read_word_lines
 from meshfit.mesh.mesh import Mesh
@@ -214,7 +217,7 @@ def creases_by_angle(mesh: Mesh, degrees: int | float, sharpness: int | float = 
     return Creases.of(topology, sharp, sharpness)
 
 
-def read_creases(path: str | Path, topology: Topology, numbering: Indices, sharpness: int | float = inf) -> Creases:
+def read_creases(path: str | Path, topology: Topology, vertex_map: VertexMap, sharpness: int | float = inf) -> Creases:
     """Read creases and corners from a text file, one per line.
 
     `a b` is the edge between vertices a and b, `a b sharpness` one that is sharp for so many levels, and `a` alone a
@@ -223,7 +226,7 @@ def read_creases(path: str | Path, topology: Topology, numbering: Indices, sharp
     Args:
         path: of the text file.
         topology: of the mesh.
-        numbering: (N,) the mesh's vertex for each vertex of the mesh file, from `load_target_with_vertex_map`.
+        vertex_map: the vertices of the mesh that those of its file became, from `load_target_with_vertex_map`.
         sharpness: of edges that are listed without one.
 
     Raises:
@@ -242,15 +245,14 @@ def read_creases(path: str | Path, topology: Topology, numbering: Indices, sharp
         (given,) = levels or [sharpness]
         if not given >= 0:
             raise MeshError(f"{where}: sharpness {given:g} is not allowed: expected 0 or more, or inf")
-        verts = [_vertex(end, numbering, where) for end in ends]
+        verts = [_verts(end, vertex_map, where) for end in ends]
         if len(verts) == 1:
-            corners.append(verts[0])
+            corners += verts[0]
             continue
-        edge = _edge(verts, ends, topology, where)
-        if listed.setdefault(edge, given) != given:
-            raise MeshError(
-                f"{where}: edge ({ends[0]}, {ends[1]}) is a duplicate, listed before with sharpness {listed[edge]:g}"
-            )
+        for edge in _edges(verts, ends, topology, where):
+            if listed.setdefault(edge, given) != given:
+                before = f"listed before with sharpness {listed[edge]:g}"
+                raise MeshError(f"{where}: edge ({ends[0]}, {ends[1]}) is a duplicate, {before}")
     if not corners and not listed:
         raise MeshError(f"{path}: no creases or corners in it")
     return Creases.of(topology, topology.edges[list(listed)], list(listed.values()), corners)
@@ -264,16 +266,21 @@ def _numbers(words: list[str]) -> tuple[list[int], list[float]]:
         return [], []
 
 
-def _vertex(number: int, numbering: Indices, where: str) -> int:
-    if not 0 <= number < len(numbering):
-        raise MeshError(f"{where}: vertex {number}: the mesh file has vertices 0 to {len(numbering) - 1}")
-    if numbering[number] == NONE:
+def _verts(number: int, vertex_map: VertexMap, where: str) -> list[int]:
+    """Return the vertices of the mesh that a vertex of the file became."""
+    if not 0 <= number < vertex_map.num_file_verts:
+        raise MeshError(f"{where}: vertex {number}: the mesh file has vertices 0 to {vertex_map.num_file_verts - 1}")
+    if not (verts := vertex_map.mesh_verts(number)):
         raise MeshError(f"{where}: vertex {number} was dropped when the mesh was read, since no valid face uses it")
-    return int(numbering[number])
+    return verts
 
 
-def _edge(verts: list[int], ends: list[int], topology: Topology, where: str) -> int:
-    try:
-        return int(edges_between(topology, np.array([verts]))[0])
-    except MeshError:
-        raise MeshError(f"{where}: the mesh has no edge between vertices {ends[0]} and {ends[1]}") from None
+def _edges(verts: list[list[int]], ends: list[int], topology: Topology, where: str) -> list[int]:
+    """Return the edges between any of two groups of vertices."""
+    edges = []
+    for pair in itertools.product(*verts):
+        with contextlib.suppress(MeshError):
+            edges.append(int(edges_between(topology, np.array([pair]))[0]))
+    if not edges:
+        raise MeshError(f"{where}: the mesh has no edge between vertices {ends[0]} and {ends[1]}")
+    return edges

@@ -131,11 +131,7 @@ class PolygonRefinement(Operators):
 def finest_triangles(
     refinement: Refinement | PolygonRefinement, verts: Verts
 ) -> tuple[Int64[np.ndarray, "G 3"], PolygonTopology | None]:
-    """Return the finest faces as triangles, and the polygons that were triangulated, if any.
-
-    Polygons are cut along their shortest diagonals, with their vertices at these positions.
-    """
+    """Return the finest faces as triangles, with their vertices at these positions, and their polygons, if any."""
     if isinstance(refinement, Refinement):
         return refinement.faces, None
-    mesh = refinement.mesh(verts).with_short_diagonals()
-    return mesh.triangulated().faces, PolygonTopology.of(mesh)
+    return refinement.mesh(verts).triangulated().faces, refinement.finest

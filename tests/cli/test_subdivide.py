@@ -5,6 +5,7 @@ from math import inf
 import numpy as np
 import pytest
 
+from meshfit.mesh.cleaning import VertexMap
 from meshfit.mesh.io.files import load_mesh, save_mesh
 from meshfit.mesh.io.vertex_values import read_vertex_property
 from meshfit.mesh.mesh import Mesh
@@ -56,7 +57,7 @@ def test_verts_at_their_limits_with_normals(folder):
     found = load_mesh("out.ply")
     side = cube().verts.max()
     assert np.allclose(np.abs(found.verts).max(axis=1), side)
-    numbering = np.arange(found.num_verts)
+    numbering = VertexMap(np.arange(found.num_verts))
     normals = np.stack([read_vertex_property("out.ply", name, numbering) for name in ("nx", "ny", "nz")], axis=1)
     expected = np.where(np.abs(found.verts) > side - 1e-9, np.sign(found.verts), 0)
     np.testing.assert_allclose(normals, expected / np.linalg.norm(expected, axis=1, keepdims=True), atol=1e-12)

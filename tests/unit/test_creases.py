@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from meshfit.errors import MeshError, SchemeError
+from meshfit.mesh.cleaning import VertexMap
 from meshfit.mesh.io.files import load_mesh_with_vertex_map, save_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, octahedron
@@ -18,7 +19,7 @@ from tests.loops import over
 from tests.shapes import mixed_closed, mixed_open
 
 SOLID = Topology.of(octahedron())
-SAME = np.arange(6)
+SAME = VertexMap(np.arange(6))
 
 
 def read(tmp_path, text: str, numbering=SAME, **given) -> Creases:
@@ -46,7 +47,7 @@ def test_a_file_may_list_corners_only(tmp_path):
 
 
 def test_numbers_are_those_of_the_mesh_file(tmp_path):
-    creases = read(tmp_path, "7 3\n9\n", numbering=np.array([NONE, 5, 4, 0, 1, 2, 3, 2, NONE, 1]))
+    creases = read(tmp_path, "7 3\n9\n", numbering=VertexMap(np.array([NONE, 5, 4, 0, 1, 2, 3, 2, NONE, 1])))
     assert listed(creases) == {(0, 2): inf}
     assert np.flatnonzero(creases.corners).tolist() == [1]
 
@@ -87,7 +88,7 @@ def test_files_that_cannot_be_read(tmp_path):
 
 def test_a_vertex_that_was_dropped_is_named(tmp_path):
     with pytest.raises(MeshError, match="line 1: vertex 3 was dropped when the mesh was read"):
-        read(tmp_path, "3 0", numbering=np.array([0, 1, 2, NONE, 3, 4, 5]))
+        read(tmp_path, "3 0", numbering=VertexMap(np.array([0, 1, 2, NONE, 3, 4, 5])))
 
 
 @pytest.mark.filterwarnings("ignore::meshfit.errors.MeshfitWarning")
@@ -100,9 +101,9 @@ def test_the_numbering_of_a_file_with_a_seam_and_spare_verts(tmp_path):
     )
     save_mesh(soup, tmp_path / "soup.obj")
     mesh, numbering = load_mesh_with_vertex_map(tmp_path / "soup.obj")
-    assert (mesh.num_verts, len(numbering)) == (8, 38)
-    assert np.flatnonzero(numbering == NONE).tolist() == [0, 37]
-    assert np.array_equal(mesh.verts[numbering[1:37]], soup.verts[1:37])
+    assert (mesh.num_verts, numbering.num_file_verts) == (8, 38)
+    assert np.flatnonzero(numbering.first == NONE).tolist() == [0, 37]
+    assert np.array_equal(mesh.verts[numbering.first[1:37]], soup.verts[1:37])
     (tmp_path / "creases.txt").write_text("1 2\n")
     topology = Topology.of(mesh)
     creases = read_creases(tmp_path / "creases.txt", topology, numbering)

@@ -15,9 +15,9 @@ from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.io.files import encode_mesh, load_mesh
 from meshfit.mesh.io.gltf import read_gltf
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.polygons import fan_triangles
 from meshfit.mesh.solids import icosahedron
 from meshfit.mesh.targets import file_sha256
+from meshfit.mesh.triangulation import triangulate
 from tests.gltf import CUBE, CUBE_FACES, GltfFile, glb
 from tests.loops import over
 
@@ -31,7 +31,9 @@ def read(file, folder=None):
         soup = read_gltf(file if isinstance(file, bytes) else file.glb(), folder)
     assert soup.verts.dtype == np.float64
     assert soup.corners.dtype == soup.sizes.dtype == np.int64
-    return Mesh(soup.verts, fan_triangles(soup.corners, soup.sizes)), [str(warning.message) for warning in caught]
+    return Mesh(soup.verts, triangulate(soup.verts, soup.corners, soup.sizes)), [
+        str(warning.message) for warning in caught
+    ]
 
 
 def volume(mesh):

@@ -157,6 +157,7 @@ def test_the_restart_of_an_unsigned_strip():
     assert is_tetrahedron(read_ply(strips("<", [[*STRIP, 2**32 - 1, 0, 2, 1]], kind="uint", code="I")))
 
 
+@pytest.mark.filterwarnings("ignore:.*inside out")
 def test_every_other_triangle_of_a_strip_is_turned_so_that_a_band_is_oriented(tmp_path):
     (tmp_path / "a.ply").write_bytes(strips("", [[0, 1, 2, 3, 0, 1]]))
     mesh = load_mesh(tmp_path / "a.ply")

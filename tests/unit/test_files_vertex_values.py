@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from meshfit.errors import MeshError
+from meshfit.mesh.cleaning import VertexMap
 from meshfit.mesh.io.files import encode_mesh, load_mesh, load_mesh_with_vertex_map, save_mesh
 from meshfit.mesh.io.vertex_values import read_vertex_property, read_vertex_values
 from meshfit.mesh.solids import octahedron
 from meshfit.mesh.topology import NONE
 from tests.loops import over
 
-SAME = np.arange(6)
+SAME = VertexMap(np.arange(6))
 VALUES = [0.0, 1.0, 0.25, 0.5, 0.125, 1e-3]
 
 
@@ -49,14 +50,14 @@ def test_a_number_a_line(tmp_path):
 
 def test_they_go_where_the_files_verts_went(tmp_path):
     path = text_file(tmp_path, "0.5\n9\n0.25\n0.5\n1\n")
-    assert read_vertex_values(path, np.array([1, NONE, 0, 1, 2])).tolist() == [0.25, 0.5, 1.0]
+    assert read_vertex_values(path, VertexMap(np.array([1, NONE, 0, 1, 2]))).tolist() == [0.25, 0.5, 1.0]
 
 
 @over("kind", ["ascii", "binary_little_endian", "binary_big_endian"])
 def test_a_property_of_a_ply_file(tmp_path, kind):
     path = ply_file(tmp_path, kind)
     mesh, numbering = load_mesh_with_vertex_map(path)
-    assert np.array_equal(numbering, SAME)
+    assert np.array_equal(numbering.first, SAME.first)
     np.testing.assert_allclose(read_vertex_property(path, "alpha", numbering), VALUES, rtol=1e-7)
     np.testing.assert_allclose(mesh.verts, octahedron().verts, atol=1e-7)
     np.testing.assert_allclose(read_vertex_property(path, "y", numbering), octahedron().verts[:, 1], atol=1e-7)
@@ -81,14 +82,14 @@ def test_texts_that_are_refused(tmp_path, text):
 def test_numbers_out_of_range_are_refused_where_a_vertex_has_them(tmp_path):
     path = text_file(tmp_path, "0\n1\n-3\n1.5\n0\n0\n")
     with pytest.raises(MeshError, match=r"alpha\.txt: vertex 3: expected a number from 0 to 1, got 1\.5"):
-        read_vertex_values(path, np.array([0, 1, NONE, 2, 3, 4]), (0.0, 1.0))
+        read_vertex_values(path, VertexMap(np.array([0, 1, NONE, 2, 3, 4])), (0.0, 1.0))
     with pytest.raises(MeshError, match=r"'x': vertex 1: expected a number from 0 to 1, got -1"):
         read_vertex_property(ply_file(tmp_path), "x", SAME, (0.0, 1.0))
 
 
 def test_welded_verts_must_agree(tmp_path):
     with pytest.raises(MeshError, match=r"vertices 0 and 2 share a position on a seam, but have 0\.5 and 0\.75"):
-        read_vertex_values(text_file(tmp_path, "0.5\n1\n0.75\n"), np.array([0, 1, 0]))
+        read_vertex_values(text_file(tmp_path, "0.5\n1\n0.75\n"), VertexMap(np.array([0, 1, 0])))
 
 
 def test_properties_that_are_not_there(tmp_path):

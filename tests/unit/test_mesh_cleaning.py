@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from meshfit.errors import MeshError, MeshfitWarning
-from meshfit.mesh.cleaning import clean
+from meshfit.mesh.cleaning import CleaningOptions, clean
 from meshfit.mesh.io.files import load_mesh, save_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonSoup
@@ -18,11 +18,11 @@ from tests.shapes import CLOSED, mixed_open, patch
 SOLID = octahedron()
 
 
-def cleaned(verts, faces):
+def cleaned(verts, faces, options=None):
     """The mesh, and what is said about it."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        mesh, _ = clean(PolygonSoup.of_triangles(np.asarray(verts, dtype=np.float64), np.asarray(faces)), "it")
+        mesh, _ = clean(PolygonSoup.of_triangles(np.asarray(verts, dtype=np.float64), np.asarray(faces)), "it", options)
         mesh = mesh.triangulated()
     assert all(warning.category is MeshfitWarning for warning in caught)
     said = [str(warning.message) for warning in caught]
@@ -52,7 +52,7 @@ def test_welded_verts_are_not_called_unreferenced():
     corners = SOLID.verts[SOLID.faces].reshape(-1, 3)
     found, said = cleaned(np.concatenate([corners, [[5.0, 5, 5]]]), np.arange(24).reshape(-1, 3))
     assert found.num_verts == 6
-    assert said == ["dropped 1 unreferenced vertices"]
+    assert said == ["dropped 1 unreferenced vertex"]
 
 
 @over("turn", [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0]])
@@ -88,7 +88,7 @@ def test_open_surfaces_are_told_with_their_boundary():
 
 def test_edges_with_three_faces_are_told_and_kept():
     fin = np.concatenate([SOLID.faces, [[0, 2, 6], [4, 0, 6]]])
-    found, said = cleaned(np.concatenate([SOLID.verts, [[2.0, 2, 2]]]), fin)
+    found, said = cleaned(np.concatenate([SOLID.verts, [[2.0, 2, 2]]]), fin, CleaningOptions(repair="refuse"))
     assert found.num_faces == 10
     assert said == ["2 non-manifold edges (three faces or more)", "2 boundary edges: the surface is open"]
 
@@ -114,9 +114,9 @@ def test_everything_at_once_is_told_in_a_line_each():
     found, said = cleaned(np.concatenate([mesh.verts, away, [[0.0, 0, 0]]]), faces)
     assert found.num_faces == 2 * mesh.num_faces
     assert [re.sub(r"\d+", "N", text) for text in said] == [
-        "dropped N degenerate faces",
+        "dropped N degenerate face",
         "dropped N duplicate faces",
-        "dropped N unreferenced vertices",
+        "dropped N unreferenced vertex",
         "N boundary edges: the surface is open",
         "N separate components",
     ]

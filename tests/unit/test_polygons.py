@@ -11,7 +11,7 @@ from meshfit.mesh.topology import NONE, PolygonTopology, Topology
 from meshfit.subdivision.refine import refine, subdivide
 from meshfit.subdivision.registry import resolve
 from tests.loops import over
-from tests.quads import EVERY, VALENCE_2, mixed, of_rows, prism, quad_cube, quad_patch, quad_wheel
+from tests.quads import EVERY, VALENCE_2, mixed, prism, quad_cube, quad_patch, quad_wheel
 from tests.shapes import ALL
 
 every_shape = over("shape", EVERY)
@@ -41,46 +41,12 @@ def test_arrays_are_copies_and_read_only():
             array[0] = 1
 
 
-def test_a_fan_from_the_first_corner_in_the_order_of_the_polygons():
-    mesh = PolygonMesh(np.random.default_rng(0).random((7, 3)), [0, 1, 2, 6, 5, 4, 3, 2, 1, 2, 3, 4], [3, 5, 4])
-    expected = [[0, 1, 2], [6, 5, 4], [6, 4, 3], [6, 3, 2], [1, 2, 3], [1, 3, 4]]
-    assert mesh.triangulated().faces.tolist() == expected
-
-
 @over("shape", ALL)
 def test_triangles_are_polygons_and_back(shape):
     mesh = ALL[shape]()
     polygons = PolygonMesh.of(mesh)
     assert np.array_equal(polygons.triangulated().faces, mesh.faces)
-    assert np.array_equal(polygons.with_short_diagonals().corners, polygons.corners)
     assert PolygonMesh.of(polygons) is polygons
-
-
-def diagonals(mesh, corners):
-    points = mesh.verts[corners]
-    return np.linalg.norm(points[2:-1] - points[0], axis=1).sum()
-
-
-@every_shape
-def test_short_diagonals_are_the_shortest_of_all_fans_and_stay(shape):
-    mesh = EVERY[shape]()
-    mesh = mesh.with_verts(mesh.verts + 0.1 * np.random.default_rng(3).standard_normal(mesh.verts.shape))
-    short = mesh.with_short_diagonals()
-    assert np.array_equal(short.sizes, mesh.sizes)
-    for before, after in zip(face_rows(mesh), face_rows(short), strict=True):
-        every = [np.roll(before, -k) for k in range(len(before))]
-        assert after in [list(row) for row in every]
-        least = min(diagonals(mesh, row) for row in every)
-        assert diagonals(mesh, after) <= least * (1 + 1e-12)
-    again = short.with_short_diagonals()
-    assert np.array_equal(again.corners, short.corners)
-
-
-def test_of_equal_diagonals_the_first_is_kept():
-    square = of_rows(np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]), np.array([[2, 3, 0, 1]]))
-    assert square.with_short_diagonals().corners.tolist() == [2, 3, 0, 1]
-    kite = square.with_verts([[0, 0, 0], [1, 0, 0], [3, 3, 0], [0, 1, 0]])
-    assert kite.with_short_diagonals().corners.tolist() == [3, 0, 1, 2]
 
 
 @every_shape

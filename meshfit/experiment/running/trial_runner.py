@@ -28,6 +28,7 @@ from meshfit.fitting.loop import FitResult
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem
 from meshfit.measuring.measure import measure
 from meshfit.mesh.alignment import align, boxes_are_disjoint
+from meshfit.mesh.cleaning import CleaningOptions
 from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.io.files import encode_mesh
 from meshfit.mesh.manifold import describe_topology
@@ -66,7 +67,8 @@ class TrialRunner:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", MeshfitWarning)
             inputs = dict(self.trial.inputs)
-            target = _load_target(self.trial.current_path(self.trial.target), inputs.get("target"), settings.normalise)
+            name = self.trial.current_path(self.trial.target)
+            target = _load_target(name, inputs.get("target"), settings.normalise, settings.cleaning)
             self._frame, self._target = target.frame, target.mesh
             source_settings = relocated(settings.source, self.trial.current_path)
             for role, name in source_files(source_settings).items():
@@ -170,11 +172,11 @@ class _Target(NamedTuple):
 
 
 @lru_cache(maxsize=2)  # a worker runs the trials of a target in succession, and loading takes longer than measuring
-def _load_target(name: str, sha256: str | None, normalise: Normalisation) -> _Target:
+def _load_target(name: str, sha256: str | None, normalise: Normalisation, cleaning: CleaningOptions) -> _Target:
     _check_unchanged(name, sha256)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", MeshfitWarning)
-        mesh = load_target(name)
+        mesh = load_target(name, cleaning)
     frame = frame_of(mesh.verts, normalise)
     return _Target(frame, frame.normalise(mesh), tuple(_texts(caught)))
 

@@ -267,7 +267,7 @@ def _seconds_to_measure(trial: "Trial") -> float:
     from meshfit.measuring.measure import measure
     from meshfit.mesh.targets import load_target
 
-    target = load_target(trial.current_path(trial.target))
+    target = load_target(trial.current_path(trial.target), trial.settings.cleaning)
     start = time.perf_counter()
     measure(target, target, trial.settings.measure)
     return time.perf_counter() - start

@@ -110,7 +110,7 @@ class GaussNewton(Engine):
         return shape.connectivity.mesh(shape.verts)
 
     def polygons(self, member: int) -> PolygonMesh | None:
-        """Return the polygons whose fan triangulation the current surface is, if it has not been remeshed since."""
+        """Return the polygons that the current surface was triangulated from, if it has not been remeshed since."""
         state = self._states[member]
         polygons = state.polygons if state.controlled is None else state.controlled.polygons
         if polygons is None:
@@ -170,11 +170,11 @@ class GaussNewton(Engine):
         before = self._plan[checkpoint["done"] - 1][0] if checkpoint["done"] else None
         if before is None or before.change != "control":
             return state
-        return self._with_control_mesh(state, problem, checkpoint["surface"].get("followed"))
+        return self._with_control_mesh(state, problem, checkpoint["surface"].get("triangles"))
 
-    def _with_control_mesh(self, state: FitState, problem: Problem, corners: Tensor | None = None) -> FitState:
+    def _with_control_mesh(self, state: FitState, problem: Problem, triangles: Tensor | None = None) -> FitState:
         levels, limit = self.settings.levels, self.settings.limit
-        return with_control_mesh(state, problem.scheme, levels, limit=limit, corners=corners)
+        return with_control_mesh(state, problem.scheme, levels, limit=limit, triangles=triangles)
 
     def _step(self, member: int, stage: Stage, number: int) -> float:
         problem, target, restarts = self.problems[member], self._targets[member], self._restarts[member]

@@ -103,7 +103,7 @@ class ControlledSurface:
         pattern: sparsity pattern of the surface.
         operator: (V, C) subdivision matrix S, from the control mesh's positions to the surface's.
         squares: (V, C) squared entries of S.
-        polygons: the polygons whose fan triangulation the surface is, if any.
+        polygons: the polygons that the surface was triangulated from, if any.
     """
 
     pattern: SparsityPattern

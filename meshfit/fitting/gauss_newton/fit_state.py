@@ -53,7 +53,7 @@ class FitState:
         stiffness: (V, 1) factors of fairness, at least 1.
         on_sphere: (V, 3) its positions on the sphere, if it has a sphere map.
         controlled: the surface, if the mesh that is solved for is its control mesh.
-        polygons: the polygons whose fan triangulation the mesh is, if any.
+        polygons: the polygons that the mesh was triangulated from, if any.
     """
 
     pattern: SparsityPattern
@@ -90,7 +90,8 @@ class FitState:
 
     def saved(self) -> dict[str, Tensor | None]:
         """Return the state as tensors on the CPU, for `restored`."""
-        polygons, followed = self.polygons, None if self.controlled is None else self.controlled.polygons
+        polygons, surface = self.polygons, self.controlled
+        triangles = None if surface is None or surface.polygons is None else surface.pattern.connectivity.faces.cpu()
         return {
             "verts": self.verts.cpu(),
             "faces": self.pattern.connectivity.faces.cpu(),
@@ -98,7 +99,7 @@ class FitState:
             "on_sphere": None if self.on_sphere is None else self.on_sphere.cpu(),
             "corners": None if polygons is None else torch.tensor(polygons.corners),
             "sizes": None if polygons is None else torch.tensor(polygons.sizes),
-            "followed": None if followed is None else torch.tensor(followed.corners),
+            "triangles": triangles,
         }
 
     @property
@@ -174,7 +175,7 @@ class FitState:
             faces: (G, 3) the other faces.
             on_sphere: (N, 3) positions of their vertices on the sphere.
             target: the source of curvature.
-            polygons: the polygons whose fan triangulation the faces are, if any.
+            polygons: the polygons that the faces were triangulated from, if any.
         """
         state = self.with_better_map(_LAST_MAP_STEPS, target)
         assert state.on_sphere is not None  # noqa: S101  only called with a map

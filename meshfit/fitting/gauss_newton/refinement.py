@@ -13,7 +13,7 @@ from meshfit.fitting.gauss_newton.step_limiting import limit_step
 from meshfit.fitting.gauss_newton.surface import Connectivity
 from meshfit.loss.sparse import Sparse
 from meshfit.mesh.mesh import Mesh, Verts
-from meshfit.mesh.polygons import PolygonMesh, fan_triangles
+from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.topology import PolygonTopology, Topology
 from meshfit.subdivision.limit import loop_limit
 from meshfit.subdivision.polygons.scheme import PolygonScheme
@@ -29,7 +29,7 @@ def with_control_mesh(
     levels: int,
     *,
     limit: bool,
-    corners: Int64[Tensor, " C"] | None = None,
+    triangles: Int64[Tensor, "T 3"] | None = None,
 ) -> FitState:
     """Make the mesh of a state the control mesh of its subdivision.
 
@@ -38,15 +38,14 @@ def with_control_mesh(
         scheme: the subdivision scheme.
         levels: number of levels.
         limit: project the vertices of the last level onto the Loop limit surface.
-        corners: (C,) corners of the polygons of the last level, if the first corner of each is known already.
+        triangles: (T, 3) the triangles of the last level's polygons, if they have been chosen already.
     """
     masks = resolve(scheme)
     refinement = refine(_topology_for(state, masks), masks, levels)
     matrix = refinement.matrix
     faces, polygons = finest_triangles(refinement, matrix @ _positions(state))
-    if corners is not None and polygons is not None:
-        polygons = replace(polygons, corners=corners.numpy())
-        faces = fan_triangles(polygons.corners, polygons.sizes)
+    if triangles is not None:
+        faces = triangles.numpy()
     if limit:
         assert isinstance(masks, TriangleScheme)  # noqa: S101  the engine has checked it
         matrix = loop_limit(Topology(matrix.shape[0], faces), masks) @ matrix

@@ -10,13 +10,12 @@ import numpy as np
 from jaxtyping import Float64
 
 from meshfit.errors import DomainError, MeshError, MeshfitWarning
-from meshfit.mesh.cleaning import clean, require_finite_verts
+from meshfit.mesh.cleaning import CleaningOptions, VertexMap, clean, require_finite_verts
 from meshfit.mesh.curves import Chains, Curves, Segments, join_segments
 from meshfit.mesh.io import gltf, obj, off, ply, stl
 from meshfit.mesh.io.mesh_file import MeshFile, output_suffix, read_file, write_file, wrong_format
 from meshfit.mesh.mesh import Mesh, Verts
-from meshfit.mesh.polygons import PolygonMesh, PolygonSoup, fan_triangles
-from meshfit.mesh.topology import Indices
+from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
 from meshfit.paths import path_text
 
 Normals = Float64[np.ndarray, "V 3"]
@@ -60,11 +59,14 @@ CURVE_FORMATS = {
 }
 
 
-def load_mesh(path: str | Path | MeshFile, *, file_format: str | None = None) -> Mesh:
+def load_mesh(
+    path: str | Path | MeshFile, cleaning: CleaningOptions | None = None, *, file_format: str | None = None
+) -> Mesh:
     """Read a triangle mesh in one of `FORMATS`; triangulate polygons and weld seams.
 
     Args:
         path: of the file, which may be compressed (`.gz`, `.bz2`, `.xz`); the text `-` is standard input.
+        cleaning: distance of welding, and repair of what is not manifold.
         file_format: the format, such as `ply`, in place of the suffix; pipes and standard input have none.
 
     Example:
@@ -76,22 +78,24 @@ def load_mesh(path: str | Path | MeshFile, *, file_format: str | None = None) ->
     Warns:
         MeshfitWarning: as `clean` does.
     """
-    return load_mesh_with_vertex_map(path, file_format=file_format)[0]
+    return load_mesh_with_vertex_map(path, cleaning, file_format=file_format)[0]
 
 
-def load_mesh_with_vertex_map(path: str | Path | MeshFile, *, file_format: str | None = None) -> tuple[Mesh, Indices]:
-    """Return the mesh of `load_mesh`, and (N,) the index in it of each vertex of the file.
+def load_mesh_with_vertex_map(
+    path: str | Path | MeshFile, cleaning: CleaningOptions | None = None, *, file_format: str | None = None
+) -> tuple[Mesh, VertexMap]:
+    """Return the mesh of `load_mesh`, and the vertices of it that each vertex of the file became.
 
-    Welded vertices share an index; dropped ones have `NONE`. Errors and warnings are those of `load_mesh`.
+    Errors and warnings are those of `load_mesh`.
     """
     file = _opened(path, "mesh", file_format)
-    soup = _read_soup(file)
-    triangles = PolygonSoup.of_triangles(soup.verts, fan_triangles(soup.corners, soup.sizes))
-    mesh, vertex_map = clean(triangles, file.name)
+    mesh, vertex_map = clean(_read_soup(file), file.name, cleaning, triangles=True)
     return mesh.triangulated(), vertex_map
 
 
-def load_polygons(path: str | Path | MeshFile, *, file_format: str | None = None) -> PolygonMesh:
+def load_polygons(
+    path: str | Path | MeshFile, cleaning: CleaningOptions | None = None, *, file_format: str | None = None
+) -> PolygonMesh:
     """Read a mesh in one of `FORMATS`; keep its faces as they are and weld seams.
 
     Example:
@@ -99,15 +103,15 @@ def load_polygons(path: str | Path | MeshFile, *, file_format: str | None = None
 
     Arguments, errors and warnings are those of `load_mesh`.
     """
-    return load_polygons_with_vertex_map(path, file_format=file_format)[0]
+    return load_polygons_with_vertex_map(path, cleaning, file_format=file_format)[0]
 
 
 def load_polygons_with_vertex_map(
-    path: str | Path | MeshFile, *, file_format: str | None = None
-) -> tuple[PolygonMesh, Indices]:
-    """Return the mesh of `load_polygons`, and (N,) the index in it of each vertex of the file."""
+    path: str | Path | MeshFile, cleaning: CleaningOptions | None = None, *, file_format: str | None = None
+) -> tuple[PolygonMesh, VertexMap]:
+    """Return the mesh of `load_polygons`, and the vertices of it that each vertex of the file became."""
     file = _opened(path, "mesh", file_format)
-    return clean(_read_soup(file), file.name)
+    return clean(_read_soup(file), file.name, cleaning)
 
 
 def load_curves(path: str | Path | MeshFile, *, file_format: str | None = None) -> Curves:

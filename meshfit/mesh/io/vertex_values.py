@@ -8,21 +8,21 @@ import numpy as np
 from jaxtyping import Float64
 
 from meshfit.errors import MeshError, MeshfitWarning
+from meshfit.mesh.cleaning import VertexMap
 from meshfit.mesh.io.mesh_file import MeshFile, read_file
 from meshfit.mesh.io.ply import read_ply_property
 from meshfit.mesh.io.text import read_word_lines
-from meshfit.mesh.topology import NONE, Indices
 from meshfit.paths import MESH_SUFFIXES, format_suffix, path_text
 
 Values = Float64[np.ndarray, "_"]
 
 
-def read_vertex_values(path: str | Path, vertex_map: Indices, within: tuple[float, float] = (-inf, inf)) -> Values:
+def read_vertex_values(path: str | Path, vertex_map: VertexMap, within: tuple[float, float] = (-inf, inf)) -> Values:
     """Return (V,) the numbers of a text file with one line per vertex of the mesh file; `#` begins a comment.
 
     Args:
         path: of the text file.
-        vertex_map: (N,) the index in the mesh of each vertex of the file, from `load_mesh_with_vertex_map`.
+        vertex_map: the vertices of the mesh that those of the file became, from `load_mesh_with_vertex_map`.
         within: the smallest and the largest number allowed.
 
     Raises:
@@ -36,16 +36,16 @@ def read_vertex_values(path: str | Path, vertex_map: Indices, within: tuple[floa
         except ValueError:
             raise MeshError(f"{path}, line {number}: expected one number, got '{' '.join(words)}'") from None
         values.append(value)
-    if len(values) != len(vertex_map):
+    if len(values) != vertex_map.num_file_verts:
         raise MeshError(
-            f"{path}: expected one number for each of the {len(vertex_map)} vertices of the mesh file, "
+            f"{path}: expected one number for each of the {vertex_map.num_file_verts} vertices of the mesh file, "
             f"got {len(values)}"
         )
     return _at_mesh_verts(np.array(values, dtype=np.float64), vertex_map, within, str(path))
 
 
 def read_vertex_property(
-    path: str | Path | MeshFile, name: str, vertex_map: Indices, within: tuple[float, float] = (-inf, inf)
+    path: str | Path | MeshFile, name: str, vertex_map: VertexMap, within: tuple[float, float] = (-inf, inf)
 ) -> Values:
     """Return (V,) a vertex property of a PLY file, such as `property float alpha`.
 
@@ -76,21 +76,19 @@ def read_vertex_property(
     return _at_mesh_verts(values, vertex_map, within, f"{file.name}: '{name}'")
 
 
-def _at_mesh_verts(values: Values, vertex_map: Indices, within: tuple[float, float], origin: str) -> Values:
-    kept = np.flatnonzero(vertex_map != NONE)
+def _at_mesh_verts(values: Values, vertex_map: VertexMap, within: tuple[float, float], origin: str) -> Values:
+    kept, verts = vertex_map.pairs()
     outside = kept[~((values[kept] >= within[0]) & (values[kept] <= within[1]))]
     if len(outside):
         bad, allowed = int(outside[0]), "" if np.isinf(within[0]) else f" from {within[0]:g} to {within[1]:g}"
         raise MeshError(f"{origin}: vertex {bad}: expected a number{allowed}, got {values[bad]:g}")
-    verts, first = np.unique(vertex_map[kept], return_index=True)
-    result = np.empty(len(verts))
-    result[verts] = values[kept[first]]
-    differs = kept[result[vertex_map[kept]] != values[kept]]
+    _, first, row = np.unique(verts, return_index=True, return_inverse=True)
+    of_vert = kept[first]
+    differs = np.flatnonzero(values[of_vert[row]] != values[kept])
     if len(differs):
-        bad = int(differs[0])
-        other = int(kept[first[vertex_map[bad]]])
+        bad, other = int(kept[differs[0]]), int(of_vert[row[differs[0]]])
         raise MeshError(
             f"{origin}: vertices {other} and {bad} share a position on a seam, but have {values[other]:g} and "
             f"{values[bad]:g}; give both the same value"
         )
-    return result
+    return np.asarray(values[of_vert])

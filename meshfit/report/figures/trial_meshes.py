@@ -11,6 +11,7 @@ from jaxtyping import Float64
 from meshfit.errors import MeasureError, StoreError
 from meshfit.experiment.storage.run_directory import RESULT, Result, read_json
 from meshfit.measuring.proximity import point_distances
+from meshfit.mesh.cleaning import CleaningOptions
 from meshfit.mesh.geometry import bounding_box_diagonal
 from meshfit.mesh.io.files import load_mesh
 from meshfit.mesh.mesh import Mesh
@@ -56,7 +57,8 @@ def read_trial_meshes(folder: Path) -> TrialMeshes:
     except (KeyError, TypeError, IndexError, ValueError) as error:
         raise StoreError(f"{folder / RESULT}: not the result of a trial: {error}") from None
     source, result = (read_normalised(folder / name, facts) for name in (SOURCE, FITTED))
-    return TrialMeshes(facts, frame, source, result, frame.normalise(load_target(target)))
+    loaded = load_target(target, CleaningOptions.of(facts["settings"]))
+    return TrialMeshes(facts, frame, source, result, frame.normalise(loaded))
 
 
 def frame_of_result(facts: Result) -> Frame:
