@@ -145,6 +145,7 @@ def load_target(target: str, cleaning: "CleaningOptions | None" = None, *, file:
 
     Args:
         target: as for `target_path`.
+        cleaning: distance of welding, and repair of what is not manifold.
         file: its file, if `open_target` has read it already.
 
     Raises:

@@ -94,7 +94,7 @@ def test_welded_verts_must_agree(tmp_path):
 
 def test_properties_that_are_not_there(tmp_path):
     path = ply_file(tmp_path)
-    with pytest.raises(MeshError, match=r"'beta' cannot be read: .* has no property 'beta'; it has x, a"):
+    with pytest.raises(MeshError, match=r"'beta' cannot be read: .* no property 'beta'; .* x, a"):
         read_vertex_property(path, "beta", SAME)
     with pytest.raises(MeshError, match="from a PLY file only; use a text file with one number per line"):
         read_vertex_property(tmp_path / "solid.obj", "alpha", SAME)
