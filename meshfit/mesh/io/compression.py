@@ -40,9 +40,9 @@ def decompress(content: bytes, suffix: str) -> bytes:
         MeshError: it is cut short or damaged, or unpacks to more than 16 MB and 200 times its size.
     """
     kind = COMPRESSIONS[suffix]
-    limit = max(_ALWAYS_ALLOWED, _LARGEST_RATIO * len(content))
+    module, limit = _module(kind), max(_ALWAYS_ALLOWED, _LARGEST_RATIO * len(content))
     try:
-        with _module(kind).open(io.BytesIO(content)) as stream:
+        with module.open(io.BytesIO(content)) as stream:
             unpacked = b"".join(_chunks(stream, limit))
     except EOFError:
         raise MeshError(f"its {kind.name} compression is cut short; copy or download it again") from None

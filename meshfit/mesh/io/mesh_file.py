@@ -70,14 +70,13 @@ def read_file(path: str | Path, suffixes: Collection[str], kind: str, file_forma
     given = None if file_format is None else _given_suffix(file_format, suffixes, kind)
     if path == STREAM:
         return _checked(_read_standard_input(given, suffixes), suffixes)
-    path = Path(path)
     name = path_text(path)
     if not is_regular_file(path):
         if not is_pipe(path):
             raise MeshError(f"{name}: {not_a_file_message(path, suffixes)}")
         if given is None and not format_suffix(path):
             raise _without_suffix(name, suffixes)
-    suffix = given or format_suffix(path)
+    path, suffix = Path(path), given or format_suffix(path)
     if suffix not in suffixes:
         raise _unknown_format(path, name, suffixes, kind)
     content = _read_bytes(path, name)
@@ -255,7 +254,7 @@ def _guess_of_file(path: Path) -> Kind | None:
 
 def _suffix_fault(path: Path, kind: str) -> str:
     suffix = uncompressed(path).suffix
-    return f"unknown {kind} format {path_text(suffix)!r}" if suffix else f"no suffix to tell the {kind} format"
+    return f"unknown {kind} format {quoted_path(suffix)}" if suffix else f"no suffix to tell the {kind} format"
 
 
 def _allowed(suffixes: Collection[str]) -> str:

@@ -10,6 +10,7 @@ from meshfit.errors import ConfigError
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.normalisation import frame_of
 from meshfit.mesh.targets import NAMED_TARGETS, load_target, target_title
+from meshfit.paths import is_folder
 from meshfit.report.figures.camera import Camera, camera_of
 from meshfit.report.figures.colours import shared_limit
 from meshfit.report.figures.layout import DPI, ColourBar, PanelRow, distance_panel, mesh_panel, write_rows
@@ -54,7 +55,7 @@ def collect_meshes(names: Sequence[str], against: str | None = None) -> tuple[li
     frames: dict[str, None] = {}
     for text in names:
         title, _, name = text.rpartition("=")
-        if Path(name).is_dir():
+        if is_folder(name):
             of_trial, frame = _trial(Path(name), title, against)
             meshes += of_trial
         else:
