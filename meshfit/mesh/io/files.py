@@ -14,6 +14,7 @@ from meshfit.mesh.cleaning import CleaningOptions, VertexMap, clean, require_fin
 from meshfit.mesh.curves import Chains, Curves, Segments, join_segments
 from meshfit.mesh.io import gltf, obj, off, ply, stl
 from meshfit.mesh.io.mesh_file import MeshFile, output_suffix, read_file, write_file, wrong_format
+from meshfit.mesh.io.recognition import format_name
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
 from meshfit.paths import path_text
@@ -137,7 +138,7 @@ def load_curves(path: str | Path | MeshFile, *, file_format: str | None = None) 
     form = CURVE_FORMATS[file.suffix]
     verts, segments = _parse(file, form.read, CURVE_FORMATS)
     if not len(segments):
-        raise DomainError(f"{file.name}: no curves in it; {file.suffix[1:].upper()} holds them as {form.elements}")
+        raise DomainError(f"{file.name}: no curves in it; {format_name(file.suffix)} holds them as {form.elements}")
     require_finite_verts(verts, file.name)
     return _without_unused_verts(verts, join_segments(len(verts), segments, file.name), file.name)
 
@@ -176,7 +177,7 @@ def save_mesh(
     """
     suffix, name = mesh_output_suffix(path, file_format), path_text(path)
     if not FORMATS[suffix].double and not np.abs(mesh.verts).max(initial=0.0) <= _LARGEST_SINGLE:
-        raise MeshError(f"{name}: {suffix[1:].upper()} holds single precision, too small for the coordinates")
+        raise MeshError(f"{name}: {format_name(suffix)} holds single precision, too small for the coordinates")
     if normals is not None and not FORMATS[suffix].normals:
         with_normals = " and ".join(suffix for suffix, form in FORMATS.items() if form.normals)
         raise MeshError(f"{name}: vertex normals can be written to {with_normals} files only")
@@ -250,7 +251,7 @@ def _parse(file: MeshFile, parse: Callable[[bytes], _Content], suffixes: Collect
 
 def _unreadable(file: MeshFile, reason: str, suffixes: Collection[str]) -> MeshError:
     mismatch = wrong_format(file, suffixes)
-    return mismatch or MeshError(f"{file.name}: cannot be read as {file.suffix[1:].upper()}: {reason}")
+    return mismatch or MeshError(f"{file.name}: cannot be read as {format_name(file.suffix)}: {reason}")
 
 
 def _without_unused_verts(verts: Verts, chains: Chains, origin: str) -> Curves:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from meshfit.errors import FormatError, MeshError
 from meshfit.mesh.io.compression import COMPRESSIONS, compress, compression_of, decompress
-from meshfit.mesh.io.recognition import Kind, guess, kind_of_suffix, recognise
+from meshfit.mesh.io.recognition import Kind, format_name, guess, kind_of_suffix, recognise
 from meshfit.paths import (
     STDOUT_PATHS,
     STREAM,
@@ -196,8 +196,10 @@ def _unpacked(name: str, path: Path | None, content: bytes, packed: str) -> byte
 
 def _checked(file: MeshFile, suffixes: Collection[str]) -> MeshFile:
     """Refuse an empty file, and content with the signature of another format."""
-    if not file.content.strip():
+    if not file.content or file.content.isspace():
         raise MeshError(f"{file.name}: the file is empty")
+    if file.content.startswith(b"\0") and not file.content.strip(b"\0"):
+        raise MeshError(f"{file.name}: the file holds nothing but zeros; copy or download it again")
     packed = compression_of(file.content)
     if packed:
         rename = "" if file.path is None or file.named else f"; rename it to {quoted_path(file.path.name + packed)}"
@@ -209,7 +211,7 @@ def _checked(file: MeshFile, suffixes: Collection[str]) -> MeshFile:
 
 
 def _mismatch(file: MeshFile, kind: Kind, suffixes: Collection[str]) -> FormatError:
-    finding = f"{file.name}: its content looks like {kind.name}, not {file.suffix[1:].upper()}"
+    finding = f"{file.name}: its content looks like {kind.name}, not {format_name(file.suffix)}"
     readable = _readable(kind, suffixes)
     if not readable:
         return FormatError(finding, kind.remedy)
@@ -237,11 +239,12 @@ def _unknown_format(path: Path, name: str, suffixes: Collection[str], kind: str)
         return FormatError(f"{name}: {foreign.name} cannot be read", foreign.remedy)
     finding = f"{name}: {_suffix_fault(path, kind)}"
     found = None if is_pipe(path) else _guess_of_file(path)
-    if found is None or not (found.remedy or _readable(found, suffixes)):
+    if found is None or format_suffix(path) in found.suffixes:
         return FormatError(finding, _allowed(suffixes), "FORMAT")
     finding = f"{finding}; its content looks like {found.name}"
-    readable = _readable(found, suffixes)
-    return FormatError(finding, _rename(path, readable) if readable else found.remedy, readable[1:] or None)
+    if readable := _readable(found, suffixes):
+        return FormatError(finding, _rename(path, readable), readable[1:])
+    return FormatError(finding, found.remedy or _allowed(suffixes))
 
 
 def _guess_of_file(path: Path) -> Kind | None:

@@ -116,6 +116,11 @@ _OBJ_VERTEX = re.compile(rb"^v[ \t]+[-+.\d]+[ \t]", re.MULTILINE)
 _POINT_ROW = re.compile(rb"\s*(#[^\n]*\n\s*)*([-+.\deE]+[ \t,;]+){2,}[-+.\deE]+[ \t,;]*([-+.\deE]+[ \t,;]*)*\r?\n")
 
 
+def format_name(suffix: str) -> str:
+    """Return the name of the format that a suffix stands for: `PLY` for `.ply`."""
+    return "glTF" if suffix == ".gltf" else suffix[1:].upper()
+
+
 def kind_of_suffix(suffix: str) -> Kind | None:
     """Return the well-known kind of file that has a suffix in lower case; None if it is not one of them."""
     return _BY_SUFFIX.get(suffix)
