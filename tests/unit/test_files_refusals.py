@@ -9,6 +9,7 @@ import pytest
 
 from meshfit.errors import MeshError
 from meshfit.mesh.io.files import FORMATS, encode_mesh, load_mesh
+from meshfit.mesh.io.recognition import format_name
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import octahedron
 from tests.loops import over
@@ -74,13 +75,13 @@ def test_a_format_that_is_not_known(tmp_path, name):
 @over("suffix", FORMATS)
 def test_garbage(tmp_path, suffix, seed):
     garbage = np.random.default_rng(seed).bytes(int(10 ** (seed + 1)))
-    assert refusal(written(tmp_path / f"a{suffix}", garbage)).startswith(f"cannot be read as {suffix[1:].upper()}: ")
+    assert refusal(written(tmp_path / f"a{suffix}", garbage)).startswith(f"cannot be read as {format_name(suffix)}: ")
 
 
 @over("suffix", FORMATS)
 def test_prose(tmp_path, suffix):
     message = refusal(written(tmp_path / f"a{suffix}", "Dear all,\nplease find the model attached.\n"))
-    assert message.startswith(f"cannot be read as {suffix[1:].upper()}: ")
+    assert message.startswith(f"cannot be read as {format_name(suffix)}: ")
 
 
 @over("suffix", [".ply", ".stl", ".glb"])
@@ -88,7 +89,7 @@ def test_a_binary_file_cut_anywhere(tmp_path, suffix):
     content = encode_mesh(octahedron(), suffix)
     for length in {1, 40, 85, len(content) // 3, len(content) // 2, len(content) - 7, len(content) - 1}:
         message = refusal(written(tmp_path / f"a{suffix}", content[:length]))
-        assert message.startswith(f"cannot be read as {suffix[1:].upper()}: "), length
+        assert message.startswith(f"cannot be read as {format_name(suffix)}: "), length
 
 
 FAULTS = {
