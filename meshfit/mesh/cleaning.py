@@ -208,9 +208,9 @@ def _with_place_twice(mesh: PolygonMesh, place: Indices) -> Mask:
 
 def _triangulated(mesh: PolygonMesh, place: Indices, chosen: Mask) -> PolygonMesh:
     """Split some faces into triangles, in their place."""
-    chosen = chosen & (mesh.sizes > 3)
-    if not chosen.any():
+    if not (chosen & (mesh.sizes > 3)).any():
         return mesh
+    chosen = chosen | (mesh.sizes == 3)
     inside = np.repeat(chosen, mesh.sizes)
     corners = mesh.corners[inside]
     triangles = triangle_corners(mesh.verts, place[corners], mesh.sizes[chosen])

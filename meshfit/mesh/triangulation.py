@@ -2,6 +2,7 @@
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
+from numpy.typing import NDArray
 
 from meshfit.errors import MeshError
 from meshfit.mesh.mesh import Verts
@@ -16,6 +17,8 @@ _FLAT = 1e-9
 _TIE = 1e-9
 # Convex polygons of more corners are cut like concave ones, as the number of diagonals grows with the square of theirs.
 _LARGEST_FAN = 12
+# Polygons of more corners are not cut again, as the time grows with the cube of their number.
+_LARGEST_CUT = 128
 
 
 def triangulate(verts: Verts, corners: Corners, sizes: Sizes) -> Int64[np.ndarray, "T 3"]:
@@ -24,6 +27,7 @@ def triangulate(verts: Verts, corners: Corners, sizes: Sizes) -> Int64[np.ndarra
     A quadrilateral is cut along its shorter diagonal, if both lie inside. Other convex polygons become the fan of
     smallest total length, and the rest is cut by ear clipping in the plane of the polygon's area vector. A corner
     between two collinear edges gets a triangle with an area wherever there is one, so that a closed mesh stays closed.
+    Where polygons share several sides, they are cut along different diagonals, as far as these lie inside.
 
     Args:
         verts: V positions.
@@ -58,6 +62,7 @@ def triangle_corners(verts: Verts, corners: Corners, sizes: Sizes) -> Int64[np.n
             triangles[places] = np.take_along_axis(rows[:, None], _split(verts[corners[rows]]), axis=2)
         else:
             triangles[places] = rows[:, None]
+    _separate_diagonals(verts, corners, sizes, triangles)
     return triangles
 
 
@@ -152,3 +157,84 @@ def _clip_ears(points: Float64[np.ndarray, "N 3"], normal: Float64[np.ndarray, "
     flat = np.stack([points @ u, points @ v], axis=1) / (np.linalg.norm(u) * scale)
     triangles = np.asarray(manifold3d.triangulate([flat]), dtype=np.int64)
     return triangles if triangles.shape == fan.shape else fan
+
+
+def _separate_diagonals(verts: Verts, corners: Corners, sizes: Sizes, triangles: Int64[np.ndarray, "T 3"]) -> None:
+    """Cut polygons again, in place, one of whose diagonals joins the same vertices as another diagonal or as a side.
+
+    Such a diagonal would have four triangles, as it may where two polygons share several sides.
+    """
+    ends, face = _diagonals(sizes, triangles)
+    keys = _edge_keys(corners[ends[:, 0]], corners[ends[:, 1]], len(verts))
+    starts, first = np.cumsum(sizes) - sizes, np.cumsum(sizes - 2) - (sizes - 2)
+    following = np.arange(1, len(corners) + 1)
+    following[starts + sizes - 1] = starts
+    sides = np.sort(_edge_keys(corners, corners[following], len(verts)))
+    order = np.argsort(keys)
+    ordered = keys[order]
+    shared = _contains(sides, ordered)
+    same = ordered[1:] == ordered[:-1]
+    shared[1:] |= same
+    shared[:-1] |= same
+    if not shared.any():
+        return
+    polygons = np.unique(face[order[shared]])
+    others = ordered[~np.isin(face[order], polygons)]
+    taken = list[NDArray[np.int64]]()
+    for polygon in polygons:
+        rows = starts[polygon] + np.arange(sizes[polygon])
+        rows = rows[_rotations(corners[rows][None])[0]]
+        near = _edge_keys(corners[rows][:, None], corners[rows], len(verts))
+        blocked = _contains(sides, near) | _contains(others, near) | np.isin(near, np.concatenate([others[:0], *taken]))
+        own = keys[face == polygon]
+        is_simple = len(np.unique(corners[rows])) == len(rows) <= _LARGEST_CUT
+        if is_simple and np.isin(near[blocked], own).any():
+            cut = rows[_best_cut(verts[corners[rows]], blocked)]
+            triangles[first[polygon] + np.arange(len(cut))] = cut
+            ends, _ = _diagonals(sizes[[polygon]], cut - starts[polygon])
+            tail, head = (corners[starts[polygon] + ends[:, k]] for k in (0, 1))
+            own = _edge_keys(tail, head, len(verts))
+        taken.append(own)
+
+
+def _edge_keys(tail: NDArray[np.int64], head: NDArray[np.int64], num_verts: int) -> NDArray[np.int64]:
+    return np.asarray(np.minimum(tail, head) * num_verts + np.maximum(tail, head))
+
+
+def _contains(ordered: NDArray[np.int64], keys: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return which keys are among some in ascending order, one at least."""
+    return np.asarray(np.append(ordered, -1)[np.searchsorted(ordered, keys)] == keys)
+
+
+def _diagonals(sizes: Sizes, triangles: Int64[np.ndarray, "T 3"]) -> tuple[Int64[np.ndarray, "D 2"], Sizes]:
+    """Return the places that each diagonal joins, the smaller first, and its polygon."""
+    face = np.repeat(np.arange(len(sizes)), sizes - 2)
+    ends = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
+    face = np.repeat(face, 3)
+    step = ends[:, 1] - ends[:, 0]
+    inner = (step > 1) & (step < sizes[face] - 1)
+    return ends[inner], face[inner]
+
+
+def _best_cut(points: Float64[np.ndarray, "N 3"], blocked: Bool[np.ndarray, "N N"]) -> Int64[np.ndarray, "T 3"]:
+    """Return the triangulation with the fewest triangles outside, then blocked diagonals, then the least length."""
+    size, points = len(points), points - points[0]
+    normal = np.cross(points, np.roll(points, -1, axis=0)).sum(axis=0)
+    lengths = np.linalg.norm(points[:, None] - points, axis=2)
+    weight = lengths / max(lengths.sum(), np.finfo(np.float64).tiny) + blocked
+    cost, apex = np.zeros((size, size)), np.zeros((size, size), dtype=np.int64)
+    for span in range(2, size):
+        for i in range(size - span):
+            j, between = i + span, np.arange(i + 1, i + span)
+            outside = np.cross(points[between] - points[i], points[j] - points[i]) @ normal <= _FLAT * (normal @ normal)
+            total = cost[i, between] + cost[between, j] + size * outside
+            apex[i, j] = between[total.argmin()]
+            cost[i, j] = total.min() + weight[i, j]
+    triangles, pending = list[tuple[int, int, int]](), [(0, size - 1)]
+    while pending:
+        i, j = pending.pop()
+        if j - i > 1:
+            k = int(apex[i, j])
+            triangles.append((i, k, j))
+            pending += [(i, k), (k, j)]
+    return np.array(triangles)

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::meshfit.errors.MeshfitWarning")
 
 
 @pytest.mark.parametrize("suffix", OF_POLYGONS)
-@over("shape", [shape for shape in EVERY if shape not in ("pillow", "lens of 5")])  # their faces are duplicates
+@over("shape", EVERY)
 def test_polygons_come_back_as_they_are_and_to_the_last_bit(tmp_path, suffix, shape):
     mesh = EVERY[shape]()
     save_mesh(mesh, tmp_path / f"a{suffix}")

@@ -1,5 +1,7 @@
 """Triangulation of polygons: area and closedness do not depend on the first corner, nor on how the mesh lies."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,13 +10,14 @@ from scipy.stats import special_ortho_group
 
 from meshfit.errors import MeshError
 from meshfit.mesh.geometry import face_areas, signed_volume
-from meshfit.mesh.manifold import is_watertight
+from meshfit.mesh.manifold import describe_topology, is_watertight, require_manifold
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh, face_rows
-from meshfit.mesh.topology import Topology
+from meshfit.mesh.topology import PolygonTopology, Topology
 from meshfit.mesh.triangulation import triangulate
+from meshfit.subdivision.refine import subdivide
 from tests.loops import over
-from tests.quads import EVERY
+from tests.quads import EVERY, VALENCE_2, merged
 
 PLANE = {
     "L": ([(0, 0), (3, 0), (3, 1), (1, 1), (1, 3), (0, 3)], 5),
@@ -111,6 +114,40 @@ def test_surfaces_keep_their_area_and_volume_under_any_first_corners(shape):
         turn = special_ortho_group.rvs(3, random_state=3)
         moved = mesh.with_verts(mesh.verts @ turn.T + 5).triangulated()
         assert signed_volume(moved) == pytest.approx(signed_volume(turned), rel=1e-9, abs=1e-12)
+
+
+def flat_pillow(points):
+    """Two equal polygons in the plane, glued along all sides: a closed surface."""
+    size = len(points)
+    rows = np.concatenate([np.arange(size), np.arange(size)[::-1]])
+    return PolygonMesh(np.c_[np.array(points, float), np.zeros(size)], rows, [size, size])
+
+
+@over(
+    "make",
+    [
+        *VALENCE_2.values(),
+        *(partial(merged, seed) for seed in range(4)),
+        partial(flat_pillow, [(0, 0), (2, 0), (2, 1), (0, 1)]),
+        *(partial(subdivide, VALENCE_2["pillow"](), scheme, 1) for scheme in ("kobbelt", "sqrt2")),
+    ],
+)
+def test_polygons_that_share_several_sides_share_no_diagonal(make):
+    """A diagonal of both would have four triangles, and the surface would be no manifold."""
+    mesh = make()
+    generator = np.random.default_rng(0)
+    for _ in range(3):
+        rows = [np.roll(row, generator.integers(9)) for row in face_rows(mesh)]
+        turned = PolygonMesh(mesh.verts, np.concatenate(rows), mesh.sizes).triangulated()
+        topology = Topology.of(turned)
+        require_manifold(topology, "the test")
+        assert describe_topology(topology) == describe_topology(PolygonTopology.of(mesh))
+        assert oriented(turned.faces) == oriented(mesh.triangulated().faces)
+
+
+def test_diagonals_stay_inside_where_two_polygons_have_to_share_one():
+    points, area = PLANE["L"]
+    assert face_areas(flat_pillow(points).triangulated()).sum() == pytest.approx(2 * area)
 
 
 def test_a_quadrilateral_is_cut_along_its_shorter_diagonal_inside():
