@@ -11,7 +11,16 @@ from meshfit.config.scheme_files import read_scheme_files, relative_to_folder
 from meshfit.config.strict_yaml import parse_value, read_document
 from meshfit.config.sweeps import variants_of
 from meshfit.errors import ConfigError
-from meshfit.paths import CONFIG_SUFFIXES, bundled_folder, format_suffix, is_regular_file, not_a_file_message, path_text
+from meshfit.paths import (
+    CONFIG_SUFFIXES,
+    MESH_SUFFIXES,
+    bundled_folder,
+    format_suffix,
+    is_folder,
+    is_regular_file,
+    not_a_file_message,
+    path_text,
+)
 from meshfit.settings import KeyPath, apply_changes, build, deep_merge, nested
 from meshfit.specs import suggest
 from meshfit.subdivision.custom.definitions import Definition
@@ -97,9 +106,17 @@ def _with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
         if key == ("schemes",) or (key[:1] == ("define",) and key[2:] == ("base",)):
             return relative_to_folder(value, folder)
         is_path = key == ("targets",) or any(tuple(key[-len(path) :]) == path for path in SOURCE_FILE_KEYS)
-        return str((folder / value).resolve()) if is_path and (folder / value).is_file() else value
+        return _absolute_path(value, folder) if is_path else value
 
     return {key: absolute(value, (key,)) for key, value in data.items()}
+
+
+def _absolute_path(text: str, folder: Path) -> str:
+    """Return a path relative to a folder as an absolute one, without following a link; names remain names."""
+    path = folder / text
+    is_file = os.path.lexists(path) and not is_folder(path)
+    is_missing = format_suffix(text) in MESH_SUFFIXES and not os.path.lexists(text)
+    return str(path.parent.resolve() / path.name) if is_file or is_missing else text
 
 
 def _parse_overrides(overrides: Sequence[str]) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from meshfit.config.strict_yaml import dump, parse_document
 from meshfit.errors import ConfigError
 from meshfit.mesh.io.files import save_mesh
 from meshfit.mesh.solids import cube
+from meshfit.mesh.targets import load_target
 from meshfit.settings import build
 from tests.loops import over
 
@@ -79,6 +80,31 @@ def test_mesh_files_lie_relative_to_the_config(tmp_path, monkeypatch):
     settings = load_experiment("project/c.yaml").settings
     assert settings.targets == ("bunny", str(folder / "meshes" / "box.off"))
     assert settings.source.mesh == str(folder / "meshes" / "box.off")
+
+
+def test_links_keep_their_name_and_what_is_missing_is_looked_for_beside_the_config(tmp_path, monkeypatch):
+    """A link may lead to a file without a suffix, as in stores that name files by their content."""
+    folder = tmp_path / "project"
+    folder.mkdir()
+    save_mesh(cube(), folder / "store.off")
+    (folder / "store.off").rename(folder / "ab12cd")
+    (folder / "box.off").symlink_to("ab12cd")
+    (folder / "dangling.ply").symlink_to("gone")
+    (folder / "cow").mkdir()
+    save_mesh(cube(), tmp_path / "here.ply")
+    monkeypatch.chdir(tmp_path)
+    for written, expected in {
+        "box.off": str(folder / "box.off"),
+        "dangling.ply": str(folder / "dangling.ply"),
+        "gone.obj.gz": str(folder / "gone.obj.gz"),
+        "../here.ply": str(tmp_path / "here.ply"),
+        "here.ply": "here.ply",
+        "cow": "cow",
+        "~/a": "~/a",
+    }.items():
+        (folder / "c.yaml").write_text(f"targets: [{written}]\n")
+        assert load_experiment("project/c.yaml").settings.targets == (expected,)
+    assert load_target(str(folder / "box.off")).num_faces == 12
 
 
 OVERRIDES = [
