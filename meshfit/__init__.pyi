@@ -22,9 +22,9 @@ from .subdivision.creases import Creases as Creases
 from .subdivision.creases import creases_by_angle as creases_by_angle
 from .subdivision.limit import loop_limit as loop_limit
 from .subdivision.limit import loop_limit_normals as loop_limit_normals
+from .subdivision.refine import CurveRefinement as CurveRefinement
+from .subdivision.refine import Refinement as Refinement
 from .subdivision.refine import refine as refine
 from .subdivision.refine import subdivide as subdivide
-from .subdivision.refinement import CurveRefinement as CurveRefinement
-from .subdivision.refinement import Refinement as Refinement
 
 __version__: str

@@ -6,8 +6,7 @@ import numpy as np
 
 from meshfit.mesh.curves import Chains, Curves
 from meshfit.subdivision.curves.table import CURVE_SCHEMES
-from meshfit.subdivision.refine import refine
-from meshfit.subdivision.refinement import CurveRefinement
+from meshfit.subdivision.refine import CurveRefinement, refine
 from meshfit.subdivision.registry import resolve
 
 VARIANTS = (

@@ -17,8 +17,7 @@ from meshfit.mesh.topology import Indices, Mask, PolygonTopology, Topology
 from meshfit.subdivision.curves.scheme import CurveScheme
 from meshfit.subdivision.polygons.scheme import LINEAR_SCHEMES as LINEAR_POLYGON_SCHEMES
 from meshfit.subdivision.polygons.scheme import CornerMask, PolygonScheme
-from meshfit.subdivision.refine import refine
-from meshfit.subdivision.refinement import CurveRefinement, Refinement
+from meshfit.subdivision.refine import CurveRefinement, Refinement, refine
 from meshfit.subdivision.registry import Scheme
 from meshfit.subdivision.triangles.scheme import LINEAR_SCHEMES as LINEAR_TRIANGLE_SCHEMES
 from meshfit.subdivision.triangles.scheme import TriangleScheme

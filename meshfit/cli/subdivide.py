@@ -114,8 +114,7 @@ def _refine_triangles(
     from meshfit.mesh.mesh import Mesh
     from meshfit.mesh.topology import Topology
     from meshfit.subdivision.limit import loop_limit, loop_limit_normals
-    from meshfit.subdivision.refine import refine
-    from meshfit.subdivision.refinement import Refinement
+    from meshfit.subdivision.refine import Refinement, refine
 
     topology = Topology.of(mesh)
     creases = None if options.creases is None else _creases(options.creases, options.sharpness, mesh, vertex_map)

@@ -23,8 +23,7 @@ from meshfit.paths import STREAM, is_regular_file, looks_like_path
 from meshfit.specs import parse_spec, suggest
 from meshfit.subdivision.creases import Creases, creases_by_angle, read_creases
 from meshfit.subdivision.polygons.scheme import PolygonScheme
-from meshfit.subdivision.refine import refine, require_takes_creases
-from meshfit.subdivision.refinement import PolygonRefinement, Refinement
+from meshfit.subdivision.refine import PolygonRefinement, Refinement, refine, require_takes_creases
 from meshfit.subdivision.registry import Scheme, resolve
 from meshfit.subdivision.triangles.scheme import MIDPOINT
 

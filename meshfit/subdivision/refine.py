@@ -1,17 +1,22 @@
-"""Refinement: some levels of a scheme laid down on a connectivity, or applied to a mesh or to curves."""
+"""Refinement: some levels of a scheme laid down on a connectivity, or applied to a mesh or to curves.
+
+A `Refinement` has the operators of its levels, which act on numpy arrays and torch tensors, and the finest faces.
+"""
 
 from collections.abc import Mapping
-from functools import partial
-from typing import Any, overload
+from dataclasses import dataclass
+from functools import cached_property, partial
+from math import prod
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
+from scipy.sparse import coo_array, csr_array, eye_array
 
 from meshfit.errors import MeshError, SchemeError
 from meshfit.mesh.curves import Chains, Curves, require_chains
 from meshfit.mesh.manifold import require_manifold
-from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.mesh import Faces, Mesh, Verts
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.topology import PolygonTopology, Topology
 from meshfit.specs import Value
@@ -23,13 +28,16 @@ from meshfit.subdivision.polygons.assemble import assemble_polygons
 from meshfit.subdivision.polygons.scheme import LINEAR_SCHEMES, PolygonScheme, PolygonSplit
 from meshfit.subdivision.polygons.splits import divide_polygons
 from meshfit.subdivision.push_back import carry_alpha
-from meshfit.subdivision.refinement import CurveRefinement, PolygonRefinement, Refinement
 from meshfit.subdivision.registry import Scheme, resolve, wrong_domain
 from meshfit.subdivision.triangles.assemble import assemble, linear_carry
 from meshfit.subdivision.triangles.scheme import MIDPOINT, Split, TriangleScheme
 from meshfit.subdivision.triangles.splits import divide
 
+if TYPE_CHECKING:
+    import torch
+
 ParameterValue = Value | NDArray[Any]
+Values = TypeVar("Values", np.ndarray, "torch.Tensor")
 
 # Vertices for each old one on a large closed triangle mesh, which has three edges and two faces for each vertex: after
 # the first level, and after each later one, on the polygons that the first leaves.
@@ -39,6 +47,112 @@ _GROWTH_ON_TRIANGLES: dict[PolygonSplit, tuple[float, float]] = {
     PolygonSplit.TERNARY: (13.0, 9.0),
     PolygonSplit.DUAL: (6.0, 4.0),
 }
+
+
+def _sparse_tensor(operator: csr_array, dtype: "torch.dtype", device: "torch.device | str") -> "torch.Tensor":
+    """Return the operator as a sparse COO tensor; its products are differentiable on every device."""
+    import torch  # plans refine sources without it
+
+    entries = coo_array(operator)
+    indices = torch.stack([torch.as_tensor(entries.row.astype("int64")), torch.as_tensor(entries.col.astype("int64"))])
+    values = torch.as_tensor(entries.data, dtype=dtype)
+    return torch.sparse_coo_tensor(
+        indices, values, tuple(operator.shape), is_coalesced=True, check_invariants=False
+    ).to(device)
+
+
+@dataclass(frozen=True, eq=False)
+class Operators:
+    """Operators of some levels.
+
+    Attributes:
+        num_coarse: V, the number of coarse vertices.
+        operators: one sparse operator for each level, coarsest first.
+    """
+
+    num_coarse: int
+    operators: tuple[csr_array, ...]
+
+    @property
+    def num_fine(self) -> int:
+        """V', the number of vertices of the finest level."""
+        return self.operators[-1].shape[0] if self.operators else self.num_coarse
+
+    @cached_property
+    def matrix(self) -> csr_array:
+        """Product of all levels: sparse (V', V), verts_fine = matrix @ verts_coarse."""
+        product = csr_array(eye_array(self.num_coarse, format="csr"))
+        for operator in self.operators:
+            product = csr_array(operator @ product)
+        return product
+
+    def __call__(self, values: Values) -> Values:
+        """Refine positions or any other values given at the coarse vertices.
+
+        Args:
+            values: (V, …) numpy array or torch tensor. The map is linear and differentiable.
+
+        Returns:
+            (V', …) of the same kind, dtype and device; integers come back as float64.
+
+        Raises:
+            MeshError: the number of rows is not the number of coarse vertices.
+        """
+        if len(values) != self.num_coarse:
+            raise MeshError(f"found {len(values)} values; expected one for each of {self.num_coarse} coarse vertices")
+        rest = values.shape[1:]
+        if isinstance(values, np.ndarray):
+            rows = values.reshape(self.num_coarse, prod(rest))
+            for operator in self.operators:
+                rows = operator @ rows
+            fine = rows.reshape(-1, *rest)
+            return fine.astype(values.dtype) if np.issubdtype(values.dtype, np.floating) else fine
+        import torch
+
+        tensor = values if values.is_floating_point() else values.double()
+        flat = tensor.reshape(self.num_coarse, prod(rest))
+        for operator in self.operators:
+            flat = torch.sparse.mm(_sparse_tensor(operator, tensor.dtype, tensor.device), flat)
+        return flat.reshape(-1, *rest)
+
+
+@dataclass(frozen=True, eq=False)
+class Refinement(Operators):
+    """Some levels of a scheme on triangles.
+
+    Attributes:
+        faces: (F', 3) the finest faces.
+        creases: the creases that remain on the finest level; None if there were none.
+    """
+
+    faces: Faces
+    creases: Creases | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class CurveRefinement(Operators):
+    """Some levels of a scheme on curves.
+
+    Attributes:
+        chains: the finest chains.
+    """
+
+    chains: Chains
+
+
+@dataclass(frozen=True, eq=False)
+class PolygonRefinement(Operators):
+    """Some levels of a scheme on polygons.
+
+    Attributes:
+        finest: the finest connectivity.
+    """
+
+    finest: PolygonTopology
+
+    def mesh(self, verts: Verts) -> PolygonMesh:
+        """Return the finest faces with their vertices at these positions."""
+        return PolygonMesh(verts, self.finest.corners, self.finest.sizes)
 
 
 @overload

@@ -7,8 +7,7 @@ import numpy as np
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.topology import PolygonTopology
 from meshfit.subdivision.polygons.table import POLYGON_SCHEMES
-from meshfit.subdivision.refine import refine
-from meshfit.subdivision.refinement import PolygonRefinement
+from meshfit.subdivision.refine import PolygonRefinement, refine
 from meshfit.subdivision.registry import resolve
 from tests.quads import EVERY, quad_patch, quad_torus
 

@@ -17,8 +17,7 @@ from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.topology import PolygonTopology, Topology
 from meshfit.subdivision.limit import loop_limit
 from meshfit.subdivision.polygons.scheme import PolygonScheme
-from meshfit.subdivision.refine import linear_scheme, refine
-from meshfit.subdivision.refinement import finest_triangles
+from meshfit.subdivision.refine import PolygonRefinement, Refinement, linear_scheme, refine
 from meshfit.subdivision.registry import Scheme, resolve
 from meshfit.subdivision.triangles.scheme import TriangleScheme
 
@@ -43,7 +42,7 @@ def with_control_mesh(
     masks = resolve(scheme)
     refinement = refine(_topology_for(state, masks), masks, levels)
     matrix = refinement.matrix
-    faces, polygons = finest_triangles(refinement, matrix @ _positions(state))
+    faces, polygons = _finest_triangles(refinement, matrix @ _positions(state))
     if triangles is not None:
         faces = triangles.numpy()
     if limit:
@@ -77,7 +76,7 @@ def refine_state(state: FitState, scheme: str | Scheme) -> FitState:
     topology = _topology_for(state, masks)
     refinement, verts = refine(topology, masks), _positions(state)
     fine = refinement(verts)
-    faces, polygons = finest_triangles(refinement, fine)
+    faces, polygons = _finest_triangles(refinement, fine)
     finer = FitState.of(torch.as_tensor(fine).to(state.verts), torch.tensor(faces, device=device), polygons=polygons)
     linear = linear_scheme(masks)
     if linear is None:
@@ -87,6 +86,15 @@ def refine_state(state: FitState, scheme: str | Scheme) -> FitState:
     stiffness = torch.as_tensor(between(state.stiffness.cpu().double().numpy())).to(state.verts)
     end, _ = limit_step(finer.pattern.connectivity, start, finer.verts)
     return replace(finer, verts=end, stiffness=stiffness).untangled()
+
+
+def _finest_triangles(
+    refinement: Refinement | PolygonRefinement, verts: Verts
+) -> tuple[Int64[np.ndarray, "G 3"], PolygonTopology | None]:
+    """Return the finest faces as triangles, with their vertices at these positions, and their polygons, if any."""
+    if isinstance(refinement, Refinement):
+        return refinement.faces, None
+    return refinement.mesh(verts).triangulated().faces, refinement.finest
 
 
 def _positions(state: FitState) -> Verts:
