@@ -2,20 +2,31 @@
 
 import itertools
 import re
+import warnings
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meshfit.errors import MeshError
+from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.curves import Curves
-from meshfit.mesh.io.text import Lines, parse_integers, parse_point, split_lines
+from meshfit.mesh.io.text import BYTE_ORDER_MARK, Lines, parse_floats, parse_integers, parse_ints, parse_point
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup, checked_face_size, face_rows
 
-_IGNORED = (b"#", b"vn ", b"vt ", b"g ", b"o ", b"s ", b"usemtl ", b"mtllib ")
+_COMMENT = re.compile(rb"#[^\n]*")
+_NOT_FINITE = re.compile(rb"\d\.#(?:QNAN|SNAN|IND|INF)\d*\b")  # has a '#' that does not begin a comment
+_CONTINUED = re.compile(rb"^(?:v|fo?|l)(?=[ \t\\])(?:[^\n]*\\[ \t]*(?:\n|\Z))+[^\n]*", re.MULTILINE)
+_LINE_END = re.compile(rb"\\[ \t]*(?:\n|\Z)")
+_BLANKS_BEFORE = re.compile(rb"^[ \t]+", re.MULTILINE)
+_FREE_FORM = re.compile(rb"^(?:curv2?|surf|bzp|bsp|cdc|cdp)(?=[ \t])", re.MULTILINE)
 _AFTER_SLASH = re.compile(rb"/\S*")
+_DIGITS = b"0123456789-+"
+_BLANKS = bytes.maketrans(b"\v\f", b"  ")
+_SLASH_TO_BLANK = bytes.maketrans(b"/", b" ")
+_NEWLINE = ord("\n")
+_BLANK_BYTES, _FREE_FORM_BYTES = set(b" \t"), set(b"csb")
+_AFTER_KEYWORD = np.frombuffer(b" \t\n\v", np.uint8)
 
 
 def read_obj(content: bytes) -> PolygonSoup:
@@ -23,15 +34,19 @@ def read_obj(content: bytes) -> PolygonSoup:
 
     Raises:
         MeshError: naming the line at fault.
+
+    Warns:
+        MeshfitWarning: of free-form curves and surfaces, which are passed over.
     """
-    if (plain := _read_plain(content)) is not None:
-        return plain
+    text = _plain_text(content)
+    if (soup := _read_at_once(text)) is not None:
+        return soup
     verts: list[list[float]] = []
     faces: list[list[int]] = []
-    for number, words in _joined_lines(content):
+    for number, words in _numbered_lines(text):
         if words[0] == b"v":
             verts.append(parse_point(words[1:], number))
-        elif words[0] == b"f":
+        elif words[0] in (b"f", b"fo"):
             corners = _corners(words[1:], number, "face", len(verts))
             checked_face_size(len(corners), f"line {number}: ")
             faces.append(corners)
@@ -43,10 +58,13 @@ def read_obj_segments(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.i
 
     Raises:
         MeshError: naming the line at fault.
+
+    Warns:
+        MeshfitWarning: of free-form curves and surfaces, which are passed over.
     """
     verts: list[list[float]] = []
     segments: list[tuple[int, int]] = []
-    for number, words in _joined_lines(content):
+    for number, words in _numbered_lines(_plain_text(content)):
         if words[0] == b"v":
             verts.append(parse_point(words[1:], number))
         elif words[0] == b"l":
@@ -80,41 +98,133 @@ def _coordinates(keyword: str, rows: NDArray[np.float64]) -> str:
     return "".join(f"{keyword} {x!r} {y!r} {z!r}\n" for x, y, z in rows.tolist())
 
 
-def _joined_lines(content: bytes) -> Lines:
-    """Yield the lines, where a backslash at the end of one continues it on the next."""
-    return split_lines(content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" "))
+def _plain_text(content: bytes) -> bytes:
+    """Return a file without comments and blanks before keywords, its lines joined where one goes on in the next.
+
+    A backslash joins lines of the elements that are read only: it may also end the path of a material.
+    A joined line has a vertical tab for each line end that it lost, so that lines can be counted.
+    """
+    text = content.removeprefix(BYTE_ORDER_MARK)
+    if b"\r" in text:
+        text = text.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    if b"\v" in text or b"\f" in text:
+        text = text.translate(_BLANKS)
+    if b"#" in text:
+        text = _NOT_FINITE.sub(b"nan", text) if b".#" in text else text
+        text = _COMMENT.sub(b"", text)
+    first = _first_bytes(text)
+    if first & _BLANK_BYTES:
+        text = _BLANKS_BEFORE.sub(b"", text)
+        first = _first_bytes(text)
+    if b"\\" in text:
+        text = _CONTINUED.sub(lambda lines: _LINE_END.sub(b" \v", lines[0]), text)
+    if first & _FREE_FORM_BYTES and (passed_over := {word.decode() for word in _FREE_FORM.findall(text)}):
+        names = ", ".join(sorted(passed_over))
+        warnings.warn(f"passed over free-form curves and surfaces: {names}", MeshfitWarning, stacklevel=3)
+    return text
+
+
+def _first_bytes(text: bytes) -> set[int]:
+    """Return the first byte of all lines."""
+    codes, starts = _line_starts(text)
+    return set(np.flatnonzero(np.bincount(codes[starts[:-1]])).tolist())
+
+
+def _line_starts(text: bytes) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+    """Return the bytes of a text, which some blanks follow, and where each line starts and the last ends."""
+    codes = np.frombuffer(text + b"\n  ", np.uint8)
+    return codes, np.concatenate([[0], np.flatnonzero(codes == _NEWLINE) + 1])
+
+
+def _numbered_lines(text: bytes) -> Lines:
+    """Yield the number and the words of each line of a plain text that is not empty."""
+    number = 1
+    for line in text.split(b"\n"):
+        if words := line.split():
+            yield number, words
+        number += 1 + line.count(b"\v")
 
 
 def _corners(words: Sequence[bytes], number: int, kind: str, num_verts: int) -> list[int]:
     """Return vertex indices from 0 on, for an element that follows `num_verts` vertices."""
-    corners = parse_integers([word.partition(b"/")[0] for word in words], number)
+    corners = parse_integers([word.partition(b"/")[0] for word in words], number, words)
     if 0 in corners:
         raise MeshError(f"line {number}: a {kind} with vertex 0; OBJ counts from 1, or from -1 backwards")
     return [corner - 1 if corner > 0 else num_verts + corner for corner in corners]
 
 
-def _read_plain(content: bytes) -> PolygonSoup | None:
-    """Read a file of plain `v x y z` and `f a b c …` lines, with or without slashes, fast; return None for others."""
-    lines = content.split(b"\n")
-    verts = [line[2:] for line in lines if line.startswith(b"v ")]
-    faces = [line[2:] for line in lines if line.startswith(b"f ")]
-    if len(verts) + len(faces) + sum(line.startswith(_IGNORED) or not line for line in lines) != len(lines):
+def _read_at_once(text: bytes) -> PolygonSoup | None:
+    """Read the numbers of all vertices and then of all faces of a plain text; return None if anything is unusual."""
+    codes, starts = _line_starts(text)
+    first, second, third = (codes[starts[:-1] + place] for place in range(3))
+    is_vert = (first == ord("v")) & np.isin(second, _AFTER_KEYWORD)
+    is_old_face = (first == ord("f")) & (second == ord("o")) & np.isin(third, _AFTER_KEYWORD)
+    is_face = (first == ord("f")) & np.isin(second, _AFTER_KEYWORD) | is_old_face
+    verts = _vert_points(_joined(text, starts, is_vert), int(is_vert.sum()))
+    face_lines = _joined(text, starts, is_face)
+    faces = _face_corners(face_lines.replace(b"fo", b"f") if is_old_face.any() else face_lines, int(is_face.sum()))
+    if verts is None or faces is None:
         return None
-    points, corners = _numbers(verts, np.float64), _numbers(faces, np.int64)
-    if points is None or corners is None:
-        return None
-    if not ((points[1] == 3).all() and (corners[1] >= 3).all() and (corners[0] > 0).all()):
-        return None
-    return PolygonSoup(points[0].reshape(-1, 3), corners[0] - 1, corners[1])
+    corners, sizes = faces
+    backwards = corners < 0
+    if backwards.any():
+        verts_before = np.repeat(np.cumsum(is_vert)[is_face], sizes)
+        corners = np.where(backwards, verts_before + corners, corners - 1)
+    else:
+        corners = corners - 1
+    return PolygonSoup(verts, corners, sizes)
 
 
-def _numbers(lines: list[bytes], dtype: type[np.generic]) -> tuple[NDArray[Any], NDArray[np.int64]] | None:
-    """Return the numbers of all lines in a row, and how many each line has; None where a word is no number."""
-    words = np.array(_AFTER_SLASH.sub(b"", b" ; ".join([*lines, b""])).split(), dtype=bytes)
-    ends = np.flatnonzero(words == b";")
-    if len(ends) != len(lines):  # a line contains the separator itself
+def _joined(text: bytes, starts: NDArray[np.int64], chosen: NDArray[np.bool_]) -> bytes:
+    """Return the chosen lines, which begin at these places."""
+    changes = np.flatnonzero(np.diff(chosen, prepend=False, append=False))
+    ends = starts[changes].tolist()
+    return b"".join([text[start:end] for start, end in zip(ends[::2], ends[1::2], strict=True)])
+
+
+def _vert_points(lines: bytes, count: int) -> NDArray[np.float64] | None:
+    """Return (V, 3) the first three numbers of all vertices, with NaN in place of each keyword."""
+    numbers = parse_floats(lines.replace(b"v", b" nan"))
+    if numbers is None:
         return None
-    try:
-        return np.delete(words, ends).astype(dtype), np.diff(ends, prepend=-1) - 1
-    except ValueError:
+    keywords = np.flatnonzero(np.isnan(numbers))
+    if len(keywords) != count or (np.diff(keywords, append=len(numbers)) < 4).any():
         return None
+    if len(numbers) == 4 * count:
+        return numbers.reshape(-1, 4)[:, 1:].copy()
+    return np.asarray(numbers[keywords[:, None] + [1, 2, 3]])
+
+
+def _face_corners(lines: bytes, count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
+    """Return the vertices of all faces, from 1 on, and (F,) their sizes, with 0 in place of each keyword."""
+    per_corner = 1
+    if b"/" in lines:
+        if b" /" in lines or b"\t/" in lines:
+            return None
+        per_corner = _numbers_per_corner(lines)
+        lines = lines.translate(_SLASH_TO_BLANK) if per_corner > 1 else _AFTER_SLASH.sub(b"", lines)
+    numbers = parse_ints(lines.replace(b"f", b" 0"))
+    if numbers is None:
+        return None
+    is_keyword = numbers == 0
+    keywords = np.flatnonzero(is_keyword)
+    sizes, further = np.divmod(np.diff(keywords, append=len(numbers)) - 1, per_corner)
+    if len(keywords) != count or (sizes < 3).any() or further.any():
+        return None
+    return numbers[~is_keyword][::per_corner], sizes
+
+
+def _numbers_per_corner(lines: bytes) -> int:
+    """Return how many numbers each corner has, if all are written alike and after one blank each, else 1."""
+    skeleton = lines.translate(None, _DIGITS)
+    corners, slashes = skeleton.count(b" "), skeleton.count(b"/")
+    if slashes == corners == skeleton.count(b" /"):
+        per_corner = 2
+    elif slashes == 2 * corners == 2 * skeleton.count(b" //"):
+        per_corner = 2 if lines.count(b"//") == corners else 3
+    else:
+        return 1
+    if b"\t" in lines or b"\v" in lines:
+        return 1
+    blanks = lines.count(b"/ ") + lines.count(b"/\n") + lines.count(b"//") * (per_corner == 3)
+    return 1 if blanks else per_corner

@@ -13,6 +13,8 @@ from meshfit.errors import MeshError
 Lines = Iterator[tuple[int, list[bytes]]]
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+_INTEGER = re.compile(rb"[-+]?\d+")
+_MOST_DIGITS = 15
 # What the C library of Windows has printed for numbers that are not finite, such as `-1.#IND00` and `-nan(ind)`.
 _NOT_FINITE = re.compile(rb"[-+]?\d\.#\w*|[-+]?nan\(\w*\)", re.IGNORECASE)
 
@@ -62,6 +64,20 @@ def parse_floats(text: bytes) -> NDArray[np.float64] | None:
             return None
 
 
+def parse_ints(text: bytes) -> NDArray[np.int64] | None:
+    """Return all integers of a text, or None if one of its words is not an integer or has too many digits."""
+    if not text.strip():
+        return np.empty(0, dtype=np.int64)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)
+        try:
+            numbers = np.fromstring(text, dtype=np.int64, sep=" ")
+        except (ValueError, DeprecationWarning):
+            return None
+    limit = 10**_MOST_DIGITS
+    return numbers if -limit < numbers.min() and numbers.max() < limit else None
+
+
 def parse_point(words: Sequence[bytes], number: int) -> list[float]:
     """Return the three coordinates that a line begins with.
 
@@ -76,16 +92,17 @@ def parse_point(words: Sequence[bytes], number: int) -> list[float]:
     return point
 
 
-def parse_integers(words: Sequence[bytes], number: int) -> list[int]:
-    """Return the words of a line as integers.
+def parse_integers(words: Sequence[bytes], number: int, line: Sequence[bytes] = ()) -> list[int]:
+    """Return the words of a line as integers; messages quote the line, where it has other words.
 
     Raises:
         MeshError: naming the line.
     """
-    try:
-        return [int(word) for word in words]
-    except ValueError:
-        raise MeshError(f"line {number}: expected integers, got {quoted(words)}") from None
+    if not all(map(_INTEGER.fullmatch, words)):
+        raise MeshError(f"line {number}: expected integers, got {quoted(line or words)}")
+    if max(map(len, words), default=0) > _MOST_DIGITS:
+        raise MeshError(f"line {number}: expected integers of up to {_MOST_DIGITS} digits, got {quoted(line or words)}")
+    return [int(word) for word in words]
 
 
 def quoted(words: Sequence[bytes]) -> str:
