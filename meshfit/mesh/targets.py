@@ -185,14 +185,15 @@ def file_sha256(path: Path) -> str:
     """Return the SHA-256 of a file's content, in hexadecimal; of a glTF file, with the buffers beside it."""
     try:
         sha256 = hashlib.sha256(path.read_bytes())
-        for buffer in _buffer_files(path):
+        for buffer in companion_files(path):
             sha256.update(buffer.read_bytes())
     except OSError as error:
         raise MeshError(f"{path_text(path)}: {read_error_message(error)}") from error
     return sha256.hexdigest()
 
 
-def _buffer_files(path: Path) -> list[Path]:
+def companion_files(path: Path) -> list[Path]:
+    """Return the files in a mesh file's folder or below that belong to it: the buffers of a glTF file."""
     suffixes = (".gltf", ".glb")
     if format_suffix(path) not in suffixes:
         return []

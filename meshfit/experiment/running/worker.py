@@ -24,6 +24,7 @@ from meshfit.experiment.storage.run_directory import (
 )
 from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
 from meshfit.fitting.callbacks import Interrupted
+from meshfit.mesh.targets import companion_files
 
 Files = Mapping[str, bytes]
 """Content of files by name: a trial reads those under `inputs/`; the others belong in its folder."""
@@ -153,7 +154,11 @@ def pack_inputs(trial: Trial, store: RunDirectory) -> Files:
     Raises:
         StoreError: a file cannot be read.
     """
-    files = {f"{_INPUTS}{role}/{Path(path).name}": _content(Path(path)) for role, path in trial.files.items()}
+    files = {}
+    for role, name in trial.files.items():
+        path = Path(name)
+        for file in (path, *companion_files(path)):
+            files[f"{_INPUTS}{role}/{file.relative_to(path.parent).as_posix()}"] = _content(file)
     for name in (CHECKPOINT, FAILURE):
         if (path := store.folder(trial) / name).is_file():
             files[name] = _content(path)
@@ -163,16 +168,13 @@ def pack_inputs(trial: Trial, store: RunDirectory) -> Files:
 
 def unpack_inputs(trial: Trial, files: Files, store: RunDirectory, inputs: Path) -> Trial:
     """Write packed files, with meshes in `inputs`, and return the trial with the new paths of its meshes."""
-    copies = {}
     for name, content in files.items():
-        if name.startswith(_INPUTS):
-            path = inputs / name.removeprefix(_INPUTS)
-            copies[trial.files[path.parent.name]] = str(path)
-        else:
-            path = store.folder(trial) / name
+        path = inputs / name.removeprefix(_INPUTS) if name.startswith(_INPUTS) else store.folder(trial) / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
-    return replace(trial, copies=tuple(copies.items()))
+    return replace(
+        trial, copies=tuple((name, str(inputs / role / Path(name).name)) for role, name in trial.files.items())
+    )
 
 
 def pack_outputs(trial: Trial, store: RunDirectory) -> Files:

@@ -48,9 +48,9 @@ class MeshFile:
     named: bool = False
 
     @property
-    def folder(self) -> Path:
-        """The folder of the files that it refers to: its own, or the current one if it came through a stream."""
-        return Path() if self.path is None or is_pipe(self.path) else self.path.parent
+    def folder(self) -> Path | None:
+        """The folder of the files that it refers to: its own; None if it came through a stream."""
+        return None if self.path is None or is_pipe(self.path) else self.path.parent
 
 
 def read_file(path: str | Path, suffixes: Collection[str], kind: str, file_format: str | None = None) -> MeshFile:
