@@ -70,7 +70,11 @@ class Trial:
     @property
     def files(self) -> dict[str, str]:
         """The files of the user that it reads, by role."""
-        names = {"target": self.target, **source_files(self.settings.source)}
+        source = self.settings.source
+        names = {"target": self.target, "source": source.mesh}
+        for role, options in (("creases", source.creases), ("alpha", source.alpha)):
+            if options is not None and options.file is not None:
+                names[role] = options.file
         return {role: names[role] for role, _ in self.inputs if names[role] not in NAMED_TARGETS}
 
     def current_path(self, name: str) -> str:
