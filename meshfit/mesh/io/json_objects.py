@@ -7,6 +7,7 @@ from typing import Any, NoReturn
 from meshfit.errors import MeshError
 
 _LONGEST = 40
+_LARGEST_INTEGER = 2**53
 
 
 class JsonObject:
@@ -140,8 +141,8 @@ def _integer(value: object) -> int | None:
     if isinstance(value, bool):
         return None
     if isinstance(value, float) and value.is_integer():
-        return int(value)
-    return value if isinstance(value, int) else None
+        value = int(value)
+    return value if isinstance(value, int) and abs(value) <= _LARGEST_INTEGER else None
 
 
 def _shown(value: object) -> str:
