@@ -1,0 +1,92 @@
+"""Point clouds in LAS files, and in LAZ files, which are compressed."""
+
+import io
+import struct
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float64
+from numpy.typing import NDArray
+
+from meshfit.errors import MeshError
+
+_COMPRESSED = 0b1100_0000
+# A LAZ file may announce this many points for nothing, and one more for each byte.
+_FREE_POINTS = 1_000_000
+
+
+class _Header(NamedTuple):
+    """Where the points are, how many, how long each record is, and how their integers become coordinates."""
+
+    start: int
+    num_points: int
+    length: int
+    compressed: bool
+    scale: NDArray[np.float64]
+    offset: NDArray[np.float64]
+
+
+def read_las(content: bytes) -> Float64[np.ndarray, "N 3"]:
+    """Read the points of a LAS or LAZ file, in its units.
+
+    Raises:
+        MeshError: a damaged file, no points, or a LAZ file where no decoder is installed.
+    """
+    header = _header(content)
+    integers = _decoded_laz(content, header) if header.compressed else _records(content, header)
+    points = integers * header.scale + header.offset
+    if not np.isfinite(points).all():
+        raise MeshError("its scale or offset makes coordinates that are not finite")
+    return np.asarray(points)
+
+
+def count_las(content: bytes) -> int:
+    """Return the number of points that a LAS or LAZ file announces."""
+    return _header(content).num_points
+
+
+def _header(content: bytes) -> _Header:
+    if not content.startswith(b"LASF") or len(content) < 227:
+        raise MeshError(f"expected 'LASF' and a header of 227 bytes or more, got {min(len(content), 227)} other bytes")
+    major, minor = content[24:26]
+    if major != 1:
+        raise MeshError(f"version {major}.{minor}; expected 1.0 to 1.4")
+    start, _, form, length, count = struct.unpack_from("<IIBHI", content, 96)
+    if minor >= 4 and len(content) >= 255:
+        count = struct.unpack_from("<Q", content, 247)[0] or count
+    if not count:
+        raise MeshError("no points in it")
+    if length < 12 or start < 227:
+        raise MeshError(f"expected records of 12 bytes or more after the header, got {length} bytes at byte {start}")
+    numbers = np.frombuffer(content, "<f8", 6, 131)
+    if not np.isfinite(numbers).all() or not numbers[:3].all():
+        raise MeshError("expected a scale and an offset that are finite, and a scale that is not 0")
+    return _Header(start, count, length, bool(form & _COMPRESSED), numbers[:3], numbers[3:])
+
+
+def _records(content: bytes, header: _Header) -> NDArray[np.int32]:
+    available = max(len(content) - header.start, 0) // header.length
+    if available < header.num_points:
+        raise MeshError(f"cut short: its header announces {header.num_points} points, but the file has {available}")
+    shape, strides = (header.num_points, 3), (header.length, 4)
+    return np.ndarray(shape, "<i4", content, header.start, strides)
+
+
+def _decoded_laz(content: bytes, header: _Header) -> NDArray[np.int32]:
+    if header.num_points > _FREE_POINTS + len(content):
+        raise MeshError(f"announces {header.num_points} points, far more than {len(content)} bytes can hold")
+    try:
+        import laspy
+        import lazrs  # noqa: F401  the decoder that laspy uses
+    except ImportError:
+        raise MeshError("LAZ needs a decoder: pip install 'meshfit[las]', or convert the file to LAS") from None
+    try:
+        cloud = laspy.read(io.BytesIO(content))
+        integers = np.stack([cloud.X, cloud.Y, cloud.Z], axis=1)
+    except BaseException as error:  # a panic of the decoder is no Exception
+        if isinstance(error, KeyboardInterrupt | SystemExit):
+            raise
+        raise MeshError("its compressed points are damaged") from None
+    if len(integers) != header.num_points:
+        raise MeshError(f"its header announces {header.num_points} points, but {len(integers)} are there")
+    return integers

@@ -1,0 +1,146 @@
+"""Point clouds as text: XYZ, PTS, ASC, TXT and CSV, one point per line."""
+
+import re
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float64, Int64
+from numpy.typing import NDArray
+
+from meshfit.errors import MeshError
+
+_COMMENT = re.compile(rb"(?:#|//)[^\n]*")
+_BLANK_BETWEEN = re.compile(rb"[^\s,;][ \t]+[^\s,;]")
+_LONGEST = 40
+
+
+class _Table(NamedTuple):
+    """Words of a text, with the line and the number of words of each line that has some."""
+
+    words: list[bytes]
+    numbers: Int64[np.ndarray, " L"]
+    sizes: Int64[np.ndarray, " L"]
+
+    def line(self, row: int) -> list[bytes]:
+        """Return the words of a line."""
+        end = int(self.sizes[: row + 1].sum())
+        return self.words[end - int(self.sizes[row]) : end]
+
+    def without_first(self) -> "_Table":
+        """Return all but the first line."""
+        return _Table(self.words[int(self.sizes[0]) :], self.numbers[1:], self.sizes[1:])
+
+
+def read_xyz(content: bytes) -> Float64[np.ndarray, "N 3"]:
+    """Read the first three columns of each line, or those named x, y and z.
+
+    Blanks, commas or semicolons separate columns; `#` and `//` begin comments. A line of one integer announces the
+    number of points that follow it, in one block or several.
+
+    Raises:
+        MeshError: naming the line at fault.
+    """
+    table = _table(content)
+    if not len(table.sizes):
+        raise MeshError("no points in it")
+    columns: tuple[int, ...] = (0, 1, 2)
+    if not _is_number(table.words[0]):
+        columns = _named_columns(table.line(0), int(table.numbers[0]))
+        table = table.without_first()
+    _check_blocks(table)
+    return _coordinates(table, columns)
+
+
+def _table(content: bytes) -> _Table:
+    text = content.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    if text.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in text:
+        raise MeshError("expected text in UTF-8, got other data")
+    if b"#" in text or b"//" in text:
+        text = _COMMENT.sub(b"", text)
+    if b";" in text or b"," in text:
+        text = _without_separators(text)
+    letters = np.frombuffer(text + b"\n", np.uint8)
+    blank = (letters == 32) | ((letters >= 9) & (letters <= 13))
+    starts = np.flatnonzero(~blank & np.concatenate([[True], blank[:-1]]))
+    ends = np.flatnonzero(letters == ord("\n"))
+    sizes = np.diff(np.searchsorted(starts, ends), prepend=0)
+    numbers = np.flatnonzero(sizes)
+    return _Table(text.split(), numbers + 1, sizes[numbers])
+
+
+def _without_separators(text: bytes) -> bytes:
+    """Replace commas or semicolons by blanks; refuse commas in the place of decimal points."""
+    for number, line in enumerate(text.split(b"\n"), 1):
+        if b"," in line and (b";" in line or _BLANK_BETWEEN.search(line)):
+            raise MeshError(
+                f"line {number}: expected commas between columns or none, got {_shown([line.strip()])}; "
+                "write decimal points, not commas"
+            )
+    return text.replace(b";", b" ").replace(b",", b" ")
+
+
+def _named_columns(names: list[bytes], number: int) -> tuple[int, ...]:
+    lower = [name.strip(b"\"'").lower() for name in names]
+    if not {b"x", b"y", b"z"} <= set(lower):
+        raise MeshError(f"line {number}: expected numbers, or columns named x, y and z, got {_shown(names)}")
+    return tuple(lower.index(name) for name in (b"x", b"y", b"z"))
+
+
+def _check_blocks(table: _Table) -> None:
+    """Refuse blocks of other sizes than their first lines announce."""
+    heads = np.flatnonzero(table.sizes == 1)
+    if not len(heads):
+        return
+    first = int(heads[0])
+    if first:
+        raise MeshError(f"line {table.numbers[first]}: expected 3 coordinates or more, got {_shown(table.line(first))}")
+    ends = np.append(heads[1:], len(table.sizes))
+    for head, end in zip(heads.tolist(), ends.tolist(), strict=True):
+        word, number = table.line(head)[0], int(table.numbers[head])
+        if not word.isdigit() or len(word) > 18:
+            raise MeshError(f"line {number}: expected a number of points, got {_shown([word])}")
+        if int(word) != end - head - 1:
+            raise MeshError(f"line {number} announces {int(word)} points, but {end - head - 1} follow")
+
+
+def _coordinates(table: _Table, columns: tuple[int, ...]) -> Float64[np.ndarray, "N 3"]:
+    rows = np.flatnonzero(table.sizes > 1)
+    if not len(rows):
+        raise MeshError("no points in it")
+    width = int(table.sizes[rows[0]])
+    other = rows[table.sizes[rows] != width]
+    if width <= max(columns) or len(other):
+        row = int(other[0]) if len(other) and width > max(columns) else int(rows[0])
+        expected = f"{width} columns, as before" if row != rows[0] else f"{max(columns) + 1} columns or more"
+        raise MeshError(f"line {table.numbers[row]}: expected {expected}, got {int(table.sizes[row])}")
+    starts = (np.cumsum(table.sizes) - table.sizes)[rows]
+    words = np.array(table.words, dtype=bytes)[starts[:, None] + np.array(columns)] if len(rows) else np.empty((0, 3))
+    try:
+        points = words.astype(np.float64)
+    except ValueError:
+        bad = next(row for row, line in enumerate(words.tolist()) if not all(map(_is_number, line)))
+        raise MeshError(
+            f"line {table.numbers[rows[bad]]}: expected numbers, got {_shown(words[bad].tolist())}"
+        ) from None
+    return _finite(points, table.numbers[rows])
+
+
+def _finite(points: NDArray[np.float64], numbers: Int64[np.ndarray, " N"]) -> Float64[np.ndarray, "N 3"]:
+    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if len(bad):
+        shown = " ".join(map(str, points[bad[0]].tolist()))
+        raise MeshError(f"line {numbers[bad[0]]}: a coordinate that is not finite: {shown}")
+    return points
+
+
+def _is_number(word: bytes) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _shown(words: list[bytes]) -> str:
+    text = b" ".join(words).decode("ascii", "backslashreplace")
+    return repr(text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…")
