@@ -32,7 +32,7 @@ class FormatError(MeshError):
 
 
 class DomainError(MeshError):
-    """A file of the wrong kind: without faces where a surface is expected, or without segments where curves are."""
+    """A file of curves where a surface is expected, or without curves where they are."""
 
 
 class SchemeError(MeshfitError):

@@ -8,7 +8,7 @@ import stat
 from collections.abc import Collection
 from pathlib import Path
 
-MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
+MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".3mf", ".vtk", ".vtp", ".vtu")
 COMPRESSION_SUFFIXES = (".gz", ".bz2", ".xz")
 """Suffixes that may follow that of a mesh format, as in `scan.ply.gz`."""
 CONFIG_SUFFIXES = (".yaml", ".yml")

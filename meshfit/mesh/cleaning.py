@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Float64
 from numpy.typing import NDArray
 
-from meshfit.errors import DomainError, MeshError, MeshfitWarning
+from meshfit.errors import MeshError, MeshfitWarning
+from meshfit.mesh.faceless import no_faces_message
 from meshfit.mesh.geometry import bounding_box_diagonal, signed_volume
 from meshfit.mesh.manifold import is_watertight, misoriented_edges, nonmanifold_edges, nonmanifold_verts, num_components
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
@@ -165,7 +166,7 @@ def _require_valid(soup: PolygonSoup, origin: str) -> None:
     if not len(verts):
         raise MeshError(f"{origin}: the mesh has no vertices")
     if not len(soup.sizes):
-        raise DomainError(f"{origin}: expected a surface, got a mesh of {len(verts)} vertices and no faces")
+        raise MeshError(f"{origin}: {no_faces_message(len(verts))}")
     require_finite_verts(verts, origin)
     outside = np.flatnonzero((soup.corners < 0) | (soup.corners >= len(verts)))
     if len(outside):

@@ -9,7 +9,7 @@ import threading
 import numpy as np
 import pytest
 
-from meshfit.mesh.io.files import FORMATS, load_mesh
+from meshfit.mesh.io.files import FORMATS, READABLE_FORMATS, load_mesh
 from meshfit.mesh.solids import octahedron
 from meshfit.subdivision.refine import subdivide
 from tests.cli import invoke, refused
@@ -19,7 +19,7 @@ from tests.loops import over
 OBJ = b"v 1 0 0\nv -1 0 0\nv 0 1 0\nv 0 -1 0\nv 0 0 1\nv 0 0 -1\n" + b"".join(
     b"f %d %d %d\n" % tuple(face + 1) for face in octahedron().faces
 )
-NAMES = [suffix[1:] for suffix in FORMATS]
+NAMES, WRITTEN = ([suffix[1:] for suffix in formats] for formats in (READABLE_FORMATS, FORMATS))
 
 
 @pytest.fixture
@@ -127,13 +127,14 @@ def test_where_a_file_is_read_more_than_once_a_pipe_is_refused(folder, pipe):
 
 @over("out", ["-", "/dev/stdout"])
 def test_standard_output_needs_a_format(folder, out):
-    message = f"standard output: there is no suffix to tell the format; give --output-format {'|'.join(NAMES)}"
+    message = f"standard output: there is no suffix to tell the format; give --output-format {'|'.join(WRITTEN)}"
     assert refused("subdivide", "in.obj", out) == f"error: {message}"
 
 
 def test_formats_that_are_not_there(folder):
     allowed = f"unknown mesh format 'fbx'; allowed: {', '.join(NAMES)}"
     assert refused("subdivide", "in.obj", "out.ply", "--format", "fbx") == f"error: {allowed}"
+    allowed = f"unknown mesh format 'fbx'; allowed: {', '.join(WRITTEN)}"
     assert refused("subdivide", "in.obj", "-", "--output-format", "fbx") == f"error: {allowed}"
     curves = "error: unknown curve format 'stl'; allowed: obj, ply"
     assert refused("subdivide", "in.obj", "out.ply", "-s", "four-point", "--format", "stl") == curves

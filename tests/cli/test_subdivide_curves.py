@@ -51,7 +51,7 @@ def test_parameters(folder):
 REFUSED = {
     ("solid.ply", "out.obj", "-s", "four-point"): "solid.ply: no curves in it; PLY holds them as 'edge' elements; "
     f"schemes on surfaces: {', '.join(TRIANGLE_SCHEMES)}",
-    ("square.obj", "out.obj"): "square.obj: expected a surface, got a mesh of 4 vertices and no faces; "
+    ("square.obj", "out.obj"): "square.obj: expected a surface, got curves of 4 segments and 4 vertices, and no faces; "
     f"schemes on curves: {', '.join(CURVE_SCHEMES)}",
     ("gone.obj", "out.obj", "-s", "four-point"): "gone.obj: no such file",
     ("square.obj", "out.glb", "-s", "four-point"): "out.glb: unknown curve format '.glb'; allowed: .obj",

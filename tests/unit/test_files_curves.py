@@ -187,7 +187,7 @@ def test_a_surface_and_curves_are_not_taken_for_each_other(tmp_path):
     with pytest.raises(DomainError, match="no curves in it; PLY holds them as 'edge' elements"):
         load_curves(tmp_path / "solid.ply")
     save_curves(Curves.through(np.eye(3)), tmp_path / "curve.ply")
-    with pytest.raises(DomainError, match="a mesh of 3 vertices and no faces"):
+    with pytest.raises(DomainError, match="curves of 2 segments and 3 vertices, and no faces"):
         load_mesh(tmp_path / "curve.ply")
 
 

@@ -86,7 +86,7 @@ def test_obj_in_all_its_ways_of_writing(tmp_path, faces, rows):
         ("f 1 2 3 x\n", "line 6: expected integers, got '1 2 3 x'"),
         ("f 1 2 3 9\n", r"numbered 0 to 4"),
         ("f 1 2 3 ; 4\n", "line 6: expected integers, got "),
-        ("", "5 vertices and no faces"),
+        ("", "a cloud of 5 points and no faces"),
     ],
 )
 def test_faces_at_fault_are_named_alike(tmp_path, load, faces, message):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from meshfit.errors import MeshError
-from meshfit.mesh.io.files import FORMATS, encode_mesh, load_mesh
+from meshfit.mesh.io.files import FORMATS, READABLE_FORMATS, encode_mesh, load_mesh
 from meshfit.mesh.io.recognition import format_name
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import octahedron
@@ -68,7 +68,7 @@ def test_a_format_that_is_not_known(tmp_path, name):
     suffix = Path(name.removesuffix(".gz")).suffix
     content = "0.5 is not a mesh" if name.endswith(".gz") else "\x01"
     message = refusal(written(tmp_path / name, content))
-    assert message == f"unknown mesh format '{suffix}'; allowed: {', '.join(FORMATS)}"
+    assert message == f"unknown mesh format '{suffix}'; allowed: {', '.join(READABLE_FORMATS)}"
 
 
 @over("seed", range(4))
@@ -93,7 +93,7 @@ def test_a_binary_file_cut_anywhere(tmp_path, suffix):
 
 
 FAULTS = {
-    "obj: points only": ("a.obj", OBJ[:32], "expected a surface, got a mesh of 4 vertices and no faces"),
+    "obj: points only": ("a.obj", OBJ[:32], "expected a surface, got a cloud of 4 points and no faces; reconstruct"),
     "obj: faces only": ("a.obj", OBJ[32:], "cannot be read as OBJ: no vertices in it"),
     "obj: too high": ("a.obj", OBJ.replace("f 3 1 4", "f 3 1 9"), "face 3 is [2, 0, 8], but vertices are numbered"),
     "obj: too far back": ("a.obj", OBJ.replace("f 3 1 4", "f 3 1 -9"), "face 3 is [2, 0, -5]"),
@@ -107,7 +107,7 @@ FAULTS = {
     "obj: too large": ("a.obj", OBJ.replace("v 1 0 0", "v 1e61 0 0"), "expected coordinates up to 1e+60, got [1e+61"),
     "obj: all degenerate": ("a.obj", OBJ.replace("0 0 1\n", "0.5 0.5 0\n").replace(" 0 1 0", " 2 0 0")
                             .replace("0.5 0.5", "3 0"), "all 4 faces are degenerate (no area)"),
-    "off: points only": ("a.off", OFF.partition("3 0 2 1")[0].replace("4 4", "4 0"), "4 vertices and no faces"),
+    "off: points only": ("a.off", OFF.partition("3 0 2 1")[0].replace("4 4", "4 0"), "a cloud of 4 points"),
     "off: too high": ("a.off", OFF.replace("3 2 0 3", "3 2 0 4"), "face 3 is [2, 0, 4], but vertices are numbered"),
     "off: negative": ("a.off", OFF.replace("3 2 0 3", "3 2 0 -1"), "face 3 is [2, 0, -1]"),
     "off: fewer than said": ("a.off", OFF.replace("4 4 6", "4 5 6"), "the file ends after 4 of 5 faces"),
@@ -125,7 +125,7 @@ FAULTS = {
     "ply: a negative list": ("a.ply", PLY.replace("uchar", "char").replace("3 2 0 3", "-3 2 0 3"), "a list of -3"),
     "ply: unknown type": ("a.ply", PLY.replace("double y", "quad y"), "its header: 'property quad y'"),
     "ply: no format": ("a.ply", PLY.replace("format ascii 1.0\n", ""), "its header has no 'format' line"),
-    "ply: points only": ("a.ply", PLY.partition("3 0 2 1")[0].replace("face 4", "face 0"), "4 vertices and no faces"),
+    "ply: points only": ("a.ply", PLY.partition("3 0 2 1")[0].replace("face 4", "face 0"), "a cloud of 4 points"),
     "ply: nan": ("a.ply", PLY.replace("1 0 0\n", "nan 0 0\n", 1), "vertex 1 has a coordinate that is not finite"),
     "ply: more binary faces": ("a.ply", BINARY.replace(b"face 8", b"face 7"), "announces 7 of 'face', but 8 are"),
 }  # fmt: skip

@@ -126,7 +126,12 @@ def test_everything_at_once_is_told_in_a_line_each():
     ("verts", "faces", "message"),
     [
         (np.empty((0, 3)), [[0, 1, 2]], "it: the mesh has no vertices"),
-        (np.eye(3), np.empty((0, 3), int), "it: expected a surface, got a mesh of 3 vertices and no faces"),
+        (
+            np.eye(3),
+            np.empty((0, 3), int),
+            "it: expected a surface, got a cloud of 3 points and no faces; reconstruct a surface first, for example "
+            "with MeshLab's screened Poisson reconstruction",
+        ),
         (np.eye(3), [[0, 1, 2], [0, 1, 3]], "it: face 1 is [0, 1, 3], but vertices are numbered 0 to 2"),
         (np.eye(3), [[0, -1, 2]], "it: face 0 is [0, -1, 2], but vertices are numbered 0 to 2"),
         (np.full((3, 3), 7.0), [[0, 1, 2], [2, 1, 0]], "it: all 2 faces are degenerate (no area)"),

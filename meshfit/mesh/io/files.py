@@ -12,12 +12,13 @@ from jaxtyping import Float64
 from meshfit.errors import DomainError, MeshError, MeshfitWarning
 from meshfit.mesh.cleaning import CleaningOptions, VertexMap, clean, require_finite_verts
 from meshfit.mesh.curves import Chains, Curves, Segments, join_segments
-from meshfit.mesh.io import gltf, obj, off, ply, stl
+from meshfit.mesh.faceless import no_faces_message
+from meshfit.mesh.io import gltf, las, obj, off, pcd, ply, stl, threemf, vtk_legacy, xyz
 from meshfit.mesh.io.mesh_file import MeshFile, output_suffix, read_file, write_file, wrong_format
 from meshfit.mesh.io.recognition import format_name
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
-from meshfit.paths import path_text
+from meshfit.paths import format_suffix, path_text
 
 Normals = Float64[np.ndarray, "V 3"]
 _Content = TypeVar("_Content")
@@ -38,6 +39,20 @@ class Format(NamedTuple):
     folder: bool = False
 
 
+class ReadOnlyFormat(NamedTuple):
+    """A mesh file format that is read, but not written."""
+
+    read: Callable[..., PolygonSoup]
+    folder: bool = False
+
+
+class PointFormat(NamedTuple):
+    """A format of point clouds: its reader, and a way to count the points without reading them, if there is one."""
+
+    read: Callable[[bytes], Verts]
+    num_points: Callable[[bytes], int] | None = None
+
+
 class CurveFormat(NamedTuple):
     """A curve file format: its reader of vertices and segments, its writer, and the name of its segments."""
 
@@ -53,6 +68,18 @@ FORMATS = {
     ".off": Format(off.read_off, off.write_off),
     ".glb": Format(gltf.read_gltf, gltf.write_glb, double=False, folder=True),
     ".gltf": Format(gltf.read_gltf, gltf.write_gltf, double=False, folder=True),
+}
+READ_ONLY_FORMATS = {
+    ".3mf": ReadOnlyFormat(threemf.read_3mf),
+    ".vtk": ReadOnlyFormat(vtk_legacy.read_vtk),
+    ".vtp": ReadOnlyFormat(vtk_legacy.read_vtk),
+    ".vtu": ReadOnlyFormat(vtk_legacy.read_vtk),
+}
+READABLE_FORMATS: dict[str, Format | ReadOnlyFormat] = {**FORMATS, **READ_ONLY_FORMATS}
+POINT_FORMATS = {
+    **dict.fromkeys((".xyz", ".xyzn", ".xyzrgb", ".pts", ".txt", ".asc", ".csv"), PointFormat(xyz.read_xyz)),
+    **dict.fromkeys((".las", ".laz"), PointFormat(las.read_las, las.count_las)),
+    ".pcd": PointFormat(pcd.read_pcd),
 }
 CURVE_FORMATS = {
     ".obj": CurveFormat(obj.read_obj_segments, obj.write_obj_curves, "'l' lines"),
@@ -90,7 +117,7 @@ def load_mesh_with_vertex_map(
     Errors and warnings are those of `load_mesh`.
     """
     file = _opened(path, "mesh", file_format)
-    mesh, vertex_map = clean(_read_soup(file), file.name, cleaning, triangles=True)
+    mesh, vertex_map = clean(_read_surface(file), file.name, cleaning, triangles=True)
     return mesh.triangulated(), vertex_map
 
 
@@ -112,7 +139,7 @@ def load_polygons_with_vertex_map(
 ) -> tuple[PolygonMesh, VertexMap]:
     """Return the mesh of `load_polygons`, and the vertices of it that each vertex of the file became."""
     file = _opened(path, "mesh", file_format)
-    return clean(_read_soup(file), file.name, cleaning)
+    return clean(_read_surface(file), file.name, cleaning)
 
 
 def load_curves(path: str | Path | MeshFile, *, file_format: str | None = None) -> Curves:
@@ -136,7 +163,7 @@ def load_curves(path: str | Path | MeshFile, *, file_format: str | None = None) 
     """
     file = _opened(path, "curve", file_format)
     form = CURVE_FORMATS[file.suffix]
-    verts, segments = _parse(file, form.read, CURVE_FORMATS)
+    verts, segments = parse_file(file, form.read, CURVE_FORMATS)
     if not len(segments):
         raise DomainError(f"{file.name}: no curves in it; {format_name(file.suffix)} holds them as {form.elements}")
     require_finite_verts(verts, file.name)
@@ -155,7 +182,12 @@ def open_mesh_file(path: str | Path, kind: Literal["mesh", "curve"], file_format
         FormatError: the format is not known, or the content is not of it.
         MeshError: no such file, or one that cannot be read.
     """
-    return read_file(path, FORMATS if kind == "mesh" else CURVE_FORMATS, kind, file_format)
+    if kind == "curve":
+        return read_file(path, CURVE_FORMATS, kind, file_format)
+    suffix = format_suffix(path) if file_format is None else f".{file_format.lower().removeprefix('.')}"
+    # Point clouds are recognised, but are not among the formats that messages allow for a mesh.
+    formats = READABLE_FORMATS | POINT_FORMATS if suffix in POINT_FORMATS else READABLE_FORMATS
+    return read_file(path, formats, kind, file_format)
 
 
 def save_mesh(
@@ -223,15 +255,35 @@ def _opened(path: str | Path | MeshFile, kind: Literal["mesh", "curve"], file_fo
     return path if isinstance(path, MeshFile) else open_mesh_file(path, kind, file_format)
 
 
-def _read_soup(file: MeshFile) -> PolygonSoup:
-    form = FORMATS[file.suffix]
-    soup = _parse(file, partial(form.read, folder=file.folder) if form.folder else form.read, FORMATS)
+def read_soup(file: MeshFile) -> PolygonSoup:
+    """Return the raw content of a mesh file, with vertices and perhaps without faces.
+
+    Raises:
+        MeshError: an unreadable file.
+    """
+    form = READABLE_FORMATS[file.suffix]
+    soup = parse_file(file, partial(form.read, folder=file.folder) if form.folder else form.read, READABLE_FORMATS)
     if not len(soup.verts):
-        raise _unreadable(file, "no vertices in it; another format, or cut short", FORMATS)
+        raise _unreadable(file, "no vertices in it; another format, or cut short", READABLE_FORMATS)
     return soup
 
 
-def _parse(file: MeshFile, parse: Callable[[bytes], _Content], suffixes: Collection[str]) -> _Content:
+def _read_surface(file: MeshFile) -> PolygonSoup:
+    """Return the raw content of a mesh file that has faces; refuse points and curves as what they are."""
+    if file.suffix in POINT_FORMATS:
+        read, count = POINT_FORMATS[file.suffix]
+        num_points = parse_file(file, count or (lambda content: len(read(content))), POINT_FORMATS)
+        raise MeshError(f"{file.name}: {no_faces_message(num_points)}")
+    soup = read_soup(file)
+    if not len(soup.sizes):
+        curves = CURVE_FORMATS.get(file.suffix)
+        num_segments = len(parse_file(file, curves.read, CURVE_FORMATS)[1]) if curves else 0
+        error = DomainError if num_segments else MeshError
+        raise error(f"{file.name}: {no_faces_message(len(soup.verts), num_segments)}")
+    return soup
+
+
+def parse_file(file: MeshFile, parse: Callable[[bytes], _Content], suffixes: Collection[str]) -> _Content:
     """Return the parsed content of a file; its name precedes the errors and warnings of the parser."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

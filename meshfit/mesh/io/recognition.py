@@ -4,6 +4,8 @@ import re
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from meshfit.mesh.faceless import POINTS_REMEDY
+
 _EXPORT = "export it as OBJ, PLY or GLB"
 _EXPORT_SOLID = "export a mesh of it, as STL, OBJ or PLY"
 _UNPACK = "unpack it first"
@@ -74,7 +76,7 @@ _BY_SUFFIX = {suffix: kind for kind in _FOREIGN for suffix in kind.suffixes}
 
 _STARTS = (
     (b"glTF", Kind("GLB", (".glb", ".gltf"))),
-    (b"LASF", Kind("LAS", (".las", ".laz"))),
+    (b"LASF", Kind("a LAS point cloud", (".las", ".laz"), POINTS_REMEDY)),
     (b"Kaydara FBX", _BY_SUFFIX[".fbx"]),
     (b"; FBX", _BY_SUFFIX[".fbx"]),
     (b"BLENDER", _BY_SUFFIX[".blend"]),
@@ -83,11 +85,11 @@ _STARTS = (
     (b"#usda", _BY_SUFFIX[".usd"]),
     (b"#VRML", _BY_SUFFIX[".wrl"]),
     (b"# vtk DataFile", _BY_SUFFIX[".vtk"]._replace(suffixes=(".vtk",))),
-    (b"# .PCD", Kind("PCD", (".pcd",))),
+    (b"# .PCD", Kind("a PCD point cloud", (".pcd",), POINTS_REMEDY)),
     (b"ISO-10303-21", _BY_SUFFIX[".step"]._replace(suffixes=(".step", ".stp", ".p21", ".ifc"))),
     (b"$MeshFormat", _BY_SUFFIX[".msh"]),
     (b"3D Geometry File Format", _BY_SUFFIX[".3dm"]),
-    (b"PK\x03\x04", _BY_SUFFIX[".zip"]._replace(suffixes=(".3mf", ".usdz", ".zip"))),
+    (b"PK\x03\x04", _BY_SUFFIX[".zip"]._replace(suffixes=(".usdz", ".zip"))),
     (b"7z\xbc\xaf\x27\x1c", _BY_SUFFIX[".7z"]),
     (b"Rar!\x1a\x07", _BY_SUFFIX[".rar"]),
     (b"\x28\xb5\x2f\xfd", _BY_SUFFIX[".zst"]),
@@ -131,6 +133,8 @@ def recognise(content: bytes) -> Kind | None:
 
     Nothing that a mesh file of another format may start with counts as a signature.
     """
+    if content.startswith(b"PK\x03\x04") and b".model" in content:
+        return _BY_SUFFIX[".3mf"]
     for start, kind in _STARTS:
         if content.startswith(start):
             return kind
@@ -176,4 +180,4 @@ def _guesses(content: bytes, size: int) -> Iterator[Kind]:
         if _OBJ_VERTEX.search(content, 0, 1 << 16):
             yield _OBJ
         if _POINT_ROW.match(text):
-            yield Kind("rows of numbers", (".xyz", ".pts", ".txt", ".asc", ".csv"))
+            yield Kind("a point cloud", (".xyz", ".pts", ".txt", ".asc", ".csv"), POINTS_REMEDY)

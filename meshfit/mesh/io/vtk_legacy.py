@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from meshfit.errors import MeshError
 from meshfit.mesh.io.vtk_cells import Cells, surface
+from meshfit.mesh.io.vtk_xml import read_vtk_xml
 from meshfit.mesh.polygons import PolygonSoup
 
 _TYPES = {
@@ -20,7 +21,7 @@ _LONGEST = 40
 
 
 def read_vtk(content: bytes) -> PolygonSoup:
-    """Read the polygons and triangle strips of a legacy VTK file.
+    """Read the polygons and triangle strips of a VTK file, legacy or XML.
 
     Raises:
         MeshError: a damaged file, another kind of data, or a volume mesh.
@@ -28,6 +29,8 @@ def read_vtk(content: bytes) -> PolygonSoup:
     Warns:
         MeshfitWarning: with the number of cells that are passed over.
     """
+    if content.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<"):
+        return read_vtk_xml(content)
     return _Reader(content).read()
 
 

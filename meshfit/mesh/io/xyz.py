@@ -94,13 +94,15 @@ def _check_blocks(table: _Table) -> None:
     first = int(heads[0])
     if first:
         raise MeshError(f"line {table.numbers[first]}: expected 3 coordinates or more, got {_shown(table.line(first))}")
-    ends = np.append(heads[1:], len(table.sizes))
-    for head, end in zip(heads.tolist(), ends.tolist(), strict=True):
-        word, number = table.line(head)[0], int(table.numbers[head])
+    words = [table.words[place] for place in (np.cumsum(table.sizes)[heads] - 1).tolist()]
+    numbers = table.numbers[heads].tolist()
+    for word, number in zip(words, numbers, strict=True):
         if not word.isdigit() or len(word) > 18:
             raise MeshError(f"line {number}: expected a number of points, got {_shown([word])}")
-        if int(word) != end - head - 1:
-            raise MeshError(f"line {number} announces {int(word)} points, but {end - head - 1} follow")
+    following = np.diff(heads, append=len(table.sizes)) - 1
+    for word, number, rows in zip(words, numbers, following.tolist(), strict=True):
+        if int(word) != rows:
+            raise MeshError(f"line {number} announces {int(word)} points, but {rows} follow")
 
 
 def _coordinates(table: _Table, columns: tuple[int, ...]) -> Float64[np.ndarray, "N 3"]:
