@@ -19,6 +19,8 @@ _TIE = 1e-9
 _LARGEST_FAN = 12
 # Polygons of more corners are not cut again, as the time grows with the cube of their number.
 _LARGEST_CUT = 128
+# Polygons of a smaller thickness, relative to their length, are flat.
+_FLAT_POLYGON = 1e-3
 
 
 def triangulate(verts: Verts, corners: Corners, sizes: Sizes) -> Int64[np.ndarray, "T 3"]:
@@ -217,17 +219,22 @@ def _diagonals(sizes: Sizes, triangles: Int64[np.ndarray, "T 3"]) -> tuple[Int64
 
 
 def _best_cut(points: Float64[np.ndarray, "N 3"], blocked: Bool[np.ndarray, "N N"]) -> Int64[np.ndarray, "T 3"]:
-    """Return the triangulation with the fewest triangles outside, then blocked diagonals, then the least length."""
+    """Return the triangulation with the fewest triangles outside, then blocked diagonals, then the least length.
+
+    In a polygon that is not flat, blocked diagonals come first, as triangles are outside in one view only.
+    """
     size, points = len(points), points - points[0]
     normal = np.cross(points, np.roll(points, -1, axis=0)).sum(axis=0)
     lengths = np.linalg.norm(points[:, None] - points, axis=2)
-    weight = lengths / max(lengths.sum(), np.finfo(np.float64).tiny) + blocked
+    is_flat = np.ptp(points @ normal) <= _FLAT_POLYGON * np.linalg.norm(normal) * lengths.max()
+    of_outside, of_blocked = (size, 1) if is_flat else (1, size)
+    weight = lengths / max(lengths.sum(), np.finfo(np.float64).tiny) + of_blocked * blocked
     cost, apex = np.zeros((size, size)), np.zeros((size, size), dtype=np.int64)
     for span in range(2, size):
         for i in range(size - span):
             j, between = i + span, np.arange(i + 1, i + span)
             outside = np.cross(points[between] - points[i], points[j] - points[i]) @ normal <= _FLAT * (normal @ normal)
-            total = cost[i, between] + cost[between, j] + size * outside
+            total = cost[i, between] + cost[between, j] + of_outside * outside
             apex[i, j] = between[total.argmin()]
             cost[i, j] = total.min() + weight[i, j]
     triangles, pending = list[tuple[int, int, int]](), [(0, size - 1)]

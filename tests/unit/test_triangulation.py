@@ -129,7 +129,8 @@ def flat_pillow(points):
         *VALENCE_2.values(),
         *(partial(merged, seed) for seed in range(4)),
         partial(flat_pillow, [(0, 0), (2, 0), (2, 1), (0, 1)]),
-        *(partial(subdivide, VALENCE_2["pillow"](), scheme, 1) for scheme in ("kobbelt", "sqrt2")),
+        *(partial(subdivide, VALENCE_2[name](), "kobbelt", 1) for name in ("pillow", "merged")),
+        *(partial(subdivide, VALENCE_2[name](), "sqrt2", 1) for name in ("pillow", "merged")),
     ],
 )
 def test_polygons_that_share_several_sides_share_no_diagonal(make):
