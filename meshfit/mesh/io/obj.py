@@ -10,12 +10,10 @@ from numpy.typing import NDArray
 
 from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.curves import Curves
-from meshfit.mesh.io.text import BYTE_ORDER_MARK, Lines, parse_floats, parse_integers, parse_ints, parse_point
+from meshfit.mesh.io.text import Lines, parse_integers, parse_ints, parse_point, parse_point_rows, plain_text
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup, checked_face_size, face_rows
 
-_COMMENT = re.compile(rb"#[^\n]*")
-_NOT_FINITE = re.compile(rb"\d\.#(?:QNAN|SNAN|IND|INF)\d*\b")  # has a '#' that does not begin a comment
 _CONTINUED = re.compile(rb"^(?:v|fo?|l)(?=[ \t\\])(?:[^\n]*\\[ \t]*(?:\n|\Z))+[^\n]*", re.MULTILINE)
 _LINE_END = re.compile(rb"\\[ \t]*(?:\n|\Z)")
 _BLANKS_BEFORE = re.compile(rb"^[ \t]+", re.MULTILINE)
@@ -38,7 +36,7 @@ def read_obj(content: bytes) -> PolygonSoup:
     Warns:
         MeshfitWarning: of free-form curves and surfaces, which are passed over.
     """
-    text = _plain_text(content)
+    text = _element_text(content)
     if (soup := _read_at_once(text)) is not None:
         return soup
     verts: list[list[float]] = []
@@ -64,7 +62,7 @@ def read_obj_segments(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.i
     """
     verts: list[list[float]] = []
     segments: list[tuple[int, int]] = []
-    for number, words in _numbered_lines(_plain_text(content)):
+    for number, words in _numbered_lines(_element_text(content)):
         if words[0] == b"v":
             verts.append(parse_point(words[1:], number))
         elif words[0] == b"l":
@@ -98,20 +96,15 @@ def _coordinates(keyword: str, rows: NDArray[np.float64]) -> str:
     return "".join(f"{keyword} {x!r} {y!r} {z!r}\n" for x, y, z in rows.tolist())
 
 
-def _plain_text(content: bytes) -> bytes:
+def _element_text(content: bytes) -> bytes:
     """Return a file without comments and blanks before keywords, its lines joined where one goes on in the next.
 
     A backslash joins lines of the elements that are read only: it may also end the path of a material.
     A joined line has a vertical tab for each line end that it lost, so that lines can be counted.
     """
-    text = content.removeprefix(BYTE_ORDER_MARK)
-    if b"\r" in text:
-        text = text.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    text = plain_text(content)
     if b"\v" in text or b"\f" in text:
         text = text.translate(_BLANKS)
-    if b"#" in text:
-        text = _NOT_FINITE.sub(b"nan", text) if b".#" in text else text
-        text = _COMMENT.sub(b"", text)
     first = _first_bytes(text)
     if first & _BLANK_BYTES:
         text = _BLANKS_BEFORE.sub(b"", text)
@@ -137,7 +130,7 @@ def _line_starts(text: bytes) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
 
 
 def _numbered_lines(text: bytes) -> Lines:
-    """Yield the number and the words of each line of a plain text that is not empty."""
+    """Yield the number and the words of each line of a text that is not empty."""
     number = 1
     for line in text.split(b"\n"):
         if words := line.split():
@@ -154,13 +147,13 @@ def _corners(words: Sequence[bytes], number: int, kind: str, num_verts: int) -> 
 
 
 def _read_at_once(text: bytes) -> PolygonSoup | None:
-    """Read the numbers of all vertices and then of all faces of a plain text; return None if anything is unusual."""
+    """Read the numbers of all vertices and then of all faces of a text; return None if anything is unusual."""
     codes, starts = _line_starts(text)
     first, second, third = (codes[starts[:-1] + place] for place in range(3))
     is_vert = (first == ord("v")) & np.isin(second, _AFTER_KEYWORD)
     is_old_face = (first == ord("f")) & (second == ord("o")) & np.isin(third, _AFTER_KEYWORD)
     is_face = (first == ord("f")) & np.isin(second, _AFTER_KEYWORD) | is_old_face
-    verts = _vert_points(_joined(text, starts, is_vert), int(is_vert.sum()))
+    verts = parse_point_rows(_joined(text, starts, is_vert), b"v", int(is_vert.sum()))
     face_lines = _joined(text, starts, is_face)
     faces = _face_corners(face_lines.replace(b"fo", b"f") if is_old_face.any() else face_lines, int(is_face.sum()))
     if verts is None or faces is None:
@@ -180,19 +173,6 @@ def _joined(text: bytes, starts: NDArray[np.int64], chosen: NDArray[np.bool_]) -
     changes = np.flatnonzero(np.diff(chosen, prepend=False, append=False))
     ends = starts[changes].tolist()
     return b"".join([text[start:end] for start, end in zip(ends[::2], ends[1::2], strict=True)])
-
-
-def _vert_points(lines: bytes, count: int) -> NDArray[np.float64] | None:
-    """Return (V, 3) the first three numbers of all vertices, with NaN in place of each keyword."""
-    numbers = parse_floats(lines.replace(b"v", b" nan"))
-    if numbers is None:
-        return None
-    keywords = np.flatnonzero(np.isnan(numbers))
-    if len(keywords) != count or (np.diff(keywords, append=len(numbers)) < 4).any():
-        return None
-    if len(numbers) == 4 * count:
-        return numbers.reshape(-1, 4)[:, 1:].copy()
-    return np.asarray(numbers[keywords[:, None] + [1, 2, 3]])
 
 
 def _face_corners(lines: bytes, count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:

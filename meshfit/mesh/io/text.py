@@ -17,6 +17,19 @@ _INTEGER = re.compile(rb"[-+]?\d+")
 _MOST_DIGITS = 15
 # What the C library of Windows has printed for numbers that are not finite, such as `-1.#IND00` and `-nan(ind)`.
 _NOT_FINITE = re.compile(rb"[-+]?\d\.#\w*|[-+]?nan\(\w*\)", re.IGNORECASE)
+_NOT_A_COMMENT = re.compile(rb"\d\.#(?:QNAN|SNAN|IND|INF)\d*\b")
+_COMMENT = re.compile(rb"#[^\n]*")
+
+
+def plain_text(content: bytes) -> bytes:
+    """Return a text without byte order mark, end marks and comments, which begin with `#`, and with LF line ends."""
+    text = content.removeprefix(BYTE_ORDER_MARK).rstrip(b"\0\x1a")
+    if b"\r" in text:
+        text = text.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    if b"#" in text:
+        text = _NOT_A_COMMENT.sub(b"nan", text) if b".#" in text else text
+        text = _COMMENT.sub(b"", text)
+    return text
 
 
 def split_lines(content: bytes) -> Lines:
@@ -62,6 +75,22 @@ def parse_floats(text: bytes) -> NDArray[np.float64] | None:
             return np.fromstring(text, sep=" ")
         except (ValueError, DeprecationWarning):
             return None
+
+
+def parse_point_rows(text: bytes, mark: bytes, count: int) -> NDArray[np.float64] | None:
+    """Return (N, 3) the first three of the numbers that follow each of N marks; None if anything is unusual.
+
+    A mark is read as NaN, and is nowhere else in the text.
+    """
+    numbers = parse_floats(text.replace(mark, b" nan "))
+    if numbers is None:
+        return None
+    marks = np.flatnonzero(np.isnan(numbers))
+    if len(marks) != count or (np.diff(marks, append=len(numbers)) < 4).any():
+        return None
+    if len(numbers) == 4 * count:
+        return numbers.reshape(-1, 4)[:, 1:].copy()
+    return np.asarray(numbers[marks[:, None] + [1, 2, 3]])
 
 
 def parse_ints(text: bytes) -> NDArray[np.int64] | None:
