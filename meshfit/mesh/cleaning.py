@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.faceless import no_faces_message
 from meshfit.mesh.geometry import bounding_box_diagonal, signed_volume
-from meshfit.mesh.manifold import is_watertight, misoriented_edges, nonmanifold_edges, nonmanifold_verts, num_components
+from meshfit.mesh.manifold import (
+    is_watertight,
+    misoriented_edges,
+    nonmanifold_edges,
+    nonmanifold_verts,
+    num_components,
+)
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
 from meshfit.mesh.topology import NONE, Indices, Mask, PolygonTopology
 from meshfit.mesh.triangulation import triangle_corners, triangulate
@@ -139,7 +145,7 @@ def clean(
     if stitched.num_split:
         where = "where separate fans of faces, or more than two faces at an edge, meet"
         _warn(f"{origin}: split {_counted(stitched.num_split, 'vertex')} {where}")
-    _warn_of_shape(result, _topology(result, result.corners, given), origin)
+    _warn_of_shape(result, _topology(result, result.corners, given), origin, is_manifold=stitched.is_manifold)
     return result, _vertex_map(mesh.corners, stitched.corners, place)
 
 
@@ -241,10 +247,9 @@ def _duplicates(mesh: PolygonMesh, welded: PolygonTopology) -> Mask:
     """Return (F,) which faces repeat an earlier one: with the same vertices, or in the same direction at its place."""
     # A duplicate lies at edges of three faces or more, or has no neighbour but the other.
     crowded = np.zeros(mesh.num_faces, dtype=bool)
-    crowded[welded.face[welded.faces_per_edge[welded.edge_of] > 2]] = True
-    neighbour = np.where(welded.twin == NONE, NONE, welded.face[welded.twin])
-    lone = neighbour[welded.starts] != NONE
-    lone[welded.face[neighbour != neighbour[welded.starts][welded.face]]] = False
+    if (welded.faces_per_edge > 2).any():
+        crowded[welded.face[welded.faces_per_edge[welded.edge_of] > 2]] = True
+    lone = _marked(welded.lone_faces, mesh.num_faces)
     same_verts = _repeats(mesh.corners, mesh, crowded | (lone & (mesh.sizes == 3)), directed=False)
     return np.asarray(same_verts | _repeats(welded.corners, mesh, crowded | lone, directed=True))
 
@@ -282,23 +287,33 @@ def _needless_flat_faces(mesh: PolygonMesh, welded: PolygonTopology) -> Mask:
 def _relative_areas(mesh: PolygonMesh, welded: PolygonTopology) -> Float64[np.ndarray, " F"]:
     """Return the area of each face, divided by the square of its longest edge."""
     triangles = triangulate(mesh.verts, welded.corners, mesh.sizes)
-    points = mesh.verts[triangles]
-    doubled = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
-    counts = mesh.sizes - 2
-    area = np.add.reduceat(np.linalg.norm(doubled, axis=1), np.cumsum(counts) - counts) / 2
-    lengths = np.linalg.norm(mesh.verts[welded.head] - mesh.verts[welded.tail], axis=1)
-    return np.asarray(area / np.maximum.reduceat(lengths, mesh.starts) ** 2)
+    axes = [np.ascontiguousarray(axis) for axis in mesh.verts.T]
+    # Coordinate by coordinate, which is several times as fast as by vectors.
+    a, b = ([axis[triangles[:, k]] - axis[triangles[:, 0]] for axis in axes] for k in (1, 2))
+    area = np.sqrt(sum((a[i] * b[j] - a[j] * b[i]) ** 2 for i, j in ((0, 1), (1, 2), (2, 0)))) / 2
+    if len(triangles) == mesh.num_faces:
+        ends = (a, b, [x - y for x, y in zip(a, b, strict=True)])
+        squared = np.maximum.reduce([sum(x**2 for x in edge) for edge in ends])
+    else:
+        counts = mesh.sizes - 2
+        area = np.add.reduceat(area, np.cumsum(counts) - counts)
+        lengths = sum((axis[welded.head] - axis[welded.tail]) ** 2 for axis in axes)
+        squared = np.maximum.reduceat(lengths, mesh.starts)
+    return np.asarray(area / squared)
 
 
-def _marked(verts: Indices, num_verts: int) -> Mask:
-    mark = np.zeros(num_verts, dtype=bool)
-    mark[verts] = True
+def _marked(indices: Indices, count: int) -> Mask:
+    mark = np.zeros(count, dtype=bool)
+    mark[indices] = True
     return mark
 
 
 def _vertex_map(given: Indices, corners: Indices, place: Indices) -> VertexMap:
     """Return the map from the given vertex of each corner to the new one."""
     first = np.full(len(place), NONE)
+    if np.array_equal(given, corners):
+        first[given] = given
+        return VertexMap(first)
     first[given[::-1]] = corners[::-1]
     # A vertex whose faces were all dropped goes with the one at its place.
     first = np.where(first == NONE, first[place], first)
@@ -307,9 +322,9 @@ def _vertex_map(given: Indices, corners: Indices, place: Indices) -> VertexMap:
     return VertexMap(first, pairs[:, 0], pairs[:, 1])
 
 
-def _warn_of_shape(mesh: PolygonMesh, topology: PolygonTopology, origin: str) -> None:
+def _warn_of_shape(mesh: PolygonMesh, topology: PolygonTopology, origin: str, *, is_manifold: bool) -> None:
     components, edges = num_components(topology), nonmanifold_edges(topology)
-    verts = np.setdiff1d(nonmanifold_verts(topology), topology.edges[edges])
+    verts = () if is_manifold else np.setdiff1d(nonmanifold_verts(topology), topology.edges[edges])
     findings = {
         ("non-manifold edge", " (three faces or more)"): len(edges),
         ("non-manifold vertex", " (separate fans of faces)"): len(verts),

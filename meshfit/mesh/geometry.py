@@ -25,8 +25,11 @@ def unit_vectors(vectors: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, "N 
 
 def signed_volume(mesh: Mesh) -> float:
     """Return the enclosed volume of a closed mesh; it is negative where normals point inwards."""
-    a, b, c = (mesh.verts[mesh.faces] - mesh.verts.mean(axis=0)).swapaxes(0, 1)
-    return float(np.einsum("fk,fk->", a, np.cross(b, c)) / 6.0)
+    # By the divergence theorem, the flux of the field (0, 0, z).
+    a, b, c = mesh.faces.T
+    x, y, z = (mesh.verts - mesh.verts.mean(axis=0)).T.copy()
+    area = (x[b] - x[a]) * (y[c] - y[a]) - (x[c] - x[a]) * (y[b] - y[a])
+    return float((area * (z[a] + z[b] + z[c])).sum() / 6.0)
 
 
 def face_normals(mesh: Mesh) -> Float64[np.ndarray, "F 3"]:

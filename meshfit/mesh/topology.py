@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Int64
+from scipy.sparse import coo_array, csr_array
 
 from meshfit.mesh.mesh import Faces, Mesh
 from meshfit.mesh.polygons import PolygonMesh
@@ -36,7 +37,7 @@ class HalfEdges:
     @property
     def num_edges(self) -> int:
         """E, the number of undirected edges."""
-        return len(self.edges)
+        return len(self.faces_per_edge)
 
     @property
     @abstractmethod
@@ -70,52 +71,88 @@ class HalfEdges:
         """Return the vertices of one face, in its order."""
 
     @cached_property
-    def _edge_keys(self) -> tuple[Indices, Indices, Indices]:
+    def directed_edges(self) -> csr_array:
+        """(V, V) matrix with 1 + the half-edge from row to column; numbers of equal half-edges are added up."""
+        numbers = np.arange(1, len(self.tail) + 1)
+        return coo_array((numbers, (self.tail, self.head)), shape=(self.num_verts, self.num_verts)).tocsr()
+
+    @cached_property
+    def _opposite(self) -> Indices | None:
+        """(C,) the half-edge in the opposite direction of each one, if each has exactly one; found without sorting."""
+        forth = self.directed_edges
+        back = forth.T.tocsr()
+        if forth.nnz < len(self.tail) or not (
+            np.array_equal(forth.indptr, back.indptr) and np.array_equal(forth.indices, back.indices)
+        ):
+            return None
+        opposite = np.empty(len(self.tail), dtype=np.int64)
+        opposite[forth.data - 1] = back.data - 1
+        return opposite
+
+    @property
+    def is_watertight(self) -> bool:
+        """Whether every edge has exactly two faces, which run through it in opposite directions."""
+        return len(self.tail) > 0 and self._opposite is not None
+
+    @cached_property
+    def _by_edge(self) -> tuple[Indices, Indices]:
+        """The half-edges in the order of their edges, and the place of the first one of each edge."""
         keys = np.minimum(self.tail, self.head) * self.num_verts + np.maximum(self.tail, self.head)
-        order = np.argsort(keys, kind="stable")
-        ordered = keys[order]
-        first = np.ones(len(keys), dtype=bool)
-        first[1:] = ordered[1:] != ordered[:-1]
-        edge = np.empty(len(keys), dtype=np.int64)
-        edge[order] = np.cumsum(first) - 1
-        return ordered[first], edge, order
+        order = _stable_order(keys, self.num_verts**2)
+        keys = keys[order]
+        return order, np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]])[: len(keys)])
 
     @cached_property
     def edges(self) -> Int64[np.ndarray, "E 2"]:
         """(E, 2) undirected edges, smaller vertex first, in lexicographic order."""
-        keys = self._edge_keys[0]
-        return np.stack([keys // self.num_verts, keys % self.num_verts], axis=1) if len(keys) else np.empty((0, 2), int)
+        tail, head = self.tail[self.edge_halfedge], self.head[self.edge_halfedge]
+        return np.stack([np.minimum(tail, head), np.maximum(tail, head)], axis=1)
 
-    @property
+    @cached_property
     def edge_of(self) -> Indices:
         """(C,) edge of each half-edge."""
-        return self._edge_keys[1]
+        edge = np.empty(len(self.tail), dtype=np.int64)
+        edge[self._by_edge[0]] = np.repeat(np.arange(self.num_edges), self.faces_per_edge)
+        return edge
 
     @cached_property
     def faces_per_edge(self) -> Indices:
         """(E,) number of faces at each edge: 2 inside, 1 on the boundary, more where the mesh is not manifold."""
-        return np.bincount(self.edge_of, minlength=len(self.edges))
+        if self.is_watertight:
+            return np.full(len(self.tail) // 2, 2)
+        return np.diff(self._by_edge[1], append=len(self.tail))
 
     @cached_property
     def edge_halfedge(self) -> Indices:
         """(E,) first half-edge of each edge."""
-        order, counts = self._edge_keys[2], self.faces_per_edge
-        return np.asarray(order[np.cumsum(counts) - counts])
+        order, first = self._by_edge
+        return np.asarray(order[first])
 
     @cached_property
     def twin(self) -> Indices:
         """(C,) half-edge on the other side of the edge; `NONE` on the boundary and at non-manifold edges."""
-        order, counts = self._edge_keys[2], self.faces_per_edge
-        first = (np.cumsum(counts) - counts)[counts == 2]
+        if self._opposite is not None:
+            return self._opposite
+        order, first = self._by_edge
+        first = first[self.faces_per_edge == 2]
         twin = np.full(len(self.tail), NONE, dtype=np.int64)
         twin[order[first]], twin[order[first + 1]] = order[first + 1], order[first]
         return twin
 
     @cached_property
+    def misoriented_edges(self) -> Indices:
+        """(M,) edges whose two faces run through them in the same direction."""
+        if self.is_watertight:
+            return np.empty(0, dtype=np.int64)
+        order, first = self._by_edge
+        inner = np.flatnonzero(self.faces_per_edge == 2)
+        first = first[inner]
+        return np.asarray(inner[self.tail[order[first]] == self.tail[order[first + 1]]])
+
+    @cached_property
     def face_pairs(self) -> Int64[np.ndarray, "P 2"]:
         """(P, 2) half-edges of each pair of faces that share an edge; k faces at one edge make k(k-1)/2 pairs."""
-        order, counts = self._edge_keys[2], self.faces_per_edge
-        starts = np.cumsum(counts) - counts
+        (order, starts), counts = self._by_edge, self.faces_per_edge
         pairs = [
             order[np.stack([starts[counts == k] + i, starts[counts == k] + j], axis=1)]
             for k in np.unique(counts)
@@ -138,7 +175,8 @@ class HalfEdges:
     def boundary_verts(self) -> Mask:
         """(V,) which vertices lie on a boundary edge."""
         on_boundary = np.zeros(self.num_verts, dtype=bool)
-        on_boundary[self.edges[self.boundary_edges].reshape(-1)] = True
+        if not self.is_watertight:
+            on_boundary[self.edges[self.boundary_edges].reshape(-1)] = True
         return on_boundary
 
     @cached_property
@@ -153,6 +191,14 @@ class HalfEdges:
     def next_around_tail(self, halfedge: Indices) -> Indices:
         """Return the next half-edge out of the same vertex, counter-clockwise; `NONE` across a boundary."""
         return np.asarray(self.twin[self.preceding(halfedge)])
+
+
+def _stable_order(keys: Indices, bound: int) -> Indices:
+    """Return the stable order of keys from 0 to below a bound: by 16 bits at a time, which numpy sorts by radix."""
+    order = np.argsort(keys.astype(np.uint16), kind="stable")
+    for shift in range(16, int(bound).bit_length(), 16):
+        order = order[np.argsort((keys[order] >> shift).astype(np.uint16), kind="stable")]
+    return order
 
 
 def next_in_face(halfedge: Indices) -> Indices:
@@ -279,6 +325,21 @@ class PolygonTopology(HalfEdges):
         preceding = np.arange(-1, len(self.corners) - 1)
         preceding[self.starts] = self.starts + self.sizes - 1
         return preceding
+
+    @cached_property
+    def lone_faces(self) -> Indices:
+        """Faces of which all edges have the same face on their other side."""
+        first, second = self.twin[self.starts], self.twin[self.starts + 1]
+        shared = np.flatnonzero((first != NONE) & (second != NONE))
+        faces = shared[self.face[first[shared]] == self.face[second[shared]]]
+        if not len(faces):
+            return np.empty(0, dtype=np.int64)
+        sizes = self.sizes[faces]
+        starts = np.cumsum(sizes) - sizes
+        across = self.twin[np.repeat(self.starts[faces] - starts, sizes) + np.arange(int(sizes.sum()))]
+        same = (across != NONE) & (self.face[across] == np.repeat(self.face[first[faces]], sizes))
+        alone: Mask = np.logical_and.reduceat(same, starts)
+        return np.asarray(faces[alone])
 
     def following(self, halfedge: Indices) -> Indices:
         """Return the next half-edge in the same face."""

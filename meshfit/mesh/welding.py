@@ -33,11 +33,13 @@ class Stitched(NamedTuple):
         corners: (C,) the new vertex of each corner.
         origins: (V,) the first given vertex of each new one, ascending.
         num_split: number of given vertices that were split.
+        is_manifold: whether the surface is manifold now for certain.
     """
 
     corners: Indices
     origins: Indices
-    num_split: int
+    num_split: int = 0
+    is_manifold: bool = False
 
 
 def first_equal(rows: NDArray[np.generic]) -> Indices:
@@ -67,7 +69,10 @@ def coincident(topology: HalfEdges, verts: Verts, distance: float = 0.0) -> Indi
     else:
         place[seam] = seam[first_equal(verts[seam])]
     tail, head = topology.tail, topology.head
-    short = np.flatnonzero((verts[tail] == verts[head]).all(axis=1) & (place[tail] != place[head]))
+    short = np.arange(len(tail))
+    for coordinate in verts.T.copy():
+        short = short[coordinate[tail[short]] == coordinate[head[short]]]
+    short = short[place[tail[short]] != place[head[short]]]
     if len(short):
         place = place[_first_of_component(place[tail[short]], place[head[short]], topology.num_verts)][place]
     return place
@@ -103,12 +108,11 @@ def stitch(verts: Verts, given: PolygonTopology, welded: PolygonTopology, *, spl
         split: separate the fans of faces that meet in a given vertex, and the faces beyond the second at a given edge.
     """
     corners, sizes = given.corners, given.sizes
-    if (
-        (welded.faces_per_edge <= 2).all()
-        and not len(duplicate_triangles(welded))
-        and not len(nonmanifold_verts(welded))
-    ):
-        return _numbered(welded.corners, corners)
+    on_each_other = (sizes[welded.lone_faces] == 3).any()
+    if (welded.faces_per_edge <= 2).all() and not on_each_other and not len(nonmanifold_verts(welded)):
+        used = np.zeros(len(verts), dtype=bool)
+        used[welded.corners] = True
+        return Stitched((np.cumsum(used) - 1)[welded.corners], np.flatnonzero(used), is_manifold=True)
     count = given.faces_per_edge[given.edge_of]
     kept = _pairs_within(np.flatnonzero(count == 2), given.edge_of)
     crowded = _matched(welded, verts, np.flatnonzero(count > 2), given.edge_of) if split else kept[:0]
@@ -144,7 +148,7 @@ def _numbered(labels: Indices, corners: Indices) -> Stitched:
     order = np.lexsort([first, origin])
     rank = np.empty(len(order), dtype=np.int64)
     rank[order] = np.arange(len(order))
-    return Stitched(rank[label], origin[order], 0)
+    return Stitched(rank[label], origin[order])
 
 
 def _pairs_within(halfedges: Indices, group: Indices) -> _Pairs:
