@@ -25,7 +25,7 @@ _REST: dict[str, Any] = {
     "seconds": {"fit": 12.3456789, "measure": 1.23456789},
     "peak_memory_mb": 421.904384,
     "warnings": [],
-    "versions": dict.fromkeys(("python", "meshfit", "torch", "numpy", "scipy", "trimesh", "pymeshlab"), "1.23.4"),
+    "versions": dict.fromkeys(("python", "meshfit", "torch", "numpy", "scipy", "pymeshlab"), "1.23.4"),
     "platform": {"system": "Linux-6.1-x86_64-with-glibc2.36", "machine": "x86_64"},
 }
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from meshfit.measuring.measure import Measurement
     from meshfit.mesh.normalisation import Frame
 
-_PACKAGES = ("meshfit", "torch", "numpy", "scipy", "trimesh", "pymeshlab", "pykdtree")
+_PACKAGES = ("meshfit", "torch", "numpy", "scipy", "pymeshlab", "pykdtree")
 
 
 def result_record(trial: "Trial", frame: "Frame", fitted: "FitResult", measured: "Measurement", work: Result) -> Result:

@@ -30,7 +30,8 @@ _TYPES = {
     "Int8": "i1", "UInt8": "u1", "Int16": "i2", "UInt16": "u2", "Int32": "i4", "UInt32": "u4", "Int64": "i8",
     "UInt64": "u8", "Float32": "f4", "Float64": "f8",
 }  # fmt: skip
-_POLY_CELLS = {"Verts": "verts", "Lines": "lines", "Strips": "strips", "Polys": "polygons"}
+# In the order in which VTK counts the cells, whatever the order in a file.
+_POLY_CELLS = {"Verts": "verts", "Lines": "lines", "Polys": "polygons", "Strips": "strips"}
 _COMPRESSORS = ("", "vtkZLibDataCompressor", "vtkLZMADataCompressor")
 _APPENDED = re.compile(rb"<AppendedData\b[^>]*>\s*_")
 _RAW = re.compile(rb"""encoding\s*=\s*["']raw["']""")
@@ -113,7 +114,8 @@ class _Arrays:
     def cells(self, piece: Element, place: str) -> list[Cells]:
         """Return the cells of a piece."""
         found = []
-        for parent in children(piece, "Cells", *_POLY_CELLS):
+        parents = [parent for name in ("Cells", *_POLY_CELLS) for parent in children(piece, name)]
+        for parent in parents:
             name = local_name(parent)
             named = {attribute(array, "Name") or "": array for array in children(parent, "DataArray")}
             arrays = {
