@@ -2,34 +2,72 @@
 
 import random
 import signal
+import struct
 import tracemalloc
 
 import numpy as np
 import pytest
 
-from meshfit.mesh.io.files import FORMATS, encode_mesh, load_mesh
+from meshfit.mesh.io.files import FORMATS, POINT_FORMATS, READABLE_FORMATS, encode_mesh, load_mesh
 from meshfit.mesh.solids import octahedron
-from tests.damaged import read_or_refused
+from tests.damaged import damaged, read_or_refused, soup_or_refused
 from tests.loops import over
 
-CASES = 150
-SECONDS = 20
+MUTATIONS, MANY_MUTATIONS, LOADED = 2_000, 20_000, 60
+SECONDS = 2
 MEGABYTE = 2**20
-ASCII_PLY = b"""ply
-format ascii 1.0
-element vertex 4
-property float x
-property float y
-property float z
-element face 4
-property list uchar int vertex_indices
-end_header
-0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 2 0 3
-"""
+POINTS = b"0 0 0\n1 0 0\n0 1 0\n0 0 1\n"
+FACES = b"3 0 2 1\n3 0 1 3\n3 1 2 3\n3 2 0 3\n"
+XYZ = b"property float x\nproperty float y\nproperty float z\n"
+ASCII_PLY = (
+    b"ply\nformat ascii 1.0\nelement vertex 4\n" + XYZ + b"element face 4\nproperty list uchar int vertex_indices\n"
+    b"end_header\n" + POINTS + FACES
+)  # fmt: skip
+PLY_HEAD = b"ply\r\nformat %s 1.0\r\ncomment end_header\r\nelement vertex 3\r\n%sproperty uchar a\r\n"
+STRIPS = b"element face 1\r\nproperty list uchar int vertex_index\r\nproperty list uchar short x\r\n" \
+    b"element tristrips 2\r\nproperty list int int vertex_indices\r\nelement edge 1\r\nproperty int vertex1\r\n" \
+    b"property int vertex2\r\nelement polyline 1\r\nproperty list ushort uint indices\r\nend_header\r\n"  # fmt: skip
+BINARY_PLY = PLY_HEAD.replace(b"%s", b"binary_big_endian", 1).replace(b"%s", XYZ) + STRIPS + struct.pack(
+    ">" + "fffB" * 3 + "B3iB2h" + "i7ii3i" + "2i" + "H2I",
+    *(0, 0, 0, 1, 1, 0, 0, 2, 0, 1, 0, 3), *(3, 0, 1, 2, 2, 7, 7), *(7, 0, 1, 2, 0, -1, 1, 2, 3, 2, 1, 0), *(0, 1),
+    *(2, 0, 1),
+)  # fmt: skip
 FACET = b"facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 %d\nvertex 0 1 0\nendloop\nendfacet\n"
+OBJ = (
+    b"# C:\\a\\\nmtllib a.mtl\ng a\nv 0 0 0 1 0 0\nv 1 0 0 1\nv 0 1 0\nv 0 0 1 # x\nvt 0 0\nvn 0 0 1\n"
+    b"f 1/1/1 3/1/1 2/1/1\nf -4 \\\n -3 -1\nfo 2//1 3//1 4//1\nf 3 1 4\nl 1 2\np 1\nsurf 0 1 0 1 1 2\n"
+)
+VTK = b"# vtk DataFile Version 3.0\nx\nASCII\nDATASET POLYDATA\nPOINTS 4 float\n%sPOLYGONS 4 16\n%s" % (POINTS, FACES)
+VTP = (
+    b'<?xml version="1.0"?>\n<VTKFile type="PolyData" version="0.1" byte_order="LittleEndian">\n<PolyData>\n'
+    b'<Piece NumberOfPoints="4" NumberOfPolys="2">\n<Points><DataArray type="Float32" NumberOfComponents="3" '
+    b'format="ascii">0 0 0 1 0 0 0 1 0 0 0 1</DataArray></Points>\n<Polys><DataArray type="Int32" Name="connectivity" '
+    b'format="ascii">0 2 1 0 1 3</DataArray><DataArray type="Int32" Name="offsets" format="ascii">3 6</DataArray>'
+    b"</Polys>\n</Piece>\n</PolyData>\n</VTKFile>\n"
+)
+PCD = (
+    b"VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 4\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\n"
+    b"POINTS 4\nDATA ascii\n" + POINTS
+)
 VALID = {suffix: encode_mesh(octahedron(), suffix) for suffix in FORMATS} | {
     "ascii.ply": ASCII_PLY,
+    "strips.ply": BINARY_PLY,
     "ascii.stl": b"solid a\n" + FACET % 0 + FACET % 1 + b"endsolid a\n",
+    "odd.stl": b"solid facet\r\n" + (FACET % 0).upper() + b"end solid\rsolid b\r" + FACET.replace(b"normal 0", b"") % 1,
+    "odd.obj": OBJ,
+    "odd.off": b"COFF4 4\n# x\n" + POINTS.replace(b"\n", b" 1 0 0 1\n") + FACES.replace(b"\n", b" 0.5 0.5 0.5\n"),
+    "words.off": b"OFF 4\n4\n0\n" + POINTS.replace(b" ", b"\n") + FACES.replace(b"\n", b" "),
+    "text.vtk": VTK,
+    "text.vtp": VTP,
+    "text.vtu": VTP.replace(b"PolyData", b"UnstructuredGrid").replace(b"Polys", b"Cells").replace(
+        b"</Cells>", b'<DataArray type="UInt8" Name="types" format="ascii">5 5</DataArray></Cells>'
+    ),
+}  # fmt: skip
+SEEDS = VALID | {
+    "a.xyz": POINTS,
+    "a.pts": b"4\n" + POINTS,
+    "a.csv": b"x,y,z\n" + POINTS.replace(b" ", b","),
+    "a.pcd": PCD,
 }
 
 
@@ -37,52 +75,70 @@ class HangError(BaseException):
     """Not an Exception, so that nothing on the way takes it for a damaged file."""
 
 
+def alarm(*_):
+    raise HangError
+
+
 @pytest.fixture(autouse=True)
 def _no_hang():
-    def stop(*_):
-        raise HangError
-
-    before = signal.signal(signal.SIGALRM, stop)
-    signal.alarm(SECONDS)
+    before = signal.signal(signal.SIGALRM, alarm)
     yield
-    signal.alarm(0)
+    signal.setitimer(signal.ITIMER_REAL, 0)
     signal.signal(signal.SIGALRM, before)
 
 
-def damaged(content, rng):
-    at, length = rng.randrange(len(content)), rng.randrange(1, 9)
-    piece = rng.choice(
-        [rng.randbytes(length), b"9" * length, b"-1", b"nan", b"\n", b" ", b"\xff" * 4, b"\x00" * 4, b""]
-    )
-    return rng.choice(
-        [
-            lambda: content[:at],
-            lambda: content[:at] + piece + content[at:],
-            lambda: content[:at] + piece + content[at + length :],
-            lambda: content[:at] + bytes([content[at] ^ 1 << rng.randrange(8)]) + content[at + 1 :],
-            lambda: content[:at] + content[at : at + 40] * 3 + content[at + 40 :],
-        ]
-    )()
+def suffix_of(name):
+    return name[name.rindex(".") :]
+
+
+def reader(name, folder):
+    """The reader of bytes of the name's format; those that read other files too look for them in an empty folder."""
+    form = (READABLE_FORMATS | POINT_FORMATS)[suffix_of(name)]
+    return (lambda content: form.read(content, folder=folder)) if getattr(form, "folder", False) else form.read
+
+
+def mutate(name, count, folder):
+    """Read so many damaged copies, and return how many were refused."""
+    rng, read, refused = random.Random(name), reader(name, folder), 0
+    for number in range(count):
+        content = damaged(SEEDS[name], rng)
+        signal.setitimer(signal.ITIMER_REAL, SECONDS)
+        try:
+            refused += soup_or_refused(read, content) is None
+        except BaseException as error:
+            error.add_note(f"mutation {number} of {name}: {content!r}")
+            raise
+    return refused
+
+
+def of_its_format(name):
+    """How many seeds have its format."""
+    return sum(suffix_of(other) == suffix_of(name) for other in SEEDS)
+
+
+@pytest.mark.parametrize("name", SEEDS)
+def test_damaged_bytes_are_refused_in_plain_words_or_read(tmp_path, name):
+    count = MUTATIONS // of_its_format(name)
+    assert 0 < mutate(name, count, tmp_path) < count
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SEEDS)
+def test_many_damaged_bytes_are_refused_in_plain_words_or_read(tmp_path, name):
+    mutate(name, MANY_MUTATIONS // of_its_format(name), tmp_path)
 
 
 @pytest.mark.parametrize("name", VALID)
 def test_a_damaged_file_is_refused_or_gives_a_sane_mesh(tmp_path, name):
-    rng = random.Random(name)
-    path = tmp_path / f"a{name}"
-    refused = 0
-    for _ in range(CASES):
-        content = VALID[name]
-        for _ in range(rng.randrange(1, 4)):
-            content = damaged(content, rng) or b"\0"
-        path.write_bytes(content)
+    rng, path = random.Random(name), tmp_path / f"a{name}"
+    for _ in range(LOADED):
+        path.write_bytes(damaged(VALID[name], rng))
+        signal.setitimer(signal.ITIMER_REAL, SECONDS)
         mesh = read_or_refused(load_mesh, path)
-        if mesh is None:
-            refused += 1
-            continue
-        assert np.isfinite(mesh.verts).all()
-        assert mesh.num_faces > 0
-        assert np.array_equal(np.unique(mesh.faces), np.arange(mesh.num_verts))
-    assert refused > 0
+        if mesh is not None:
+            assert np.isfinite(mesh.verts).all()
+            assert mesh.num_faces > 0
+            assert np.array_equal(np.unique(mesh.faces), np.arange(mesh.num_verts))
 
 
 GIANTS = {
@@ -91,6 +147,10 @@ GIANTS = {
     "ascii verts.ply": ASCII_PLY.replace(b"vertex 4", b"vertex 1000000000"),
     "ascii faces.ply": ASCII_PLY.replace(b"face 4", b"face 1000000000"),
     "ascii corners.ply": ASCII_PLY.replace(b"uchar", b"uint").replace(b"3 2 0 3", b"4000000000 2 0 3"),
+    "strips.ply": BINARY_PLY.replace(b"tristrips 2", b"tristrips 999999999"),
+    "strip corners.ply": BINARY_PLY.replace(struct.pack(">3i", 7, 0, 1), struct.pack(">3i", 2**31 - 1, 0, 1)),
+    "wide corners.ply": ASCII_PLY.replace(b"uchar", b"uint64").replace(b"3 2 0 3", b"18446744073709551615 2 0 3"),
+    "off words.off": b"OFF999999999 999999999\n" + POINTS.replace(b" ", b"\n"),
     "no properties.ply": ASCII_PLY.replace(b"element face", b"element empty 9999999999\nelement face"),
     "binary corners.ply": VALID[".ply"].replace(b"list uchar", b"list uint"),
     "off verts.off": VALID[".off"].replace(b"6 8 0", b"1000000000 8 0"),

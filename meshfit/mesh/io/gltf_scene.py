@@ -146,7 +146,8 @@ class Scene:
         mirrored = np.linalg.det(transforms[:, :3, :3]) < 0
         for transform, mirror in zip(transforms, mirrored.tolist(), strict=True):
             for part in parts:
-                verts = part.verts @ transform[:3, :3].T + transform[:3, 3]
+                with np.errstate(all="ignore"):  # the check of the mesh names a vertex that is not finite
+                    verts = part.verts @ transform[:3, :3].T + transform[:3, 3]
                 self._placed.append((verts, part.triangles[:, ::-1] if mirror else part.triangles))
 
     def _place_skinned(self, parts: list[_Part], skin: JsonObject, worlds: Matrices) -> None:

@@ -27,6 +27,7 @@ _BLANK_LINES = re.compile(rb"\n[ \t\n]+")
 # The counts may follow the keyword without a blank. A lower-case n before capitals announces other dimensions than 3.
 _KEYWORD = re.compile(rb"\s*((ST)?(C)?(N)?([4n]*)OFF|(st)?(c)?(n)?()off)(?![A-Za-z])")
 _WORD = re.compile(rb"\S+")
+_LARGEST_INDEX = 2**53  # float64 holds every integer up to here
 _MARK = b" -1 "  # of a line of faces, in which no other negative number is allowed
 
 
@@ -126,8 +127,10 @@ def _face_rows_at_once(lines: bytes, count: int) -> tuple[NDArray[np.int64], NDA
     numbers: NDArray[np.int64] | NDArray[np.float64] | None = parse_ints(text)
     if numbers is None:  # colours may be fractions
         numbers = parse_floats(text)
-    if numbers is None or not len(numbers):
-        return None if numbers is None else (np.empty(0, np.int64), np.empty(0, np.int64))
+    if numbers is None or not (np.abs(numbers) < _LARGEST_INDEX).all():
+        return None
+    if not len(numbers):
+        return np.empty(0, np.int64), np.empty(0, np.int64)
     marks = np.flatnonzero(numbers == -1)
     lengths = np.diff(marks, append=len(numbers)) - 1
     if len(marks) != count or (lengths < 1).any():

@@ -102,7 +102,8 @@ class Rows:
             if column.prop.count_code:
                 name = column.prop.name
                 raise MeshError(f"expected one number per '{self.element.name}', got a list as property '{name}'")
-        return np.stack([self._values(column).astype(np.float64) for column in columns], axis=1)
+        with np.errstate(invalid="ignore"):  # of signalling NaN
+            return np.stack([self._values(column).astype(np.float64) for column in columns], axis=1)
 
     def lists(self, *names: str) -> tuple[NDArray[Any], NDArray[np.int64]]:
         """Return the entries of all lists in a row, and (N,) their lengths, of the first of the names that is there.

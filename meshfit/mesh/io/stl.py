@@ -79,7 +79,8 @@ def _binary_verts(content: bytes) -> NDArray[np.float64]:
     if content[len(content) - extra :].strip(b"\0 \t\r\n"):
         _warn(f"passed over {extra} bytes after the {announced} facets that its header announces")
     facets = np.frombuffer(content, _FACET, announced, _HEADER_SIZE)
-    return facets["verts"].reshape(-1, 3).astype(np.float64)
+    with np.errstate(invalid="ignore"):  # of signalling NaN
+        return facets["verts"].reshape(-1, 3).astype(np.float64)
 
 
 def _text_verts(content: bytes) -> NDArray[np.float64]:

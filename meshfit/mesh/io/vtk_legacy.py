@@ -181,7 +181,11 @@ class _Reader:
 
 def _split(numbers: NDArray[np.int64], count: int, where: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the corners and the sizes of cells that each begin with their size."""
-    if count and len(numbers) % count == 0 and (numbers[:: len(numbers) // count] == len(numbers) // count - 1).all():
+    if (
+        0 < count <= len(numbers)
+        and len(numbers) % count == 0
+        and (numbers[:: len(numbers) // count] == len(numbers) // count - 1).all()
+    ):
         width = len(numbers) // count
         return np.delete(numbers.reshape(-1, width), 0, axis=1).reshape(-1), np.full(count, width - 1)
     heads: list[int] = []
