@@ -27,6 +27,7 @@ from meshfit.mesh.solids import icosahedron
 from meshfit.mesh.targets import load_target
 from meshfit.subdivision.refine import subdivide
 from tests.benchmarks.cuda_cases import CUDA_CASES
+from tests.benchmarks.loading_cases import LOADING_CASES
 from tests.benchmarks.plain_twin import PlainTwin
 from tests.benchmarks.timing import Benchmark
 
@@ -147,6 +148,6 @@ CASES: dict[str, Callable[[], Benchmark]] = {
     "measure 10,002 verts against the bunny": lambda: Benchmark(
         partial(measure, decimate(_bunny(), 20_000), _bunny()), 3
     ),
-}
+} | LOADING_CASES
 if torch.cuda.is_available():
     CASES |= CUDA_CASES
