@@ -232,6 +232,27 @@ REFUSED = {
 }
 
 
+MISFITS = {
+    "line 10: expected 3 numbers of 'vertex', got 4": HEADER + POINTS.replace("\n", " 7\n") + ROWS,
+    "line 10: expected 3 numbers of 'vertex', got 6": HEADER + POINTS.replace("\n", " 3 0 1\n") + ROWS,
+    "line 11: expected 4 numbers of 'vertex', got 3": HEADER.replace(XYZ, XYZ + "property float a\n") + POINTS + ROWS,
+    "line 13: expected 4 numbers of 'face', got 3": HEADER.replace("vertex 4", "vertex 3")
+    + POINTS[:-6]
+    + "3 1 1\n"
+    + ROWS,
+    "line 14: expected 3 numbers of 'vertex', got 4": TEXT.replace("vertex 4", "vertex 5"),
+    "line 14: expected 4 numbers of 'face', got 7": HEADER + POINTS + ROWS.replace("\n", " 255 0 0\n"),
+    "line 16: expected 5 numbers of 'face', got 4": HEADER + POINTS + ROWS.replace("3 1 2 3", "4 1 2 3"),
+}
+
+
+@over("message", MISFITS)
+def test_the_first_line_that_does_not_fit_the_header_is_named(message):
+    with pytest.raises(MeshError) as caught:
+        read_ply(MISFITS[message].encode())
+    assert str(caught.value) == message
+
+
 @over("message", REFUSED)
 def test_what_is_wrong_is_named(message):
     with pytest.raises(MeshError) as caught:

@@ -77,7 +77,13 @@ class _Column(NamedTuple):
 
 
 class Rows:
-    """The rows of an element in the body of a file. Columns are converted when they are asked for."""
+    """The rows of an element in the body of a file. Columns are converted when they are asked for.
+
+    Attributes:
+        element: whose rows they are.
+        uniform: whether the lists of all rows are as long as those of the first.
+        end: offset of their end in the body.
+    """
 
     def __init__(self, element: Element, body: _Body, start: int) -> None:
         self.element, self._body = element, body
@@ -85,9 +91,9 @@ class Rows:
         length = element.length if element.properties else 0
         first = self._walk(start, min(length, 1))
         self._stride = int(first[0, -1]) + self._after_lists - start if length else 0
-        self._uniform = self._is_uniform(first)
-        self._ends = first if self._uniform else self._walk(start, length)
-        self.end = start + length * self._stride if self._uniform else int(self._ends[-1, -1]) + self._after_lists
+        self.uniform = self._is_uniform(first)
+        self._ends = first if self.uniform else self._walk(start, length)
+        self.end = start + length * self._stride if self.uniform else int(self._ends[-1, -1]) + self._after_lists
 
     def numbers(self, *names: str) -> NDArray[np.float64]:
         """Return (N, K) the values of some properties.
@@ -118,7 +124,7 @@ class Rows:
             raise MeshError(f"expected a list as property '{prop.name}' of '{self.element.name}', got one number")
         starts, width = self._ends[:, lists] + offset + self._body.width(prop.count_code), self._body.width(prop.code)
         sizes = (self._ends[:, lists + 1] - starts) // width
-        if self._uniform:
+        if self.uniform:
             length = self.element.length
             entries = self._body.block(int(starts[0]), self._stride, length, int(sizes[0]), prop.code)
             return entries.reshape(-1), np.repeat(sizes, length)
@@ -196,7 +202,7 @@ class Rows:
 
     def _values(self, column: _Column) -> NDArray[Any]:
         starts = self._ends[:, column.lists] + column.offset
-        if self._uniform:
+        if self.uniform:
             return self._body.block(int(starts[0]), self._stride, self.element.length, 1, column.prop.code).reshape(-1)
         return self._body.at(starts, column.prop.code)
 
@@ -238,10 +244,17 @@ def read_elements(content: bytes) -> Ply:
     byte_order, elements, comments = _parse_header(content[first.end() : last.start()])
     body = _BinaryBody(content, byte_order) if byte_order else _text_body(content, end)
     rows, at = dict[str, Rows](), end if byte_order else 0
-    for element in elements:
-        rows[element.name] = Rows(element, body, at)
-        at = rows[element.name].end
-    _check_rest(body, at, rows)
+    try:
+        for element in elements:
+            rows[element.name] = Rows(element, body, at)
+            at = rows[element.name].end
+        _check_rest(body, at, rows)
+    except MeshError:
+        if isinstance(body, _TextBody):
+            body.require_rows_on_lines(elements, most_lines=2.0)
+        raise
+    if isinstance(body, _TextBody) and not all(row.uniform for row in rows.values()):
+        body.require_rows_on_lines(elements, most_lines=1.0)
     return Ply(rows, comments)
 
 
@@ -351,10 +364,41 @@ class _TextBody:
         before = self._text[: len(self._text) - len(self._from(offset))]
         return self._lines_before + len((before + b".").splitlines())
 
+    def require_rows_on_lines(self, elements: list[Element], most_lines: float) -> None:
+        """Refuse a text of one row per line that was misread word by word, naming the first line that does not fit.
+
+        Args:
+            elements: of the header.
+            most_lines: how many lines a row may take on average, at most, and how many rows a line.
+        """
+        lines = [(number, line.split()) for number, line in enumerate(self._text.splitlines(), self._lines_before + 1)]
+        lines = [(number, words) for number, words in lines if words]
+        total = sum(element.length for element in elements if element.properties)
+        if not total / most_lines <= len(lines) <= total * most_lines:
+            return
+        rows = (element for element in elements if element.properties for _ in range(element.length))
+        for element, (number, words) in zip(rows, lines, strict=False):
+            expected = _words_of_row(element, words)
+            if expected is not None and expected != len(words):
+                raise MeshError(f"line {number}: expected {expected} numbers of '{element.name}', got {len(words)}")
+
     def _from(self, offset: int) -> bytes:
         """Return the text from a word on."""
         pieces = self._text.split(None, offset)
         return pieces[offset] if len(pieces) > offset else b""
+
+
+def _words_of_row(element: Element, words: list[bytes]) -> int | None:
+    """Return how many of these words a row of an element takes, or None if the length of a list cannot be told."""
+    at = 0
+    for prop in element.properties:
+        if prop.count_code:
+            length = parse_float(words[at]) if at < len(words) else None
+            if length is None or not length.is_integer() or length < 0:
+                return None
+            at += int(length)
+        at += 1
+    return at
 
 
 class _WordBody(_TextBody):
