@@ -201,8 +201,8 @@ REFUSED = {
     "'vertex' has two properties 'x'": HEADER.replace(XYZ, XYZ + "property float x\n")
     + POINTS.replace("\n", " 0\n")
     + ROWS,
-    "line 14: more numbers than the header announces": HEADER + "0 0 0 1 0 0 0 1 0 0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n"
-    "3 2 0 3 9\n",
+    "line 11: more numbers than the header announces": HEADER
+    + f"{POINTS}{ROWS} 9".replace("\n", " ").replace(" 3 0 2", "\n3 0 2"),
     "line 11: expected a number, got '1,5'": HEADER + POINTS.replace("0 0 0\n1", "0 0 0\n1,5", 1) + ROWS,
     "line 14: expected a number, got 'x'": HEADER + POINTS + ROWS.replace("3 0 2", "x 0 2"),
     "line 10: expected a number, got '1_0'": HEADER + POINTS.replace("0 0 0", "1_0 0 0") + ROWS,
