@@ -326,8 +326,8 @@ def _warn_of_shape(mesh: PolygonMesh, topology: PolygonTopology, origin: str, *,
     components, edges = num_components(topology), nonmanifold_edges(topology)
     verts = () if is_manifold else np.setdiff1d(nonmanifold_verts(topology), topology.edges[edges])
     findings = {
-        ("non-manifold edge", " (three faces or more)"): len(edges),
-        ("non-manifold vertex", " (separate fans of faces)"): len(verts),
+        ("non-manifold edge", " (three faces or more); --repair split separates the faces"): len(edges),
+        ("non-manifold vertex", " (separate fans of faces); --repair split separates them"): len(verts),
         ("edge", " between faces of opposite orientation"): len(misoriented_edges(topology)),
         ("boundary edge", ": the surface is open"): int(topology.boundary_edges.sum()),
         ("separate component", ""): components if components > 1 else 0,
@@ -337,9 +337,10 @@ def _warn_of_shape(mesh: PolygonMesh, topology: PolygonTopology, origin: str, *,
             _warn(f"{origin}: {_counted(count, noun)}{remark}")
     near, distance = nearly_coincident(topology, mesh.verts)
     if near:
+        enough = f"{1.05 * distance:.1e}"
         _warn(
-            f"{origin}: {_counted(near, 'boundary vertex')} within {distance:.2g} of another one; weld joins those "
-            "within a distance"
+            f"{origin}: {_counted(near, 'boundary vertex')} nearly coincident with another, up to {distance:.2g} apart; "
+            f"--weld {enough} joins them (config: weld)"
         )
     rounding = _ROUNDING * bounding_box_diagonal(mesh.verts) ** 3
     if is_watertight(topology) and signed_volume(mesh.triangulated()) < -rounding:

@@ -90,7 +90,8 @@ def test_edges_with_three_faces_are_told_and_kept():
     fin = np.concatenate([SOLID.faces, [[0, 2, 6], [4, 0, 6]]])
     found, said = cleaned(np.concatenate([SOLID.verts, [[2.0, 2, 2]]]), fin, CleaningOptions(repair="refuse"))
     assert found.num_faces == 10
-    assert said == ["2 non-manifold edges (three faces or more)", "2 boundary edges: the surface is open"]
+    remedy = "--repair split separates the faces"
+    assert said == [f"2 non-manifold edges (three faces or more); {remedy}", "2 boundary edges: the surface is open"]
 
 
 def test_faces_turned_over_are_told_with_the_edges_that_disagree():

@@ -105,11 +105,11 @@ def test_refuse_leaves_what_is_not_manifold_and_tells_it():
     mesh, _ = TOUCHING["at a vertex"]
     result, said = cleaned(mesh, repair="refuse")
     assert np.array_equal(result.faces, mesh.faces)
-    assert said == ["1 non-manifold vertex (separate fans of faces)"]
+    assert said == ["1 non-manifold vertex (separate fans of faces); --repair split separates them"]
     with pytest.raises(MeshError, match="joins separate fans of faces"):
         meshfit.subdivide(result, "loop")
     result, said = cleaned(TOUCHING["at an edge"][0], repair="refuse")
-    assert said[0] == "1 non-manifold edge (three faces or more)"
+    assert said[0] == "1 non-manifold edge (three faces or more); --repair split separates the faces"
     # The weld of a soup makes neither.
     for name in TOUCHING:
         assert pieces(cleaned(soup(TOUCHING[name][0]), repair="refuse")[0])[1]
@@ -216,11 +216,11 @@ def test_vertices_that_nearly_coincide_are_told_and_joined_on_demand(tmp_path):
     )
     result, said = cleaned(both)
     assert num_components(Topology.of(result)) == 2
-    assert f"8 boundary vertices within {gap:.2g} of another one" in said[-1]
+    assert f"8 boundary vertices nearly coincident with another, up to {gap:.2g} apart; --weld" in said[-1]
     result, said = cleaned(both, weld=1.01 * gap)
     assert num_components(Topology.of(result)) == 1
     assert result.num_verts == both.num_verts - 4
-    assert not any("within" in text for text in said)
+    assert not any("--weld" in text for text in said)
     assert cleaned(both, weld=0.9 * gap)[0].num_verts == both.num_verts
     save_mesh(both, tmp_path / "a.ply")
     with pytest.warns(MeshfitWarning):
