@@ -337,11 +337,8 @@ def _warn_of_shape(mesh: PolygonMesh, topology: PolygonTopology, origin: str, *,
             _warn(f"{origin}: {_counted(count, noun)}{remark}")
     near, distance = nearly_coincident(topology, mesh.verts)
     if near:
-        enough = f"{1.05 * distance:.1e}"
-        _warn(
-            f"{origin}: {_counted(near, 'boundary vertex')} nearly coincident with another, up to {distance:.2g} apart; "
-            f"--weld {enough} joins them (config: weld)"
-        )
+        reach = f"up to {distance:.2g} apart; --weld {1.05 * distance:.1e} joins them (config: weld)"
+        _warn(f"{origin}: {_counted(near, 'boundary vertex')} nearly coincident with another, {reach}")
     rounding = _ROUNDING * bounding_box_diagonal(mesh.verts) ** 3
     if is_watertight(topology) and signed_volume(mesh.triangulated()) < -rounding:
         _warn(f"{origin}: the surface is inside out: closed, with a negative volume")

@@ -271,8 +271,9 @@ def _folded(topology: PolygonTopology, verts: Verts, pairs: _Pairs) -> Mask:
 
 def _num_split(given: Indices, corners: Indices) -> int:
     """Return how many given vertices have become several."""
-    rows = np.unique(np.stack([given, corners], axis=1), axis=0)
-    return int((np.unique(rows[:, 0], return_counts=True)[1] > 1).sum())
+    first = np.empty(int(given.max(initial=-1)) + 1, dtype=np.int64)
+    first[given] = corners
+    return len(np.unique(given[corners != first[given]]))
 
 
 def _components(rows: Indices, columns: Indices, size: int) -> Indices:
