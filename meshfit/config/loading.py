@@ -105,8 +105,9 @@ def _with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
             return value
         if key == ("schemes",) or (key[:1] == ("define",) and key[2:] == ("base",)):
             return relative_to_folder(value, folder)
-        is_path = key == ("targets",) or any(tuple(key[-len(path) :]) == path for path in SOURCE_FILE_KEYS)
-        return _absolute_path(value, folder) if is_path else value
+        if key == ("targets",) or any(tuple(key[-len(path) :]) == path for path in SOURCE_FILE_KEYS):
+            return _absolute_path(value, folder)
+        return value
 
     return {key: absolute(value, (key,)) for key, value in data.items()}
 
@@ -115,7 +116,7 @@ def _absolute_path(text: str, folder: Path) -> str:
     """Return a path relative to a folder as an absolute one, without following a link; names remain names."""
     path = folder / text
     is_file = os.path.lexists(path) and not is_folder(path)
-    is_missing = format_suffix(text) in MESH_SUFFIXES and not os.path.lexists(text)
+    is_missing = format_suffix(text) in (*MESH_SUFFIXES, ".txt") and not os.path.lexists(text)
     return str(path.parent.resolve() / path.name) if is_file or is_missing else text
 
 

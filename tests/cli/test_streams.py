@@ -5,11 +5,14 @@ import os
 import subprocess
 import sys
 import threading
+from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
 
-from meshfit.mesh.io.files import FORMATS, READABLE_FORMATS, load_mesh
+from meshfit.errors import MeshError
+from meshfit.mesh.io.files import FORMATS, READABLE_FORMATS, load_mesh, save_mesh
 from meshfit.mesh.solids import octahedron
 from meshfit.subdivision.refine import subdivide
 from tests.cli import invoke, refused
@@ -151,3 +154,28 @@ def test_a_format_serves_a_file_whose_suffix_is_missing_or_wrong(folder):
         assert invoke("subdivide", name, "out.off", "--format", "obj").code == 0
     assert invoke("subdivide", "in.obj", "out", "--output-format", "off").code == 0
     assert (folder / "out").read_bytes() == (folder / "out.off").read_bytes()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="Linux only")
+def test_standard_output_that_cannot_be_written(folder, monkeypatch):
+    with Path("/dev/full").open("wb") as full:
+        command = [sys.executable, "-m", "meshfit", "subdivide", "in.obj", "-", "--output-format", "obj"]
+        done = subprocess.run(
+            command, stdout=full, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, env=ENVIRONMENT, check=False
+        )
+    full_disk = "No space left on device; free some space, and run the same command again"
+    assert (done.returncode, done.stderr.decode()) == (2, f"error: standard output: cannot be written: {full_disk}\n")
+    monkeypatch.setattr(sys, "stdout", None)
+    with pytest.raises(MeshError, match=r"^standard output: it is closed; give the path of a file$"):
+        save_mesh(octahedron(), "-", file_format="obj")
+
+
+def test_standard_input_that_cannot_be_read(monkeypatch):
+    for stream, message in (
+        (None, "it is closed; pipe a mesh file into the command, or give a path"),
+        (mock.Mock(**{"buffer.isatty.return_value": True}), "it is a terminal; pipe a mesh file into the command"),
+        (mock.Mock(**{"buffer.isatty.return_value": False, "buffer.read.return_value": b""}), "the file is empty"),
+    ):
+        monkeypatch.setattr(sys, "stdin", stream)
+        with pytest.raises(MeshError, match=f"^standard input: {message}"):
+            load_mesh("-", file_format="obj")

@@ -95,8 +95,8 @@ def test_projection_goes_with_creases():
 REFUSED = [
     ({"creases": {"angle": 30}}, "sqrt3", SchemeError, "source.creases: sqrt3 takes no creases; loop, interp-loop"),
     ({"creases": {"angle": 30}, "levels": 0}, "butterfly", SchemeError, "source.creases: butterfly takes no creases"),
-    ({"creases": {"file": "gone.txt"}}, "loop", MeshError, "source.creases: gone.txt: cannot be read: No such file"),
-    ({"alpha": {"file": "gone.txt"}}, "interp-loop", MeshError, "source.alpha: gone.txt: cannot be read: No such file"),
+    ({"creases": {"file": "gone.txt"}}, "loop", MeshError, "source.creases: gone.txt: no such file"),
+    ({"alpha": {"file": "gone.txt"}}, "interp-loop", MeshError, "source.alpha: gone.txt: no such file"),
     ({"alpha": {"file": "gone.txt"}}, "loop", SchemeError, "source.alpha: loop: this scheme has no parameter alpha"),
     ({"alpha": {"attribute": "a"}}, "interp-loop", MeshError, "source.alpha: attribute: octahedron is built in"),
     ({"alpha": {"attribute": "a"}, "mesh": "bunny"}, "interp-loop", MeshError, "can be read from a PLY file only"),

@@ -130,11 +130,7 @@ def write_file(path: str | Path, content: bytes) -> None:
         MeshError: a path that cannot be written.
     """
     if path in STDOUT_PATHS:
-        sys.stdout.flush()
-        with open(_STDOUT, "wb", buffering=0, closefd=False) as stream:
-            view = memoryview(content)
-            while view:
-                view = view[stream.write(view) or 0 :]
+        _write_standard_output(content)
         return
     path = Path(path)
     packed = compression_suffix(path)
@@ -144,6 +140,21 @@ def write_file(path: str | Path, content: bytes) -> None:
         raise MeshError(f"{path_text(path)}: {write_error_message(path, error)}") from error
     except ValueError:
         raise MeshError(f"{path_text(path)}: no file can have this name; give another one") from None
+
+
+def _write_standard_output(content: bytes) -> None:
+    if sys.stdout is None:  # closed by the shell
+        raise MeshError("standard output: it is closed; give the path of a file")
+    try:
+        sys.stdout.flush()
+        with open(_STDOUT, "wb", buffering=0, closefd=False) as stream:
+            left = memoryview(content)
+            while left:
+                left = left[stream.write(left) or 0 :]
+    except BrokenPipeError:  # the reader has had enough
+        raise
+    except OSError as error:
+        raise MeshError(f"standard output: {write_error_message(Path(STREAM), error)}") from error
 
 
 def _given_suffix(file_format: str, suffixes: Collection[str], kind: str) -> str:

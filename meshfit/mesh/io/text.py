@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshfit.errors import MeshError
+from meshfit.paths import is_pipe, is_regular_file, not_a_file_message, path_text, read_error_message
 
 Lines = Iterator[tuple[int, list[bytes]]]
 
@@ -45,12 +46,14 @@ def read_word_lines(path: str | Path) -> Iterator[tuple[int, list[str]]]:
     Raises:
         MeshError: the file cannot be read, or is not UTF-8 text.
     """
+    if not (is_regular_file(path) or is_pipe(path)):
+        raise MeshError(f"{path_text(path)}: {not_a_file_message(path, ('.txt',))}")
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:
         raise MeshError(f"{path}: not a text file in UTF-8") from None
     except OSError as error:
-        raise MeshError(f"{path}: cannot be read: {error.strerror}") from error
+        raise MeshError(f"{path_text(path)}: {read_error_message(error)}") from error
     for number, line in enumerate(text.splitlines(), 1):
         if words := line.partition("#")[0].split():
             yield number, words
