@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from meshfit.errors import MeshError
-from meshfit.mesh.io.files import load_curves, load_mesh, load_polygons, save_mesh
+from meshfit.mesh.io.files import FORMATS, load_curves, load_mesh, load_polygons, save_mesh
 from meshfit.mesh.solids import octahedron
 from meshfit.mesh.targets import load_target, target_path
-from meshfit.paths import MESH_SUFFIXES, compression_suffix, file_stem, format_suffix, is_folder, path_text, quoted_path
+from meshfit.paths import compression_suffix, file_stem, format_suffix, is_folder, path_text, quoted_path
 from tests.cli import refused
 from tests.loops import over
 
@@ -187,7 +187,7 @@ UNWRITABLE = {
     "'~' is not expanded here; give '{}/gone/a.ply'",
     "solid.obj/a.ply": "solid.obj/a.ply: cannot be written: Not a directory; choose another place",
     LONG: f"{LONG}: cannot be written: File name too long; choose a shorter name",
-    "out.ply ": f"'out.ply ': unknown mesh format '.ply '; allowed: {', '.join(MESH_SUFFIXES)}",
+    "out.ply ": f"'out.ply ': unknown mesh format '.ply '; allowed: {', '.join(FORMATS)}",
     "link.obj": "link.obj: cannot be written: a link to 'gone/mesh.obj', whose folder does not exist",
     "a\0.obj": r"'a\x00.obj': no file can have this name; give another one",
 }  # fmt: skip
