@@ -76,7 +76,7 @@ def _binary_verts(content: bytes) -> NDArray[np.float64]:
     if announced > present or (announced < present and (announced == 0 or not further)):
         raise MeshError(f"its header announces {announced} facets, but {present} are there")
     extra = len(content) - _HEADER_SIZE - announced * _FACET.itemsize
-    if content[len(content) - extra :].strip(b"\0 \t\r\n"):
+    if extra:
         _warn(f"passed over {extra} bytes after the {announced} facets that its header announces")
     facets = np.frombuffer(content, _FACET, announced, _HEADER_SIZE)
     with np.errstate(invalid="ignore"):  # of signalling NaN
