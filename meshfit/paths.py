@@ -8,7 +8,10 @@ import stat
 from collections.abc import Collection
 from pathlib import Path
 
-MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".3mf", ".vtk", ".vtp", ".vtu")
+WRITABLE_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
+"""Suffixes of the mesh formats that are read and written."""
+MESH_SUFFIXES = (*WRITABLE_SUFFIXES, ".3mf", ".vtk", ".vtp", ".vtu")
+"""Suffixes of the mesh formats that are read."""
 COMPRESSION_SUFFIXES = (".gz", ".bz2", ".xz")
 """Suffixes that may follow that of a mesh format, as in `scan.ply.gz`."""
 CONFIG_SUFFIXES = (".yaml", ".yml")

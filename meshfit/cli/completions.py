@@ -4,7 +4,7 @@ import os
 from collections.abc import Collection
 from pathlib import Path
 
-from meshfit.paths import CONFIG_SUFFIXES, MESH_SUFFIXES, format_suffix
+from meshfit.paths import CONFIG_SUFFIXES, MESH_SUFFIXES, WRITABLE_SUFFIXES, format_suffix
 
 _TRIAL = "seed-"
 
@@ -54,8 +54,13 @@ def meshes(incomplete: str) -> Completions:
 
 
 def formats(incomplete: str) -> Completions:
-    """Mesh formats."""
+    """Mesh formats that are read."""
     return _named({suffix[1:]: "" for suffix in MESH_SUFFIXES}, incomplete)
+
+
+def output_formats(incomplete: str) -> Completions:
+    """Mesh formats that are written."""
+    return _named({suffix[1:]: "" for suffix in WRITABLE_SUFFIXES}, incomplete)
 
 
 def metrics(incomplete: str) -> Completions:

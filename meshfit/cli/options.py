@@ -71,7 +71,7 @@ OutputFormat = Annotated[
         help="Format of OUT in place of its suffix; needed for - (standard output).",
         metavar="FORMAT",
         rich_help_panel=FORMATS,
-        autocompletion=completions.formats,
+        autocompletion=completions.output_formats,
     ),
 ]
 Weld = Annotated[

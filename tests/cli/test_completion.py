@@ -9,18 +9,21 @@ import pytest
 from meshfit.cli import completions
 from meshfit.config.loading import bundled_configs
 from meshfit.measuring.metrics import METRICS
+from meshfit.mesh.io.files import FORMATS, READABLE_FORMATS
 from meshfit.mesh.targets import NAMED_TARGETS
 from meshfit.subdivision.registry import SCHEMES
 from tests.cli import answered
 from tests.runs import complete
+
+MESHES = ("head.obj", "Head.PLY", "scan.stl.gz", "part.3mf")
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.yaml").touch()
-    (tmp_path / "head.obj").touch()
-    (tmp_path / "notes.txt").touch()
+    for name in (*MESHES, "notes.txt", "notes.gz"):
+        (tmp_path / name).touch()
     complete(tmp_path / "runs")
     return tmp_path
 
@@ -41,12 +44,14 @@ def test_options_are_completed(completed):
 NAMES = {
     "meshfit run ": {*bundled_configs(), "mine.yaml"},
     "meshfit schemes ": {*SCHEMES, "mine.yaml"},
-    "meshfit compare loop --targets bunny,": {f"bunny,{name}" for name in (*NAMED_TARGETS, "head.obj")},
-    "meshfit measure ": {*NAMED_TARGETS, "head.obj"},
+    "meshfit compare loop --targets bunny,": {f"bunny,{name}" for name in (*NAMED_TARGETS, *MESHES)},
+    "meshfit measure ": {*NAMED_TARGETS, *MESHES},
     "meshfit table runs --metric ": set(METRICS),
     "meshfit table runs --format ": {"rich", "md", "csv", "latex", "json"},
     "meshfit run x --transfer ": {"auto", "shared", "returned"},
     "meshfit table ": {"runs"},
+    "meshfit subdivide in.ply out.ply --format ": {suffix[1:] for suffix in READABLE_FORMATS},
+    "meshfit subdivide in.ply out.ply --output-format ": {suffix[1:] for suffix in FORMATS},
 }
 
 

@@ -7,10 +7,10 @@ import pytest
 
 from meshfit.errors import MeshfitWarning
 from meshfit.mesh.geometry import area_vectors, face_areas
-from meshfit.mesh.io.files import READABLE_FORMATS, load_mesh
+from meshfit.mesh.io.files import FORMATS, READABLE_FORMATS, load_mesh
 from meshfit.mesh.manifold import is_watertight
 from meshfit.mesh.topology import Topology
-from meshfit.paths import MESH_SUFFIXES
+from meshfit.paths import MESH_SUFFIXES, WRITABLE_SUFFIXES
 from tests.loops import over
 
 VERTS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -98,6 +98,7 @@ def test_binary_ply_of_either_byte_order(tmp_path, order, kinds):
 
 def test_the_table_of_formats_has_the_suffixes_that_the_command_line_completes():
     assert tuple(READABLE_FORMATS) == MESH_SUFFIXES
+    assert tuple(FORMATS) == WRITABLE_SUFFIXES
 
 
 PENTAGON = [[0.0, 0, 0], [2, 0, 0], [3, 1, 0], [1, 3, 0], [-1, 1, 0]]

@@ -162,9 +162,19 @@ def test_a_parser_keeps_its_word_where_the_content_looks_like_its_own(tmp_path):
         (".off", b"OFF\n3 1 0\n0 0 0\n", "cannot be read as OFF: "),
         (".stl", b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\n", "cannot be read as STL: "),
         (".obj", b"targets: [a]\n", "cannot be read as OBJ: no vertices in it"),
+        (".off", b"4 4 6\n0 0 0\n1 0 0\n", "cannot be read as OFF: "),
     ):
         (tmp_path / f"a{suffix}").write_bytes(content)
         assert refusal(tmp_path / f"a{suffix}")[0].startswith(message)
+
+
+def test_a_mesh_that_a_browser_saved_as_text(tmp_path):
+    for name in ("scan.obj.txt", "scan.txt", "scan.xyz", "scan.csv"):
+        (tmp_path / name).write_text(TEXTS[".obj"], encoding="utf-8")
+        message, error = refusal(tmp_path / name)
+        wrong = name.rpartition(".")[2].upper()
+        assert message == f"its content looks like OBJ, not {wrong}; rename it to 'scan.obj'"
+        assert error.file_format == "obj"
 
 
 def test_curves_are_recognised_too(tmp_path):

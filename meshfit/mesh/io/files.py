@@ -272,7 +272,7 @@ def _read_surface(file: MeshFile) -> PolygonSoup:
     """Return the raw content of a mesh file that has faces; refuse points and curves as what they are."""
     if file.suffix in POINT_FORMATS:
         read, count = POINT_FORMATS[file.suffix]
-        num_points = parse_file(file, count or (lambda content: len(read(content))), POINT_FORMATS)
+        num_points = parse_file(file, count or (lambda content: len(read(content))), READABLE_FORMATS | POINT_FORMATS)
         raise MeshError(f"{file.name}: {no_faces_message(num_points)}")
     soup = read_soup(file)
     if not len(soup.sizes):

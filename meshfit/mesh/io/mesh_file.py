@@ -1,5 +1,6 @@
 """Open mesh and curve files: from a path, a pipe or standard input, compressed or not, in a format that is known."""
 
+import re
 import sys
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -27,6 +28,7 @@ from meshfit.paths import (
 
 _HEAD = 1 << 16
 _STDOUT = 1
+_COUNTS = re.compile(rb"\s*(#[^\n]*\n\s*)*\d+[ \t]+\d+([ \t]+\d+)?[ \t]*[\r\n]")
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,8 @@ def wrong_format(file: MeshFile, suffixes: Collection[str]) -> FormatError | Non
     """Return the error for a file that cannot be parsed, if its content looks like another format."""
     kind = guess(file.content, len(file.content))
     if kind is None or file.suffix in kind.suffixes or not (kind.remedy or _readable(kind, suffixes)):
+        return None
+    if file.suffix == ".off" and _COUNTS.match(file.content):  # an OFF file without its keyword is rows of numbers too
         return None
     return _mismatch(file, kind, suffixes)
 
@@ -235,7 +239,8 @@ def _readable(kind: Kind, suffixes: Collection[str]) -> str:
 
 
 def _rename(path: Path, suffix: str) -> str:
-    return f"rename it to {quoted_path(file_stem(path.name.strip()) + suffix + compression_suffix(path))}"
+    stem = file_stem(path.name.strip()).removesuffix(suffix)  # browsers add `.txt` to `scan.obj`
+    return f"rename it to {quoted_path(stem + suffix + compression_suffix(path))}"
 
 
 def _without_suffix(name: str, suffixes: Collection[str]) -> FormatError:
