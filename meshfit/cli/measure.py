@@ -14,7 +14,7 @@ from meshfit.errors import ConfigError
 from meshfit.paths import MESH_SUFFIXES, STREAM, format_suffix, is_pipe
 
 if TYPE_CHECKING:
-    from meshfit.mesh.cleaning import CleaningOptions
+    from meshfit.mesh.cleaning_options import CleaningOptions
     from meshfit.mesh.mesh import Mesh
 
 
@@ -68,7 +68,7 @@ def measure(
     """
     from meshfit.measuring.measure import measure as measure_mesh
     from meshfit.measuring.settings import MeasureSettings
-    from meshfit.mesh.cleaning import CleaningOptions
+    from meshfit.mesh.cleaning_options import CleaningOptions
     from meshfit.mesh.normalisation import frame_of
 
     if result == target == STREAM:

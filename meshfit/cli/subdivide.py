@@ -15,7 +15,8 @@ from meshfit.paths import STDOUT_PATHS, is_pipe, is_regular_file, looks_like_pat
 from meshfit.units import count_text
 
 if TYPE_CHECKING:
-    from meshfit.mesh.cleaning import CleaningOptions, VertexMap
+    from meshfit.mesh.cleaning import VertexMap
+    from meshfit.mesh.cleaning_options import CleaningOptions
     from meshfit.mesh.io.mesh_file import MeshFile
     from meshfit.mesh.io.vertex_values import Values
     from meshfit.mesh.mesh import Mesh
@@ -303,7 +304,7 @@ def subdivide(
     """
     from meshfit.config.loading import load_definitions
     from meshfit.config.scheme_files import resolve_specs
-    from meshfit.mesh.cleaning import CleaningOptions
+    from meshfit.mesh.cleaning_options import CleaningOptions
     from meshfit.mesh.io.files import curve_output_suffix, mesh_output_suffix
     from meshfit.mesh.targets import open_target
     from meshfit.subdivision.registry import SURFACES, domain_of, registry_with, resolve, schemes_on

@@ -18,7 +18,7 @@ from pydantic import (
 from meshfit.errors import SchemeError
 from meshfit.fitting.settings import METHODS, Dtype, FirstOrderSettings, FitSettings
 from meshfit.measuring.settings import MeasureSettings
-from meshfit.mesh.cleaning import CleaningOptions, Repair
+from meshfit.mesh.cleaning_options import CleaningOptions, Repair
 from meshfit.settings import DEFAULT_KIND, KIND_KEY, Settings
 from meshfit.subdivision.registry import SURFACES, Definitions, canonical, entry_of, registry_with, schemes_on, spec_of
 

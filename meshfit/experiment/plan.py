@@ -13,7 +13,7 @@ from meshfit.config.experiment import NO_EFFECT_ON_RESULTS, ExperimentSettings, 
 from meshfit.config.loading import Experiment
 from meshfit.config.sweeps import Variant, variants_of
 from meshfit.experiment.source import build_source, source_files
-from meshfit.mesh.cleaning import CleaningOptions
+from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path, target_title
 from meshfit.paths import file_stem
 from meshfit.subdivision.registry import NamedScheme

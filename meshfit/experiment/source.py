@@ -11,7 +11,8 @@ from scipy.sparse import csr_array
 
 from meshfit.config.experiment import MAX_LEVELS, SourceSettings
 from meshfit.errors import ConfigError, MeshError, MeshfitError
-from meshfit.mesh.cleaning import CleaningOptions, VertexMap
+from meshfit.mesh.cleaning import VertexMap
+from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.io.vertex_values import read_vertex_property, read_vertex_values
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.meshlab import decimate

@@ -1,15 +1,14 @@
 """Clean the raw arrays of a file: refuse meaningless meshes, repair harmless faults, and warn of each."""
 
 import warnings
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float64
 from numpy.typing import NDArray
 
 from meshfit.errors import MeshError, MeshfitWarning
+from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.faceless import no_faces_message
 from meshfit.mesh.geometry import bounding_box_diagonal, signed_volume
 from meshfit.mesh.manifold import (
@@ -30,27 +29,6 @@ _LARGEST_COORDINATE = 1e60
 _ROUNDING = 1e-9
 # Faces of a smaller area, relative to the square of their longest edge, are flat.
 _FLAT = 1e-14
-
-Repair = Literal["split", "refuse"]
-
-
-@dataclass(frozen=True)
-class CleaningOptions:
-    """Options for cleaning a mesh.
-
-    Attributes:
-        weld: distance, in the unit of the file, up to which boundary vertices are joined; 0 joins equal positions.
-        repair: `split` separates faces where they meet in a non-manifold vertex or edge; `refuse` leaves them, so that
-            an operation on manifolds refuses the mesh.
-    """
-
-    weld: float = 0.0
-    repair: Repair = "split"
-
-    @classmethod
-    def of(cls, settings: Mapping[str, Any]) -> "CleaningOptions":
-        """Return the options among the settings of an experiment or a source, as plain data."""
-        return cls(settings.get("weld") or 0.0, settings.get("repair", "split"))
 
 
 def _no_indices() -> Indices:

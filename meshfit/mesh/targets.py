@@ -31,7 +31,8 @@ from meshfit.paths import (
 from meshfit.specs import suggest
 
 if TYPE_CHECKING:
-    from meshfit.mesh.cleaning import CleaningOptions, VertexMap
+    from meshfit.mesh.cleaning import VertexMap
+    from meshfit.mesh.cleaning_options import CleaningOptions
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from meshfit.errors import MeshError, MeshfitWarning
-from meshfit.mesh.cleaning import CleaningOptions, clean
+from meshfit.mesh.cleaning import clean
+from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.io.files import load_mesh, save_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonSoup

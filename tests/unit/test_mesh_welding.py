@@ -8,7 +8,8 @@ from scipy.stats import special_ortho_group
 
 import meshfit
 from meshfit.errors import MeshError, MeshfitWarning
-from meshfit.mesh.cleaning import CleaningOptions, clean
+from meshfit.mesh.cleaning import clean
+from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.geometry import signed_volume
 from meshfit.mesh.io.files import load_mesh, load_mesh_with_vertex_map, load_polygons, save_mesh
 from meshfit.mesh.io.vertex_values import read_vertex_values

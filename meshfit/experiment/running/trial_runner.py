@@ -28,7 +28,7 @@ from meshfit.fitting.loop import FitResult
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem
 from meshfit.measuring.measure import measure
 from meshfit.mesh.alignment import align, boxes_are_disjoint
-from meshfit.mesh.cleaning import CleaningOptions
+from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.io.files import encode_mesh
 from meshfit.mesh.manifold import describe_topology

@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from meshfit.errors import DomainError, MeshError, MeshfitWarning
-from meshfit.mesh.cleaning import CleaningOptions, VertexMap, clean, require_finite_verts
+from meshfit.mesh.cleaning import VertexMap, clean, require_finite_verts
+from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.curves import Chains, Curves, Segments, join_segments
 from meshfit.mesh.faceless import no_faces_message
 from meshfit.mesh.io import gltf, las, obj, off, pcd, ply, stl, threemf, vtk_legacy, xyz

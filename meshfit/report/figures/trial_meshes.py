@@ -11,7 +11,7 @@ from jaxtyping import Float64
 from meshfit.errors import MeasureError, StoreError
 from meshfit.experiment.storage.run_directory import RESULT, Result, read_json
 from meshfit.measuring.proximity import point_distances
-from meshfit.mesh.cleaning import CleaningOptions
+from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.geometry import bounding_box_diagonal
 from meshfit.mesh.io.files import load_mesh
 from meshfit.mesh.mesh import Mesh

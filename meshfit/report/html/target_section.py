@@ -10,7 +10,7 @@ from jaxtyping import Float64
 from meshfit.errors import MeshError, MeshfitError
 from meshfit.experiment.storage.run_directory import Result
 from meshfit.measuring.metrics import METRICS
-from meshfit.mesh.cleaning import CleaningOptions
+from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.targets import file_sha256, load_target, target_path
 from meshfit.report.figures.colours import shared_limit

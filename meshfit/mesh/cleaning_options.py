@@ -1,0 +1,26 @@
+"""Options for cleaning a mesh, apart from `cleaning` because settings need them without its heavy imports."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+Repair = Literal["split", "refuse"]
+
+
+@dataclass(frozen=True)
+class CleaningOptions:
+    """Options for cleaning a mesh.
+
+    Attributes:
+        weld: distance, in the unit of the file, up to which boundary vertices are joined; 0 joins equal positions.
+        repair: `split` separates faces where they meet in a non-manifold vertex or edge; `refuse` leaves them, so that
+            an operation on manifolds refuses the mesh.
+    """
+
+    weld: float = 0.0
+    repair: Repair = "split"
+
+    @classmethod
+    def of(cls, settings: Mapping[str, Any]) -> "CleaningOptions":
+        """Return the options among the settings of an experiment or a source, as plain data."""
+        return cls(settings.get("weld") or 0.0, settings.get("repair", "split"))
