@@ -2,7 +2,7 @@
 
 import numpy as np
 from jaxtyping import Int64
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 from meshfit.errors import MeshError
@@ -22,7 +22,9 @@ def num_components(topology: HalfEdges) -> int:
     """Return the number of components connected by edges; vertices that no face uses do not count."""
     if topology.is_watertight:
         # Every way has a way back, so that strong components, which are found faster, are all there are.
-        count = int(connected_components(topology.directed_edges, connection="strong")[0])
+        ways = topology.directed_edges
+        graph = csr_array((np.ones(ways.nnz), ways.indices, ways.indptr), shape=ways.shape)
+        count = int(connected_components(graph, connection="strong")[0])
     else:
         count, _ = _components(topology.edges[:, 0], topology.edges[:, 1], topology.num_verts)
     return count - int((np.bincount(topology.tail, minlength=topology.num_verts) == 0).sum())
