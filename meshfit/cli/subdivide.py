@@ -104,7 +104,8 @@ def _refine_surface(files: _Files, scheme: "Scheme", levels: int, options: _Surf
     else:
         finer = subdivide(mesh, scheme, levels)
         save_mesh(finer, files.destination, file_format=files.output_format)
-    return f"{mesh.num_faces:,} faces → {finer.num_faces:,} faces, {finer.num_verts:,} vertices{creases}"
+    before, after = count_text(mesh.num_faces, "face"), count_text(finer.num_faces, "face")
+    return f"{before} → {after}, {count_text(finer.num_verts, 'vertex')}{creases}"
 
 
 def _refine_triangles(
@@ -137,7 +138,8 @@ def _refine_curves(files: _Files, scheme: "Scheme", levels: int) -> str:
     curves = load_curves(files.content)
     finer = subdivide(curves, scheme, levels)
     save_curves(finer, files.destination, file_format=files.output_format)
-    return f"{curves.num_segments:,} segments → {finer.num_segments:,} segments, {finer.num_verts:,} vertices"
+    before, after = count_text(curves.num_segments, "segment"), count_text(finer.num_segments, "segment")
+    return f"{before} → {after}, {count_text(finer.num_verts, 'vertex')}"
 
 
 def _number(text: str | None) -> float | None:

@@ -22,6 +22,7 @@ from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
 from meshfit.mesh.topology import NONE, Indices, Mask, PolygonTopology
 from meshfit.mesh.triangulation import triangle_corners, triangulate
 from meshfit.mesh.welding import coincident, first_equal, nearly_coincident, stitch
+from meshfit.units import count_text
 
 # Areas and their squares stay finite up to here.
 _LARGEST_COORDINATE = 1e60
@@ -111,7 +112,7 @@ def clean(
     flat = _needless_flat_faces(mesh, welded)
     mesh, welded = _selected(mesh, welded, ~flat)
     if not mesh.num_faces:
-        raise MeshError(f"{origin}: all {raw.num_faces} faces are degenerate (no area)")
+        raise MeshError(f"{origin}: no face has an area ({count_text(raw.num_faces, 'face')})")
     stitched = stitch(mesh.verts, _topology(mesh, mesh.corners, given), welded, split=options.repair == "split")
     result = PolygonMesh(raw.verts[stitched.origins], stitched.corners, mesh.sizes)
     counts["degenerate face"] += int(flat.sum())
@@ -119,10 +120,10 @@ def clean(
     counts["unreferenced vertex"] = int((~_marked(raw.corners, raw.num_verts)).sum())
     for kind, count in counts.items():
         if count:
-            _warn(f"{origin}: dropped {_counted(count, kind)}")
+            _warn(f"{origin}: dropped {count_text(count, kind)}")
     if stitched.num_split:
         where = "where separate fans of faces, or more than two faces at an edge, meet"
-        _warn(f"{origin}: split {_counted(stitched.num_split, 'vertex')} {where}")
+        _warn(f"{origin}: split {count_text(stitched.num_split, 'vertex')} {where}")
     _warn_of_shape(result, _topology(result, result.corners, given), origin, is_manifold=stitched.is_manifold)
     return result, _vertex_map(mesh.corners, stitched.corners, place)
 
@@ -312,19 +313,14 @@ def _warn_of_shape(mesh: PolygonMesh, topology: PolygonTopology, origin: str, *,
     }
     for (noun, remark), count in findings.items():
         if count:
-            _warn(f"{origin}: {_counted(count, noun)}{remark}")
+            _warn(f"{origin}: {count_text(count, noun)}{remark}")
     near, distance = nearly_coincident(topology, mesh.verts)
     if near:
         reach = f"up to {distance:.2g} apart; --weld {1.05 * distance:.1e} joins them (config: weld)"
-        _warn(f"{origin}: {_counted(near, 'boundary vertex')} nearly coincident with another, {reach}")
+        _warn(f"{origin}: {count_text(near, 'boundary vertex')} nearly coincident with another, {reach}")
     rounding = _ROUNDING * bounding_box_diagonal(mesh.verts) ** 3
     if is_watertight(topology) and signed_volume(mesh.triangulated()) < -rounding:
         _warn(f"{origin}: the surface is inside out: closed, with a negative volume")
-
-
-def _counted(count: int, noun: str) -> str:
-    plural = noun.removesuffix("ex") + "ices" if noun.endswith("vertex") else f"{noun}s"
-    return f"{count} {noun if count == 1 else plural}"
 
 
 def _warn(text: str) -> None:

@@ -100,7 +100,7 @@ def test_a_transform_is_applied_to_rows():
 
 def test_objects_outside_the_build_are_counted():
     _, caught = read(archive(model(CUBE_OBJECT + CUBE_OBJECT.replace('id="1"', 'id="2"'), item())))
-    assert caught == ["passed over 1 objects that the build does not use"]
+    assert caught == ["passed over 1 object that the build does not use"]
 
 
 def test_trimesh_reads_the_same(tmp_path):

@@ -153,7 +153,7 @@ PLY_REFUSED = {
     "huge": (PLY.replace(b"1 2 0", b"1 " + b"9" * 30 + b" 0"), "cannot be read as PLY: 'edge' has ends"),
     "outside": (PLY.replace(b"1 2 0", b"1 3 0"), "segment 1 is [1, 3], but vertices are numbered 0 to 2"),
     "cut short": (PLY[:-6], "cannot be read as PLY: the file ends within 'edge', of which it announces 2"),
-    "too long": (PLY + b"1 2 0", "cannot be read as PLY: its header announces 2 of 'edge', but 3 are there"),
+    "too long": (PLY + b"1 2 0", "cannot be read as PLY: its header announces 2 of 'edge', but the file has 3"),
     "no edges": (PLY.replace(b"edge 2", b"edge 0").replace(b"0 1 255\n1 2 0", b""), "no curves in it; PLY holds"),
     "no verts": (PLY.replace(b"element vertex", b"element point"), "segment 0 is [0, 1], but vertices are numbered"),
 }

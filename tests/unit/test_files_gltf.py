@@ -255,13 +255,13 @@ def test_the_default_scene_is_read_else_the_first_else_all_nodes_else_all_meshes
     file.json |= {"scenes": [{"nodes": [0]}, {"nodes": [1]}], "scene": 1}
     mesh, caught = read(file)
     assert volume(mesh) == 8
-    assert caught == ["2 scenes; reading scene 1", "passed over 1 nodes with a mesh outside the scene"]
+    assert caught == ["2 scenes; reading scene 1", "passed over 1 node with a mesh outside the scene"]
     del file.json["scene"]
     assert volume(read(file)[0]) == 1
     del file.json["scenes"]
     assert volume(read(file)[0]) == 9
     file.mesh(file.primitive(CUBE, CUBE_FACES))
-    assert read(file)[1] == ["passed over 1 meshes that no node uses"]
+    assert read(file)[1] == ["passed over 1 mesh that no node uses"]
     del file.json["nodes"]
     assert (volume(read(file)[0]), read(file)[1]) == (2, [])
 

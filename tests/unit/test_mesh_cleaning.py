@@ -136,7 +136,7 @@ def test_everything_at_once_is_told_in_a_line_each():
         ),
         (np.eye(3), [[0, 1, 2], [0, 1, 3]], "it: face 1 is [0, 1, 3], but vertices are numbered 0 to 2"),
         (np.eye(3), [[0, -1, 2]], "it: face 0 is [0, -1, 2], but vertices are numbered 0 to 2"),
-        (np.full((3, 3), 7.0), [[0, 1, 2], [2, 1, 0]], "it: all 2 faces are degenerate (no area)"),
+        (np.full((3, 3), 7.0), [[0, 1, 2], [2, 1, 0]], "it: no face has an area (2 faces)"),
         (np.eye(3) * 2e60, [[0, 1, 2]], "it: expected coordinates up to 1e+60, got [2e+60, 0.0, 0.0] at vertex 0"),
         (
             np.diag([1, np.nan, np.inf]),

@@ -20,6 +20,7 @@ from meshfit.mesh.io.recognition import format_name
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
 from meshfit.paths import format_suffix, path_text
+from meshfit.units import count_text
 
 Normals = Float64[np.ndarray, "V 3"]
 _Content = TypeVar("_Content")
@@ -311,6 +312,6 @@ def _without_unused_verts(verts: Verts, chains: Chains, origin: str) -> Curves:
     used = np.zeros(len(verts), dtype=bool)
     used[chains.corners] = True
     if not used.all():
-        unused = int((~used).sum())
-        warnings.warn(f"{origin}: dropped {unused} vertices that no curve uses", MeshfitWarning, stacklevel=3)
+        unused = count_text(int((~used).sum()), "vertex")
+        warnings.warn(f"{origin}: dropped {unused} that no curve uses", MeshfitWarning, stacklevel=3)
     return Curves(verts[used], (np.cumsum(used) - 1)[chains.corners], chains.sizes, chains.closed)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.io.gltf_buffers import DRACO, Document, Numbers, decoded_draco, dequantized
 from meshfit.mesh.io.json_objects import JsonObject
+from meshfit.units import count_text
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
 
@@ -101,10 +102,10 @@ def _assembled(order: NDArray[np.int64], mode: int, place: str) -> NDArray[np.in
     if mode == TRIANGLES:
         whole = len(order) - len(order) % 3
         if whole < len(order):
-            _warn(f"{place}: ignored {len(order) - whole} corners after the last whole triangle")
+            _warn(f"{place}: ignored {count_text(len(order) - whole, 'corner')} after the last whole triangle")
         return np.reshape(order[:whole], (-1, 3))
     if len(order) < 3:
-        _warn(f"{place}: ignored a strip or fan of {len(order)} corners")
+        _warn(f"{place}: ignored a strip or fan of {count_text(len(order), 'corner')}")
         return np.empty((0, 3), np.int64)
     first = np.arange(len(order) - 2)
     if mode == FAN:

@@ -12,6 +12,7 @@ from meshfit.mesh.io.gltf_buffers import Document
 from meshfit.mesh.io.gltf_primitives import FAN, TRIANGLES, Primitive
 from meshfit.mesh.io.json_objects import JsonObject
 from meshfit.mesh.polygons import PolygonSoup
+from meshfit.units import count_text
 
 Matrices = Float64[np.ndarray, "N 4 4"]
 
@@ -59,7 +60,7 @@ class Scene:
             for number in range(len(self._document.items("meshes"))):
                 self._place(self._parts(number, "the file", None, skinned=False), np.eye(4)[None])
         if self._passed_over:
-            _warn(f"passed over {self._passed_over} primitives of points and lines")
+            _warn(f"passed over {count_text(self._passed_over, 'primitive')} of points and lines")
         for note in self._notes:
             _warn(note)
         return self._soup()
@@ -120,9 +121,9 @@ class Scene:
         if not with_mesh & shown:
             raise MeshError(f"the scene shows none of the {len(with_mesh)} nodes that have a mesh")
         if hidden := len(with_mesh - shown):
-            _warn(f"passed over {hidden} nodes with a mesh outside the scene")
+            _warn(f"passed over {count_text(hidden, 'node')} with a mesh outside the scene")
         if unused := len(self._document.items("meshes")) - len(used):
-            _warn(f"passed over {unused} meshes that no node uses")
+            _warn(f"passed over {unused:,} {'mesh' if unused == 1 else 'meshes'} that no node uses")
 
     def _place_node(self, number: int, worlds: Matrices) -> None:
         """Place the mesh of a node, once or as often as the node repeats it."""

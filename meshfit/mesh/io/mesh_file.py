@@ -121,7 +121,7 @@ def output_suffix(path: str | Path, suffixes: Collection[str], kind: str, file_f
     suffix = format_suffix(path)
     if suffix in suffixes:
         return suffix
-    foreign = kind_of_suffix(suffix)
+    foreign = kind_of_suffix(suffix) if kind == "mesh" else None
     if foreign is not None:
         raise FormatError(f"{name}: {foreign.name} cannot be written", _allowed(suffixes))
     raise FormatError(f"{name}: {_suffix_fault(Path(path), kind)}", _allowed(suffixes), "FORMAT")

@@ -10,6 +10,7 @@ from jaxtyping import Float64
 from numpy.typing import NDArray
 
 from meshfit.errors import MeshError, MeshfitWarning
+from meshfit.units import count_text
 
 _HEADER = re.compile(rb"(?:[^\n]*\n)*?DATA[ \t]+(ascii|binary|binary_compressed)[ \t]*\r?\n", re.IGNORECASE)
 _KINDS = {b"F": "f", b"I": "i", b"U": "u"}
@@ -43,8 +44,8 @@ def read_pcd(content: bytes) -> Float64[np.ndarray, "N 3"]:
     points = {b"ascii": _text, b"binary": _binary, b"binary_compressed": _compressed}[form](body, layout)
     finite = np.isfinite(points).all(axis=1)
     if not finite.all():
-        left_out = int((~finite).sum())
-        warnings.warn(f"left out {left_out} points that are not finite", MeshfitWarning, stacklevel=2)
+        left_out = count_text(int((~finite).sum()), "point")
+        warnings.warn(f"left out {left_out} with a coordinate that is not finite", MeshfitWarning, stacklevel=2)
     if not finite.any():
         raise MeshError("no points in it")
     return np.asarray(points[finite])

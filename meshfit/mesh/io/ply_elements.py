@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.io.text import BYTE_ORDER_MARK, parse_float, parse_floats, quoted
+from meshfit.units import count_text
 
 _CODES = {"char": "b", "uchar": "B", "short": "h", "ushort": "H", "int": "i", "uint": "I", "float": "f", "double": "d"}
 _CODES |= {"int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I"}
@@ -265,8 +266,8 @@ def _check_rest(body: _Body, at: int, rows: dict[str, Rows]) -> None:
     filled = [row for row in rows.values() if row.element.length and row.element.properties]
     if filled and (further := filled[-1].further()):
         name, length = filled[-1].element.name, filled[-1].element.length
-        raise MeshError(f"its header announces {length} of '{name}', but {length + further} are there")
-    warnings.warn(f"passed over {len(rest)} bytes after its last element", MeshfitWarning, stacklevel=2)
+        raise MeshError(f"its header announces {length} of '{name}', but the file has {length + further}")
+    warnings.warn(f"passed over {count_text(len(rest), 'byte')} after its last element", MeshfitWarning, stacklevel=2)
 
 
 def _parse_header(head: bytes) -> tuple[str, list[Element], list[list[str]]]:

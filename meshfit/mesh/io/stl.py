@@ -11,6 +11,7 @@ from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.io.text import BYTE_ORDER_MARK, parse_floats, parse_point, quoted
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
+from meshfit.units import count_text
 
 _HEADER_SIZE = 84
 _FACET = np.dtype([("normal", "<f4", 3), ("verts", "<f4", (3, 3)), ("attributes", "<u2")])
@@ -71,13 +72,13 @@ def _binary_verts(content: bytes) -> NDArray[np.float64]:
     announced = _announced(content)
     present, further = divmod(len(content) - _HEADER_SIZE, _FACET.itemsize)
     if announced in _UNKNOWN_COUNTS and present and not further:
-        _warn(f"its header announces {announced} facets; read the {present} that are there")
+        _warn(f"its header announces {count_text(announced, 'facet')}; read the {present:,} that are there")
         announced = present
     if announced > present or (announced < present and (announced == 0 or not further)):
-        raise MeshError(f"its header announces {announced} facets, but {present} are there")
+        raise MeshError(f"its header announces {count_text(announced, 'facet')}, but the file has {present:,}")
     extra = len(content) - _HEADER_SIZE - announced * _FACET.itemsize
     if extra:
-        _warn(f"passed over {extra} bytes after the {announced} facets that its header announces")
+        _warn(f"passed over {count_text(extra, 'byte')} after the last of {count_text(announced, 'facet')}")
     facets = np.frombuffer(content, _FACET, announced, _HEADER_SIZE)
     with np.errstate(invalid="ignore"):  # of signalling NaN
         return facets["verts"].reshape(-1, 3).astype(np.float64)

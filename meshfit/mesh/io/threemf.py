@@ -22,6 +22,7 @@ from meshfit.mesh.io.xml_elements import (
     shown,
 )
 from meshfit.mesh.polygons import PolygonSoup
+from meshfit.units import count_text
 
 _MODEL = "3D/3dmodel.model"
 _MILLIMETRES = {"micron": 1e-3, "millimeter": 1.0, "centimeter": 10.0, "inch": 25.4, "foot": 304.8, "meter": 1e3}
@@ -67,7 +68,8 @@ def read_3mf(content: bytes) -> PolygonSoup:
     for item in items or package.unused_objects():
         _place(package, item, placed, used)
     if unused := len([key for key, thing in package.objects.items() if thing.mesh is not None and key not in used]):
-        warnings.warn(f"passed over {unused} objects that the build does not use", MeshfitWarning, stacklevel=2)
+        objects = count_text(unused, "object")
+        warnings.warn(f"passed over {objects} that the build does not use", MeshfitWarning, stacklevel=2)
     return placed.soup()
 
 
