@@ -64,7 +64,7 @@ def measure(
     Examples:
         meshfit measure result.ply target.obj
         meshfit measure decimated.obj bunny --normalise tutorial --json
-        zcat scan.ply.gz | meshfit measure - target.obj --format ply
+        zstdcat scan.ply.zst | meshfit measure - target.obj --format ply
     """
     from meshfit.measuring.measure import measure as measure_mesh
     from meshfit.measuring.settings import MeasureSettings

@@ -302,7 +302,7 @@ def subdivide(
         meshfit subdivide cube.obj fine.obj -s catmull-clark -n 3
         meshfit subdivide curve.obj smooth.obj -s four-point -n 4
         meshfit subdivide head.obj fine.obj -s my-scheme.yaml
-        meshfit subdivide head.ply.gz - --output-format obj > fine.obj  # - is standard output, and input
+        zstdcat head.obj.zst | meshfit subdivide - fine.ply.gz --format obj
     """
     from meshfit.config.loading import load_definitions
     from meshfit.config.scheme_files import resolve_specs

@@ -21,6 +21,7 @@ from meshfit.mesh.io.compression import COMPRESSIONS, compress, decompress
 from meshfit.mesh.io.files import (
     CURVE_FORMATS,
     FORMATS,
+    READABLE_FORMATS,
     encode_mesh,
     load_curves,
     load_mesh,
@@ -95,6 +96,21 @@ def test_damaged_and_cut_compression(tmp_path, suffix):
     for data, message in cases.items():
         path.write_bytes(data)
         assert refusal(path) == message
+
+
+def test_a_compressed_file_without_the_suffix_of_its_format_is_recognised(tmp_path):
+    for suffix, pack in PACK.items():
+        for form in (".obj", ".ply", ".off"):
+            content = pack(encode_mesh(octahedron(), form))
+            for name in (f"scan{suffix}", "scan.dat", f"scan.v2.dat{suffix}"):
+                (tmp_path / name).write_bytes(content)
+                stem = "scan.v2" if "v2" in name else "scan"
+                assert refusal(tmp_path / name).endswith(
+                    f"; its content looks like {form[1:].upper()}; rename it to '{stem}{form}{suffix}'"
+                )
+                assert load_mesh(tmp_path / name, file_format=form).num_faces == 8
+        (tmp_path / "cut.dat").write_bytes(content[: len(COMPRESSIONS[suffix].start) + 1])
+        assert refusal(tmp_path / "cut.dat") == f"unknown mesh format '.dat'; allowed: {', '.join(READABLE_FORMATS)}"
 
 
 @over("seed", range(3))

@@ -56,6 +56,15 @@ def decompress(content: bytes, suffix: str) -> bytes:
     return unpacked
 
 
+def decompressed_head(content: bytes, suffix: str, size: int) -> bytes:
+    """Return up to so many bytes of what compressed content unpacks to, even if it is cut short; none if damaged."""
+    try:
+        with _module(COMPRESSIONS[suffix]).open(io.BytesIO(content)) as stream:
+            return bytes(stream.read1(size))
+    except Exception:  # noqa: BLE001  as in `decompress`
+        return b""
+
+
 def compress(content: bytes, suffix: str) -> bytes:
     """Return compressed content, without time or name: the same content gives the same bytes."""
     kind = COMPRESSIONS[suffix]

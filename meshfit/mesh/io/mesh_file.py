@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from meshfit.errors import FormatError, MeshError
-from meshfit.mesh.io.compression import COMPRESSIONS, compress, compression_of, decompress
+from meshfit.mesh.io.compression import COMPRESSIONS, compress, compression_of, decompress, decompressed_head
 from meshfit.mesh.io.recognition import Kind, format_name, guess, kind_of_suffix, recognise
 from meshfit.paths import (
     STDOUT_PATHS,
@@ -238,9 +238,9 @@ def _readable(kind: Kind, suffixes: Collection[str]) -> str:
     return next((suffix for suffix in kind.suffixes if suffix in suffixes), "")
 
 
-def _rename(path: Path, suffix: str) -> str:
+def _rename(path: Path, suffix: str, packed: str = "") -> str:
     stem = file_stem(path.name.strip()).removesuffix(suffix)  # browsers add `.txt` to `scan.obj`
-    return f"rename it to {quoted_path(stem + suffix + compression_suffix(path))}"
+    return f"rename it to {quoted_path(stem + suffix + (packed or compression_suffix(path)))}"
 
 
 def _without_suffix(name: str, suffixes: Collection[str]) -> FormatError:
@@ -254,21 +254,26 @@ def _unknown_format(path: Path, name: str, suffixes: Collection[str], kind: str)
     if foreign is not None:
         return FormatError(f"{name}: {foreign.name} cannot be read", foreign.remedy)
     finding = f"{name}: {_suffix_fault(path, kind)}"
-    found = None if is_pipe(path) else _guess_of_file(path)
+    found, packed = (None, "") if is_pipe(path) else _guess_of_file(path)
     if found is None or format_suffix(path) in found.suffixes:
         return FormatError(finding, _allowed(suffixes), "FORMAT")
     finding = f"{finding}; its content looks like {found.name}"
     if readable := _readable(found, suffixes):
-        return FormatError(finding, _rename(path, readable), readable[1:])
+        return FormatError(finding, _rename(path, readable, packed), readable[1:])
     return FormatError(finding, found.remedy or _allowed(suffixes))
 
 
-def _guess_of_file(path: Path) -> Kind | None:
+def _guess_of_file(path: Path) -> tuple[Kind | None, str]:
+    """Return the kind of file that a file of unknown suffix looks like, and the suffix of its compression."""
     try:
         with path.open("rb") as stream:
-            return guess(stream.read(_HEAD), path.stat().st_size)
+            head = stream.read(_HEAD)
+        packed = compression_of(head)
+        if packed:
+            return guess(decompressed_head(head, packed, _HEAD), 0), packed
+        return guess(head, path.stat().st_size), ""
     except OSError:
-        return None
+        return None, ""
 
 
 def _suffix_fault(path: Path, kind: str) -> str:
