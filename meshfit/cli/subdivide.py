@@ -11,7 +11,15 @@ from meshfit.cli import completions
 from meshfit.cli.console import err, out
 from meshfit.cli.options import MeshFormat, OutputFormat, RepairMode, SchemeConfig, Weld, suggest_option
 from meshfit.errors import ConfigError, DomainError
-from meshfit.paths import STDOUT_PATHS, is_pipe, is_regular_file, looks_like_path, not_a_file_message, quoted_path
+from meshfit.paths import (
+    STDOUT_PATHS,
+    is_pipe,
+    is_regular_file,
+    looks_like_path,
+    not_a_file_message,
+    path_text,
+    quoted_path,
+)
 from meshfit.units import count_text
 
 if TYPE_CHECKING:
@@ -334,6 +342,6 @@ def subdivide(
     except DomainError as error:
         others = f"surfaces: {schemes_on(*SURFACES)}" if on_curves else f"curves: {schemes_on('curves')}"
         raise DomainError(f"{error}; schemes on {others}") from None
-    console, name = (err, "standard output") if destination in STDOUT_PATHS else (out, destination)
+    console, name = (err, "standard output") if destination in STDOUT_PATHS else (out, path_text(destination))
     console.print(f"{name}: {counts}", soft_wrap=True, markup=False)
     return 0

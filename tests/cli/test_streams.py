@@ -154,6 +154,9 @@ def test_a_format_serves_a_file_whose_suffix_is_missing_or_wrong(folder):
         assert invoke("subdivide", name, "out.off", "--format", "obj").code == 0
     assert invoke("subdivide", "in.obj", "out", "--output-format", "off").code == 0
     assert (folder / "out").read_bytes() == (folder / "out.off").read_bytes()
+    assert refused("subdivide", "in.obj", "out.ply.gz", "--output-format", "off") == (
+        "error: out.ply.gz: its suffix names PLY, but the format to write is OFF; end the name in .off"
+    )
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="Linux only")

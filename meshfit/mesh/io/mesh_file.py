@@ -106,7 +106,7 @@ def output_suffix(path: str | Path, suffixes: Collection[str], kind: str, file_f
         file_format: the format, in place of the suffix.
 
     Raises:
-        FormatError: a format that is not known.
+        FormatError: a format that is not known, or not that of the suffix.
         MeshError: a directory, or an empty path.
     """
     name = "standard output" if path in STDOUT_PATHS else path_text(path)
@@ -114,11 +114,15 @@ def output_suffix(path: str | Path, suffixes: Collection[str], kind: str, file_f
         raise MeshError(f"{name}: the path is empty; give the path of a file to write")
     if path != STREAM and is_folder(path):
         raise MeshError(f"{name}: cannot be written: it is a directory; give the path of a file")
+    suffix = format_suffix(path)
     if file_format is not None:
-        return _given_suffix(file_format, suffixes, kind)
+        given = _given_suffix(file_format, suffixes, kind)
+        if suffix in suffixes and suffix != given:
+            finding = f"{name}: its suffix names {format_name(suffix)}, but the format to write is {format_name(given)}"
+            raise FormatError(finding, f"end the name in {given}")
+        return given
     if path in STDOUT_PATHS:
         raise _without_suffix(name, suffixes)
-    suffix = format_suffix(path)
     if suffix in suffixes:
         return suffix
     foreign = kind_of_suffix(suffix) if kind == "mesh" else None
