@@ -103,11 +103,13 @@ def test_backward_indices_count_from_the_vertices_so_far():
         assert read_obj((lines + further).encode()).corners.tolist() == [0, 1, 2, 2, 3, 0, 1, 3, 0]
 
 
-def test_free_form_elements_are_named():
+def test_elements_that_are_passed_over_are_named():
     content = (
-        OBJ + FACE_LINES + "vp 0.1 0.2\ncstype bspline\ndeg 3 3\nsurf 0 1 0 1 1 2 3 4\ncurv 0 1 1 2 \\\n3 4\nend\n"
+        OBJ
+        + FACE_LINES
+        + "vp 0.1 0.2\ncstype bspline\ndeg 3 3\nsurf 0 1 0 1 1 2 3 4\ncurv 0 1 1 2 \\\n3 4\nend\ncall b.obj\n"
     )
-    message = "^passed over free-form curves and surfaces: curv, surf$"
+    message = "^passed over free-form geometry and other files: call, curv, surf$"
     for read in (read_obj, read_obj_segments):
         with pytest.warns(MeshfitWarning, match=message):
             read(content.encode())

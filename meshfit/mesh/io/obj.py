@@ -17,13 +17,13 @@ from meshfit.mesh.polygons import PolygonMesh, PolygonSoup, checked_face_size, f
 _CONTINUED = re.compile(rb"^(?:v|fo?|l)(?=[ \t\\])(?:[^\n]*\\[ \t]*(?:\n|\Z))+[^\n]*", re.MULTILINE)
 _LINE_END = re.compile(rb"\\[ \t]*(?:\n|\Z)")
 _BLANKS_BEFORE = re.compile(rb"^[ \t]+", re.MULTILINE)
-_FREE_FORM = re.compile(rb"^(?:curv2?|surf|bzp|bsp|cdc|cdp)(?=[ \t])", re.MULTILINE)
+_PASSED_OVER = re.compile(rb"^(?:call|curv2?|surf|bzp|bsp|cdc|cdp)(?=[ \t])", re.MULTILINE)
 _AFTER_SLASH = re.compile(rb"/\S*")
 _DIGITS = b"0123456789-+"
 _BLANKS = bytes.maketrans(b"\v\f", b"  ")
 _SLASH_TO_BLANK = bytes.maketrans(b"/", b" ")
 _NEWLINE = ord("\n")
-_BLANK_BYTES, _FREE_FORM_BYTES = set(b" \t"), set(b"csb")
+_BLANK_BYTES, _PASSED_OVER_BYTES = set(b" \t"), set(b"csb")
 _AFTER_KEYWORD = np.frombuffer(b" \t\n\v", np.uint8)
 
 
@@ -34,7 +34,7 @@ def read_obj(content: bytes) -> PolygonSoup:
         MeshError: naming the line at fault.
 
     Warns:
-        MeshfitWarning: of free-form curves and surfaces, which are passed over.
+        MeshfitWarning: of free-form curves and surfaces and of calls of other files, which are passed over.
     """
     text = _element_text(content)
     if (soup := _read_at_once(text)) is not None:
@@ -58,7 +58,7 @@ def read_obj_segments(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.i
         MeshError: naming the line at fault.
 
     Warns:
-        MeshfitWarning: of free-form curves and surfaces, which are passed over.
+        MeshfitWarning: of free-form curves and surfaces and of calls of other files, which are passed over.
     """
     verts: list[list[float]] = []
     segments: list[tuple[int, int]] = []
@@ -111,9 +111,9 @@ def _element_text(content: bytes) -> bytes:
         first = _first_bytes(text)
     if b"\\" in text:
         text = _CONTINUED.sub(lambda lines: _LINE_END.sub(b" \v", lines[0]), text)
-    if first & _FREE_FORM_BYTES and (passed_over := {word.decode() for word in _FREE_FORM.findall(text)}):
+    if first & _PASSED_OVER_BYTES and (passed_over := {word.decode() for word in _PASSED_OVER.findall(text)}):
         names = ", ".join(sorted(passed_over))
-        warnings.warn(f"passed over free-form curves and surfaces: {names}", MeshfitWarning, stacklevel=3)
+        warnings.warn(f"passed over free-form geometry and other files: {names}", MeshfitWarning, stacklevel=3)
     return text
 
 

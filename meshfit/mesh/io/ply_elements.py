@@ -132,6 +132,13 @@ class Rows:
         within = np.arange(int(sizes.sum())) - np.repeat(np.cumsum(sizes) - sizes, sizes)
         return self._body.at(np.repeat(starts, sizes) + within * width, prop.code), sizes
 
+    @property
+    def widths(self) -> NDArray[np.int64]:
+        """(N,) the width of each row in the body; (0,) of an element without properties."""
+        if self.uniform:
+            return np.full(self.element.length if self._stride else 0, self._stride)
+        return np.asarray(np.diff(self._ends[:, 0], append=self.end))
+
     def further(self) -> int:
         """Return how many more rows, without empty lists, fill the rest of the body exactly; 0 if none do."""
         at, count = self.end, 0
@@ -255,7 +262,10 @@ def read_elements(content: bytes) -> Ply:
             body.require_rows_on_lines(elements, most_lines=2.0)
         raise
     if isinstance(body, _TextBody) and not all(row.uniform for row in rows.values()):
-        body.require_rows_on_lines(elements, most_lines=1.0)
+        words_of_lines = body.words_of_lines()
+        words_of_rows = np.concatenate([row.widths for row in rows.values()])
+        if len(words_of_lines) == len(words_of_rows) and (words_of_lines != words_of_rows).any():
+            body.require_rows_on_lines(elements, most_lines=1.0)
     return Ply(rows, comments)
 
 
@@ -340,8 +350,8 @@ class _TextBody:
     def width(self, code: str) -> int:
         return 1 if code else 0
 
-    def count_at(self, offset: int, code: str) -> int:
-        length = float(self.at(np.array([offset]), code)[0])
+    def count_at(self, offset: int, _code: str) -> int:
+        length = self._number(offset)
         if not length.is_integer():
             raise MeshError(f"line {self.line(offset)}: expected the length of a list, got {length:g}")
         return int(length)
@@ -352,6 +362,9 @@ class _TextBody:
     def block(self, start: int, stride: int, rows: int, count: int, _code: str) -> NDArray[Any]:
         size = self._numbers.itemsize
         return np.ndarray((rows, count), np.float64, self._numbers.data, start * size, (stride * size, size))
+
+    def _number(self, offset: int) -> float:
+        return float(self._numbers[offset])
 
     def rest(self, offset: int) -> bytes:
         rest = self._from(offset) if offset < self.size else b""
@@ -364,6 +377,15 @@ class _TextBody:
         """Return the number of the line on which a word is."""
         before = self._text[: len(self._text) - len(self._from(offset))]
         return self._lines_before + len((before + b".").splitlines())
+
+    def words_of_lines(self) -> NDArray[np.int64]:
+        """Return the number of words on each line that is not empty."""
+        codes = np.frombuffer(b" " + self._text, np.uint8)
+        is_blank = np.isin(codes, np.frombuffer(b" \t\n\r\v\f", np.uint8))
+        is_start = is_blank[:-1] & ~is_blank[1:]
+        line = np.cumsum((codes == ord("\n")) | (codes == ord("\r")))[1:][is_start]
+        counts = np.bincount(line)
+        return counts[counts > 0]
 
     def require_rows_on_lines(self, elements: list[Element], most_lines: float) -> None:
         """Refuse a text of one row per line that was misread word by word, naming the first line that does not fit.
@@ -404,6 +426,9 @@ def _words_of_row(element: Element, words: list[bytes]) -> int | None:
 
 class _WordBody(_TextBody):
     """A text of which some words are not numbers; only those that are asked for have to be."""
+
+    def _number(self, offset: int) -> float:
+        return float(self.at(np.array([offset]), "")[0])
 
     def at(self, offsets: _Offsets, _code: str) -> NDArray[Any]:
         numbers = [parse_float(word) for word in self._numbers[offsets].reshape(-1).tolist()]
