@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Annotated, Any
 
@@ -19,12 +20,14 @@ from meshfit.experiment.status.cleaning import is_half_written
 from meshfit.experiment.status.scan import ScannedExperiment, ScannedTrial, find_trial
 from meshfit.experiment.storage.checkpoint import SNAPSHOTS, snapshots_in
 from meshfit.experiment.storage.failure import Failure, read_failure
+from meshfit.experiment.storage.frame import written_frame
 from meshfit.experiment.storage.result import end_time, read_result, read_settings
 from meshfit.experiment.storage.run_directory import LOCK, Result
 from meshfit.experiment.storage.trial_log import read_progress
 from meshfit.experiment.trial_status import TrialStatus
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.tables.grouping import flatten
+from meshfit.report.tables.notes import FRAMES
 from meshfit.units import count_text, size_text
 
 _FILES = {
@@ -121,6 +124,7 @@ def _facts(experiment: ScannedExperiment, trial: ScannedTrial, result: Result | 
         yield "runs on" if trial.status is TrialStatus.RUNNING else "ran on", f"{progress.host}, process {progress.pid}"
     if result is None:
         return
+    yield from _frame(result)
     machine, versions = result.get("platform", {}), result.get("versions", {})
     device = result.get("fit", {}).get("device")
     parts = [str(machine.get("system", "")), f"device {device}" if device else ""]
@@ -132,6 +136,15 @@ def _facts(experiment: ScannedExperiment, trial: ScannedTrial, result: Result | 
         yield "memory", size_text(memory * 1e6)
     for text in result.get("warnings", ()):
         yield "warning", str(text)
+
+
+def _frame(result: Result) -> Iterator[tuple[str, str]]:
+    """The frame of the numbers and of the meshes."""
+    with suppress(KeyError):
+        normalise = result["frame"]["normalise"]
+        yield "lengths", f"in {FRAMES.get(normalise, normalise)}"
+        in_target_frame = written_frame(result) == "target"
+        yield "meshes", "in the frame and unit of the target's file" if in_target_frame else "in the unit of lengths"
 
 
 def _print_failure(failure: Failure) -> None:

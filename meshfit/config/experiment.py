@@ -27,10 +27,10 @@ MAX_LEVELS = 8
 SOURCE_FILE_KEYS = (("source", "mesh"), ("source", "creases", "file"), ("source", "alpha", "file"))
 """Settings of the source that may be paths of files."""
 NO_EFFECT_ON_RESULTS: dict[str, Any] = {
-    **dict.fromkeys(("jobs", "threads", "retries", "sweep"), True),
+    **dict.fromkeys(("write_frame", "jobs", "threads", "retries", "sweep"), True),
     "fit": {"snapshots"},
 }
-"""Settings that control only how trials are run, or that are resolved when trials are planned."""
+"""Settings that control only how trials are run or written, or that are resolved when trials are planned."""
 
 _OWN_SCHEMES = {
     "my-loop": {
@@ -181,8 +181,9 @@ class ExperimentSettings(Settings):
     repair: Repair = "split"
     """Treatment of vertices and edges where the mesh is not manifold: `split` separates the faces; `refuse` leaves
     them, so that subdivision and the Gauss–Newton engine refuse the mesh."""
-    write_frame: Literal["normalised", "target"] = "normalised"
-    """Frame of `source.ply` and `result.ply`: the normalised one, or the target file's own."""
+    write_frame: Literal["target", "normalised"] = "target"
+    """Frame of `result.ply` and the other meshes of a trial, without effect on numbers: `target` is the target file's
+    own, with its unit; `normalised` is that of all lengths. `meshfit save` converts from one to the other."""
     source: SourceSettings = SourceSettings()
     """The source: a control mesh, its preparation, and its refinement by the scheme."""
     fit: FitSettings = FirstOrderSettings()

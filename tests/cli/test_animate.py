@@ -76,7 +76,7 @@ def test_captions_tell_step_figure_and_verts_and_of_the_second_engine_the_stage(
 
 
 def test_moments_are_in_the_targets_frame_whatever_frame_they_were_written_in(tmp_path):
-    _, _, place = taken(tmp_path, 10, write_frame="target")
+    _, _, place = taken(tmp_path, 10)
     *_, last, result = read_animation(place).frames
     assert np.allclose(last.mesh.verts, result.mesh.verts)
     assert not np.allclose(load_mesh(place / "result.ply").verts, result.mesh.verts)

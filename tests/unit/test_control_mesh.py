@@ -73,8 +73,8 @@ def test_the_control_mesh_refined_by_the_scheme_is_the_result(tmp_path, scheme):
 @pytest.mark.parametrize(
     ("scheme", "changes", "options"),
     [
-        ("catmull-clark", {"write_frame": "target"}, ()),
-        ("loop", {"write_frame": "target"}, ()),
+        ("catmull-clark", {"write_frame": "normalised"}, ()),
+        ("loop", {"write_frame": "normalised"}, ()),
         ("loop", {"fit": {"limit": True}}, ("--limit",)),
         ("sqrt2", {"source": {"mesh": "cube", "levels": 2}}, ()),
         ("doo-sabin", {"fit": {"connectivity": "remeshed", "verts": 100}}, ()),
@@ -82,8 +82,8 @@ def test_the_control_mesh_refined_by_the_scheme_is_the_result(tmp_path, scheme):
         ("kobbelt", {"fit": {"levels": 0}}, ()),
     ],
     ids=[
-        "target frame",
-        "triangles in the target frame",
+        "normalised frame",
+        "triangles in the normalised frame",
         "limit",
         "refined",
         "remeshed",

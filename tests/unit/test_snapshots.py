@@ -104,7 +104,7 @@ def test_trials_of_a_batch_have_the_snapshots_that_each_has_alone(tmp_path):
 
 
 def test_they_are_written_in_the_frame_of_the_result(tmp_path):
-    _, _, place = taken(tmp_path, 20, write_frame="target")
+    _, _, place = taken(tmp_path, 20, write_frame="normalised")
     assert bytes_of(place)[20] == (place / "result.ply").read_bytes()
 
 

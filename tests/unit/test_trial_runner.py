@@ -8,6 +8,7 @@ from meshfit.errors import MeshfitWarning, StoreError
 from meshfit.experiment.plan import plan
 from meshfit.experiment.running import batch_runner, trial_runner
 from meshfit.experiment.running.batch_runner import run_batch
+from meshfit.experiment.storage.frame import frame_of
 from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.experiment.trial_status import TrialStatus
 from meshfit.fitting import loop as run
@@ -15,6 +16,7 @@ from meshfit.fitting.callbacks import Interrupted
 from meshfit.measuring.measure import measure
 from meshfit.mesh.io.files import load_mesh, save_mesh
 from meshfit.mesh.mesh import Mesh
+from meshfit.report.figures.trial_meshes import read_normalised
 from tests.small import ellipsoid, experiment
 
 pytestmark = pytest.mark.usefixtures("without_shape_checks")
@@ -80,13 +82,65 @@ def test_a_trial_that_another_process_is_running_is_waited_for(tmp_path, monkeyp
 
 
 def test_the_figures_are_those_of_the_files(tmp_path):
-    trial, store, folder = prepared(tmp_path, write_frame="target")
+    trial, store, folder = prepared(tmp_path)
     run_trial(trial, store, lambda _: None)
     result = store.result(trial)
+    assert result["frame"]["written"] == "target"
     scale = result["frame"]["scale"]
     found = measure(load_mesh(folder / "result.ply"), load_mesh(trial.target), trial.settings.measure).to_dict()
     assert found["hausdorff"]["symmetric"] / scale == pytest.approx(result["hausdorff"]["symmetric"], rel=1e-5)
     assert found["quality"]["faces"] == result["quality"]["faces"]
+
+
+def test_the_frame_of_the_files_moves_no_number_and_no_identity(tmp_path):
+    trial, store, folder = prepared(tmp_path)
+    other, _, elsewhere = prepared(tmp_path, write_frame="normalised")
+    assert (other.identity, elsewhere) == (trial.identity, folder)
+    assert run_trial(trial, store, lambda _: None).status is TrialStatus.COMPLETE
+    in_target_frame, first = load_mesh(folder / "result.ply"), store.result(trial)
+    assert store.is_complete(other)
+    run_trial(other, store, lambda _: None, force=True)
+    second = store.result(trial)
+    assert (first["frame"].pop("written"), second["frame"].pop("written")) == ("target", "normalised")
+    for group in ("hausdorff", "distance", "frame", "settings"):
+        assert first[group] == second[group]
+    frame = frame_of(first)
+    np.testing.assert_array_equal(frame.restore(load_mesh(folder / "result.ply")).verts, in_target_frame.verts)
+
+
+def test_a_target_far_from_the_origin_is_fitted_as_one_at_the_origin(tmp_path):
+    offset = np.array([2.0**20, -(2.0**21), 2.0**20])
+    near = load_mesh(ellipsoid(tmp_path))
+    # Coordinates with few digits, which the offset does not round.
+    near = Mesh(np.round(near.verts * 2**20) / 2**20, near.faces)
+    results = []
+    for name, mesh in (("near.ply", near), ("far.ply", Mesh(near.verts + offset, near.faces))):
+        save_mesh(mesh, tmp_path / name)
+        trial, store, folder = prepared(tmp_path, targets=[str(tmp_path / name)])
+        run_trial(trial, store, lambda _: None)
+        result = load_mesh(folder / "result.ply")
+        results.append((store.result(trial), result.verts, read_normalised(folder / "result.ply", store.result(trial))))
+    (at_origin, verts, normalised), (far, moved, also_normalised) = results
+    np.testing.assert_allclose(moved - offset, verts, atol=1e-6)
+    np.testing.assert_allclose(also_normalised.verts, normalised.verts, atol=1e-6)
+    assert far["hausdorff"]["symmetric"] == pytest.approx(at_origin["hausdorff"]["symmetric"], rel=1e-5)
+
+
+def test_a_resumed_trial_keeps_the_frame_of_its_first_files(tmp_path):
+    trial, store, folder = prepared(tmp_path, fit={"snapshots": 5})
+    run_trial(trial, store, lambda _: None)
+    whole = {name: (folder / name).read_bytes() for name in ("source.ply", "result.ply", "snapshots/step-000005.ply")}
+    stopped = RunDirectory(tmp_path / "stopped")
+
+    def stop_at_seven(progress):
+        if progress.step.done == 7:
+            raise Interrupted
+
+    run_trial(trial, stopped, stop_at_seven)
+    other, _, _ = prepared(tmp_path, fit={"snapshots": 5}, write_frame="normalised")
+    run_trial(other, stopped, lambda _: None)
+    assert stopped.result(trial)["frame"]["written"] == "target"
+    assert {name: (stopped.folder(trial) / name).read_bytes() for name in whole} == whole
 
 
 def test_the_written_config_runs_the_same_trial_again(tmp_path):
@@ -161,7 +215,12 @@ def test_a_diverging_trial_is_recorded_with_step_term_and_last_good_mesh(tmp_pat
     assert record["kind"] == "diverged"
     assert record["step"] >= 1
     assert record["term"]
-    assert np.isfinite(load_mesh(folder / record["last_good"]).verts).all()
+    last_good = load_mesh(folder / record["last_good"])
+    assert np.isfinite(last_good.verts).all()
+    assert record["frame"]["written"] == "target"
+    # The fit computes in single precision and in the normalised frame.
+    for verts, is_single in ((frame_of(record).normalise(last_good).verts, True), (last_good.verts, False)):
+        assert np.allclose(verts, verts.astype(np.float32), rtol=1e-12, atol=1e-14) == is_single
     assert "trace.csv" in visible(folder)
     assert "result.json" not in visible(folder)
 

@@ -19,8 +19,17 @@ from meshfit.experiment.storage.checkpoint import (
     write_snapshot,
 )
 from meshfit.experiment.storage.failure import LAST_GOOD, failed_attempts, failure_record
+from meshfit.experiment.storage.frame import frame_record
 from meshfit.experiment.storage.result import result_record
-from meshfit.experiment.storage.run_directory import CHECKPOINT, CONFIG, FAILURE, RESULT, RunDirectory, json_text
+from meshfit.experiment.storage.run_directory import (
+    CHECKPOINT,
+    CONFIG,
+    FAILURE,
+    RESULT,
+    Result,
+    RunDirectory,
+    json_text,
+)
 from meshfit.experiment.storage.trial_log import TrialLog
 from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
 from meshfit.fitting.callbacks import Step
@@ -51,6 +60,8 @@ class TrialRunner:
         self.outcome: Outcome | None = None
         self._step = Step(0, trial.settings.fit.steps, float("nan"))
         self._seconds: Callable[[], float] = lambda: 0.0
+        self._frame: Frame | None = None
+        self._write_frame = trial.settings.write_frame
 
     def start(self) -> None:
         """Open the log; the trial's lock must be held from here on."""
@@ -82,11 +93,13 @@ class TrialRunner:
             self._log.note(f"warning: {text}")
         self.store.write(self.trial, CONFIG, dump(self.trial.plain_settings))
         polygons = built.with_verts(self._source.verts) if isinstance(built, PolygonMesh) else None
-        self._write_mesh("source.ply", polygons or self._source)
         checkpoint = self._checkpoint()
         before = checkpoint.get("seconds", 0.0) if checkpoint is not None else 0.0
         if checkpoint is not None:
             self._log.note("resuming from a checkpoint")
+            # Snapshots of earlier steps are in this frame.
+            self._write_frame = checkpoint.get("write_frame", self._write_frame)
+        self._write_mesh("source.ply", polygons or self._source)
         self._seconds = lambda: before + seconds()
         return Problem(
             self._source,
@@ -96,7 +109,7 @@ class TrialRunner:
             resume=checkpoint,
             scheme=scheme,
             on_snapshot=lambda step, mesh: write_snapshot(self.trial, self.store, step, self._encoded(mesh)),
-            save=lambda state: write_checkpoint(self.trial, self.store, state | {"seconds": self._seconds()}),
+            save=self._save_checkpoint,
             polygons=polygons,
         )
 
@@ -114,7 +127,7 @@ class TrialRunner:
         source = {"area": float(face_areas(self._source).sum())}
         source |= {"verts": self._source.num_verts, "faces": self._source.num_faces}
         work = {"source": source, "seconds": seconds, "peak_memory_mb": peak_memory_mb(), "warnings": self._warnings}
-        result = result_record(self.trial, self._frame, fitted, measured, work)
+        result = result_record(self.trial, self._frame_record, fitted, measured, work)
         self.store.write(self.trial, RESULT, json_text(result))
         self.store.remove(self.trial, CHECKPOINT, FAILURE, LAST_GOOD)
         self._log.close(f"complete: {seconds['fit']:.1f} s of fitting, {seconds['measure']:.1f} s of measuring")
@@ -123,9 +136,11 @@ class TrialRunner:
     def fail(self, error: Exception) -> None:
         """Record why the trial failed."""
         if isinstance(error, Diverged):
-            self.store.write(self.trial, LAST_GOOD, encode_mesh(error.last_good, ".ply"))
+            self._write_mesh(LAST_GOOD, error.last_good)
             self.store.write(self.trial, "trace.csv", error.trace.to_csv())
         record = failure_record(self.trial, error, self._step.done or None, failed_attempts(self.trial, self.store) + 1)
+        if self._frame is not None:
+            record |= {"frame": self._frame_record}
         self.store.write(self.trial, FAILURE, json_text(record))
         self.store.remove(self.trial, CHECKPOINT)
         message = f"{record['kind']}: {record['message']}"
@@ -159,8 +174,17 @@ class TrialRunner:
         self.store.write(self.trial, name, self._encoded(mesh))
 
     def _encoded(self, mesh: Mesh | PolygonMesh) -> bytes:
-        in_target_frame = self.trial.settings.write_frame == "target"
-        return encode_mesh(self._frame.restore(mesh) if in_target_frame else mesh, ".ply")
+        assert self._frame is not None  # noqa: S101  set by `prepare`
+        return encode_mesh(self._frame.restore(mesh) if self._write_frame == "target" else mesh, ".ply")
+
+    @property
+    def _frame_record(self) -> Result:
+        assert self._frame is not None  # noqa: S101  set by `prepare`
+        return frame_record(self._frame, self.trial.settings.normalise, self._write_frame)
+
+    def _save_checkpoint(self, state: Checkpoint) -> None:
+        state = state | {"seconds": self._seconds(), "write_frame": self._write_frame}
+        write_checkpoint(self.trial, self.store, state)
 
 
 class _Target(NamedTuple):

@@ -4,7 +4,6 @@ import os
 import platform
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import asdict
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -18,13 +17,12 @@ if TYPE_CHECKING:
     from meshfit.experiment.plan import Trial
     from meshfit.fitting.loop import FitResult
     from meshfit.measuring.measure import Measurement
-    from meshfit.mesh.normalisation import Frame
 
 _PACKAGES = ("meshfit", "torch", "numpy", "scipy", "pymeshlab", "pykdtree")
 
 
-def result_record(trial: "Trial", frame: "Frame", fitted: "FitResult", measured: "Measurement", work: Result) -> Result:
-    """Return the record of a complete trial; `work` holds time, memory and warnings."""
+def result_record(trial: "Trial", frame: Result, fitted: "FitResult", measured: "Measurement", work: Result) -> Result:
+    """Return the record of a complete trial; `frame` is that of `frame_record`, `work` holds time, memory, warnings."""
     from meshfit.experiment.plan import RESULTS_VERSION
 
     last = fitted.trace.rows[-1] if fitted.trace.rows else ()
@@ -35,7 +33,7 @@ def result_record(trial: "Trial", frame: "Frame", fitted: "FitResult", measured:
         **trial.names,
         **measured.to_dict(),
         "fit": {"steps": trial.settings.fit.steps, "device": fitted.device, "final_loss": last[1] if last else None},
-        "frame": asdict(frame) | {"normalise": trial.settings.normalise},
+        "frame": frame,
         "inputs": dict(trial.inputs),
         "settings": trial.plain_settings,
         **work,

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from meshfit.errors import MeasureError, StoreError
+from meshfit.experiment.storage.frame import frame_of, written_frame
 from meshfit.experiment.storage.run_directory import RESULT, Result, read_json
 from meshfit.measuring.proximity import point_distances
 from meshfit.mesh.cleaning_options import CleaningOptions
@@ -53,7 +54,7 @@ def read_trial_meshes(folder: Path) -> TrialMeshes:
     """
     facts = read_json(folder / RESULT)
     try:
-        frame, target, _ = frame_of_result(facts), facts["settings"]["targets"][0], facts["settings"]["write_frame"]
+        frame, target = frame_of(facts), facts["settings"]["targets"][0]
     except (KeyError, TypeError, IndexError, ValueError) as error:
         raise StoreError(f"{folder / RESULT}: not the result of a trial: {error}") from None
     source, result = (read_normalised(folder / name, facts) for name in (SOURCE, FITTED))
@@ -61,17 +62,10 @@ def read_trial_meshes(folder: Path) -> TrialMeshes:
     return TrialMeshes(facts, frame, source, result, frame.normalise(loaded))
 
 
-def frame_of_result(facts: Result) -> Frame:
-    """Return the normalised frame of a trial from the content of its `result.json`."""
-    frame = facts["frame"]
-    x, y, z = map(float, frame["centre"])
-    return Frame((x, y, z), float(frame["scale"]))
-
-
 def read_normalised(path: Path, facts: Result) -> Mesh:
     """Read a mesh that a trial wrote, in its normalised frame whatever frame it was written in."""
     mesh = load_mesh(path)
-    return frame_of_result(facts).normalise(mesh) if facts["settings"].get("write_frame") == "target" else mesh
+    return frame_of(facts).normalise(mesh) if written_frame(facts) == "target" else mesh
 
 
 def distances_to(result: Mesh, target: Mesh) -> Float64[np.ndarray, " V"]:

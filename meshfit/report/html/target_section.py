@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from meshfit.errors import MeshError, MeshfitError
+from meshfit.experiment.storage.frame import frame_of
 from meshfit.experiment.storage.run_directory import Result
 from meshfit.measuring.metrics import METRICS
 from meshfit.mesh.cleaning_options import CleaningOptions
@@ -20,7 +21,6 @@ from meshfit.report.figures.trial_meshes import (
     SOURCE,
     distances_to,
     distinct_meshes,
-    frame_of_result,
     read_normalised,
 )
 from meshfit.report.tables.layout import row_labels
@@ -197,7 +197,7 @@ def _read_target(result: Result, problems: list[str]) -> Mesh | None:
         path, known = target_path(name), result.get("inputs", {}).get("target")
         if path is not None and known is not None and path.is_file() and file_sha256(path) != known:
             raise MeshError(f"{path}: not the file that the trial was fitted to: it has changed since")
-        return frame_of_result(result).normalise(load_target(name, CleaningOptions.of(result["settings"])))
+        return frame_of(result).normalise(load_target(name, CleaningOptions.of(result["settings"])))
     except MeshfitError as error:
         problems.append(f"The target is not shown, and distances to it are not drawn: {error}")
         return None
