@@ -1,7 +1,9 @@
 """Files whose content is not what their name says: recognised by their first bytes, with what to do."""
 
+import time
 from itertools import product
 
+import numpy as np
 import pytest
 
 from meshfit.errors import FormatError, MeshError
@@ -184,6 +186,26 @@ def test_curves_are_recognised_too(tmp_path):
     assert "STL" not in refusal(tmp_path / "a.obj", load_curves)[0]
     (tmp_path / "a.stl").write_bytes(CONTENT[".stl"])
     assert refusal(tmp_path / "a.stl", load_curves)[0] == "unknown curve format '.stl'; allowed: .obj, .ply"
+
+
+def test_any_content_is_recognised_or_not_in_no_time():
+    """Long rows of one character are what makes regular expressions slow."""
+    random = np.random.default_rng(0)
+    starts = (b"", b"1 1 ", b"v 1 ", b"ply\n", b"<", b"{", b"OFF", b"solid ", b"#\n", b"\xef\xbb\xbf")
+    begin = time.perf_counter()
+    for start, row in product(starts, (b"1", b" ", b"\n", b"#\n", b"1 ", b"-1.e", b"<html", b"v 1", b",", b"\0")):
+        content = start + row * (70_000 // len(row)) + b"x"
+        for text in (content, random.bytes(100) + content):
+            recognise(text)
+            guess(text, len(text))
+    assert time.perf_counter() - begin < 5
+
+
+def test_point_clouds_are_guessed_by_their_first_row():
+    for text in (b"1 2 3\n", b"# x y z\n-.5,1e-3,2.\n", b"\n1;2;3;4;5;6\nx", b"+1\t2 \t3\r\n"):
+        assert guess(text, len(text)).name == "a point cloud"
+    for text in (b"1 2\n", b"1 2 x\n", b"1-2 3 4\n", b"1 2 3", b"1,,2,3\n\0"):
+        assert guess(text, len(text)) is None
 
 
 def test_guesses_need_no_whole_file():

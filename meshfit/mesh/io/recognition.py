@@ -115,7 +115,8 @@ _PLY, _OFF = Kind("PLY", (".ply",)), Kind("OFF", (".off",))
 _STL, _OBJ = Kind("STL", (".stl",)), Kind("OBJ", (".obj",))
 _OFF_KEYWORD = re.compile(rb"(ST)?C?N?4?n?OFF\b")
 _OBJ_VERTEX = re.compile(rb"^v[ \t]+[-+.\d]+[ \t]", re.MULTILINE)
-_POINT_ROW = re.compile(rb"\s*(#[^\n]*\n\s*)*([-+.\deE]+[ \t,;]+){2,}[-+.\deE]+[ \t,;]*([-+.\deE]+[ \t,;]*)*\r?\n")
+_SEPARATORS = re.compile(rb"[ \t,;]+")
+_NUMBER = re.compile(rb"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 
 
 def format_name(suffix: str) -> str:
@@ -162,6 +163,15 @@ def _recognise_xml(text: bytes) -> Kind | None:
     return next((kind for start, kind in _XML.items() if re.search(re.escape(start) + rb"[\s>/]", text)), None)
 
 
+def _is_point_row(text: bytes) -> bool:
+    """Whether the first line that is not a comment is three numbers or more."""
+    whole = text[: max(text.rfind(b"\n"), text.rfind(b"\r")) + 1]  # the last line may be cut short
+    lines = (line.strip(b" \t,;") for line in whole.splitlines())
+    row = next((line for line in lines if line and not line.startswith(b"#")), b"")
+    words = _SEPARATORS.split(row)
+    return len(words) >= 3 and all(map(_NUMBER.fullmatch, words))
+
+
 def _guesses(content: bytes, size: int) -> Iterator[Kind]:
     text = content[:_HEAD].removeprefix(_BYTE_ORDER_MARK).lstrip()
     if len(content) >= _STL_HEADER:
@@ -179,5 +189,5 @@ def _guesses(content: bytes, size: int) -> Iterator[Kind]:
     if b"\x00" not in text:
         if _OBJ_VERTEX.search(content, 0, 1 << 16):
             yield _OBJ
-        if _POINT_ROW.match(text):
+        if _is_point_row(text):
             yield Kind("a point cloud", (".xyz", ".pts", ".txt", ".asc", ".csv"), POINTS_REMEDY)
