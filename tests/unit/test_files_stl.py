@@ -104,7 +104,7 @@ REFUSED = {
     "line 9: a vertex outside of a facet": f"solid A\n{facet(FACES[0])}   vertex 1 0 0\n{SECOND}",
     "the file is cut short after facet 4": TEXT[: TEXT.rindex("id A")],
     "the file is cut short inside facet 3, which begins on line 16": TEXT[: TEXT.rindex("ndfacet", 0, -60)],
-    "it has 17 bytes, but a binary file begins with 84, a text with 'solid'": "Dear all, regards",
+    "line 1: expected a facet, a loop or a vertex, got 'Dear'": "Dear all,\nplease find the model attached." * 9,
 }  # fmt: skip
 
 

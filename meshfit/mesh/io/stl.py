@@ -18,8 +18,8 @@ _FACET = np.dtype([("normal", "<f4", 3), ("verts", "<f4", (3, 3)), ("attributes"
 _UNKNOWN_COUNTS = (0, 2**32 - 1)  # written by programs that do not know the number when they begin
 _KEYWORD = re.compile(rb"\b(?:solid|facet|vertex)\b", re.IGNORECASE)
 _SOLID_LINE = re.compile(rb"^[ \t]*(?:end[ \t]*)?solid\b[^\n]*$", re.MULTILINE)
-_END = re.compile(rb"\bend[ \t]+(?=solid\b|facet\b|loop\b)")
-_FACET_AFTER_NAME = re.compile(rb"\bfacet[ \t]+normal[ \t]+[-+.\d].*")
+_END = re.compile(rb"\bend[ \t]+(?=solid\b|facet\b|loop\b)", re.IGNORECASE)
+_FACET_AFTER_NAME = re.compile(rb"\bfacet[ \t]+normal[ \t]+[-+.\d].*", re.IGNORECASE)
 _KEYWORDS = {b"solid", b"facet", b"outer", b"loop", b"vertex", b"endloop", b"endfacet", b"endsolid"}
 # Of a facet in the numbers of a text: the columns of its three vertices, and of their coordinates.
 _VERTEX_COLUMNS, _COORDINATES = (4, 8, 12), (5, 6, 7, 9, 10, 11, 13, 14, 15)
@@ -55,7 +55,8 @@ def _is_text(content: bytes) -> bool:
     """Return whether a file is text. A binary one may begin with 'solid' too, but is never without a zero byte."""
     if len(content) == _HEADER_SIZE + _FACET.itemsize * _announced(content):
         return False
-    return b"\0" not in content.rstrip(b"\0") and _KEYWORD.search(content) is not None
+    could_be_text = len(content) >= _HEADER_SIZE or _KEYWORD.search(content) is not None
+    return could_be_text and b"\0" not in content.rstrip(b"\0")
 
 
 def _announced(content: bytes) -> int:
@@ -86,8 +87,8 @@ def _binary_verts(content: bytes) -> NDArray[np.float64]:
 
 def _text_verts(content: bytes) -> NDArray[np.float64]:
     """Return (3F, 3) the vertices of all facets."""
-    content = content.removeprefix(BYTE_ORDER_MARK).rstrip(b"\0").lower()
-    verts = _regular_text_verts(content)
+    content = content.removeprefix(BYTE_ORDER_MARK).rstrip(b"\0")
+    verts = _regular_text_verts(content.lower())
     return _TextFacets(content).verts if verts is None else verts
 
 
@@ -154,7 +155,7 @@ class _TextFacets:
                 self._end_facet()
             case b"outer" | b"loop":
                 pass
-            case _ if not words.left:
+            case _ if self._facet and not words.left:
                 raise self._cut_short()
             case _:
                 raise MeshError(f"line {line}: expected a facet, a loop or a vertex, got {quoted([word])}")
@@ -212,8 +213,9 @@ def _words_of_line(number: int, line: bytes) -> Iterator[tuple[int, bytes]]:
     words = _END.sub(b"end", line).split()
     while words:
         word = words.pop(0)
-        yield number, word
-        if word in (b"solid", b"endsolid"):
+        keyword = word.lower()
+        yield number, keyword if keyword in _KEYWORDS else word
+        if keyword in (b"solid", b"endsolid"):
             facet = _FACET_AFTER_NAME.search(b" ".join(words))
             words = facet[0].split() if facet else []
 
