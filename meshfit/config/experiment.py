@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import (
     AfterValidator,
     BeforeValidator,
+    ConfigDict,
     Field,
     ValidationError,
     ValidationInfo,
@@ -161,6 +162,9 @@ class SourceSettings(Settings):
 
 class ExperimentSettings(Settings):
     """An experiment: every target with every scheme and every seed."""
+
+    # Top-level keys of a config that begin with "x-" hold values for YAML aliases.
+    model_config = ConfigDict(json_schema_extra={"patternProperties": {"^x-": {}}})
 
     targets: Annotated[tuple[str, ...], *NonEmptyUnique] = ("bunny", "mousehead")
     """Named targets (see `meshfit targets`) or paths of mesh files, relative to this file."""

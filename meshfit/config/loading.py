@@ -25,6 +25,9 @@ from meshfit.settings import KeyPath, apply_changes, build, deep_merge, nested
 from meshfit.specs import suggest
 from meshfit.subdivision.custom.definitions import Definition
 
+SHARED_PREFIX = "x-"
+"""Beginning of the top-level keys of a config that hold no settings, but values for aliases."""
+
 
 @dataclass(frozen=True)
 class Experiment:
@@ -59,7 +62,8 @@ def load_experiment(name_or_path: str, overrides: Sequence[str] = ()) -> Experim
         line = document.line_of(key)
         return f"{path}: " if line is None else f"{path}, line {line}: "
 
-    data = apply_changes(_with_absolute_paths(with_canonical_keys(document.data), path.parent), changes)
+    written = {key: value for key, value in document.data.items() if not str(key).startswith(SHARED_PREFIX)}
+    data = apply_changes(_with_absolute_paths(with_canonical_keys(written), path.parent), changes)
     with_files = read_scheme_files(data, where)
     settings = build(ExperimentSettings, with_files.data, lambda key: with_files.where(key) or where(key))
     variants_of(settings, lambda: where(("sweep",)))

@@ -1,4 +1,7 @@
-"""Strict YAML: nothing is executed, `1e-3` is a number, `no` is a word, and keys must be unique."""
+"""Strict YAML: nothing is executed, `1e-3` is a number, `no` is a word, and keys must be unique.
+
+Anchors, aliases and merge keys (`<<: *name`) are read, up to a number of nodes.
+"""
 
 import re
 from collections.abc import Iterable
@@ -11,7 +14,11 @@ import yaml
 from meshfit.errors import ConfigError
 from meshfit.settings import KeyPath
 
+MOST_COPIES = 10_000
+"""The most nodes (values, lists and mappings) that the aliases of a document may add to it."""
+
 _KINDS: dict[type[yaml.Node], str] = {yaml.ScalarNode: "single value", yaml.SequenceNode: "list"}
+_MERGE = "<<"
 
 
 class _Loader(yaml.SafeLoader):
@@ -19,19 +26,100 @@ class _Loader(yaml.SafeLoader):
 
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012  PyYAML's own attribute
 
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._open: set[str] = set()
+
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        """Refuse tags, and aliases, with which a few lines can describe a document of any size."""
+        """Refuse tags, and aliases of the value that they stand in."""
         event = self.peek_event()  # type: ignore[no-untyped-call]
+        anchor = getattr(event, "anchor", None)
         refused = None
-        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
-            refused = "anchors and aliases (&name, *name)"
+        if isinstance(event, yaml.AliasEvent) and anchor in self._open:
+            refused = f"*{anchor} stands inside &{anchor}, which would never end"
         elif getattr(event, "tag", None) not in (None, "!"):
-            refused = "tags (!name)"
+            refused = "tags (!name) are not allowed; write the value out"
         if refused is not None:
-            raise yaml.composer.ComposerError(
-                problem=f"{refused} are not allowed; write the value out", problem_mark=event.start_mark
+            raise yaml.composer.ComposerError(problem=refused, problem_mark=event.start_mark)
+        if isinstance(event, yaml.AliasEvent) or anchor is None:
+            return super().compose_node(parent, index)
+        self._open.add(anchor)
+        node = super().compose_node(parent, index)
+        self._open.discard(anchor)
+        return node
+
+
+class _Expansion:
+    """Copies of nodes in place of aliases and merge keys, so that every node of a document has one parent."""
+
+    def __init__(self, origin: str) -> None:
+        self._origin = origin
+        self._seen: set[int] = set()
+        self._copies = 0
+        self._line = 1  # of the last node that is not a copy
+
+    def __call__(self, node: yaml.Node) -> yaml.Node:
+        """Return the node with all below it copied.
+
+        Raises:
+            ConfigError: too many copies, a duplicate key, or something other than mappings to merge.
+        """
+        self._count(node)
+        if isinstance(node, yaml.SequenceNode):
+            entries = [self(entry) for entry in node.value]
+            return yaml.SequenceNode(node.tag, entries, node.start_mark, node.end_mark, node.flow_style)
+        if isinstance(node, yaml.MappingNode):
+            return yaml.MappingNode(node.tag, self._pairs(node), node.start_mark, node.end_mark, node.flow_style)
+        return node
+
+    def _count(self, node: yaml.Node) -> None:
+        if id(node) not in self._seen:
+            self._seen.add(id(node))
+            self._line = node.start_mark.line + 1
+            return
+        self._copies += 1
+        if self._copies > MOST_COPIES:
+            raise ConfigError(
+                f"{self._origin}, line {self._line}: aliases (*name) make more than {MOST_COPIES:,} values; "
+                "use fewer of them"
             )
-        return super().compose_node(parent, index)
+
+    def _pairs(self, node: yaml.MappingNode) -> list[tuple[yaml.Node, yaml.Node]]:
+        """Return the keys of a mapping with their values; its own keys win over those that are merged."""
+        own: dict[str, yaml.Node] = {}
+        for key, _ in node.value:
+            name = str(key.value)
+            if name in own:
+                line, first = key.start_mark.line + 1, own[name].start_mark.line + 1
+                shown = " ".join(name.split())
+                raise ConfigError(f"{self._origin}, line {line}: duplicate key '{shown}' (first on line {first})")
+            own[name] = key
+        pairs: list[tuple[yaml.Node, yaml.Node]] = []
+        for key, value in node.value:
+            if not _is_merge_key(key):
+                pairs.append((self(key), self(value)))
+                continue
+            merged: dict[str, tuple[yaml.Node, yaml.Node]] = {}
+            for mapping in self._merged(key, value):
+                for pair in mapping.value:
+                    merged.setdefault(str(pair[0].value), pair)
+            pairs += [pair for name, pair in merged.items() if name not in own]
+        return pairs
+
+    def _merged(self, key: yaml.Node, value: yaml.Node) -> list[yaml.Node]:
+        """Return the mappings that a merge key names, with their own merge keys resolved; the first wins."""
+        mappings = value.value if isinstance(value, yaml.SequenceNode) else [value]
+        for mapping in mappings:
+            if not isinstance(mapping, yaml.MappingNode):
+                raise ConfigError(
+                    f"{self._origin}, line {key.start_mark.line + 1}: {_MERGE}: expected a mapping such as *name, or a "
+                    f"list of them, got a {_KINDS[type(mapping)]}"
+                )
+        return [self(mapping) for mapping in mappings]
+
+
+def _is_merge_key(node: yaml.Node) -> bool:
+    return isinstance(node, yaml.ScalarNode) and node.value == _MERGE and node.style is None
 
 
 # A number such as 012 stays a word: some parsers read twelve, others ten.
@@ -140,29 +228,27 @@ def _compose(text: str, origin: str) -> tuple[_Loader, yaml.Node | None]:
 
 
 def _construct(loader: _Loader, node: yaml.Node, lines: dict[KeyPath, int], origin: str) -> Any:  # noqa: ANN401
-    _record_lines(node, (), lines, origin)
     try:
+        node = _Expansion(origin)(node)
+        _record_lines(node, (), lines)
         return loader.construct_document(node)
     except (yaml.YAMLError, ValueError) as error:
         raise ConfigError(f"{origin}: {_reason(error)}") from None
+    except RecursionError:
+        raise ConfigError(f"{origin}: nested too deeply") from None
 
 
-def _record_lines(node: yaml.Node, key: KeyPath, lines: dict[KeyPath, int], origin: str) -> None:
-    """Record the line of each key, and refuse duplicates."""
+def _record_lines(node: yaml.Node, key: KeyPath, lines: dict[KeyPath, int]) -> None:
+    """Record the line of each key and entry; that of an alias is the line of its anchor."""
     lines.setdefault(key, node.start_mark.line + 1)
     if isinstance(node, yaml.SequenceNode):
         for i, child in enumerate(node.value):
-            _record_lines(child, (*key, i), lines, origin)
-    if not isinstance(node, yaml.MappingNode):
-        return
-    for name, child in node.value:
-        inner = (*key, str(name.value))
-        line = name.start_mark.line + 1
-        if inner in lines:
-            shown = " ".join(str(name.value).split())
-            raise ConfigError(f"{origin}, line {line}: duplicate key '{shown}' (first on line {lines[inner]})")
-        lines[inner] = line
-        _record_lines(child, inner, lines, origin)
+            _record_lines(child, (*key, i), lines)
+    if isinstance(node, yaml.MappingNode):
+        for name, child in node.value:
+            inner = (*key, str(name.value))
+            lines[inner] = name.start_mark.line + 1
+            _record_lines(child, inner, lines)
 
 
 def _reason(error: Exception) -> str:

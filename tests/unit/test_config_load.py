@@ -7,6 +7,7 @@ import pytest
 from meshfit.config.experiment import ExperimentSettings
 from meshfit.config.loading import bundled_configs, config_path, load_experiment
 from meshfit.config.strict_yaml import dump, parse_document
+from meshfit.config.sweeps import variants_of
 from meshfit.errors import ConfigError
 from meshfit.mesh.io.files import save_mesh
 from meshfit.mesh.solids import cube
@@ -179,3 +180,25 @@ def test_faults_of_the_file_are_not_blamed_on_overrides(tmp_path):
 def test_resolved_settings_are_written_and_read_back(name):
     settings = load_experiment(name, ["fit.trace_every=7", "source.centre=null"]).settings
     assert build(ExperimentSettings, parse_document(dump(settings.model_dump(mode="json")), "it").data) == settings
+
+
+def test_values_are_shared_by_anchors_and_kept_under_keys_of_their_own(config):
+    text = """\
+x-losses: &losses {chamfer: 1, edge: 0.5}
+x-note: anything
+source: &source {levels: 2, mesh: octahedron}
+fit: {steps: 7, losses: *losses}
+sweep:
+  variants:
+    coarse: {source: *source}
+    fine:
+      source: {<<: *source, levels: 3}
+"""
+    settings = config(text)
+    assert settings.fit.losses.edge == 0.5
+    fine = variants_of(settings)[1].settings
+    assert (fine.source.levels, fine.source.mesh) == (3, "octahedron")
+    with pytest.raises(ConfigError, match=r"c\.yaml, line 1: fit\.losses\.egde: no such key"):
+        config(text.replace("edge", "egde"))
+    with pytest.raises(ConfigError, match=r"c\.yaml, line 3: source\.x-a: no such key"):
+        config(text.replace("levels: 2", "x-a: 2"))

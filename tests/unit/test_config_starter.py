@@ -67,6 +67,10 @@ def is_number(value):
     return isinstance(value, int | float)
 
 
+def known_by_pattern(key, schema):
+    return any(re.search(pattern, key) for pattern in schema.get("patternProperties", ()))
+
+
 # Whether a value breaks a rule, by the rule's word; words that pydantic does not use yet are missing on purpose.
 BREAKS = {
     "type": lambda value, rule, _: not isinstance(value, KINDS[rule]) or isinstance(value, bool),
@@ -74,9 +78,13 @@ BREAKS = {
         isinstance(value, dict) and any(faulty(value[key], rule.get(key, {})) for key in value)
     ),
     "additionalProperties": lambda value, rule, beside: (
-        isinstance(value, dict) and not value.keys() <= beside["properties"].keys()
+        isinstance(value, dict)
+        and any(key not in beside["properties"] and not known_by_pattern(key, beside) for key in value)
         if rule is False
         else isinstance(rule, dict) and isinstance(value, dict) and any(faulty(entry, rule) for entry in value.values())
+    ),
+    "patternProperties": lambda value, rule, _: any(
+        re.search(pattern, key) and faulty(value[key], schema) for pattern, schema in rule.items() for key in value
     ),
     "items": lambda value, rule, _: any(faulty(entry, rule) for entry in value),
     "anyOf": lambda value, rule, _: all(faulty(value, option) for option in rule),
@@ -180,3 +188,9 @@ def test_the_schema_describes_every_key():
         for key, entry in part["properties"].items():
             referred = SCHEMA["$defs"].get(entry.get("$ref", "").removeprefix("#/$defs/"), {})
             assert entry.get("description") or referred.get("description"), key
+
+
+def test_the_schema_lets_shared_values_through_at_the_top_only():
+    assert not faulty({"x-shared": [1], "seeds": [0]}, SCHEMA)
+    assert faulty({"y-shared": [1]}, SCHEMA)
+    assert faulty({"source": {"x-shared": 1}}, SCHEMA)

@@ -3,6 +3,7 @@
 import math
 
 import pytest
+import yaml
 
 from meshfit.config.strict_yaml import dump, parse_document, parse_value
 from meshfit.errors import ConfigError
@@ -65,15 +66,32 @@ def test_every_key_and_entry_has_its_line():
     assert lines.items() <= document.lines.items()
 
 
+GROWING = "a: &a [1]\n" + "".join(
+    f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]\n" for a, b in zip("abcdefgh", "bcdefghi", strict=True)
+)
+DEEP = "".join(f"k{i}: &k{i} {'[' * 99}{f'*k{i - 1}' if i else ''}{']' * 99}\n" for i in range(12))
 REFUSED = {
     "a: 1\nb: 2\na: 3": "it, line 3: duplicate key 'a' (first on line 1)",
     "a:\n  b: 1\n  c: 2\n  b: 3": "it, line 4: duplicate key 'b' (first on line 2)",
     "a: {b: 1,\n b: 2}": "it, line 2: duplicate key 'b' (first on line 1)",
     "a: [{b: 1, b: 2}]": "it, line 1: duplicate key 'b' (first on line 1)",
     "1: x\n'1': y": "it, line 2: duplicate key '1' (first on line 1)",
-    "x: 1\na: &b 1": "it: line 2: not valid YAML: anchors and aliases (&name, *name) are not allowed",
-    "a: *b": "it: line 1: not valid YAML: anchors and aliases (&name, *name) are not allowed; write the value out",
-    "a: &x [*x]": "it: line 1: not valid YAML: anchors and aliases (&name, *name) are not allowed; write the value out",
+    "a: *b": "it: line 1: not valid YAML: found undefined alias 'b'",
+    "a: &x 1\nb: &x 2": "it: line 2: not valid YAML: second occurrence",
+    "a: &x [*x]": "it: line 1: not valid YAML: *x stands inside &x, which would never end",
+    "a: &x\n  b: [&y {c: *y}]": "it: line 2: not valid YAML: *y stands inside &y",
+    "a: &x\n  <<: *x": "it: line 2: not valid YAML: *x stands inside &x",
+    "a: &x {b: 1, b: 2}\nc: *x": "it, line 1: duplicate key 'b' (first on line 1)",
+    "a: &x {b: 1}\nc:\n  <<: *x\n  <<: *x": "it, line 4: duplicate key '<<' (first on line 3)",
+    "a: &x 1\nc:\n  <<: *x": "it, line 3: <<: expected a mapping such as *name, or a list of them, got a single value",
+    "a: &x [1]\n<<: *x": "it, line 2: <<: expected a mapping such as *name, or a list of them, got a single value",
+    "a: &a [1]\n"
+    + "".join(f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]\n" for a, b in zip("abcdefgh", "bcdefghi", strict=True)): (
+        "it, line 5: aliases (*name) make more than 10,000 values; use fewer of them"
+    ),
+    "".join(
+        f"k{i}: &k{i} {'[' * 99}{f'*k{i - 1}' if i else ''}{']' * 99}\n" for i in range(12)
+    ): "it: nested too deeply",
     "a: !!python/object/apply:os.system ['true']": "it: line 1: not valid YAML: tags (!name) are not allowed",
     "a: !!python/name:os.system ''": "it: line 1: not valid YAML: tags (!name) are not allowed",
     "b: 1\na: !!bool x": "it: line 2: not valid YAML: tags (!name) are not allowed",
@@ -110,11 +128,49 @@ def test_what_is_refused_is_refused_in_one_line(text):
     assert str(caught.value).startswith(REFUSED[text])
 
 
-@over("text", ["{a: 1, a: 2}", "*a", "&a 1", "!!bool x", "[1", "[" * 700, "{[a]: 1}", "1\n---\n2"])
+@over("text", ["{a: 1, a: 2}", "*a", "&a [*a]", "!!bool x", "[1", "[" * 700, "{[a]: 1}", "1\n---\n2"])
 def test_single_values_are_held_to_the_same(text):
     with pytest.raises(ConfigError, match=r"^--set k(: |, line 1: duplicate key 'a')") as caught:
         parse_value(text, "--set k")
     assert "\n" not in str(caught.value)
+
+
+@over(
+    ("text", "value"),
+    [
+        ("a: &x [1, {b: 2}]\nc: *x", {"a": [1, {"b": 2}], "c": [1, {"b": 2}]}),
+        ("a: &x\nb: *x", {"a": None, "b": None}),
+        ("a: &x {p: 1, q: 2}\nb:\n  <<: *x\n  q: 3", {"a": {"p": 1, "q": 2}, "b": {"p": 1, "q": 3}}),
+        ("a: &x {p: 1}\nb: {q: 3, p: 2, <<: *x}", {"a": {"p": 1}, "b": {"q": 3, "p": 2}}),
+        ("b: {<<: [&x {p: 1}, {p: 2, q: 2}]}\nc: *x", {"b": {"p": 1, "q": 2}, "c": {"p": 1}}),
+        ("a: &x {p: 1}\nc: &y {<<: *x}\nb: {<<: *y}", {"a": {"p": 1}, "c": {"p": 1}, "b": {"p": 1}}),
+        ("a: {<<: {p: 1}}\nb: {<<: []}\nc: {'<<': 1}", {"a": {"p": 1}, "b": {}, "c": {"<<": 1}}),
+        # A mapping is replaced, not merged with one of the same key; merged keys stand where the merge key does.
+        ("a: &x {p: {q: 1}, z: 0}\nb: {y: 1, <<: *x, p: {}}",
+         {"a": {"p": {"q": 1}, "z": 0}, "b": {"y": 1, "z": 0, "p": {}}}),
+    ],
+)  # fmt: skip
+def test_aliases_and_merge_keys(text, value):
+    data = parse_document(text, "it").data
+    assert data == value
+    assert list(data.get("b") or ()) == list(value.get("b") or ())
+    assert yaml.safe_load(text) == value or "'<<'" in text  # which PyYAML takes for a merge key
+
+
+def test_aliases_are_values_of_their_own_with_the_line_where_they_are_written():
+    document = parse_document("a: &x\n  p: 1\n  q: [2]\nb:\n  <<: *x\n  r: 3\nc: *x\n", "it")
+    lines = {("b", "p"): 2, ("b", "q", 0): 3, ("b", "r"): 6, ("c",): 7, ("c", "q"): 3}
+    assert lines.items() <= document.lines.items()
+    document.data["a"]["q"].append(4)
+    assert document.data["b"]["q"] == document.data["c"]["q"] == [2]
+
+
+def test_as_many_values_by_aliases_as_the_bound_and_any_number_without():
+    many = f"a: &x [{', '.join(['1'] * 999)}]\nb: [{', '.join(['*x'] * 10)}]"
+    assert parse_document(many, "it").data["b"] == [[1] * 999] * 10
+    with pytest.raises(ConfigError, match="make more than 10,000 values"):
+        parse_document(many + "\nc: *x", "it")
+    assert parse_document(f"a: [{', '.join(['1'] * 20_000)}]", "it").data["a"] == [1] * 20_000
 
 
 def test_a_byte_order_mark_and_document_marks_do_no_harm():
