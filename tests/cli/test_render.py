@@ -143,3 +143,10 @@ def test_without_a_library_the_extra_is_named(tmp_path, monkeypatch, library):
     monkeypatch.setattr(importlib, "import_module", missing)
     message = refused("render", "bone", "-o", tmp_path / "x.png")
     assert f"{library}, which is not installed: pip install 'meshfit[report]'" in message
+
+
+def test_a_folder_that_is_no_trial_is_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "meshes").mkdir()
+    message = "error: meshes: expected a mesh file or the folder of a complete trial, got another"
+    assert refused("render", "meshes", "-o", "out.png") == message

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from meshfit.errors import ConfigError
+from meshfit.errors import ConfigError, StoreError
+from meshfit.experiment.storage.run_directory import RESULT
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.normalisation import frame_of
 from meshfit.mesh.targets import NAMED_TARGETS, load_target, target_title
-from meshfit.paths import is_folder
+from meshfit.paths import is_folder, is_regular_file, path_text
 from meshfit.report.figures.camera import Camera, camera_of
 from meshfit.report.figures.colours import shared_limit
 from meshfit.report.figures.layout import DPI, ColourBar, PanelRow, distance_panel, mesh_panel, write_rows
@@ -133,6 +134,8 @@ def _load(name: str) -> Mesh:
 
 def _trial(folder: Path, title: str, against: str | None) -> tuple[list[RenderedMesh], str]:
     """Source, result and target of a trial, and the frame they are in; only the result is coloured by distances."""
+    if not is_regular_file(folder / RESULT):
+        raise StoreError(f"{path_text(folder)}: expected a mesh file or the folder of a complete trial, got another")
     trial = read_trial_meshes(folder)
     name, settings = title or trial.facts["scheme"], trial.facts["settings"]
     measured_to = None
