@@ -23,6 +23,7 @@ KEYWORDS = {
     "CNOFF": 7,
     "STOFF": 2,
     "STCNOFF": 9,
+    "NCOFF": 7,
     "coff": 4,
     " OFF": 0,
     "#a\n\nOFF": 0,

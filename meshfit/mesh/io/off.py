@@ -24,8 +24,9 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup, checked_face_size, face_rows
 
 _BLANK_LINES = re.compile(rb"\n[ \t\n]+")
-# The counts may follow the keyword without a blank. A lower-case n before capitals announces other dimensions than 3.
-_KEYWORD = re.compile(rb"\s*((ST)?(C)?(N)?([4n]*)OFF|(st)?(c)?(n)?()off)(?![A-Za-z])")
+# The counts may follow the keyword without a blank. The digit 4 or a lower-case n before capitals announces vertices of
+# other dimensions than three; the other letters stand in any order, such as NCOFF.
+_KEYWORD = re.compile(rb"\s*((?:ST|C|N|4|n)*)(OFF)(?![A-Za-z])|\s*((?:st|c|n|4)*)(off)(?![A-Za-z])")
 _WORD = re.compile(rb"\S+")
 _LARGEST_INDEX = 2**53  # float64 holds every integer up to here
 _MARK = b" -1 "  # of a line of faces, in which no other negative number is allowed
@@ -79,14 +80,15 @@ def _read_keyword(text: bytes) -> tuple[int, int]:
             line = 1 + text.count(b"\n", 0, first.start())
             raise MeshError(f"line {line}: expected 'OFF', got {quoted([first[0]])}")
         return 0, 3
-    line = 1 + text.count(b"\n", 0, keyword.start(1))
-    if keyword[5]:
-        raise MeshError(f"line {line}: expected 'OFF' in three dimensions, got {quoted([keyword[1]])}")
+    letters, name = keyword[1] or keyword[3] or b"", keyword[0].strip()
+    line = 1 + text.count(b"\n", 0, keyword.end())
+    if b"4" in letters or (keyword[2] and b"n" in letters):
+        raise MeshError(f"line {line}: expected 'OFF' in three dimensions, got {quoted([name])}")
     following = _WORD.search(text, keyword.end())
     if following and following[0].upper() == b"BINARY":
         raise MeshError(f"line {line}: expected 'OFF' as text, got 'OFF BINARY'")
-    texture, colour, normal = (keyword[place] or keyword[place + 4] for place in (2, 3, 4))
-    return keyword.end(), 3 + 2 * bool(texture) + 4 * bool(colour) + 3 * bool(normal)
+    columns = {b"S": 2, b"C": 4, b"N": 3}  # texture coordinates, a colour, a normal
+    return keyword.end(), 3 + sum(count for letter, count in columns.items() if letter in letters.upper())
 
 
 def _read_counts(text: bytes, start: int) -> Iterator[_Counts]:
