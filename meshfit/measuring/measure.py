@@ -3,7 +3,8 @@
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from meshfit.measuring.distance import Distance, Hausdorff, surface_distances
+from meshfit.measuring.distance import Distance, Farthest, Hausdorff, NormalAngle, surface_distances
+from meshfit.measuring.edges import Edges, edge_scores
 from meshfit.measuring.points import Chamfer, FScore, NormalConsistency, point_scores
 from meshfit.measuring.quality import Quality, mesh_quality
 from meshfit.measuring.settings import MeasureSettings
@@ -17,11 +18,14 @@ class Measurement:
 
     Attributes:
         hausdorff: largest distances.
-        distance: mean and RMS distances.
+        distance: mean and RMS distances, and percentiles.
         chamfer: chamfer distances between point clouds.
         f_score: share of points matched within a distance.
         normal_consistency: agreement of normals.
+        normal_angle: angles between normals at nearest points.
+        edges: agreement of creases.
         quality: mesh quality of the result; independent of the target.
+        farthest: where the largest distances are.
     """
 
     hausdorff: Hausdorff
@@ -29,11 +33,20 @@ class Measurement:
     chamfer: Chamfer
     f_score: FScore
     normal_consistency: NormalConsistency
+    normal_angle: NormalAngle
+    edges: Edges
     quality: Quality
+    farthest: Farthest
 
     def to_dict(self) -> dict[str, dict[str, Any]]:
-        """Return nested dicts of plain numbers and booleans for JSON; `MEASURED` names each value as `group.name`."""
-        return asdict(self)
+        """Return nested dicts of plain values for JSON; `MEASURED` names each metric as `group.name`.
+
+        Besides metrics, there are the numbers of points, tau, the reason of a missing value, and the farthest points.
+        """
+        values = asdict(self)
+        for point in values["farthest"].values():
+            point |= {key: list(point[key]) for key in ("position", "nearest")}
+        return values
 
 
 def measure(
@@ -59,8 +72,11 @@ def measure(
         ConfigError: an unknown setting, or a value that is not allowed.
     """
     settings = override(settings or MeasureSettings(), overrides)
-    hausdorff, distance = surface_distances(result, target, settings.samples, settings.seed)
+    hausdorff, distance, normal_angle, farthest = surface_distances(result, target, settings.samples, settings.seed)
     points, tau = settings.points, settings.f_score_tau
     chamfer, f_score, normal_consistency = point_scores(result, target, points, tau, settings.seed)
+    edges = edge_scores(result, target, points, settings.crease_angle, tau, settings.seed)
     quality = mesh_quality(result, "result")
-    return Measurement(hausdorff, distance, chamfer, f_score, normal_consistency, quality)
+    return Measurement(
+        hausdorff, distance, chamfer, f_score, normal_consistency, normal_angle, edges, quality, farthest
+    )

@@ -1,4 +1,4 @@
-"""The metrics of a result: their titles, which direction is better, and how they are printed."""
+"""The metrics of a result: their titles and units, which direction is better, and how they are printed."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -6,6 +6,8 @@ from types import MappingProxyType
 
 from meshfit.errors import ConfigError
 from meshfit.specs import suggest
+
+LENGTH, SQUARED_LENGTH = "length", "length²"
 
 
 @dataclass(frozen=True)
@@ -16,11 +18,13 @@ class Metric:
         title: its name in tables and captions.
         smaller_is_better: whether smaller values are better; None where neither direction is.
         format: format spec of its values.
+        unit: `length` in the unit of the vertices, its square, or one such as `°` or `s`; empty for shares and counts.
     """
 
     title: str
     smaller_is_better: bool | None
     format: str
+    unit: str = ""
 
     @property
     def whole(self) -> bool:
@@ -28,46 +32,64 @@ class Metric:
         return self.format in ("d", "")
 
 
-def _less(title: str, spec: str) -> Metric:
-    return Metric(title, smaller_is_better=True, format=spec)
+def _less(title: str, spec: str, unit: str = "") -> Metric:
+    return Metric(title, smaller_is_better=True, format=spec, unit=unit)
 
 
-def _more(title: str, spec: str) -> Metric:
-    return Metric(title, smaller_is_better=False, format=spec)
+def _more(title: str, spec: str, unit: str = "") -> Metric:
+    return Metric(title, smaller_is_better=False, format=spec, unit=unit)
 
 
-def _neutral(title: str, spec: str) -> Metric:
-    return Metric(title, smaller_is_better=None, format=spec)
+def _neutral(title: str, spec: str, unit: str = "") -> Metric:
+    return Metric(title, smaller_is_better=None, format=spec, unit=unit)
 
 
-_LENGTH, _SHARE, _COUNT = ".4g", ".4f", "d"
+def _length(title: str) -> Metric:
+    return _less(title, ".4g", LENGTH)
+
+
+_SHARE, _COUNT, _ANGLE = ".4f", "d", ".2f"
 
 MEASURED: Mapping[str, Metric] = MappingProxyType(
     {
-        "hausdorff.forward": _less("Hausdorff distance, result to target", _LENGTH),
-        "hausdorff.backward": _less("Hausdorff distance, target to result", _LENGTH),
-        "hausdorff.symmetric": _less("Hausdorff distance", _LENGTH),
-        "hausdorff.samples": _neutral("samples per direction", _COUNT),
-        "hausdorff.percent_of_diagonal": _less("Hausdorff distance, % of diagonal", ".3f"),
-        "distance.mean": _less("mean distance", _LENGTH),
-        "distance.rms": _less("RMS distance", _LENGTH),
-        "distance.forward_mean": _less("mean distance, result to target", _LENGTH),
-        "distance.backward_mean": _less("mean distance, target to result", _LENGTH),
-        "distance.forward_rms": _less("RMS distance, result to target", _LENGTH),
-        "distance.backward_rms": _less("RMS distance, target to result", _LENGTH),
-        "chamfer.l1": _less("chamfer distance L1", _LENGTH),
-        "chamfer.l2_squared": _less("chamfer distance L2²", _LENGTH),
-        "chamfer.points": _neutral("points per surface", _COUNT),
-        "f_score.tau": _neutral("F-score distance τ", "g"),
+        "hausdorff.forward": _length("Hausdorff distance, result to target"),
+        "hausdorff.backward": _length("Hausdorff distance, target to result"),
+        "hausdorff.symmetric": _length("Hausdorff distance"),
+        "hausdorff.percent_of_diagonal": _less("Hausdorff distance, % of diagonal", ".3f", "%"),
+        "distance.mean": _length("mean distance"),
+        "distance.rms": _length("RMS distance"),
+        "distance.forward_mean": _length("mean distance, result to target"),
+        "distance.backward_mean": _length("mean distance, target to result"),
+        "distance.forward_rms": _length("RMS distance, result to target"),
+        "distance.backward_rms": _length("RMS distance, target to result"),
+        "distance.forward_p50": _length("median distance, result to target"),
+        "distance.forward_p90": _length("90th percentile, result to target"),
+        "distance.forward_p95": _length("95th percentile, result to target"),
+        "distance.forward_p99": _length("99th percentile, result to target"),
+        "distance.backward_p50": _length("median distance, target to result"),
+        "distance.backward_p90": _length("90th percentile, target to result"),
+        "distance.backward_p95": _length("95th percentile, target to result"),
+        "distance.backward_p99": _length("99th percentile, target to result"),
+        "chamfer.l1": _length("chamfer distance L1"),
+        "chamfer.l2_squared": _less("chamfer distance L2²", ".4g", SQUARED_LENGTH),
         "f_score.f1": _more("F-score", _SHARE),
         "f_score.precision": _more("precision", _SHARE),
         "f_score.recall": _more("recall", _SHARE),
         "normal_consistency.signed": _more("normal consistency", _SHARE),
         "normal_consistency.absolute": _more("normal consistency, unsigned", _SHARE),
+        "normal_angle.mean": _less("mean normal angle (°)", _ANGLE, "°"),
+        "normal_angle.p50": _less("median normal angle (°)", _ANGLE, "°"),
+        "normal_angle.p90": _less("normal angle, 90th percentile (°)", _ANGLE, "°"),
+        "normal_angle.p95": _less("normal angle, 95th percentile (°)", _ANGLE, "°"),
+        "normal_angle.p99": _less("normal angle, 99th percentile (°)", _ANGLE, "°"),
+        "edges.chamfer": _length("edge chamfer distance"),
+        "edges.f1": _more("edge F-score", _SHARE),
+        "edges.precision": _more("edge precision", _SHARE),
+        "edges.recall": _more("edge recall", _SHARE),
         "quality.self_intersecting_faces": _less("self-intersecting faces", _COUNT),
         "quality.flipped_faces": _less("flipped faces", _COUNT),
         "quality.degenerate_faces": _less("degenerate faces", _COUNT),
-        "quality.smallest_angle": _more("smallest angle (°)", ".2f"),
+        "quality.smallest_angle": _more("smallest angle (°)", _ANGLE, "°"),
         "quality.watertight": _more("watertight", ""),
         "quality.components": _neutral("components", _COUNT),
         "quality.euler_number": _neutral("Euler number", _COUNT),
@@ -75,19 +97,29 @@ MEASURED: Mapping[str, Metric] = MappingProxyType(
         "quality.faces": _neutral("faces", _COUNT),
     }
 )
-"""The metrics of a `Measurement`, by dotted name."""
+"""The metrics of a `Measurement`, by dotted name. Those of the edges are None where there are no creases."""
 
 METRICS: Mapping[str, Metric] = MappingProxyType(
     {
         **MEASURED,
-        "source.area": _neutral("area of the source", ".6g"),
+        "source.area": _neutral("area of the source", ".6g", SQUARED_LENGTH),
         "source.verts": _neutral("vertices of the source", _COUNT),
         "source.faces": _neutral("faces of the source", _COUNT),
+        "seconds.fit": _less("fitting time (s)", ".4g", "s"),
+        "seconds.measure": _less("measuring time (s)", ".4g", "s"),
+        "peak_memory_mb": _less("peak memory (MB)", ".4g", "MB"),
     }
 )
-"""All metrics of a result: those of its measurement, and those of the source, which no seed affects."""
+"""All metrics of a result: those of its measurement, those of the source, which no seed affects, time and memory."""
 
 DEFAULT_METRIC = "hausdorff.symmetric"
+
+_SETTINGS = {
+    "hausdorff.samples": "measure.samples",
+    "chamfer.points": "measure.points",
+    "f_score.tau": "measure.f_score_tau",
+}
+"""Values beside the metrics of a measurement that are settings."""
 
 
 def require_metric(name: str) -> None:
@@ -96,5 +128,7 @@ def require_metric(name: str) -> None:
     Raises:
         ConfigError: there is no such metric; the message suggests the nearest.
     """
+    if name in _SETTINGS:
+        raise ConfigError(f"'{name}' is the setting {_SETTINGS[name]}, not a metric: {suggest(name, METRICS)}")
     if name not in METRICS:
         raise ConfigError(f"'{name}' is not a metric: {suggest(name, METRICS)}")

@@ -1,6 +1,7 @@
 """The `measure` call: its settings, its JSON, and the table of metrics."""
 
 import json
+import math
 import subprocess
 import sys
 
@@ -9,31 +10,64 @@ import pytest
 
 from meshfit.errors import ConfigError, MeasureError
 from meshfit.measuring.measure import measure
-from meshfit.measuring.metrics import MEASURED
+from meshfit.measuring.metrics import MEASURED, METRICS, require_metric
+from meshfit.measuring.proximity import point_distances
 from meshfit.measuring.settings import MeasureSettings
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, octahedron
 from tests.loops import over
 
 FEW = MeasureSettings(samples=1000, points=500)
+BESIDE = {"hausdorff.samples", "chamfer.points", "f_score.tau", "edges.reason"}
 
 
 def flat(measurement):
-    return {f"{group}.{name}": value for group, part in measurement.to_dict().items() for name, value in part.items()}
+    """The metrics, and what is beside them, by dotted name."""
+    parts = {group: part for group, part in measurement.to_dict().items() if group != "farthest"}
+    return {f"{group}.{name}": value for group, part in parts.items() for name, value in part.items()}
 
 
 def test_the_dict_survives_json_and_holds_plain_values():
     found = measure(octahedron(), cube(), FEW)
     assert json.loads(json.dumps(found.to_dict())) == found.to_dict()
-    assert {type(value) for value in flat(found).values()} == {int, float, bool}
+    assert {type(value) for value in flat(found).values()} == {int, float, bool, str}
 
 
 def test_the_table_names_every_figure_and_can_print_it():
     found = flat(measure(octahedron(), cube(), FEW))
-    assert list(found) == list(MEASURED)
-    for name, value in found.items():
-        assert format(value, MEASURED[name].format)
-    assert len({metric.title for metric in MEASURED.values()}) == len(MEASURED)
+    assert [name for name in found if name not in BESIDE] == list(MEASURED)
+    for name, metric in MEASURED.items():
+        assert format(found[name], metric.format)
+    assert len({metric.title for metric in METRICS.values()}) == len(METRICS)
+
+
+def test_settings_are_no_metrics():
+    found = flat(measure(octahedron(), cube(), FEW))
+    for name, setting in (
+        ("hausdorff.samples", "samples"),
+        ("chamfer.points", "points"),
+        ("f_score.tau", "f_score_tau"),
+    ):
+        assert name in found
+        with pytest.raises(ConfigError, match=f"'{name}' is the setting measure.{setting}, not a metric"):
+            require_metric(name)
+
+
+def test_the_farthest_points_are_where_the_largest_distances_are():
+    spike = cube().verts.copy()
+    spike[5] *= 2
+    result, target = Mesh(spike, cube().faces), cube()
+    found = measure(result, target, FEW)
+    for point, largest, own, other in (
+        (found.farthest.forward, found.hausdorff.forward, result, target),
+        (found.farthest.backward, found.hausdorff.backward, target, result),
+    ):
+        assert point.distance == largest == pytest.approx(math.dist(point.position, point.nearest), rel=1e-12)
+        for position, face, mesh in ((point.position, point.face, own), (point.nearest, point.nearest_face, other)):
+            alone = Mesh(mesh.verts, mesh.faces[[face]])
+            assert point_distances(alone, np.array([position])) == pytest.approx([0], abs=1e-12)
+    assert found.farthest.forward.position == tuple(spike[5])
+    assert 5 in result.faces[found.farthest.forward.face]
 
 
 def test_the_table_cannot_be_changed():
