@@ -10,7 +10,7 @@ from pathlib import Path
 
 WRITABLE_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
 """Suffixes of the mesh formats that are read and written."""
-MESH_SUFFIXES = (*WRITABLE_SUFFIXES, ".3mf", ".vtk", ".vtp", ".vtu")
+MESH_SUFFIXES = (*WRITABLE_SUFFIXES, ".3mf", ".dae", ".vtk", ".vtp", ".vtu")
 """Suffixes of the mesh formats that are read."""
 COMPRESSION_SUFFIXES = (".gz", ".bz2", ".xz")
 """Suffixes that may follow that of a mesh format, as in `scan.ply.gz`."""

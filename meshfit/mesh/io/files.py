@@ -14,7 +14,7 @@ from meshfit.mesh.cleaning import VertexMap, clean, require_finite_verts
 from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.curves import Chains, Curves, Segments, join_segments
 from meshfit.mesh.faceless import no_faces_message
-from meshfit.mesh.io import gltf, las, obj, off, pcd, ply, stl, threemf, vtk_legacy, xyz
+from meshfit.mesh.io import collada, gltf, las, obj, off, pcd, ply, stl, threemf, vtk_legacy, xyz
 from meshfit.mesh.io.mesh_file import MeshFile, output_suffix, read_file, write_file, wrong_format
 from meshfit.mesh.io.recognition import format_name
 from meshfit.mesh.mesh import Mesh, Verts
@@ -73,6 +73,7 @@ FORMATS = {
 }
 READ_ONLY_FORMATS = {
     ".3mf": ReadOnlyFormat(threemf.read_3mf),
+    ".dae": ReadOnlyFormat(collada.read_dae),
     ".vtk": ReadOnlyFormat(vtk_legacy.read_vtk),
     ".vtp": ReadOnlyFormat(vtk_legacy.read_vtk),
     ".vtu": ReadOnlyFormat(vtk_legacy.read_vtk),
