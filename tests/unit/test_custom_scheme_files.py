@@ -121,9 +121,7 @@ def test_files_that_cannot_be_read(project):
         "'project/own/my-loop.yaml'?"
     )
     (project / "folder.yaml").mkdir()
-    assert "schemes[0]: project/folder.yaml: expected a YAML file, got a directory" in refusal(
-        "schemes: [folder.yaml]\n"
-    )
+    assert "schemes[0]: project/folder.yaml: expected a file, got a directory" in refusal("schemes: [folder.yaml]\n")
 
 
 def test_what_is_no_list_of_specs_is_left_to_the_checks(project):
