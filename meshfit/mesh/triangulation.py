@@ -180,23 +180,28 @@ def _separate_diagonals(verts: Verts, corners: Corners, sizes: Sizes, triangles:
     shared[:-1] |= same
     if not shared.any():
         return
+    # Only few polygons are left here, as a rule.
     polygons = np.unique(face[order[shared]])
-    others = ordered[~np.isin(face[order], polygons)]
-    taken = list[NDArray[np.int64]]()
-    for polygon in polygons:
-        rows = starts[polygon] + np.arange(sizes[polygon])
+    of_others = ordered[~np.isin(face[order], polygons)]
+    own_starts = np.searchsorted(face, polygons)
+    taken = set[int]()
+    for polygon, own_start in zip(polygons.tolist(), own_starts.tolist(), strict=True):
+        size = int(sizes[polygon])
+        rows = starts[polygon] + np.arange(size)
         rows = rows[_rotations(corners[rows][None])[0]]
-        near = _edge_keys(corners[rows][:, None], corners[rows], len(verts))
-        blocked = _contains(sides, near) | _contains(others, near) | np.isin(near, np.concatenate([others[:0], *taken]))
-        own = keys[face == polygon]
-        is_simple = len(np.unique(corners[rows])) == len(rows) <= _LARGEST_CUT
-        if is_simple and np.isin(near[blocked], own).any():
-            cut = rows[_best_cut(verts[corners[rows]], blocked)]
-            triangles[first[polygon] + np.arange(len(cut))] = cut
+        row = corners[rows]
+        own = keys[own_start : own_start + size - 3]
+        in_use = _contains(sides, own).any() or _contains(of_others, own).any() or not taken.isdisjoint(own.tolist())
+        if in_use and len(np.unique(row)) == size <= _LARGEST_CUT:
+            near = _edge_keys(row[:, None], row, len(verts))
+            blocked = _contains(sides, near) | _contains(of_others, near)
+            blocked |= np.isin(near, [key for key in np.unique(near).tolist() if key in taken])
+            cut = rows[_best_cut(verts[row], blocked)]
+            triangles[first[polygon] + np.arange(size - 2)] = cut
             ends, _ = _diagonals(sizes[[polygon]], cut - starts[polygon])
-            tail, head = (corners[starts[polygon] + ends[:, k]] for k in (0, 1))
+            tail, head = corners[starts[polygon] + ends.T]
             own = _edge_keys(tail, head, len(verts))
-        taken.append(own)
+        taken.update(own.tolist())
 
 
 def _edge_keys(tail: NDArray[np.int64], head: NDArray[np.int64], num_verts: int) -> NDArray[np.int64]:
