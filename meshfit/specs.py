@@ -64,3 +64,8 @@ def suggest(word: str, allowed: Iterable[str]) -> str:
     similar = difflib.get_close_matches(word, words, n=1) or [other for other in words if word and word in other]
     hint = f"did you mean '{similar[0]}'? " if similar else ""
     return f"{hint}allowed: {', '.join(words)}"
+
+
+def spec_folder(spec: str) -> str:
+    """Return the name of the folder for the trials of a spec: `interp-loop-alpha-0.5`."""
+    return spec.replace(":", "-").replace("=", "-").replace(",", "-")

@@ -28,7 +28,7 @@ def chart(
         meshfit chart runs/zoo -o zoo.pdf
         meshfit chart runs/zoo -o mean.png --metric distance.mean
     """
-    from meshfit.experiment.storage.plan_file import with_planned_names
+    from meshfit.experiment.storage.plan_file import in_planned_order
     from meshfit.experiment.storage.result import read_results
     from meshfit.report.figures.chart import write_chart
     from meshfit.report.figures.layout import require_suffix
@@ -36,7 +36,7 @@ def chart(
     from meshfit.report.tables.table import build_tables
 
     require_suffix(output)
-    tables = build_tables(distinguish_definitions(with_planned_names(read_results(runs))), metric)
+    tables = build_tables(distinguish_definitions(in_planned_order(read_results(runs))), metric)
     write_chart(tables, output)
     _print_means(tables)
     out.print(f"wrote {output}", soft_wrap=True, markup=False)

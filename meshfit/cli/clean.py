@@ -17,7 +17,9 @@ from meshfit.units import count_text, size_text
 
 def clean(
     runs: RunDirs,
-    failed: Annotated[bool, typer.Option("--failed", help="Remove the folders of failed trials.")] = False,
+    failed: Annotated[
+        bool, typer.Option("--failed", help="Remove the folders of trials that failed, or whose result is damaged.")
+    ] = False,
     partial: Annotated[
         bool,
         typer.Option(
@@ -37,7 +39,7 @@ def clean(
     """
     if not (failed or partial):
         raise ConfigError("expected --failed, --partial or both")
-    statuses = [TrialStatus.FAILED] * failed + [TrialStatus.INTERRUPTED] * partial
+    statuses = [TrialStatus.FAILED, TrialStatus.DAMAGED] * failed + [TrialStatus.INTERRUPTED] * partial
     cleaned = clean_trials(scan_experiments(runs, datetime.now(UTC)), statuses, runs, dry_run=dry_run)
     for removed in cleaned.removed if dry_run else ():
         trial = removed.trial

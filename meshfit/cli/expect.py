@@ -33,13 +33,14 @@ def expect(
     Example:
         meshfit expect runs/table1 -o configs/expected/table1.json
     """
+    from meshfit.experiment.storage.plan_file import in_planned_order
     from meshfit.experiment.storage.result import read_results
     from meshfit.experiment.storage.run_directory import write_atomically
     from meshfit.report.tables.expected import expectation
     from meshfit.report.tables.grouping import distinguish_definitions
     from meshfit.report.tables.table import build_tables
 
-    tables = build_tables(distinguish_definitions(read_results(runs)), *(metrics or ()))
+    tables = build_tables(distinguish_definitions(in_planned_order(read_results(runs))), *(metrics or ()))
     write_atomically(output, json.dumps(expectation(tables), indent=2) + "\n")
     cells = sum(len(table.cells) for table in tables)
     out.print(f"wrote {output}: {cells} cells", soft_wrap=True, markup=False)

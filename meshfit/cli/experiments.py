@@ -17,7 +17,9 @@ from meshfit.experiment.plan import Trial
 from meshfit.experiment.running.scheduler import run_trials
 from meshfit.experiment.status.eta import Estimate, estimate
 from meshfit.experiment.storage.checkpoint import snapshots_in
-from meshfit.experiment.storage.run_directory import FAILURE, Result, RunDirectory, make_folder
+from meshfit.experiment.storage.plan_file import in_planned_order
+from meshfit.experiment.storage.result import read_result_or_warn
+from meshfit.experiment.storage.run_directory import FAILURE, RESULT, Result, RunDirectory, damage, make_folder
 from meshfit.experiment.trial_status import Outcome, TrialStatus
 from meshfit.report.tables.grouping import distinguish_definitions
 from meshfit.units import count_text, duration_text
@@ -38,6 +40,7 @@ def run_and_report(trials: Sequence[Trial], options: RunOptions) -> int:
     """
     store = RunDirectory(options.runs)
     check_display(trials, options.metrics, options.baseline)
+    _warn_of_damage(trials, store)
     if options.dry_run:
         _print_plan(trials, store, options)
         return 0
@@ -46,11 +49,13 @@ def run_and_report(trials: Sequence[Trial], options: RunOptions) -> int:
     outcomes = _run_missing(trials, store, options)
     results = _results_of(trials, store)
     if options.as_json:
-        typer.echo(json.dumps(results, indent=2))
+        typer.echo(json.dumps(_plain_results(results), indent=2))
     elif results:
-        for note in dict.fromkeys(f"{result['target']}: {text}" for result in results for text in result["warnings"]):
+        for note in dict.fromkeys(
+            f"{result['target']}: {text}" for result in results for text in result.get("warnings", ())
+        ):
             print_warning(note)
-        show_tables(results, options.metrics, baseline=options.baseline, planned=True)
+        show_tables(results, options.metrics, baseline=options.baseline)
         folders = dict.fromkeys(str(options.runs / trial.experiment) for trial in trials)
         out.print(f"\nResults: {', '.join(folders)}", soft_wrap=True, markup=False)
     return _print_failures(trials, outcomes, store)
@@ -91,6 +96,12 @@ def _estimate(
         return None
 
 
+def _warn_of_damage(trials: Sequence[Trial], store: RunDirectory) -> None:
+    for trial in trials:
+        if (reason := damage(store.folder(trial) / RESULT)) is not None:
+            print_warning(f"{reason}; the trial is repeated")
+
+
 def _warn_of_missing_snapshots(trials: Sequence[Trial], store: RunDirectory) -> None:
     complete = [trial for trial in trials if trial.settings.fit.snapshots is not None and store.is_complete(trial)]
     without = sum(not snapshots_in(store.folder(trial)) for trial in complete)
@@ -120,11 +131,13 @@ def _remote(options: RunOptions) -> Iterator["Remote | None"]:
 
 
 def _results_of(trials: Sequence[Trial], store: RunDirectory) -> list[Result]:
-    results = [(trial, store.result(trial)) for trial in trials]
-    # The name of a sweep point may have changed since its trial was run.
-    return distinguish_definitions(
-        [result | {"variant": trial.variant} for trial, result in results if result is not None]
-    )
+    results = [read_result_or_warn(store.folder(trial)) for trial in trials]
+    return distinguish_definitions(in_planned_order(result for result in results if result is not None))
+
+
+def _plain_results(results: Sequence[Result]) -> list[Result]:
+    """Return results without what was added when they were read."""
+    return [{key: value for key, value in result.items() if key not in ("folder", "place")} for result in results]
 
 
 def _print_failures(trials: Sequence[Trial], outcomes: Mapping[int, Outcome], store: RunDirectory) -> int:

@@ -43,7 +43,7 @@ def figure(
         meshfit figure runs/table1 -o figure.pdf
         meshfit figure runs/accurate -o cow.svg --targets cow --metric distance.mean
     """
-    from meshfit.experiment.storage.plan_file import with_planned_names
+    from meshfit.experiment.storage.plan_file import in_planned_order
     from meshfit.experiment.storage.result import read_results
     from meshfit.experiment.storage.run_directory import write_atomically
     from meshfit.report.figures.figure import latex_figure, plain_caption, read_figure_targets, write_figure
@@ -52,7 +52,7 @@ def figure(
     from meshfit.report.tables.grouping import distinguish_definitions
 
     require_suffix(output)
-    results = distinguish_definitions(with_planned_names(read_results(runs)))
+    results = distinguish_definitions(in_planned_order(read_results(runs)))
     selection = select_trials(results, metric, targets=_names(targets), schemes=_names(schemes))
     figure_targets = read_figure_targets(selection)
     write_figure(figure_targets, output, metric)

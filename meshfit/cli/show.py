@@ -21,8 +21,8 @@ from meshfit.experiment.status.scan import ScannedExperiment, ScannedTrial, find
 from meshfit.experiment.storage.checkpoint import SNAPSHOTS, snapshots_in
 from meshfit.experiment.storage.failure import Failure, read_failure
 from meshfit.experiment.storage.frame import written_frame
-from meshfit.experiment.storage.result import end_time, read_result, read_settings
-from meshfit.experiment.storage.run_directory import LOCK, Result
+from meshfit.experiment.storage.result import end_time, read_settings
+from meshfit.experiment.storage.run_directory import LOCK, Result, read_result
 from meshfit.experiment.storage.trial_log import read_progress
 from meshfit.experiment.trial_status import TrialStatus
 from meshfit.measuring.metrics import METRICS

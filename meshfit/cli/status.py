@@ -17,6 +17,7 @@ from meshfit.cli.options import DEFAULT_RUNS, AsJson, OptionalRunDirs
 from meshfit.experiment.status.eta import seconds_left
 from meshfit.experiment.status.scan import ScannedExperiment, ScannedTrial, scan_experiments
 from meshfit.experiment.storage.failure import read_failure
+from meshfit.experiment.storage.run_directory import RESULT, damage
 from meshfit.experiment.storage.trial_log import LastProgress, read_progress
 from meshfit.experiment.trial_status import TrialStatus
 from meshfit.units import duration_text
@@ -26,6 +27,7 @@ STYLES = {
     TrialStatus.COMPLETE: "green",
     TrialStatus.RUNNING: "cyan",
     TrialStatus.FAILED: "red",
+    TrialStatus.DAMAGED: "red",
     TrialStatus.INTERRUPTED: "magenta",
     TrialStatus.WAITING: "",
 }
@@ -42,8 +44,9 @@ def status(
 ) -> int:
     """Show experiment status and time remaining.
 
-    Trials are complete, running, failed, interrupted or waiting. Only the run directory is read, which is safe while
-    trials run. An interrupted trial was started and has not ended: rerun the same command to resume it.
+    Trials are complete, running, failed, damaged, interrupted or waiting. Only the run directory is read, which is safe
+    while trials run. An interrupted trial was started and has not ended, and a damaged one has a result that cannot be
+    read: rerun the same command to resume or repeat it.
 
     Examples:
         meshfit status
@@ -58,7 +61,7 @@ def status(
     most = None if list_all else MOST_LISTED
     width = max(len(experiment.name) for experiment in experiments)
     for experiment in experiments:
-        details = [*_running(experiment, now, most), *_failed(experiment, most)]
+        details = [*_running(experiment, now, most), *_failed(experiment, most), *_damaged(experiment, most)]
         for line in (_summary(experiment, width), *details):
             out.print(line, soft_wrap=isinstance(line, Text))
         if details and experiment is not experiments[-1]:
@@ -126,6 +129,18 @@ def _failed(experiment: ScannedExperiment, most: int | None) -> Iterator[Rendera
         yield from _more(len(failures), most)
 
 
+def _damaged(experiment: ScannedExperiment, most: int | None) -> Iterator[RenderableType]:
+    """Trials whose result is damaged, each with the damage."""
+    damaged = experiment.of(TrialStatus.DAMAGED)
+    if damaged:
+        yield Text.assemble("  ", ("damaged", "bold red"), f" ({len(damaged):,})")
+        yield Padding(Text("the next `meshfit run` repeats them"), (0, 0, 0, 4))
+        for trial in damaged[:most]:
+            yield Text.assemble("      ", (trial.label, "red"))
+            yield Text(f"        {damage(trial.path / RESULT) or 'complete by now'}")
+        yield from _more(len(damaged), most)
+
+
 def _more(count: int, most: int | None) -> Iterator[Text]:
     if most is not None and count > most:
         yield Text(f"  and {count - most:,} more; --all lists them")
@@ -156,4 +171,6 @@ def _plain_trial(trial: ScannedTrial) -> dict[str, object]:
             "step": failure.step,
             "see": str(failure.path),
         }
+    elif trial.status is TrialStatus.DAMAGED:
+        plain["damage"] = damage(trial.path / RESULT)
     return plain

@@ -48,11 +48,11 @@ def table(
         meshfit table runs/table1 --format latex > table1.tex
         meshfit table runs/table1 --check configs/expected/table1.json
     """
-    from meshfit.experiment.storage.plan_file import with_planned_names
+    from meshfit.experiment.storage.plan_file import in_planned_order
     from meshfit.experiment.storage.result import read_results
     from meshfit.report.tables.grouping import distinguish_definitions
 
-    results = distinguish_definitions(with_planned_names(read_results(runs)))
+    results = distinguish_definitions(in_planned_order(read_results(runs)))
     if check is not None:
         return _check(runs, results, check)
     show_tables(results, metrics, baseline=baseline, format_name=format)
@@ -83,26 +83,20 @@ def show_tables(
     *,
     baseline: str | None = None,
     format_name: str = "rich",
-    planned: bool = False,
 ) -> None:
     """Print the tables of results to stdout.
 
     Args:
-        results: results from `distinguish_definitions`.
+        results: results from `distinguish_definitions`, of `in_planned_order`.
         metrics: names of metrics; by default the Hausdorff distance.
         baseline: the scheme that others are compared with; by default the first.
         format_name: a name in `FORMATS`, or `rich` to print with colour.
-        planned: keep the order of the results, which is that of the plan, for rows, columns and variations.
     """
     from meshfit.report.tables.formats import FORMATS
     from meshfit.report.tables.formats.terminal import TablesView
-    from meshfit.report.tables.grouping import target_key
     from meshfit.report.tables.table import build_tables, merge_tables
 
-    schemes = list(dict.fromkeys(result["scheme"] for result in results)) if planned else ()
-    targets = list(dict.fromkeys(map(target_key, results))) if planned else ()
-    tables = build_tables(results, *(metrics or ()), baseline=baseline, schemes=schemes, targets=targets)
-    merged = merge_tables(tables, planned=planned)
+    merged = merge_tables(build_tables(results, *(metrics or ()), baseline=baseline))
     if format_name == "rich":
         out.print(TablesView(merged))
     else:

@@ -16,6 +16,7 @@ from meshfit.experiment.source import build_source, source_files
 from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path, target_title
 from meshfit.paths import file_stem
+from meshfit.specs import spec_folder
 from meshfit.subdivision.registry import NamedScheme
 
 RESULTS_VERSION = 3
@@ -114,7 +115,7 @@ class Trial:
     @property
     def folder(self) -> Path:
         """Its folder, relative to the run directory."""
-        scheme = self.scheme.replace(":", "-").replace("=", "-").replace(",", "-")
+        scheme = spec_folder(self.scheme)
         return Path(self.experiment, target_label(self.target), scheme, f"seed-{self.seed}-{self.identity[:10]}")
 
 

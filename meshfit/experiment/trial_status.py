@@ -17,6 +17,8 @@ class TrialStatus(StrEnum):
     MEASURING = "measuring"
     COMPLETE = "complete"
     FAILED = "failed"
+    DAMAGED = "damaged"
+    """Ended, with a result that cannot be read; the next run repeats the trial."""
     INTERRUPTED = "interrupted"
     """Begun, and neither complete, failed nor running."""
 

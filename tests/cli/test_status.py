@@ -89,7 +89,8 @@ def test_status_lists_some_of_a_kind_and_all_on_demand(many):
 
 def test_status_as_json_holds_every_trial(many):
     (experiment,) = json.loads(answered("status", "--json"))
-    assert experiment["counts"] == {"complete": 96, "running": 3, "failed": 24, "interrupted": 0, "waiting": 117}
+    counts = {"complete": 96, "running": 3, "failed": 24, "damaged": 0, "interrupted": 0, "waiting": 117}
+    assert experiment["counts"] == counts
     assert len(experiment["trials"]) == 240
     assert experiment["workers"] == 4
     assert experiment["seconds_left"] == pytest.approx((117 * 11 + 3 * (7.5 + 1)) / 4)

@@ -1,3 +1,4 @@
+import json
 import os
 import stat
 import tempfile
@@ -12,7 +13,7 @@ from meshfit.experiment.status.scan import scan, status_of, trial_folder
 from meshfit.experiment.storage.result import read_results
 from meshfit.experiment.storage.trial_log import this_host
 from meshfit.experiment.trial_status import TrialStatus
-from tests.runs import NOW, begun, complete, failed, held, write_progress
+from tests.runs import NOW, begun, complete, failed, held, result_of, write_progress
 
 
 def state(folder):
@@ -28,7 +29,19 @@ def test_a_trial_is_complete_failed_interrupted_or_waiting_by_its_files(tmp_path
 
 def test_a_result_counts_for_more_than_a_failure_before_it(tmp_path):
     folder = failed(tmp_path)
-    (folder / "result.json").write_text("{}")
+    (folder / "result.json").write_text(json.dumps(result_of()))
+    assert state(folder) is TrialStatus.COMPLETE
+
+
+def test_a_trial_whose_result_is_damaged_is_damaged_unless_it_runs_again(tmp_path):
+    folder = complete(tmp_path)
+    result = (folder / "result.json").read_bytes()
+    for content in (b"", result[:-9], b"{}", b"[]", result.replace(b'"bunny"', b"7"), b"\xff" + result):
+        (folder / "result.json").write_bytes(content)
+        assert state(folder) is TrialStatus.DAMAGED
+    with held(folder):
+        assert state(folder) is TrialStatus.RUNNING
+    (folder / "result.json").write_bytes(result)
     assert state(folder) is TrialStatus.COMPLETE
 
 

@@ -7,7 +7,7 @@ import pyarrow.parquet
 import pytest
 
 from meshfit.config.experiment import ExperimentSettings
-from meshfit.errors import ConfigError, StoreError
+from meshfit.errors import ConfigError, MeshfitWarning, StoreError
 from meshfit.experiment.status.scan import scan_experiments
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.tables.export import HEAD, columns_of, records_of, write_records
@@ -168,9 +168,15 @@ def test_damaged_files_are_named(runs):
     path.with_name("config.yaml").write_text("[")
     with pytest.raises(ConfigError, match=r"config\.yaml: line 1: not valid YAML"):
         records_of(scan_experiments([runs], NOW))
-    next(runs.glob("small/*/*/seed-0-*/result.json")).write_text("{")
-    with pytest.raises(StoreError, match=r"result\.json: not valid JSON"):
-        records_of(scan_experiments([runs], NOW))
+
+
+def test_damaged_results_are_left_out_with_a_warning(runs):
+    complete = [record["folder"] for record in records_of(scan_experiments([runs], NOW))]
+    path = next(runs.glob("small/*/*/seed-0-*/result.json"))
+    path.write_text("{")
+    with pytest.warns(MeshfitWarning, match=r"left out: .*result\.json: not valid JSON"):
+        records = records_of(scan_experiments([runs], NOW))
+    assert [record["folder"] for record in records] == [name for name in complete if name != str(path.parent)]
 
 
 @pytest.mark.parametrize(("name", "found"), [("out.xlsx", "'.xlsx'"), ("out", "no suffix"), ("out.CSV", "'.CSV'")])

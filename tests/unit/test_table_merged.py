@@ -24,8 +24,8 @@ def sweep(values=CLEAR, **changes):
     return [one for at, edge in found for one in grid(scaled(at, values), fit__losses__edge=edge, **changes)]
 
 
-def merged(results, *metrics, planned=False, **options):
-    return merge_tables(build_tables(results, *metrics, **options), planned=planned)
+def merged(results, *metrics, **options):
+    return merge_tables(build_tables(results, *metrics, **options))
 
 
 def test_one_table_stays_as_it_is_and_needs_no_name():
@@ -53,7 +53,11 @@ def test_variations_of_an_experiment_stand_below_each_other_and_the_setting_is_v
 
 
 def test_a_planned_order_is_kept():
-    (table,) = merged(sweep(), planned=True)
+    (table,) = merged([each | {"place": (0, 0, 0, number)} for number, each in enumerate(sweep())])
+    assert names(table) == ("edge=0.1", "edge=1.0", "edge=10.0")  # a plan without variants does not decide
+    places = {edge: place for place, edge in enumerate(EDGES)}
+    placed = [each | {"place": (places[each["settings"]["fit"]["losses"]["edge"]], 0, 0, 0)} for each in sweep()]
+    (table,) = merged(placed[::-1])
     assert names(table) == ("edge=10.0", "edge=0.1", "edge=1.0")
 
 

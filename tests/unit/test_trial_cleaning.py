@@ -1,3 +1,4 @@
+import json
 import os
 
 import pytest
@@ -8,7 +9,7 @@ from meshfit.experiment.status.cleaning import clean, is_half_written
 from meshfit.experiment.status.scan import scan_experiments
 from meshfit.experiment.storage.run_directory import write_atomically
 from meshfit.experiment.trial_status import TrialStatus
-from tests.runs import NOW, begun, complete, failed, held, write_plan
+from tests.runs import NOW, begun, complete, failed, held, result_of, write_plan
 
 FAILED, PARTIAL, BOTH = [TrialStatus.FAILED], [TrialStatus.INTERRUPTED], [TrialStatus.FAILED, TrialStatus.INTERRUPTED]
 
@@ -85,7 +86,7 @@ def test_a_trial_that_began_since_it_was_looked_at_is_left(tmp_path):
 def test_a_trial_that_ended_since_it_was_looked_at_is_left(tmp_path):
     folder = begun(tmp_path)
     seen = scan_experiments([tmp_path], NOW)
-    (folder / "result.json").write_text("{}")
+    (folder / "result.json").write_text(json.dumps(result_of()))
     assert clean(seen, BOTH, [tmp_path]).removed == ()
     assert (folder / "result.json").exists()
 

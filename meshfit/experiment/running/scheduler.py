@@ -11,7 +11,7 @@ from meshfit.experiment.running.backends import Backend, LocalBackend, ProgressR
 from meshfit.experiment.running.process_pool import ONE_THREAD, environment
 from meshfit.experiment.running.worker import JobResult, store_outputs
 from meshfit.experiment.storage.failure import RETRIED, failed_attempts, killed_record
-from meshfit.experiment.storage.plan_file import write_plan
+from meshfit.experiment.storage.plan_file import update_order, write_plan
 from meshfit.experiment.storage.run_directory import FAILURE, LOG, RunDirectory, json_text, now
 from meshfit.experiment.trial_status import Outcome, TrialStatus
 
@@ -59,6 +59,7 @@ def run_trials(
         outcomes |= dict.fromkeys(complete, Outcome(TrialStatus.COMPLETE))
     pending = [i for i in range(len(trials)) if i not in outcomes]
     if not pending:
+        update_order(trials, store)
         return outcomes
     backend: Backend
     with environment(ONE_THREAD):

@@ -72,7 +72,8 @@ def seconds_left(experiment: ScannedExperiment) -> float | None:
 
 def _unfinished(experiment: ScannedExperiment) -> list[ScannedTrial]:
     """Running trials, and planned ones that have not ended; where there is no plan, those that were begun."""
-    stopped = (*experiment.of(TrialStatus.WAITING), *experiment.of(TrialStatus.INTERRUPTED))
+    not_run = (TrialStatus.WAITING, TrialStatus.INTERRUPTED, TrialStatus.DAMAGED)
+    stopped = [trial for status in not_run for trial in experiment.of(status)]
     planned = [trial for trial in stopped if trial.planned or experiment.plan is None]
     return experiment.of(TrialStatus.RUNNING) + planned
 

@@ -1,4 +1,4 @@
-"""Scan of run directories: experiments, their trials, and the status of each by its files and lock."""
+"""Scan of run directories: experiments, their trials, and the status of each by its files, result and lock."""
 
 import os
 import re
@@ -13,7 +13,7 @@ from filelock import FileLock, Timeout
 from meshfit.errors import ConfigError, StoreError
 from meshfit.experiment.storage.failure import Failure, read_failure
 from meshfit.experiment.storage.plan_file import PlanFile, PlannedTrial, read_plan
-from meshfit.experiment.storage.run_directory import FAILURE, LOCK, PLAN, RESULT
+from meshfit.experiment.storage.run_directory import FAILURE, LOCK, PLAN, RESULT, damage
 from meshfit.experiment.storage.trial_log import read_progress, this_host
 from meshfit.experiment.trial_status import TrialStatus
 
@@ -21,6 +21,7 @@ SCANNED_STATUSES = (
     TrialStatus.COMPLETE,
     TrialStatus.RUNNING,
     TrialStatus.FAILED,
+    TrialStatus.DAMAGED,
     TrialStatus.INTERRUPTED,
     TrialStatus.WAITING,
 )
@@ -124,7 +125,10 @@ class ScannedTrial:
 
 @dataclass(frozen=True)
 class ScannedExperiment:
-    """One experiment: its folder, its latest plan, if there is one, and its trials, in the order of their folders."""
+    """One experiment: its folder, its latest plan, if there is one, and its trials, in the order of the plan.
+
+    Trials that are not in the plan are in the order of their folders.
+    """
 
     name: str
     folder: Path
@@ -186,9 +190,16 @@ def _experiment(
         if path not in folders and any(path.is_relative_to(root) for root in within):
             # The scan did not see it: it did not exist yet, or lies behind a link.
             folders[path] = TrialFolder(folder / entry.folder, frozenset())
-    trials = (ScannedTrial(trial, status_of(trial, now), planned.get(path)) for path, trial in folders.items())
-    ordered = sorted(trials, key=lambda trial: trial.folder.sort_key)
+    trials = [ScannedTrial(trial, status_of(trial, now), planned.get(path)) for path, trial in folders.items()]
+    ordered = sorted(trials, key=lambda trial: (_place(trial, plan), trial.folder.sort_key[1:]))
     return ScannedExperiment(experiment.name, folder, plan, tuple(ordered))
+
+
+def _place(trial: ScannedTrial, plan: PlanFile | None) -> tuple[tuple[int, ...], str]:
+    """The place of a trial by the plan, then by the folder of its target and scheme."""
+    variant = trial.variant if trial.planned else None
+    place = plan.place(trial.target, trial.scheme, variant) if plan else ()
+    return place, str(trial.path.parent)
 
 
 @dataclass(frozen=True)
@@ -244,22 +255,25 @@ def trial_folder(path: Path) -> TrialFolder:
 
 def status_of(folder: TrialFolder, now: datetime) -> TrialStatus:
     """The status of a trial."""
-    if RESULT in folder.files:
+    if _has_valid_result(folder):
         return TrialStatus.COMPLETE
     if is_running(folder, now):
         return TrialStatus.RUNNING
-    if (folder.path / RESULT).exists():
-        return TrialStatus.COMPLETE  # it was still running when its folder was listed
-    return status_at_rest(folder)
+    # It may have been running still when its folder was listed.
+    return status_at_rest(trial_folder(folder.path) if LOCK in folder.files else folder)
 
 
 def status_at_rest(folder: TrialFolder) -> TrialStatus:
     """The status of a trial that is not running."""
     if RESULT in folder.files:
-        return TrialStatus.COMPLETE
+        return TrialStatus.COMPLETE if _has_valid_result(folder) else TrialStatus.DAMAGED
     if FAILURE in folder.files:
         return TrialStatus.FAILED
     return TrialStatus.INTERRUPTED if folder.files else TrialStatus.WAITING
+
+
+def _has_valid_result(folder: TrialFolder) -> bool:
+    return RESULT in folder.files and damage(folder.path / RESULT) is None
 
 
 def is_running(folder: TrialFolder, now: datetime) -> bool:

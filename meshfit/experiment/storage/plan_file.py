@@ -1,8 +1,9 @@
-"""`plan.json`: the trials of an experiment, as its latest run planned them when it started."""
+"""`plan.json`: the trials of an experiment, as its latest run planned them, and the order of its tables."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ from meshfit.experiment.storage.run_directory import (
     read_json,
     write_atomically,
 )
+from meshfit.specs import spec_folder
 
 if TYPE_CHECKING:
     from meshfit.experiment.plan import Trial
@@ -40,15 +42,47 @@ class PlannedTrial:
 
 @dataclass(frozen=True)
 class PlanFile:
-    """The latest plan of an experiment; `workers` is the number of trials that run side by side."""
+    """The latest plan of an experiment.
+
+    Attributes:
+        written: the time at which it was written.
+        workers: the number of trials that run side by side.
+        trials: in the order in which they are to run.
+        targets: the targets in the order of the config, those of earlier plans among them.
+        schemes: the schemes, as the targets.
+        variants: the variants, as the targets.
+    """
 
     written: str
     workers: int
     trials: tuple[PlannedTrial, ...]
+    targets: tuple[str, ...]
+    schemes: tuple[str, ...]
+    variants: tuple[str, ...]
+
+    @cached_property
+    def numbers(self) -> dict[Path, int]:
+        """The place of each trial in the order in which they are to run, by its folder."""
+        return {trial.folder: number for number, trial in enumerate(self.trials)}
+
+    def place(self, target: str, scheme: str, variant: str | None) -> tuple[int, int, int]:
+        """Return the places of a trial's variant, target and scheme; names that are not in the plan come last.
+
+        Args:
+            target: short name of the target.
+            scheme: spec of the scheme, or the name of its folder.
+            variant: name of the variant; None if it is not known.
+        """
+        if variant is None:
+            variant = self.variants[0] if len(self.variants) == 1 else ""
+        schemes = self.schemes if scheme in self.schemes else [spec_folder(spec) for spec in self.schemes]
+        return _index(self.variants, variant), _index(self.targets, target), _index(schemes, scheme)
 
 
 def write_plan(trials: Sequence["Trial"], store: RunDirectory, workers: int) -> None:
     """Write the plan of each experiment among some trials, in place of the previous one.
+
+    The order of the targets, schemes and variants that are not in the new plan is kept from the previous one.
 
     Args:
         trials: the trials, in the order in which they are to run.
@@ -59,10 +93,66 @@ def write_plan(trials: Sequence["Trial"], store: RunDirectory, workers: int) -> 
         StoreError: it cannot be written.
     """
     for experiment in dict.fromkeys(trial.experiment for trial in trials):
-        entries = [_entry(trial) for trial in trials if trial.experiment == experiment]
-        content = {"schema_version": PLAN_FILE_VERSION, "written": now(), "workers": workers, "trials": entries}
+        planned = [trial for trial in trials if trial.experiment == experiment]
         make_folder(store.root / experiment)
-        write_atomically(store.root / experiment / PLAN, json_text(content))
+        write_atomically(
+            store.root / experiment / PLAN,
+            json_text(
+                {
+                    "schema_version": PLAN_FILE_VERSION,
+                    "written": now(),
+                    "workers": workers,
+                    **_order(planned, _previous(store.root / experiment)),
+                    "trials": list(map(_entry, planned)),
+                }
+            ),
+        )
+
+
+def update_order(trials: Sequence["Trial"], store: RunDirectory) -> None:
+    """Bring the plans of complete trials up to date where the order or a name has changed in the config.
+
+    Plans are left as they are if they cannot be written, and if they hold further trials.
+    """
+    for experiment in dict.fromkeys(trial.experiment for trial in trials):
+        planned = [trial for trial in trials if trial.experiment == experiment]
+        previous = _previous(store.root / experiment)
+        names = {(trial.folder.relative_to(experiment), trial.variant) for trial in planned}
+        if previous is not None and names <= {(trial.folder, trial.variant) for trial in previous.trials}:
+            order = _order(planned, previous)
+            if all(list(getattr(previous, key)) == order[key] for key in order):
+                continue
+        with suppress(StoreError):  # a run directory of someone else, say
+            write_plan(planned, store, previous.workers if previous else 1)
+
+
+def _previous(experiment: Path) -> PlanFile | None:
+    with suppress(StoreError):  # a damaged plan is replaced
+        return read_plan(experiment)
+    return None
+
+
+def _order(trials: Sequence["Trial"], previous: PlanFile | None) -> dict[str, list[str]]:
+    """The order of tables, by what is in order."""
+    latest = {
+        "targets": [trial.names["target"] for trial in trials],
+        "schemes": [trial.scheme for trial in trials],
+        "variants": [trial.variant for trial in trials],
+    }
+    return {key: _merged_order(names, getattr(previous, key) if previous else ()) for key, names in latest.items()}
+
+
+def _merged_order(latest: Iterable[str], previous: Sequence[str]) -> list[str]:
+    """Return the latest names in order, with each other previous name after the one that it followed."""
+    merged = list(dict.fromkeys(latest))
+    for before, name in zip(("", *previous), previous, strict=False):
+        if name not in merged:
+            merged.insert(merged.index(before) + 1 if before in merged else 0, name)
+    return merged
+
+
+def _index(names: Sequence[str], name: str) -> int:
+    return names.index(name) if name in names else len(names)
 
 
 def read_plan(experiment: Path) -> PlanFile | None:
@@ -84,32 +174,44 @@ def read_plan(experiment: Path) -> PlanFile | None:
         raise StoreError(f"{path}: {expected}; the next `meshfit run` rewrites it")
     try:
         trials = tuple(map(_planned_trial, content["trials"]))
-        return PlanFile(str(content["written"]), max(1, int(content["workers"])), trials)
+        # Plans of older versions hold no order but that of their trials.
+        targets = content.get("targets", dict.fromkeys(trial.target for trial in trials))
+        schemes = content.get("schemes", dict.fromkeys(trial.scheme for trial in trials))
+        variants = content.get("variants", dict.fromkeys(trial.variant for trial in trials))
+        order = (tuple(map(str, names)) for names in (targets, schemes, variants))
+        return PlanFile(str(content["written"]), max(1, int(content["workers"])), trials, *order)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         reason = f"no {error}" if isinstance(error, KeyError) else str(error)
         raise StoreError(f"{path}: not a plan: {reason}; the next `meshfit run` rewrites it") from None
 
 
-def with_planned_names(results: Iterable[Result]) -> list[Result]:
-    """Return results with the variant names of the latest plan, whatever the names were when the trials ran."""
-    names: dict[Path, dict[str, str]] = {}
-    renamed = []
+def in_planned_order(results: Iterable[Result]) -> list[Result]:
+    """Return results in the order of their experiments' plans, with the names that these give to variants.
+
+    The place of each in its plan becomes its `place`: those of the variant, the target and the scheme, and that of the
+    trial. Results without a plan keep their order and get no place. The order of the experiments is kept.
+
+    Args:
+        results: results with their `folder`.
+    """
+    plans: dict[Path, PlanFile | None] = {}
+    groups: dict[Path, list[Result]] = {}
     for result in results:
         folder = Path(result["folder"])
         experiment = folder.parents[2] if len(folder.parents) > 2 else folder
-        if experiment not in names:
-            names[experiment] = _variant_names(experiment)
-        name = names[experiment].get(folder.relative_to(experiment).as_posix(), result.get("variant", ""))
-        renamed.append(result | {"variant": name})
-    return renamed
+        if experiment not in plans:
+            plans[experiment] = _previous(experiment)  # `meshfit status` reports a damaged plan
+        groups.setdefault(experiment, []).append(_placed(result, folder.relative_to(experiment), plans[experiment]))
+    return [result for group in groups.values() for result in sorted(group, key=lambda each: each.get("place", ()))]
 
 
-def _variant_names(experiment: Path) -> dict[str, str]:
-    """The variant of each planned trial by its folder."""
-    with suppress(StoreError):  # names are optional here; `meshfit status` reports a damaged plan
-        if (plan := read_plan(experiment)) is not None:
-            return {trial.folder.as_posix(): trial.variant for trial in plan.trials}
-    return {}
+def _placed(result: Result, folder: Path, plan: PlanFile | None) -> Result:
+    if plan is None:
+        return result | {"variant": result.get("variant", "")}
+    number = plan.numbers.get(folder, len(plan.trials))
+    variant = plan.trials[number].variant if number < len(plan.trials) else result.get("variant", "")
+    place = plan.place(result["target"], result["scheme"], variant)
+    return result | {"variant": variant, "place": (*place, number)}
 
 
 def _entry(trial: "Trial") -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 import os
 import platform
+import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from datetime import UTC, datetime
@@ -10,8 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from meshfit.config.strict_yaml import parse_document
-from meshfit.errors import StoreError
-from meshfit.experiment.storage.run_directory import CONFIG, FAILURE, RESULT, Result, now, read_json
+from meshfit.errors import MeshfitWarning, StoreError
+from meshfit.experiment.storage.run_directory import CONFIG, FAILURE, RESULT, Result, now, read_json, read_result
+from meshfit.units import count_text
 
 if TYPE_CHECKING:
     from meshfit.experiment.plan import Trial
@@ -46,16 +48,6 @@ def _provenance() -> Result:
     packages = {name: version(name) for name in _PACKAGES}
     machine: dict[str, Any] = {"system": platform.platform(), "machine": platform.machine(), "host": platform.node()}
     return {"versions": {"python": platform.python_version()} | packages, "platform": machine}
-
-
-def read_result(folder: Path) -> Result | None:
-    """Read the result of the trial in a folder; None if it is not complete.
-
-    Raises:
-        StoreError: it cannot be read.
-    """
-    path = folder / RESULT
-    return read_json(path) if path.is_file() else None
 
 
 def read_settings(folder: Path, result: Result | None) -> dict[str, Any]:
@@ -93,17 +85,31 @@ def end_time(folder: Path) -> datetime | None:
 def read_results(roots: Iterable[Path]) -> list[Result]:
     """Read every result under some run directories, or under folders of them, in the order of their paths.
 
+    Damaged results are left out with a warning.
+
     Raises:
-        StoreError: no such directory, no complete trial in any of them, or a result that cannot be read.
+        StoreError: no such directory, or no complete trial in any of them.
     """
     paths: list[Path] = []
     for root in roots:
         if not root.exists():
             raise StoreError(f"{root}: no such run directory; `meshfit run` makes one")
         paths += _results_below(root)
-    if not paths:
-        raise StoreError(f"no complete trial under {', '.join(map(str, roots))}; `meshfit run` makes them")
-    return [read_json(path) | {"folder": str(path.parent)} for path in dict.fromkeys(paths)]
+    results = [result for path in dict.fromkeys(paths) if (result := read_result_or_warn(path.parent)) is not None]
+    if not results:
+        damaged = f"; damaged: {count_text(len(paths), 'result')}" if paths else ""
+        raise StoreError(f"no complete trial under {', '.join(map(str, roots))}; `meshfit run` makes them{damaged}")
+    return results
+
+
+def read_result_or_warn(folder: Path) -> Result | None:
+    """Read the result of the trial in a folder, with its `folder`; None, with a warning, if it is damaged."""
+    try:
+        result = read_result(folder)
+    except StoreError as error:
+        warnings.warn(f"left out: {error}", MeshfitWarning, stacklevel=2)
+        return None
+    return None if result is None else result | {"folder": str(folder)}
 
 
 def _results_below(folder: Path) -> Iterator[Path]:

@@ -1,8 +1,10 @@
 """The run directory: one folder per trial, whose files are written whole or not at all."""
 
 import json
+import math
 import os
 import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -11,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from filelock import FileLock
 
 from meshfit.errors import StoreError
+from meshfit.measuring.metrics import METRICS
 from meshfit.paths import write_error_message
 
 if TYPE_CHECKING:
@@ -26,10 +29,23 @@ CONFIG = "config.yaml"
 LOCK = ".lock"
 Result = dict[str, Any]
 
+_REPEATED = "the next `meshfit run` repeats the trial"
+# The entries of a result that tables cannot do without, and their types.
+_ESSENTIAL = {
+    "schema_version": int,
+    "identity": str,
+    "experiment": str,
+    "target": str,
+    "target_title": str,
+    "scheme": str,
+    "seed": int,
+    "settings": Mapping,
+}
+
 
 @dataclass(frozen=True)
 class RunDirectory:
-    """A run directory. A trial is complete once its `result.json` exists, which is written last."""
+    """A run directory. A trial is complete once it has a valid `result.json`, which is written last."""
 
     root: Path
 
@@ -38,16 +54,15 @@ class RunDirectory:
         return self.root / trial.folder
 
     def result(self, trial: "Trial") -> Result | None:
-        """Read the result of a trial; None if it is not complete.
-
-        Raises:
-            StoreError: it cannot be read.
-        """
-        return self._read(trial, RESULT)
+        """Read the result of a trial; None if it is not complete, or damaged."""
+        try:
+            return read_result(self.folder(trial))
+        except StoreError:
+            return None
 
     def is_complete(self, trial: "Trial") -> bool:
-        """Whether a trial has a result."""
-        return (self.folder(trial) / RESULT).is_file()
+        """Whether a trial has a result that is not damaged."""
+        return self.result(trial) is not None
 
     def failure(self, trial: "Trial") -> Result | None:
         """Read the record of a trial's failure; None if there is none.
@@ -153,6 +168,43 @@ def read_json(path: Path) -> Result:
     if not isinstance(content, dict):
         raise StoreError(f"{path}: expected a JSON object, got a {type(content).__name__}")
     return content
+
+
+def read_result(folder: Path) -> Result | None:
+    """Read the result of the trial in a folder; None if it has none.
+
+    Raises:
+        StoreError: it cannot be read, lacks what every result has, or has a metric that is not a finite number.
+    """
+    path = folder / RESULT
+    if not path.is_file():
+        return None
+    try:
+        result = read_json(path)
+    except StoreError as error:
+        raise StoreError(f"{str(error).partition('; delete it')[0]}; {_REPEATED}") from None
+    for key, kind in _ESSENTIAL.items():
+        if not isinstance(result.get(key), kind):
+            problem = f"{key} is {json.dumps(result[key])}" if key in result else f"no {key}"
+            raise StoreError(f"{path}: not the result of a trial: {problem}; {_REPEATED}")
+    if not (isinstance(targets := result["settings"].get("targets"), list) and targets):
+        raise StoreError(f"{path}: not the result of a trial: no settings.targets; {_REPEATED}")
+    for name in METRICS:
+        value: Any = result
+        for key in name.split("."):
+            value = value.get(key) if isinstance(value, Mapping) else None
+        if not (value is None or (isinstance(value, int | float) and math.isfinite(value))):
+            raise StoreError(f"{path}: {name} is {json.dumps(value)}, expected a finite number; {_REPEATED}")
+    return result
+
+
+def damage(path: Path) -> str | None:
+    """Return the path of a `result.json` and what is wrong with it; None if it is valid, or missing."""
+    try:
+        read_result(path.parent)
+    except StoreError as error:
+        return str(error).removesuffix(f"; {_REPEATED}")
+    return None
 
 
 def now() -> str:

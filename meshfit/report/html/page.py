@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from meshfit.experiment.status.scan import ScannedExperiment, scan_experiments
-from meshfit.experiment.storage.plan_file import with_planned_names
-from meshfit.experiment.storage.result import read_result
+from meshfit.experiment.storage.plan_file import in_planned_order
+from meshfit.experiment.storage.result import read_result_or_warn
 from meshfit.experiment.storage.run_directory import Result
+from meshfit.experiment.trial_status import TrialStatus
 from meshfit.report.extra import import_optional
 from meshfit.report.figures.colours import DISTANCES
 from meshfit.report.html import tables as text
@@ -63,12 +64,13 @@ def read_report(roots: Sequence[Path], metrics: Sequence[str], baseline: str | N
     """
     experiments = scan_experiments(roots, now)
     complete = [
-        result | {"folder": str(trial.path)}
+        result
         for experiment in experiments
         for trial in experiment.trials
-        if (result := read_result(trial.path)) is not None
+        if trial.status in (TrialStatus.COMPLETE, TrialStatus.DAMAGED)
+        and (result := read_result_or_warn(trial.path)) is not None
     ]
-    results = distinguish_definitions(with_planned_names(complete))
+    results = distinguish_definitions(in_planned_order(complete))
     return ReportData(experiments, results, merge_tables(build_tables(results, *metrics, baseline=baseline)))
 
 

@@ -13,7 +13,7 @@ from meshfit.config.experiment import default_settings
 from meshfit.errors import ConfigError
 from meshfit.experiment.status.scan import ScannedExperiment, ScannedTrial
 from meshfit.experiment.storage.failure import read_failure
-from meshfit.experiment.storage.result import read_result, read_settings
+from meshfit.experiment.storage.result import read_result_or_warn, read_settings
 from meshfit.experiment.storage.run_directory import Result, write_atomically
 from meshfit.experiment.trial_status import TrialStatus
 from meshfit.fitting.settings import METHODS
@@ -34,20 +34,25 @@ _TYPES = {bool: "bool", int: "int64", float: "float64", str: "string"}
 
 
 def records_of(experiments: Sequence[ScannedExperiment]) -> list[Record]:
-    """Return the record of each completed or failed trial, in the order of the folders.
+    """Return the record of each completed or failed trial, in the order of the experiments' trials.
+
+    Damaged results are left out with a warning.
 
     Raises:
         StoreError: a file of a trial cannot be read.
         ConfigError: the settings of a trial are invalid.
     """
-    ended = (TrialStatus.COMPLETE, TrialStatus.FAILED)
-    return [
-        _record(experiment, trial) for experiment in experiments for trial in experiment.trials if trial.status in ended
-    ]
+    ended = (TrialStatus.COMPLETE, TrialStatus.FAILED, TrialStatus.DAMAGED)
+    read = (
+        (experiment, trial, read_result_or_warn(trial.path))
+        for experiment in experiments
+        for trial in experiment.trials
+        if trial.status in ended
+    )
+    return [_record(*trial) for trial in read if trial[1].status is TrialStatus.FAILED or trial[2] is not None]
 
 
-def _record(experiment: ScannedExperiment, trial: ScannedTrial) -> Record:
-    result = read_result(trial.path)
+def _record(experiment: ScannedExperiment, trial: ScannedTrial, result: Result | None) -> Record:
     settings = read_settings(trial.path, result)
     stored = _failure(trial) if result is None else result
     head = {

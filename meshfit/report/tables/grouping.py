@@ -3,10 +3,11 @@
 import json
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from meshfit.config.experiment import SOURCE_FILE_KEYS
 from meshfit.config.scheme_files import scheme_name_for
@@ -42,6 +43,7 @@ class Variation:
         schemes: in the order of rows.
         baseline: the scheme that others are compared with.
         samples: values by metric, target and scheme, then by seed; only where there are values.
+        place: place among the variations of its experiments, by their plans; empty if these do not say.
         name: name among the variations of a table; empty for a single one.
     """
 
@@ -53,6 +55,7 @@ class Variation:
     schemes: tuple[str, ...]
     baseline: str
     samples: Mapping[tuple[str, str, str], BySeed]
+    place: tuple[int, ...] = ()
     name: str = ""
 
 
@@ -66,12 +69,16 @@ def group_results(
 ) -> list[Variation]:
     """Group results by their shared settings, in the order in which these first appear.
 
+    Targets and schemes are in the order of the configs where results have their `place` in a plan.
+
     Args:
-        results: the contents of `result.json` files.
+        results: the contents of `result.json` files, perhaps from `in_planned_order`.
         metrics: names of `METRICS`.
         baseline: the scheme that others are compared with; by default the first of each variation.
-        schemes: schemes that come first, in this order; others follow in the order of `SCHEMES`, then alphabetically.
-        targets: targets that come first, in this order; others follow, those of the paper first, then alphabetically.
+        schemes: schemes that come first, in this order; without a place in a plan, others follow in the order of
+            `SCHEMES`, then alphabetically.
+        targets: targets that come first, in this order; without a place in a plan, others follow, those of the paper
+            first, then alphabetically.
 
     Raises:
         StoreError: two results of one trial disagree, or a value is not a finite number.
@@ -84,22 +91,26 @@ def group_results(
         shared.setdefault(key, settings)
         groups.setdefault(key, []).append(result)
     differing = differing_keys(list(shared.values()))
-    scheme_rank, target_rank = _rank(schemes, list(SCHEMES)), _rank(targets, PAPER_TARGETS)
+    experiments = list(dict.fromkeys(result["experiment"] for result in results))
     variations = []
     for key, group in groups.items():
         experiment = " + ".join(dict.fromkeys(result["experiment"] for result in group))
         variants = {result.get("variant") or "" for result in group}
-        rows = sorted({result["scheme"] for result in group}, key=scheme_rank)
+        places = [_places(result, experiments) for result in group]
+        by_scheme = _least((result["scheme"], place.scheme) for result, place in zip(group, places, strict=True))
+        by_target = _least((target_key(result), place.target) for result, place in zip(group, places, strict=True))
+        rows = sorted(by_scheme, key=_rank(schemes, by_scheme, list(SCHEMES)))
         variations.append(
             Variation(
                 title=title_of(experiment, shared[key], differing),
                 experiment=experiment,
                 variant=variants.pop() if len(variants) == 1 else "",
                 settings=shared[key],
-                targets=_titles(group, target_rank),
+                targets=_titles(group, _rank(targets, by_target, PAPER_TARGETS)),
                 schemes=tuple(rows),
                 baseline=baseline or rows[0],
                 samples={cell: sample for metric in metrics for cell, sample in _samples(group, metric).items()},
+                place=min(place.variation for place in places),
             )
         )
     return variations
@@ -141,16 +152,43 @@ def _origin(result: Result) -> str:
     return str(result.get("folder") or f"{result['experiment']}, trial {result['identity'][:10]}")
 
 
-_Rank = Callable[[str], tuple[int, int, str]]
+_Place = tuple[int, ...]
+_Rank = Callable[[str], tuple[int, _Place, int, str]]
+# Sorts after every place in a plan.
+_NO_PLACE = (sys.maxsize,)
 
 
-def _rank(first: Sequence[str], known: Sequence[str]) -> _Rank:
-    """Return a sort key: names in `first`, then specs whose name is in `known`, then alphabetically."""
+class _Places(NamedTuple):
+    """The places of a result's variation, target and scheme, each with what decides between equal ones."""
 
-    def rank(spec: str) -> tuple[int, int, str]:
+    variation: _Place
+    target: _Place
+    scheme: _Place
+
+
+def _places(result: Result, experiments: Sequence[str]) -> _Places:
+    if "place" not in result:
+        return _Places(_NO_PLACE, _NO_PLACE, _NO_PLACE)
+    experiment = experiments.index(result["experiment"])
+    variant, target, scheme, trial = result["place"]
+    return _Places((experiment, variant), (experiment, target, trial), (experiment, scheme, variant, trial))
+
+
+def _least(places: Iterable[tuple[str, _Place]]) -> dict[str, _Place]:
+    """Return the least place of each name."""
+    least: dict[str, _Place] = {}
+    for name, place in places:
+        least[name] = min(place, least.get(name, place))
+    return least
+
+
+def _rank(first: Sequence[str], places: Mapping[str, _Place], known: Sequence[str]) -> _Rank:
+    """Return a sort key: names in `first`, then by place, then specs whose name is in `known`, then alphabetically."""
+
+    def rank(spec: str) -> tuple[int, _Place, int, str]:
         name = spec.partition(":")[0]
-        place = first.index(spec) if spec in first else len(first)
-        return place, known.index(name) if name in known else len(known), spec
+        asked = first.index(spec) if spec in first else len(first)
+        return asked, places[spec], known.index(name) if name in known else len(known), spec
 
     return rank
 

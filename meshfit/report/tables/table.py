@@ -20,7 +20,7 @@ from meshfit.report.tables.grouping import (
     variation_names,
 )
 from meshfit.specs import suggest
-from meshfit.statistics import BySeed, PairedDifference, Summary, differ, mean_difference, summarise
+from meshfit.statistics import BySeed, PairedDifference, Summary, differ, mean_difference, mean_of, summarise
 
 VARIED = "varied"
 """Value of a setting that is not the same in all variations of a table."""
@@ -181,7 +181,7 @@ class Table:
 def _best(samples: Mapping[Row, BySeed], *, smaller_is_better: bool | None) -> Row | None:
     if smaller_is_better is None or len(samples) < 2:
         return None
-    means = {row: sum(sample.values()) / len(sample) for row, sample in samples.items()}
+    means = {row: mean_of([sample[seed] for seed in sorted(sample)]) for row, sample in samples.items()}
     best = (min if smaller_is_better else max)(means, key=means.__getitem__)
     return best if all(differ(samples[best], samples[row]) for row in samples if row != best) else None
 
@@ -219,28 +219,27 @@ def build_tables(
     return [Table(variation.title, metrics, (variation,)) for variation in variations]
 
 
-def merge_tables(tables: Sequence[Table], *, planned: bool = False) -> list[Table]:
+def merge_tables(tables: Sequence[Table]) -> list[Table]:
     """Merge the tables of an experiment: its variations one below another.
 
-    Variations that are measured differently (`normalise`, `measure.*`, the schema version) stay apart.
+    Variations that are measured differently (`normalise`, `measure.*`, the schema version) stay apart. The others are
+    in the order of their plan; where this does not decide, in natural order of the settings.
 
     Args:
         tables: as `build_tables` returns them.
-        planned: keep the order of variations, which is that of the plan; otherwise order them naturally.
     """
     groups: dict[str, list[Table]] = {}
     for table in tables:
         measured = {key: value for key, value in table.settings.items() if key.startswith(_MEASURED_BY)}
         groups.setdefault(json.dumps([table.experiment, measured], sort_keys=True), []).append(table)
     differing = differing_keys([table.settings for table in tables])
-    return [_merged(group, differing, planned=planned) for group in groups.values()]
+    return [_merged(group, differing) for group in groups.values()]
 
 
-def _merged(tables: Sequence[Table], differing: Sequence[str], *, planned: bool) -> Table:
+def _merged(tables: Sequence[Table], differing: Sequence[str]) -> Table:
+    naturally = [tables[number] for number in natural_order([table.settings for table in tables])]
+    tables = sorted(naturally, key=lambda table: table.variations[0].place)
     settings = [table.settings for table in tables]
-    if not planned:
-        tables = [tables[place] for place in natural_order(settings)]
-        settings = [table.settings for table in tables]
     swept = differing_keys(settings)
     variations = [variation for table in tables for variation in table.variations]
     names = variation_names(settings, [variation.variant for variation in variations]) if swept else [""]
