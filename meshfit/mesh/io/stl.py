@@ -17,13 +17,14 @@ _HEADER_SIZE = 84
 _FACET = np.dtype([("normal", "<f4", 3), ("verts", "<f4", (3, 3)), ("attributes", "<u2")])
 _UNKNOWN_COUNTS = (0, 2**32 - 1)  # written by programs that do not know the number when they begin
 _KEYWORD = re.compile(rb"\b(?:solid|facet|vertex)\b", re.IGNORECASE)
-_SOLID_LINE = re.compile(rb"^[ \t]*(?:end[ \t]*)?solid\b[^\n]*$", re.MULTILINE)
+_SOLID_LINE = re.compile(rb"^[ \t]*(?:end[ \t]*)?solid\b[^\n]*$", re.IGNORECASE)
 _END = re.compile(rb"\bend[ \t]+(?=solid\b|facet\b|loop\b)", re.IGNORECASE)
 _FACET_AFTER_NAME = re.compile(rb"\bfacet[ \t]+normal[ \t]+[-+.\d].*", re.IGNORECASE)
 _KEYWORDS = {b"solid", b"facet", b"outer", b"loop", b"vertex", b"endloop", b"endfacet", b"endsolid"}
-# Of a facet in the numbers of a text: the columns of its three vertices, and of their coordinates.
-_VERTEX_COLUMNS, _COORDINATES = (4, 8, 12), (5, 6, 7, 9, 10, 11, 13, 14, 15)
-_COLUMNS = 17
+_FACET_LINES = (b"facet", b"outer", b"vertex", b"vertex", b"vertex", b"endloop", b"endfacet")
+_FOURTH_LETTERS = np.frombuffer(b"iIsS \t", np.uint8)  # of 'solid', 'endsolid' and 'end solid'
+_LOWER_CASE = 0x20  # the bit of a letter
+_MOST_BLANKS = 64  # before a keyword, in a regular text
 
 
 def read_stl(content: bytes) -> PolygonSoup:
@@ -88,32 +89,47 @@ def _binary_verts(content: bytes) -> NDArray[np.float64]:
 def _text_verts(content: bytes) -> NDArray[np.float64]:
     """Return (3F, 3) the vertices of all facets."""
     content = content.removeprefix(BYTE_ORDER_MARK).rstrip(b"\0")
-    verts = _regular_text_verts(content.lower())
+    if b"\r" in content:
+        content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    verts = _regular_text_verts(content)
     return _TextFacets(content).verts if verts is None else verts
 
 
-def _regular_text_verts(content: bytes) -> NDArray[np.float64] | None:
-    """Read a text in which each facet has a normal of three numbers and three vertices; return None for others.
+def _regular_text_verts(text: bytes) -> NDArray[np.float64] | None:
+    """Read a text that has the usual seven lines for each facet; return None for others."""
+    codes, starts, ends = _keyword_lines(text)
+    is_solid = np.zeros(len(starts), dtype=bool)
+    for place in np.flatnonzero(np.isin(codes[starts + 3], _FOURTH_LETTERS)).tolist():
+        line = text[starts[place] : ends[place]]
+        is_solid[place] = _SOLID_LINE.match(line) and not _FACET_AFTER_NAME.search(line)
+    starts, ends = starts[~is_solid], ends[~is_solid]
+    if len(starts) % len(_FACET_LINES):
+        return None
+    starts, ends = (places.reshape(-1, len(_FACET_LINES)) for places in (starts, ends))
+    for place, word in enumerate(_FACET_LINES):
+        if not all((codes[starts[:, place] + at] | _LOWER_CASE == letter).all() for at, letter in enumerate(word)):
+            return None
+    first, after = starts[:, 2].tolist(), (ends[:, 4] + 1).tolist()
+    lines = b"".join([text[start:end] for start, end in zip(first, after, strict=True)])
+    numbers = parse_floats(lines.lower().replace(b"vertex", b" nan "))
+    if numbers is None or len(numbers) != 12 * len(starts):
+        return None
+    verts = numbers.reshape(-1, 4)
+    return verts[:, 1:].copy() if np.isnan(verts[:, 0]).all() and np.isfinite(verts[:, 1:]).all() else None
 
-    All numbers are read at once, with NaN in place of each 'facet', infinity of each 'vertex' and -infinity of each
-    'endloop'.
-    """
-    text = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    text = _SOLID_LINE.sub(lambda line: line[0] if _FACET_AFTER_NAME.search(line[0]) else b"", text)
-    for word in (b"endfacet", b"normal", b"outer"):
-        text = text.replace(word, b"")
-    for word, number in ((b"endloop", b"-inf"), (b"loop", b""), (b"facet", b" nan "), (b"vertex", b" inf ")):
-        text = text.replace(word, number)
-    numbers = parse_floats(text)
-    if numbers is None or len(numbers) % _COLUMNS:
-        return None
-    rows = numbers.reshape(-1, _COLUMNS)
-    coordinates = rows[:, _COORDINATES]
-    if not (
-        np.isnan(rows[:, 0]).all() and (rows[:, _VERTEX_COLUMNS] == np.inf).all() and (rows[:, -1] == -np.inf).all()
-    ):
-        return None
-    return coordinates.reshape(-1, 3) if np.isfinite(coordinates).all() else None
+
+def _keyword_lines(text: bytes) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.int64]]:
+    """Return the bytes of a text, and where the first word of each line that is not empty starts and the line ends."""
+    codes = np.frombuffer(text + b"\n        ", np.uint8)
+    ends = np.flatnonzero(codes == ord("\n"))
+    starts = np.concatenate([[0], ends[:-1] + 1])
+    for _ in range(_MOST_BLANKS):
+        first = codes[starts]
+        is_blank = (first == ord(" ")) | (first == ord("\t"))
+        if not is_blank.any():
+            break
+        starts = starts + is_blank
+    return codes, starts[starts < ends], ends[starts < ends]
 
 
 class _TextFacets:
