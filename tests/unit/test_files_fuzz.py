@@ -8,6 +8,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
+from meshfit.mesh.io import obj, off, ply_elements, stl
 from meshfit.mesh.io.files import FORMATS, POINT_FORMATS, READABLE_FORMATS, encode_mesh, load_mesh
 from meshfit.mesh.solids import octahedron
 from tests.damaged import damaged, read_or_refused, soup_or_refused
@@ -126,6 +127,29 @@ def test_damaged_bytes_are_refused_in_plain_words_or_read(tmp_path, name):
 @pytest.mark.parametrize("name", SEEDS)
 def test_many_damaged_bytes_are_refused_in_plain_words_or_read(tmp_path, name):
     mutate(name, MANY_MUTATIONS // of_its_format(name), tmp_path)
+
+
+AT_ONCE = {
+    ".obj": (obj, "_read_at_once"),
+    ".off": (off, "_read_at_once"),
+    ".ply": (ply_elements, "parse_floats"),
+    ".stl": (stl, "_regular_text_verts"),
+}
+
+
+@over("name", [name for name in VALID if suffix_of(name) in AT_ONCE and name not in (".stl", ".ply")])
+def test_numbers_read_at_once_are_those_that_are_read_one_by_one(monkeypatch, name):
+    rng, suffix = random.Random(name), suffix_of(name)
+    contents = [VALID[name], *(damaged(VALID[name], rng) for _ in range(400))]
+    found = [soup_or_refused(FORMATS[suffix].read, content) for content in contents]
+    with monkeypatch.context() as patched:
+        patched.setattr(*AT_ONCE[suffix], lambda *_: None)
+        for content, at_once in zip(contents, found, strict=True):
+            one_by_one = soup_or_refused(FORMATS[suffix].read, content)
+            assert (one_by_one is None) == (at_once is None), content
+            if at_once is not None:
+                for one, other in zip(one_by_one, at_once, strict=True):
+                    np.testing.assert_array_equal(one, other, err_msg=repr(content))
 
 
 @pytest.mark.parametrize("name", VALID)

@@ -179,11 +179,11 @@ def _face_corners(lines: bytes, count: int) -> tuple[NDArray[np.int64], NDArray[
     """Return the vertices of all faces, from 1 on, and (F,) their sizes, with 0 in place of each keyword."""
     per_corner = 1
     if b"/" in lines:
-        if b" /" in lines or b"\t/" in lines:
+        if any(blank in lines for blank in (b" /", b"\t/", b"\v/")):
             return None
         per_corner = _numbers_per_corner(lines)
         lines = lines.translate(_SLASH_TO_BLANK) if per_corner > 1 else _AFTER_SLASH.sub(b"", lines)
-    numbers = parse_ints(lines.replace(b"f", b" 0"))
+    numbers = parse_ints(lines.replace(b"f", b" 0 "))
     if numbers is None:
         return None
     is_keyword = numbers == 0

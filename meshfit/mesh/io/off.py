@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from meshfit.errors import MeshError
 from meshfit.mesh.io.text import (
     Lines,
+    parse_float,
     parse_floats,
     parse_integers,
     parse_ints,
@@ -153,13 +154,21 @@ def _read_lines(text: bytes, counts: _Counts) -> PolygonSoup:
     verts = [parse_point(words, number) for number, words in _take(lines, counts.verts, "vertices")]
     faces: list[list[int]] = []
     for number, words in _take(lines, counts.faces, "faces"):
-        size = parse_integers(words[:1], number)[0]
+        size = _parse_indices(words[:1], number)[0]
         if len(words) <= size:
             raise MeshError(f"line {number}: expected a face of {size} corners, got {len(words) - 1}")
-        faces.append(parse_integers(words[1 : checked_face_size(size, f"line {number}: ") + 1], number))
+        faces.append(_parse_indices(words[1 : checked_face_size(size, f"line {number}: ") + 1], number))
     for number, _ in lines:
         raise MeshError(f"line {number}: more lines than the header's {counts.verts} vertices and {counts.faces} faces")
     return PolygonSoup.of_rows(verts, faces)
+
+
+def _parse_indices(words: list[bytes], number: int) -> list[int]:
+    """Return the words of a line as integers, which may be written like `3.0`."""
+    values = [parse_float(word) for word in words]
+    if all(value is not None and value.is_integer() and abs(value) < _LARGEST_INDEX for value in values):
+        return [int(value) for value in values if value is not None]
+    return parse_integers(words, number)
 
 
 def _take(lines: Lines, count: int, kind: str) -> Lines:
@@ -189,11 +198,11 @@ def _faces_of_words(words: list[tuple[int, bytes]], count: int, *, colours: bool
     """Return the corners of faces that take all words; with colours, the rest of the line after each belongs to it."""
     faces, at = list[list[int]](), 0
     for _ in range(count):
-        size = checked_face_size(parse_integers([words[at][1]], words[at][0])[0]) if at < len(words) else 0
+        size = checked_face_size(_parse_indices([words[at][1]], words[at][0])[0]) if at < len(words) else 0
         end = at + 1 + size
         if not size or end > len(words):
             raise MeshError(f"the file ends after {len(faces)} of {count} faces")
-        faces.append(parse_integers([word for _, word in words[at + 1 : end]], words[at][0]))
+        faces.append(_parse_indices([word for _, word in words[at + 1 : end]], words[at][0]))
         while colours and end < len(words) and words[end][0] == words[end - 1][0]:
             end += 1
         at = end

@@ -17,11 +17,12 @@ _HEADER_SIZE = 84
 _FACET = np.dtype([("normal", "<f4", 3), ("verts", "<f4", (3, 3)), ("attributes", "<u2")])
 _UNKNOWN_COUNTS = (0, 2**32 - 1)  # written by programs that do not know the number when they begin
 _KEYWORD = re.compile(rb"\b(?:solid|facet|vertex)\b", re.IGNORECASE)
-_SOLID_LINE = re.compile(rb"^[ \t]*(?:end[ \t]*)?solid\b[^\n]*$", re.IGNORECASE)
+_SOLID_LINE = re.compile(rb"(?:end[ \t]*)?solid(?:[ \t].*)?", re.IGNORECASE | re.DOTALL)
 _END = re.compile(rb"\bend[ \t]+(?=solid\b|facet\b|loop\b)", re.IGNORECASE)
 _FACET_AFTER_NAME = re.compile(rb"\bfacet[ \t]+normal[ \t]+[-+.\d].*", re.IGNORECASE)
 _KEYWORDS = {b"solid", b"facet", b"outer", b"loop", b"vertex", b"endloop", b"endfacet", b"endsolid"}
-_FACET_LINES = (b"facet", b"outer", b"vertex", b"vertex", b"vertex", b"endloop", b"endfacet")
+_FACET_LINES = (b"facet ", b"outer loop", b"vertex ", b"vertex ", b"vertex ", b"endloop", b"endfacet")
+_WHOLE_LINES = (1, 5, 6)  # of those
 _FOURTH_LETTERS = np.frombuffer(b"iIsS \t", np.uint8)  # of 'solid', 'endsolid' and 'end solid'
 _LOWER_CASE = 0x20  # the bit of a letter
 _MOST_BLANKS = 64  # before a keyword, in a regular text
@@ -101,12 +102,15 @@ def _regular_text_verts(text: bytes) -> NDArray[np.float64] | None:
     is_solid = np.zeros(len(starts), dtype=bool)
     for place in np.flatnonzero(np.isin(codes[starts + 3], _FOURTH_LETTERS)).tolist():
         line = text[starts[place] : ends[place]]
-        is_solid[place] = _SOLID_LINE.match(line) and not _FACET_AFTER_NAME.search(line)
-    starts, ends = starts[~is_solid], ends[~is_solid]
-    if len(starts) % len(_FACET_LINES):
+        is_solid[place] = _SOLID_LINE.fullmatch(line) and not _FACET_AFTER_NAME.search(line)
+    lines_before = np.append(np.cumsum(~is_solid)[is_solid], np.count_nonzero(~is_solid))
+    if (lines_before % len(_FACET_LINES)).any():
         return None
+    starts, ends = starts[~is_solid], ends[~is_solid]
     starts, ends = (places.reshape(-1, len(_FACET_LINES)) for places in (starts, ends))
     for place, word in enumerate(_FACET_LINES):
+        if place in _WHOLE_LINES and (ends[:, place] - starts[:, place] != len(word)).any():
+            return None
         if not all((codes[starts[:, place] + at] | _LOWER_CASE == letter).all() for at, letter in enumerate(word)):
             return None
     first, after = starts[:, 2].tolist(), (ends[:, 4] + 1).tolist()
@@ -124,11 +128,13 @@ def _keyword_lines(text: bytes) -> tuple[NDArray[np.uint8], NDArray[np.int64], N
     ends = np.flatnonzero(codes == ord("\n"))
     starts = np.concatenate([[0], ends[:-1] + 1])
     for _ in range(_MOST_BLANKS):
-        first = codes[starts]
-        is_blank = (first == ord(" ")) | (first == ord("\t"))
-        if not is_blank.any():
+        before, after = (
+            (codes[places] == ord(" ")) | (codes[places] == ord("\t"))
+            for places in (starts, np.maximum(ends - 1, starts))
+        )
+        if not (before.any() or after.any()):
             break
-        starts = starts + is_blank
+        starts, ends = starts + before, ends - after
     return codes, starts[starts < ends], ends[starts < ends]
 
 

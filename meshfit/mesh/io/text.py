@@ -16,6 +16,7 @@ Lines = Iterator[tuple[int, list[bytes]]]
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _INTEGER = re.compile(rb"[-+]?\d+")
 _MOST_DIGITS = 15
+_DIGITS_TO_ZERO = bytes.maketrans(b"123456789", b"000000000")
 # What the C library of Windows has printed for numbers that are not finite, such as `-1.#IND00` and `-nan(ind)`.
 _NOT_FINITE = re.compile(rb"[-+]?\d\.#\w*|[-+]?nan\(\w*\)", re.IGNORECASE)
 _NOT_A_COMMENT = re.compile(rb"\d\.#(?:QNAN|SNAN|IND|INF)\d*\b")
@@ -100,6 +101,10 @@ def parse_ints(text: bytes) -> NDArray[np.int64] | None:
     """Return all integers of a text, or None if one of its words is not an integer or has too many digits."""
     if not text.strip():
         return np.empty(0, dtype=np.int64)
+    if b"-" in text or b"+" in text:  # NumPy would take one before a blank for the sign of the next number
+        digits = text.translate(_DIGITS_TO_ZERO)
+        if digits.count(b"-0") + digits.count(b"+0") != digits.count(b"-") + digits.count(b"+"):
+            return None
     with warnings.catch_warnings():
         warnings.simplefilter("error", DeprecationWarning)
         try:
