@@ -7,6 +7,7 @@ from pathlib import Path
 from meshfit.paths import CONFIG_SUFFIXES, MESH_SUFFIXES, WRITABLE_SUFFIXES, format_suffix
 
 _TRIAL = "seed-"
+_TARGETS = "targets"
 
 Completions = list[tuple[str, str]]
 """Values, each with a description."""
@@ -115,7 +116,9 @@ def _files(incomplete: str, suffixes: Collection[str]) -> Completions:
 
 
 def _folders(incomplete: str) -> list[Path]:
-    return [path for path in _paths(incomplete) if path.is_dir()]
+    """Folders that start with the text, without the one of carried targets."""
+    paths = [path for path in _paths(incomplete) if path.is_dir()]
+    return [path for path in paths if path.name != _TARGETS or any(below.is_dir() for below in path.glob("*"))]
 
 
 def _paths(incomplete: str) -> list[Path]:

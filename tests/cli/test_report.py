@@ -88,7 +88,11 @@ def test_what_users_name_is_not_taken_for_markup(copied):
 
 
 def test_a_target_that_is_gone_or_has_changed_is_told_and_the_rest_is_kept(copied):
+    _, whole = page_of("runs/small")
     (copied / "ellipsoid.ply").write_text("ply\n")
+    _, page = page_of("runs/small")
+    assert re.sub(r"\d\d:\d\d", "", text_of(page)) == re.sub(r"\d\d:\d\d", "", text_of(whole))
+    shutil.rmtree(copied / "runs/targets")
     _, page = page_of("runs/small")
     assert "has changed since" in text_of(page)
     (copied / "ellipsoid.ply").unlink()

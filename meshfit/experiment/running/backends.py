@@ -15,8 +15,17 @@ from meshfit.experiment.plan import Trial
 from meshfit.experiment.running.device_assignment import Batch, assign_devices, workers_and_threads
 from meshfit.experiment.running.process_pool import ProcessPool
 from meshfit.experiment.running.shared_progress import SharedProgress
-from meshfit.experiment.running.worker import CancellationFlag, Job, JobResult, RemoteOptions, pack_inputs, run_job
+from meshfit.experiment.running.worker import (
+    CancellationFlag,
+    Files,
+    Job,
+    JobResult,
+    RemoteOptions,
+    pack_inputs,
+    run_job,
+)
 from meshfit.experiment.storage.run_directory import PROGRESS, RunDirectory, make_folder, write_atomically
+from meshfit.experiment.storage.targets import carry_for_remote
 from meshfit.experiment.storage.trial_log import read_progress
 from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
 
@@ -205,12 +214,16 @@ class RemoteBackend:
 
     def submit(self, trials: Mapping[int, Trial], device: str) -> Future[JobResult]:
         """Hand a batch to a worker, which has a resource called GPU if the batch requires one."""
-        inputs = None if self._shared else {i: pack_inputs(trial, self._store) for i, trial in trials.items()}
+        inputs = None if self._shared else {i: self._packed(trial) for i, trial in trials.items()}
         threads_set = [trial.settings.threads for trial in trials.values() if trial.settings.threads != "auto"]
         threads = min(threads_set, default=1)
         job = Job(trials, self._store, device, threads, self._force, RemoteOptions(self._cancellation, inputs))
         self._futures.append(self._remote.executor.submit(run_job, job))
         return self._futures[-1]
+
+    def _packed(self, trial: Trial) -> Files:
+        carry_for_remote(trial, self._store)
+        return pack_inputs(trial, self._store)
 
     def cancel(self) -> None:
         """Ask workers to write checkpoints and stop, if they can be reached."""

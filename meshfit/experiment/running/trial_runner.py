@@ -5,6 +5,7 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 from functools import lru_cache
+from pathlib import Path
 from typing import NamedTuple
 
 from meshfit.config.strict_yaml import dump
@@ -30,6 +31,7 @@ from meshfit.experiment.storage.run_directory import (
     RunDirectory,
     json_text,
 )
+from meshfit.experiment.storage.targets import carried_path, carry
 from meshfit.experiment.storage.trial_log import TrialLog
 from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
 from meshfit.fitting.callbacks import Step
@@ -79,7 +81,9 @@ class TrialRunner:
             warnings.simplefilter("always", MeshfitWarning)
             inputs = dict(self.trial.inputs)
             name = self.trial.current_path(self.trial.target)
-            target = _load_target(name, inputs.get("target"), settings.normalise, settings.cleaning)
+            carried = carried_path(self.trial, self.store)
+            target = _load_target(name, inputs.get("target"), settings.normalise, settings.cleaning, carried)
+            carry(carried, lambda: load_target(name, settings.cleaning))  # removed since it was loaded
             self._frame, self._target = target.frame, target.mesh
             source_settings = relocated(settings.source, self.trial.current_path)
             for role, name in source_files(source_settings).items():
@@ -196,11 +200,14 @@ class _Target(NamedTuple):
 
 
 @lru_cache(maxsize=2)  # a worker runs the trials of a target in succession, and loading takes longer than measuring
-def _load_target(name: str, sha256: str | None, normalise: Normalisation, cleaning: CleaningOptions) -> _Target:
+def _load_target(
+    name: str, sha256: str | None, normalise: Normalisation, cleaning: CleaningOptions, carried: Path | None
+) -> _Target:
     _check_unchanged(name, sha256)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", MeshfitWarning)
         mesh = load_target(name, cleaning)
+    carry(carried, lambda: mesh)
     frame = frame_of(mesh.verts, normalise)
     return _Target(frame, frame.normalise(mesh), tuple(_texts(caught)))
 

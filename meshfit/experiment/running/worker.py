@@ -104,7 +104,7 @@ def run_job(job: Job) -> JobResult:
         if job.remote.inputs is None:
             return JobResult(_run(job, *callbacks))
         with TemporaryDirectory(prefix="meshfit-") as folder:
-            store = RunDirectory(Path(folder))
+            store = RunDirectory(Path(folder), carries_targets=False)  # the sender has them
             trials = {
                 number: unpack_inputs(trial, job.remote.inputs[number], store, Path(folder, "inputs", str(number)))
                 for number, trial in job.trials.items()

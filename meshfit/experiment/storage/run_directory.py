@@ -27,6 +27,8 @@ PROGRESS = "progress.json"
 PLAN = "plan.json"
 CONFIG = "config.yaml"
 LOCK = ".lock"
+TARGETS = "targets"
+"""Folder of the run directory with the targets of its trials."""
 Result = dict[str, Any]
 
 _REPEATED = "the next `meshfit run` repeats the trial"
@@ -45,9 +47,15 @@ _ESSENTIAL = {
 
 @dataclass(frozen=True)
 class RunDirectory:
-    """A run directory. A trial is complete once it has a valid `result.json`, which is written last."""
+    """A run directory. A trial is complete once it has a valid `result.json`, which is written last.
+
+    Attributes:
+        root: its path.
+        carries_targets: whether targets are copied into it.
+    """
 
     root: Path
+    carries_targets: bool = True
 
     def folder(self, trial: "Trial") -> Path:
         """The folder of a trial, which need not exist yet."""

@@ -132,6 +132,15 @@ def _load(name: str) -> Mesh:
     return frame_of(mesh.verts, "tutorial").normalise(mesh) if name in NAMED_TARGETS else mesh
 
 
+def _is_target(name: str, target: str) -> bool:
+    """Whether a name is that of a trial's target; a file that no longer exists is known by its name alone."""
+    if name == target or name in NAMED_TARGETS or target in NAMED_TARGETS:
+        return name == target
+    if is_regular_file(name):
+        return Path(name).absolute() == Path(target)
+    return Path(name).name in (Path(target).name, target_title(target))
+
+
 def _trial(folder: Path, title: str, against: str | None) -> tuple[list[RenderedMesh], str]:
     """Source, result and target of a trial, and the frame they are in; only the result is coloured by distances."""
     if not is_regular_file(folder / RESULT):
@@ -140,7 +149,7 @@ def _trial(folder: Path, title: str, against: str | None) -> tuple[list[Rendered
     name, settings = title or trial.facts["scheme"], trial.facts["settings"]
     measured_to = None
     if against is not None:
-        own = against == settings["targets"][0]
+        own = _is_target(against, settings["targets"][0])
         measured_to = trial.target if own else trial.frame.normalise(load_target(against))
     meshes = [
         RenderedMesh(f"source, {name}", trial.source, trial.target),

@@ -11,13 +11,12 @@ from jaxtyping import Float64
 from meshfit.errors import MeasureError, StoreError
 from meshfit.experiment.storage.frame import frame_of, written_frame
 from meshfit.experiment.storage.run_directory import RESULT, Result, read_json
+from meshfit.experiment.storage.targets import read_target
 from meshfit.measuring.proximity import point_distances
-from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.geometry import bounding_box_diagonal
 from meshfit.mesh.io.files import load_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.normalisation import Frame
-from meshfit.mesh.targets import load_target
 
 SOURCE, FITTED = "source.ply", "result.ply"
 
@@ -54,12 +53,11 @@ def read_trial_meshes(folder: Path) -> TrialMeshes:
     """
     facts = read_json(folder / RESULT)
     try:
-        frame, target = frame_of(facts), facts["settings"]["targets"][0]
+        frame, _ = frame_of(facts), facts["settings"]["targets"][0]
     except (KeyError, TypeError, IndexError, ValueError) as error:
         raise StoreError(f"{folder / RESULT}: not the result of a trial: {error}") from None
     source, result = (read_normalised(folder / name, facts) for name in (SOURCE, FITTED))
-    loaded = load_target(target, CleaningOptions.of(facts["settings"]))
-    return TrialMeshes(facts, frame, source, result, frame.normalise(loaded))
+    return TrialMeshes(facts, frame, source, result, frame.normalise(read_target(folder, facts)))
 
 
 def read_normalised(path: Path, facts: Result) -> Mesh:

@@ -10,10 +10,9 @@ from jaxtyping import Float64
 from meshfit.errors import MeshError, MeshfitError
 from meshfit.experiment.storage.frame import frame_of
 from meshfit.experiment.storage.run_directory import Result
+from meshfit.experiment.storage.targets import read_target
 from meshfit.measuring.metrics import METRICS
-from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.targets import file_sha256, load_target, target_path
 from meshfit.report.figures.colours import shared_limit
 from meshfit.report.figures.representative_trial import RepresentativeTrial, TrialIndex, representative
 from meshfit.report.figures.trial_meshes import (
@@ -173,7 +172,7 @@ def _read_section(key: str, title: str, table: Table, target: str, trials: Trial
     chosen = {place: representative(by_seed, values[place]) for place, by_seed in trials.items()}
     shown = list(chosen)[:most]
     problems: list[str] = []
-    mesh = _read_target(chosen[shown[0]].result, problems)
+    mesh = _read_target(chosen[shown[0]], problems)
     whole = METRICS[metric].format == "d"
     loaded = [_load(chosen[row], row, titles[row], mesh, problems, whole=whole) for row in shown]
     return TargetSection(
@@ -191,13 +190,9 @@ def _read_section(key: str, title: str, table: Table, target: str, trials: Trial
     )
 
 
-def _read_target(result: Result, problems: list[str]) -> Mesh | None:
-    name = result["settings"]["targets"][0]
+def _read_target(trial: RepresentativeTrial, problems: list[str]) -> Mesh | None:
     try:
-        path, known = target_path(name), result.get("inputs", {}).get("target")
-        if path is not None and known is not None and path.is_file() and file_sha256(path) != known:
-            raise MeshError(f"{path}: not the file that the trial was fitted to: it has changed since")
-        return frame_of(result).normalise(load_target(name, CleaningOptions.of(result["settings"])))
+        return frame_of(trial.result).normalise(read_target(trial.folder, trial.result))
     except MeshfitError as error:
         problems.append(f"The target is not shown, and distances to it are not drawn: {error}")
         return None

@@ -1,0 +1,153 @@
+"""Carried targets: copies of the targets of trials in the run directory, which make it complete without other files.
+
+`targets/HASH.ply` is the target as it was loaded, cleaned and in its own coordinates, in double precision; the hash is
+that of the original file, as in the identity of a trial.
+"""
+
+import os
+import warnings
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from filelock import FileLock
+
+from meshfit.errors import MeshError, MeshfitWarning
+from meshfit.experiment.storage.run_directory import LOCK, TARGETS, Result, RunDirectory, make_folder, write_atomically
+from meshfit.mesh.cleaning_options import CleaningOptions
+
+if TYPE_CHECKING:
+    from meshfit.experiment.plan import Trial
+    from meshfit.mesh.mesh import Mesh
+    from meshfit.mesh.polygons import PolygonMesh
+
+_LEVELS = 4
+"""The number of folders from that of a trial up to the run directory."""
+
+
+def carried_path(trial: "Trial", store: RunDirectory) -> Path | None:
+    """The path of a trial's carried target; None if the run directory carries none."""
+    sha256 = dict(trial.inputs).get("target")
+    if sha256 is None or not store.carries_targets:
+        return None
+    return store.root / TARGETS / _name(sha256, trial.settings.cleaning)
+
+
+def carry(path: Path | None, load: Callable[[], "Mesh"]) -> None:
+    """Write a carried target unless it exists, whole or not at all; of several processes, one writes.
+
+    Args:
+        path: path from `carried_path`.
+        load: returns the target, in its own coordinates.
+
+    Raises:
+        StoreError: it cannot be written.
+    """
+    if path is None or path.is_file():
+        return
+    from meshfit.mesh.io.files import encode_mesh
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MeshfitWarning)  # the trial reports them
+        content = encode_mesh(load(), ".ply")
+    make_folder(path.parent)
+    with FileLock(path.parent / LOCK):
+        for part in path.parent.glob(f".{path.name}.*"):  # left by a killed process
+            part.unlink(missing_ok=True)
+        if not path.is_file():
+            write_atomically(path, content)
+
+
+def carry_for_remote(trial: "Trial", store: RunDirectory) -> None:
+    """Carry the target of a trial that will run in a directory of its own, unless the file has changed since the plan.
+
+    Raises:
+        StoreError: it cannot be written.
+    """
+    from meshfit.mesh.targets import file_sha256, load_target, target_path
+
+    path = carried_path(trial, store)
+    if path is None or path.is_file():
+        return
+    with suppress(MeshError):  # the trial reports it
+        if file_sha256(target_path(trial.target)) == dict(trial.inputs)["target"]:
+            carry(path, lambda: load_target(trial.target, trial.settings.cleaning))
+
+
+def find_carried(folder: Path, record: Result) -> Path | None:
+    """Find the carried target of a trial by its folder and `result.json`, wherever the run directory is now."""
+    sha256 = record.get("inputs", {}).get("target")
+    if not isinstance(sha256, str):
+        return None
+    name = _name(sha256, CleaningOptions.of(record.get("settings", {})))
+    for place in (Path(os.path.abspath(folder)), folder.resolve()):  # noqa: PTH100  a run directory may be a link
+        for above in (place, *place.parents[:_LEVELS]):
+            if (path := above / TARGETS / name).is_file():
+                return path
+    return None
+
+
+def read_target(folder: Path, record: Result) -> "Mesh":
+    """Read the target of a trial in its own coordinates: the carried one, else its file if that has not changed.
+
+    Args:
+        folder: the folder of the trial.
+        record: content of its `result.json`.
+
+    Raises:
+        MeshError: neither can be read.
+    """
+    carried, damage = find_carried(folder, record), None
+    if carried is not None:
+        try:
+            return triangles(read_written_mesh(carried))
+        except MeshError as error:
+            damage = error
+    try:
+        return _original(record)
+    except MeshError as error:
+        if damage is not None:
+            raise damage from None
+        remedy = f"and the run directory has no copy of it: copy its folder '{TARGETS}' too"
+        raise MeshError(f"{error}; {remedy}") from None
+
+
+def _original(record: Result) -> "Mesh":
+    from meshfit.mesh.targets import file_sha256, load_target, target_path
+
+    target, expected = record["settings"]["targets"][0], record.get("inputs", {}).get("target")
+    path = target_path(target)
+    if expected is not None and file_sha256(path) != expected:
+        raise MeshError(f"{path}: not the file that the trial was fitted to: it has changed since")
+    return load_target(target, CleaningOptions.of(record["settings"]))
+
+
+def read_written_mesh(path: Path) -> "Mesh | PolygonMesh":
+    """Read a mesh that a trial wrote exactly as it was written, without cleaning; polygons unless all are triangles.
+
+    Raises:
+        MeshError: no such file, or one that is damaged.
+    """
+    from meshfit.mesh.io.files import open_mesh_file, read_soup
+    from meshfit.mesh.mesh import Mesh
+    from meshfit.mesh.polygons import PolygonMesh
+
+    verts, corners, sizes = read_soup(open_mesh_file(path, "mesh"))
+    if not len(sizes) or corners.min() < 0 or corners.max() >= len(verts):
+        raise MeshError(f"{path}: damaged: its faces do not match its {len(verts)} vertices")
+    mesh = PolygonMesh(verts, corners, sizes)
+    return Mesh(mesh.verts, mesh.corners.reshape(-1, 3)) if (mesh.sizes == 3).all() else mesh
+
+
+def triangles(mesh: "Mesh | PolygonMesh") -> "Mesh":
+    """Return a mesh with its polygons triangulated."""
+    from meshfit.mesh.mesh import Mesh
+
+    return mesh if isinstance(mesh, Mesh) else mesh.triangulated()
+
+
+def _name(sha256: str, cleaning: CleaningOptions) -> str:
+    weld = f"-weld-{cleaning.weld!r}" if cleaning.weld else ""
+    repair = "" if cleaning.repair == "split" else f"-{cleaning.repair}"
+    return f"{sha256}{weld}{repair}.ply"
