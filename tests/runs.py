@@ -11,6 +11,7 @@ from pathlib import Path
 from meshfit.config.experiment import default_settings
 from meshfit.config.strict_yaml import dump
 from meshfit.measuring.metrics import METRICS
+from meshfit.mesh.targets import NAMED_TARGETS
 from meshfit.settings import deep_merge
 
 NOW = datetime(2026, 5, 4, 12, 0, 0, tzinfo=UTC)
@@ -48,8 +49,8 @@ def result_of(target="bunny", scheme="loop", seed=0, experiment="small", fit_sec
         "seed": seed,
         **figures,
         "fit": {"steps": settings["fit"].get("steps", 90), "device": "cpu", "final_loss": 0.5},
-        "frame": {"centre": [0.0, 1.0, 2.0], "scale": 0.5, "normalise": "tutorial"},
-        "inputs": {"target": "ab" * 32},
+        "frame": {"centre": [0.0, 1.0, 2.0], "scale": 0.5, "normalise": "tutorial", "written": "normalised"},
+        "inputs": {"target": NAMED_TARGETS[target].sha256 if target in NAMED_TARGETS else "ab" * 32},
         "settings": settings,
         "seconds": {"fit": fit_seconds, "measure": measure_seconds},
         "peak_memory_mb": 400.5,

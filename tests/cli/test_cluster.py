@@ -10,6 +10,8 @@ from contextlib import contextmanager, suppress
 
 import pytest
 
+from meshfit.experiment.storage.targets import read_written_mesh
+from meshfit.mesh.io.files import load_mesh
 from tests.cli.processes import ENVIRONMENT, contents, meshfit, start, wait_until
 from tests.small import CONFIG, config_file
 
@@ -93,7 +95,9 @@ def test_trials_sent_to_a_cluster_leave_what_they_leave_here(tmp_path, cluster, 
     assert found.keys() == undisturbed[0].keys()
     assert same(found, undisturbed[0])
     assert out == undisturbed[1]
-    left = {path.name for path in (tmp_path / "runs").rglob("*") if path.is_file()}
+    (carried,) = (tmp_path / "runs/targets").glob("*.ply")
+    assert read_written_mesh(carried).num_verts == load_mesh(tmp_path / "ellipsoid.ply").num_verts
+    left = {path.name for path in (tmp_path / "runs/small").rglob("*") if path.is_file()}
     assert left == {*NAMES, "result.json", "trial.log", "plan.json", ".lock"}
 
 

@@ -10,7 +10,9 @@ import pytest
 
 from meshfit.errors import MeshError
 from meshfit.experiment.plan import plan
+from meshfit.experiment.running.backends import Remote
 from meshfit.experiment.running.batch_runner import run_batch
+from meshfit.experiment.running.scheduler import run_trials
 from meshfit.experiment.status.cleaning import clean
 from meshfit.experiment.status.scan import scan_experiments
 from meshfit.experiment.storage.run_directory import RunDirectory
@@ -22,6 +24,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import octahedron
 from meshfit.mesh.targets import file_sha256, load_target
 from meshfit.subdivision.refine import subdivide
+from tests.inline import Inline
 from tests.small import ellipsoid, experiment
 from tests.unit.test_trial_runner import prepared, run_trial
 
@@ -137,6 +140,14 @@ def test_a_worker_with_a_directory_of_its_own_does_not_carry(tmp_path):
     run_trial(trial, replace(store, carries_targets=False), lambda _: None)
     assert not (store.root / "targets").exists()
     assert find_carried(store.folder(trial), store.result(trial)) is None
+
+
+def test_workers_that_return_files_leave_a_copy_too(tmp_path):
+    trial, store, folder = prepared(tmp_path, fit={"steps": 1})
+    original = load_target(trial.target)
+    run_trials([trial], store, remote=Remote(Inline(), transfer="returned"))
+    (tmp_path / "ellipsoid.ply").unlink()
+    np.testing.assert_array_equal(read_target(folder, store.result(trial)).verts, original.verts)
 
 
 def test_the_options_of_cleaning_in_a_record_are_those_of_the_trial(tmp_path):

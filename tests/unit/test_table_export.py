@@ -10,6 +10,7 @@ from meshfit.config.experiment import ExperimentSettings
 from meshfit.errors import ConfigError, MeshfitWarning, StoreError
 from meshfit.experiment.status.scan import scan_experiments
 from meshfit.measuring.metrics import METRICS
+from meshfit.mesh.targets import NAMED_TARGETS
 from meshfit.report.tables.export import HEAD, columns_of, records_of, write_records
 from meshfit.report.tables.grouping import flatten
 from tests.runs import NOW, begun, complete, failed, write_plan
@@ -54,7 +55,11 @@ def test_a_row_holds_every_metric_every_setting_and_what_else_the_result_says(ru
     assert facts.items() <= row.items()
     assert (row["state"], row["variant"], row["identity"]) == ("complete", "", result["identity"])
     assert (row["seconds.fit"], row["peak_memory_mb"], row["frame.scale"]) == (10.0, 400.5, 0.5)
-    assert (row["versions.python"], row["platform.system"], row["inputs.target"]) == ("3.11.7", "Linux", "ab" * 32)
+    assert (row["versions.python"], row["platform.system"], row["inputs.target"]) == (
+        "3.11.7",
+        "Linux",
+        NAMED_TARGETS["bunny"].sha256,
+    )
 
 
 def test_failed_trials_have_their_settings_and_why_and_no_metrics(runs):
