@@ -184,10 +184,14 @@ def test_elements_with_indices_that_are_passed_over_are_named(name):
         read_ply(alone)
 
 
-def test_a_grid_of_scanned_points_is_named():
+def test_a_grid_of_scanned_points_has_no_faces(tmp_path):
     grid = f"ply\nformat ascii 1.0\nobj_info num_cols 2\n{VERTEX}element range_grid 4\n{LIST}end_header\n{POINTS}"
-    with pytest.raises(MeshError, match="its surface is a 'range_grid', a grid of scanned points; expected 'face'"):
-        read_ply((grid + "1 0\n1 1\n1 2\n0\n").encode())
+    (tmp_path / "a.ply").write_text(grid + "1 0\n1 1\n1 2\n0\n")
+    with (
+        pytest.warns(MeshfitWarning, match=r"a\.ply: passed over elements with lists of indices: 'range_grid'$"),
+        pytest.raises(MeshError, match="expected a surface, got a cloud of 4 points and no faces"),
+    ):
+        load_mesh(tmp_path / "a.ply")
 
 
 @over("content", [TEXT.encode() + b"7\nand more\n", binary() + b"7 and more\n"])

@@ -68,6 +68,8 @@ BAD_TEXTS = {
     "": "expected one number for each of the 6 vertices of the mesh file, got 0",
     "0\n" * 7: "expected one number for each of the 6 vertices of the mesh file, got 7",
     "0\n0\nhalf\n": "line 3: expected one number, got 'half'",
+    "0\n0,5\n": "line 2: expected one number, got '0,5'",
+    "1_0\n": "line 1: expected one number, got '1_0'",
     "0 1 2 3 4 5\n": "line 1: expected one number, got '0 1 2 3 4 5'",
     "0\n0\n0\n0\nnan\n0\n": "vertex 4: expected a number, got nan",
 }

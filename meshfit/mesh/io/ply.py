@@ -157,9 +157,8 @@ def _check_other_elements(ply: Ply) -> None:
     names = [f"'{element.name}'" for element in elements if element.integer_lists]
     if not names:
         return
-    if any(name in ply.rows and ply.rows[name].element.length for name in known[1:]):
-        warnings.warn(f"passed over elements with lists of indices: {', '.join(names)}", MeshfitWarning, stacklevel=2)
+    has_faces = any(name in ply.rows and ply.rows[name].element.length for name in known[1:])
+    if has_faces or names == ["'range_grid'"]:  # of a scanner, which has points and no faces
+        warnings.warn(f"passed over elements with lists of indices: {', '.join(names)}", MeshfitWarning, stacklevel=3)
         return
-    if "'range_grid'" in names:
-        raise MeshError("its surface is a 'range_grid', a grid of scanned points; expected 'face' or 'tristrips'")
     raise MeshError(f"its surface is in elements {', '.join(names)}; expected 'face' or 'tristrips'")

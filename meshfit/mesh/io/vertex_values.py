@@ -11,7 +11,7 @@ from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.cleaning import VertexMap
 from meshfit.mesh.io.mesh_file import MeshFile, read_file
 from meshfit.mesh.io.ply import read_ply_property
-from meshfit.mesh.io.text import read_word_lines
+from meshfit.mesh.io.text import parse_float, read_word_lines
 from meshfit.paths import MESH_SUFFIXES, format_suffix, path_text
 
 Values = Float64[np.ndarray, "_"]
@@ -31,10 +31,9 @@ def read_vertex_values(path: str | Path, vertex_map: VertexMap, within: tuple[fl
     """
     values = []
     for number, words in read_word_lines(path):
-        try:
-            (value,) = map(float, words)
-        except ValueError:
-            raise MeshError(f"{path}, line {number}: expected one number, got '{' '.join(words)}'") from None
+        value = parse_float(words[0].encode()) if len(words) == 1 else None
+        if value is None:
+            raise MeshError(f"{path}, line {number}: expected one number, got '{' '.join(words)}'")
         values.append(value)
     if len(values) != vertex_map.num_file_verts:
         raise MeshError(
