@@ -140,8 +140,8 @@ def test_las_and_laz_as_laspy_writes_them(tmp_path, form):
 
 
 def test_laz_without_a_decoder_is_counted_and_the_remedy_named(tmp_path, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "lazrs", None)
-    (tmp_path / "a.laz").write_bytes(las(form=0x80))
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    (tmp_path / "a.laz").write_bytes(las(form=0x80).replace(bytes(16), b"laszip encoded\0\0", 1))
     with pytest.raises(MeshError, match=re.escape("LAZ needs a decoder: pip install 'meshfit[las]', or convert")):
         load_points(tmp_path / "a.laz")
     with pytest.raises(MeshError, match="a cloud of 4 points"):
@@ -182,6 +182,7 @@ FAULTS = {
     "many.las": (las(count=2**32 - 1), "cut short: its header announces 4294967295 points"),
     "many.laz": (las(count=2**32 - 1, form=0x80), "announces 4294967295 points, far more than"),
     "scale.las": (las()[:131] + bytes(8) + las()[139:], "expected a scale and an offset that are finite"),
+    "no record.laz": (las(form=0x80), "its points are compressed, but no record says how"),
     "no header.pcd": (b"VERSION .7\nFIELDS x y z\n", "expected a header that ends with a line 'DATA ascii'"),
     "no y.pcd": (pcd("ascii", TEXT, fields="x w z"), "expected FIELDS x, y and z, one of each"),
     "lengths.pcd": (pcd("ascii", TEXT, sizes="4 4"), "FIELDS, TYPE, SIZE and COUNT of different lengths"),
