@@ -71,6 +71,26 @@ def metrics(incomplete: str) -> Completions:
     return _named({name: metric.title for name, metric in METRICS.items()}, incomplete)
 
 
+def listed_metrics(incomplete: str) -> Completions:
+    """The last metric of a comma-separated list."""
+    before, comma, last = incomplete.rpartition(",")
+    return [(before + comma + value, help_text) for value, help_text in metrics(last)]
+
+
+def listed_measured(incomplete: str) -> Completions:
+    """The last metric of a comma-separated list, of those that `meshfit measure` measures."""
+    from meshfit.measuring.metrics import MEASURED
+
+    return [pair for pair in listed_metrics(incomplete) if pair[0].rpartition(",")[2] in MEASURED]
+
+
+def limits(incomplete: str) -> Completions:
+    """Metrics of a measurement, up to the equals sign."""
+    from meshfit.measuring.metrics import MEASURED
+
+    return _named({f"{name}=": metric.title for name, metric in MEASURED.items()}, incomplete)
+
+
 def settings(incomplete: str) -> Completions:
     """Keys of settings, up to the equals sign."""
     from meshfit.config.experiment import ExperimentSettings

@@ -1,8 +1,10 @@
 """Consoles for stdout and stderr, one-line errors and warnings, and exit codes."""
 
+import os
+import sys
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderHook
@@ -10,6 +12,7 @@ from rich.markup import escape
 from rich.segment import Segment
 
 from meshfit.errors import MeshfitError, MeshfitWarning
+from meshfit.printable import printable
 
 EXIT_FAILED = 1
 """A trial failed, or a check fell short."""
@@ -34,14 +37,37 @@ class _Trimmed:
             yield Segment.line()
 
 
+@dataclass(frozen=True)
+class _Printable:
+    """Output whose control characters are escapes, except those of the console itself."""
+
+    output: ConsoleRenderable
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Segment]:
+        for segment in console.render(self.output, options):
+            yield segment if segment.control else Segment(printable(segment.text, keep="\n\t"), segment.style)
+
+
 class _Trimming(RenderHook):
     def process_renderables(self, renderables: list[ConsoleRenderable]) -> list[ConsoleRenderable]:
-        return [_Trimmed(renderable) for renderable in renderables]
+        return [_Trimmed(_Printable(renderable)) for renderable in renderables]
 
 
-out = Console(highlight=False)
+class _Escaping(RenderHook):
+    def process_renderables(self, renderables: list[ConsoleRenderable]) -> list[ConsoleRenderable]:
+        return [_Printable(renderable) for renderable in renderables]
+
+
+class _Console(Console):
+    def on_broken_pipe(self) -> None:
+        """Leave a closed pipe to `exit_code_of`; by default, it is a failure with exit code 1."""
+        raise BrokenPipeError
+
+
+out = _Console(highlight=False)
 out.push_render_hook(_Trimming())
-err = Console(stderr=True, highlight=False)
+err = _Console(stderr=True, highlight=False)
+err.push_render_hook(_Escaping())
 
 # Of the terminal's 16 colours, red, green, magenta and cyan are readable on both white and black; yellow, blue and dim
 # text are not. Colour never carries meaning alone.
@@ -79,15 +105,25 @@ def exit_code_of(command: Callable[[], int]) -> int:
     """Run a command, turning expected errors and those of the file system into one line and an exit code."""
     try:
         with show_warnings():
-            return command()
+            code = command()
+            if sys.stdout is not None:
+                sys.stdout.flush()
+            return code
     except MeshfitError as error:
         print_error(str(error))
         return error.exit_code
     except KeyboardInterrupt:
         err.print("interrupted; run the same command again to resume", style="bold magenta")
         return EXIT_INTERRUPTED
-    except BrokenPipeError:
+    except BrokenPipeError:  # the reader, such as `head`, has had enough
+        _discard_output()
         return 0
     except OSError as error:
         print_error(f"{error.filename}: {error.strerror}" if error.filename else str(error))
         return EXIT_USAGE
+
+
+def _discard_output() -> None:
+    """Send the rest of stdout to nowhere, so that Python does not report at its exit that it cannot be written."""
+    with suppress(OSError, ValueError, AttributeError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -8,7 +8,7 @@ import typer
 
 from meshfit.cli import completions
 from meshfit.cli.console import out
-from meshfit.cli.options import RunDirs
+from meshfit.cli.options import RunDirs, split_metrics
 from meshfit.measuring.metrics import DEFAULT_METRIC
 
 
@@ -19,10 +19,11 @@ def expect(
         list[str] | None,
         typer.Option(
             "--metric",
-            help="A metric to include. May be repeated.",
+            help="A metric to include, or several: a,b. May be repeated.",
             show_default=DEFAULT_METRIC,
-            metavar="NAME",
-            autocompletion=completions.metrics,
+            metavar="NAME,...",
+            autocompletion=completions.listed_metrics,
+            callback=split_metrics,
         ),
     ] = None,
 ) -> int:

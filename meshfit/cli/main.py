@@ -185,6 +185,10 @@ def run_app() -> int:
         return EXIT_USAGE
     except typer.Abort:
         return EXIT_INTERRUPTED
+    except SystemExit as error:
+        if isinstance(error.__context__, BrokenPipeError):  # which Typer takes for a failure
+            raise error.__context__ from None
+        raise
     if result == EXIT_INTERRUPTED:
         raise KeyboardInterrupt
     return result if isinstance(result, int) else 0

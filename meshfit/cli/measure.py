@@ -1,38 +1,86 @@
-"""`meshfit measure`: measure one mesh against one target."""
+"""`meshfit measure`: measure meshes against a target."""
 
+import csv
+import io
 import json
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from meshfit.cli import completions
-from meshfit.cli.console import out
-from meshfit.cli.options import AsJson, MeshFormat, RepairMode, Weld, suggest_option
-from meshfit.errors import ConfigError
-from meshfit.paths import MESH_SUFFIXES, STREAM, format_suffix, is_pipe
+from meshfit.cli.console import EXIT_FAILED, err, out, print_error
+from meshfit.cli.options import OUTPUT, AsJson, MeshFormat, RepairMode, Weld, split_metrics, suggest_option
+from meshfit.errors import ConfigError, MeshfitError
+from meshfit.measuring.limits import Limit, parse_limit
+from meshfit.measuring.metrics import LENGTH, MEASURED
+from meshfit.paths import MESH_SUFFIXES, STREAM, format_suffix, is_pipe, path_text
+from meshfit.printable import csv_cell
+from meshfit.specs import suggest
 
 if TYPE_CHECKING:
+    from meshfit.measuring.settings import MeasureSettings
     from meshfit.mesh.cleaning_options import CleaningOptions
     from meshfit.mesh.mesh import Mesh
+    from meshfit.mesh.normalisation import Frame
+
+LIMITS = "Limits"
+GAP = 2
+_COLUMNS = (
+    "hausdorff.symmetric",
+    "hausdorff.percent_of_diagonal",
+    "distance.mean",
+    "f_score.f1",
+    "quality.self_intersecting_faces",
+    "quality.flipped_faces",
+)
+"""The metrics of a table of several results."""
+
+_RESULT, _FAILED = "result", "failed"
+_UNSIGNED = "unsigned, since the target is open"
+_LEAST = 12
+"""Width to which headings are wrapped."""
+_WIDEST = 1000
+
+Values = Mapping[str, Any]
+"""The nested values of a measurement."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A result that has been measured, or the reason why it could not be."""
+
+    result: str
+    values: Values
+    error: str = ""
 
 
 def measure(
-    result: Annotated[
-        str,
+    meshes: Annotated[
+        list[str],
         typer.Argument(
-            help="Mesh file of the result; - is standard input.", metavar="RESULT", autocompletion=completions.targets
-        ),
-    ],
-    target: Annotated[
-        str,
-        typer.Argument(
-            help="Mesh file or name of the target; - is standard input.",
-            metavar="TARGET",
+            help="The result, then the target: mesh files, names of targets, or - for standard input. With --target, "
+            "all are results.",
+            metavar="MESHES",
             autocompletion=completions.targets,
         ),
     ],
+    target: Annotated[
+        str | None,
+        typer.Option(
+            "--target",
+            "-t",
+            help="Mesh file or name of the target of all results, which become the rows of a table.",
+            metavar="TARGET",
+            autocompletion=completions.targets,
+        ),
+    ] = None,
     samples: Annotated[
         int | None,
         typer.Option(
@@ -47,62 +95,412 @@ def measure(
         Literal["tutorial", "box", "none"],
         typer.Option(
             "--normalise",
-            help="Normalise both meshes by this frame of the target: tutorial, box or none.",
+            help="Normalise all meshes by this frame of the target: tutorial, box or none.",
             metavar="FRAME",
         ),
     ] = "none",
+    tau: Annotated[
+        str | None,
+        typer.Option(
+            "--tau",
+            help="Distance within which points match in the F-scores; N% is of the target's diagonal.",
+            show_default="0.01",
+            metavar="DISTANCE",
+        ),
+    ] = None,
+    crease_angle: Annotated[
+        float | None,
+        typer.Option(
+            "--crease-angle",
+            help="Least angle between the faces of a crease, in degrees.",
+            show_default="30",
+            metavar="ANGLE",
+        ),
+    ] = None,
+    fail_above: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--fail-above",
+            help="Exit 1 if a metric is above a number in the file's unit, or N% of the target's diagonal. "
+            "May be repeated.",
+            metavar="METRIC=NUMBER",
+            rich_help_panel=LIMITS,
+            autocompletion=completions.limits,
+        ),
+    ] = None,
+    fail_below: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--fail-below",
+            help="Exit 1 if a metric is below a number. May be repeated.",
+            metavar="METRIC=NUMBER",
+            rich_help_panel=LIMITS,
+            autocompletion=completions.limits,
+        ),
+    ] = None,
+    metrics: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--metric",
+            help="Metric to show, or several: a,b. May be repeated.",
+            show_default="all; for several results, a choice",
+            metavar="NAME,...",
+            rich_help_panel=OUTPUT,
+            autocompletion=completions.listed_measured,
+            callback=split_metrics,
+        ),
+    ] = None,
+    write: Annotated[
+        str | None,
+        typer.Option(
+            "--write",
+            help="Write the result as PLY with the distance of each vertex and face, negative inside the target.",
+            metavar="FILE.ply",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = None,
+    csv_file: Annotated[
+        str | None,
+        typer.Option(
+            "--csv",
+            help="Write CSV: a row per metric, or with --target a row per result; - is standard output.",
+            metavar="FILE",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = None,
+    as_json: AsJson = False,
     input_format: MeshFormat = None,
     weld: Weld = 0.0,
     repair: RepairMode = "split",
-    as_json: AsJson = False,
 ) -> int:
     """Measure a mesh against a target.
 
-    The metrics are Hausdorff, mean and RMS distance, chamfer distance, F-score, normal consistency and mesh quality.
-    Lengths are in the files' own units unless --normalise names a frame.
+    The metrics are Hausdorff, mean and RMS distance and percentiles, chamfer distance, F-score, agreement of normals
+    and of creases, and mesh quality. Lengths are in the files' own units unless --normalise names a frame. Several
+    results are measured with --target; one that cannot be is named, the others are measured, and the exit code is 1.
 
     Examples:
         meshfit measure result.ply target.obj
+        meshfit measure result.ply scan.stl --write errors.ply
+        meshfit measure results/*.ply --target scan.stl --csv errors.csv
+        meshfit measure result.ply scan.stl --fail-above hausdorff=0.5%
         meshfit measure decimated.obj bunny --normalise tutorial --json
-        zstdcat scan.ply.zst | meshfit measure - target.obj --format ply
+        zcat scan.ply.gz | meshfit measure - target.obj --format ply
     """
-    from meshfit.measuring.measure import measure as measure_mesh
     from meshfit.measuring.settings import MeasureSettings
     from meshfit.mesh.cleaning_options import CleaningOptions
+    from meshfit.mesh.geometry import bounding_box_diagonal
+    from meshfit.mesh.manifold import is_watertight
     from meshfit.mesh.normalisation import frame_of
+    from meshfit.mesh.topology import Topology
+    from meshfit.settings import override
 
-    if result == target == STREAM:
-        raise ConfigError("standard input can be only one of RESULT and TARGET")
-    cleaning = CleaningOptions(weld, repair)
-    result_mesh, target_mesh = (_load(name, cleaning, input_format) for name in (result, target))
+    results, target_name = _roles(meshes, target)
+    limits = [*(parse_limit(text, above=True) for text in fail_above or ())]
+    limits += [parse_limit(text, above=False) for text in fail_below or ()]
+    _check_output(results, metrics, write, csv_file, as_json=as_json)
+    distance = None if tau is None else _parse_tau(tau)
+    options = {"samples": samples, "crease_angle": crease_angle}
+    settings = override(MeasureSettings(), {key: value for key, value in options.items() if value is not None})
+    load = _loader(CleaningOptions(weld, repair), input_format)
+    target_mesh = load(target_name)
     frame = frame_of(target_mesh.verts, normalise)
-    settings = MeasureSettings() if samples is None else MeasureSettings(samples=samples)
-    values = measure_mesh(frame.normalise(result_mesh), frame.normalise(target_mesh), settings).to_dict()
-    if as_json:
-        typer.echo(json.dumps({"result": result, "target": target, "normalise": normalise} | values, indent=2))
+    measuring = _Measuring(load, frame, frame.normalise(target_mesh), settings, write)
+    diagonal = bounding_box_diagonal(measuring.target.verts)
+    if distance is not None:
+        measuring = replace(measuring, settings=override(settings, {"f_score_tau": distance(diagonal)}))
+    if target is None:
+        measured = [Measured(results[0], measuring.measure(results[0]))]
     else:
-        out.print(_table(result, target, values))
-    return 0
+        measured = list(_each(measuring, results))
+    about = {"target": target_name, "normalise": normalise}
+    if csv_file is not None:
+        _write_csv(csv_file, measured, target_name, metrics, wide=target is not None)
+    if as_json:
+        typer.echo(json.dumps(_json(measured, about, single=target is None), indent=2))
+    elif csv_file != STREAM:
+        _print(measured, target_name, metrics, single=target is None)
+    if write is not None and not as_json and csv_file != STREAM:
+        side = "negative inside the target" if is_watertight(Topology.of(measuring.target)) else _UNSIGNED
+        out.print(f"wrote {path_text(write)}: distances, {side}", soft_wrap=True, markup=False)
+    failed = any(each.error for each in measured)
+    for each in measured:
+        for line in _failures(each, limits, diagonal):
+            print_error(f"{path_text(each.result)}: {line}")
+            failed = True
+    return EXIT_FAILED if failed else 0
 
 
-def _load(name: str, cleaning: "CleaningOptions", input_format: str | None) -> "Mesh":
-    """Load a mesh; the format applies if the name does not tell it."""
+def _roles(meshes: Sequence[str], target: str | None) -> tuple[list[str], str]:
+    """Return the names of the results, and that of the target."""
+    *results, last = meshes
+    if target is not None:
+        results, last = list(meshes), target
+    elif not results:
+        raise ConfigError(f"no target: give it after the result: meshfit measure {path_text(last)} TARGET")
+    elif len(results) > 1:
+        raise ConfigError(f"{len(meshes)} meshes without --target: give the target of several results by --target")
+    if [*results, last].count(STREAM) > 1:
+        raise ConfigError("standard input can be only one of RESULT and TARGET")
+    return results, last
+
+
+def _check_output(
+    results: Sequence[str], metrics: Sequence[str] | None, write: str | None, csv_file: str | None, *, as_json: bool
+) -> None:
+    for metric in metrics or ():
+        if metric not in MEASURED:
+            raise ConfigError(f"'{metric}' is not a metric of a measurement: {suggest(metric, MEASURED)}")
+    if csv_file == STREAM and as_json:
+        raise ConfigError("standard output can have only one of --csv - and --json")
+    if write is None:
+        return
+    if format_suffix(write) != ".ply":
+        raise ConfigError(f"--write {path_text(write)}: distances are written as PLY; give a name that ends in .ply")
+    if len(results) > 1:
+        raise ConfigError(f"--write takes one result, got {len(results)}; measure them one by one")
+
+
+def _parse_tau(text: str) -> Callable[[float], float]:
+    """Return the distance of the F-scores as a function of the target's diagonal."""
+    number = text.strip().removesuffix("%")
+    try:
+        value = float(number)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < math.inf:
+        raise ConfigError(f"--tau {text}: expected a number above 0, or N% of the target's diagonal")
+    return lambda diagonal: value / 100 * diagonal if number != text.strip() else value
+
+
+def _loader(cleaning: "CleaningOptions", input_format: str | None) -> "Callable[[str], Mesh]":
+    """Return a function that loads a mesh; the format applies if the name does not tell it."""
     from meshfit.mesh.targets import NAMED_TARGETS, load_target, open_target
 
-    if name in NAMED_TARGETS or (format_suffix(name) in MESH_SUFFIXES and not is_pipe(name)):
-        return load_target(name, cleaning)
-    with suggest_option("--format"):
-        return load_target(name, cleaning, file=open_target(name, file_format=input_format))
+    def load(name: str) -> "Mesh":
+        if name in NAMED_TARGETS or (format_suffix(name) in MESH_SUFFIXES and not is_pipe(name)):
+            return load_target(name, cleaning)
+        with suggest_option("--format"):
+            return load_target(name, cleaning, file=open_target(name, file_format=input_format))
+
+    return load
 
 
-def _table(result: str, target: str, values: dict[str, Any]) -> Table:
-    from meshfit.measuring.metrics import MEASURED
+@dataclass(frozen=True)
+class _Measuring:
+    """Measurement of results by name, against one target in the frame of both."""
 
-    table = Table(box=None, pad_edge=False, title=f"{escape(result)} against {escape(target)}", title_justify="left")
+    load: "Callable[[str], Mesh]"
+    frame: "Frame"
+    target: "Mesh"
+    settings: "MeasureSettings"
+    write: str | None
+
+    def measure(self, name: str) -> Values:
+        """Load and measure a result, and write its deviation if that is wanted.
+
+        Raises:
+            MeshfitError: it cannot be loaded, measured or written.
+        """
+        from meshfit.measuring.deviation import deviation, encode_deviation
+        from meshfit.measuring.measure import measure as measure_mesh
+        from meshfit.mesh.io.mesh_file import write_file
+
+        result = self.frame.normalise(self.load(name))
+        values = measure_mesh(result, self.target, self.settings).to_dict()
+        if self.write is not None:
+            write_file(self.write, encode_deviation(result, deviation(result, self.target)))
+        return values
+
+
+def _each(measuring: _Measuring, results: Sequence[str]) -> Iterator[Measured]:
+    """Measure several results; name those that cannot be measured, and go on."""
+    from rich.progress import track
+
+    from meshfit.measuring.surface import require_surface
+
+    require_surface(measuring.target, "target")
+    hidden = not err.is_terminal or len(results) < 2
+    for name in track(results, "measuring", console=err, transient=True, disable=hidden):
+        try:
+            yield Measured(name, measuring.measure(name))
+        except MeshfitError as error:
+            text = str(error) if name in str(error) else f"{path_text(name)}: {error}"
+            print_error(text)
+            yield Measured(name, {}, text)
+
+
+def _failures(measured: Measured, limits: Sequence[Limit], diagonal: float) -> list[str]:
+    if measured.error:
+        return []
+    return [line for limit in limits if (line := limit.failure(measured.values, diagonal)) is not None]
+
+
+def _json(measured: Sequence[Measured], about: Mapping[str, str], *, single: bool) -> dict[str, Any]:
+    if single:
+        return {"result": measured[0].result, **about, **measured[0].values}
+    results = [{"result": each.result, **({"error": each.error} if each.error else each.values)} for each in measured]
+    return {**about, "results": results}
+
+
+def _value(values: Values, name: str) -> Any:  # noqa: ANN401  a number, a boolean or None
+    group, _, key = name.partition(".")
+    return values[group][key]
+
+
+def _text(values: Values, name: str) -> str:
+    value = _value(values, name)
+    return "–" if value is None else str(value) if isinstance(value, bool) else format(value, MEASURED[name].format)
+
+
+# CSV.
+
+
+def _write_csv(
+    path: str, measured: Sequence[Measured], target: str, metrics: Sequence[str] | None, *, wide: bool
+) -> None:
+    from meshfit.experiment.storage.run_directory import write_atomically
+
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    for row in _wide_rows(measured, metrics) if wide else _long_rows(measured[0], target, metrics):
+        writer.writerow(map(csv_cell, row))
+    if path == STREAM:
+        typer.echo(text.getvalue(), nl=False)
+    else:
+        write_atomically(Path(path), text.getvalue())
+
+
+def _long_rows(measured: Measured, target: str, metrics: Sequence[str] | None) -> Iterator[Sequence[object]]:
+    """Yield one row per metric; without a choice, also for the settings and the farthest points."""
+    yield "result", "target", "metric", "value", "unit"
+    for name, value in _flat(measured.values, metrics).items():
+        yield measured.result, target, name, value, _unit(name)
+
+
+def _unit(name: str) -> str:
+    if name in MEASURED:
+        return MEASURED[name].unit
+    return LENGTH if name == "f_score.tau" or (name.startswith("farthest") and not name.endswith("face")) else ""
+
+
+def _wide_rows(measured: Sequence[Measured], metrics: Sequence[str] | None) -> Iterator[Sequence[object]]:
+    """Yield one row per result, with the error of one that could not be measured."""
+    flat = [_flat(each.values, metrics) if each.values else {} for each in measured]
+    columns = list(dict.fromkeys([*(metrics or MEASURED), *(name for values in flat for name in values)]))
+    yield "result", *columns, "error"
+    for each, values in zip(measured, flat, strict=True):
+        yield each.result, *map(values.get, columns), each.error or None
+
+
+def _flat(values: Values, metrics: Sequence[str] | None) -> dict[str, object]:
+    """Return values by dotted name: those of some metrics, or all, with coordinates as x, y and z."""
+    if metrics:
+        return {name: _value(values, name) for name in metrics}
+    flat: dict[str, object] = {}
+
+    def add(name: str, value: object) -> None:
+        if isinstance(value, list):
+            value = dict(zip("xyz", value, strict=True))
+        if isinstance(value, Mapping):
+            for key, inner in value.items():
+                add(f"{name}.{key}" if name else key, inner)
+        else:
+            flat[name] = value
+
+    add("", values)
+    return flat
+
+
+# The table.
+
+
+def _print(measured: Sequence[Measured], target: str, metrics: Sequence[str] | None, *, single: bool) -> None:
+    if single:
+        title = f"{path_text(measured[0].result)} against {path_text(target)}"
+        out.print(title, soft_wrap=True, markup=False, style="italic")
+        out.print(_table(measured[0], metrics))
+        if not metrics:
+            for line in _notes(measured[0].values):
+                out.print(line, soft_wrap=True, markup=False)
+    elif any(each.values for each in measured):
+        out.print(f"against {path_text(target)}", soft_wrap=True, markup=False, style="italic")
+        for number, table in enumerate(_results_tables(measured, metrics or _COLUMNS, out.width)):
+            if number:
+                out.print()
+            out.print(table, width=max(out.width, _WIDEST), crop=False)
+
+
+def _table(measured: Measured, metrics: Sequence[str] | None) -> Table:
+    table = Table(box=None, pad_edge=False)
     table.add_column("metric")
     table.add_column("value", justify="right", style="bold")
-    for name, metric in MEASURED.items():
-        group, _, key = name.partition(".")
-        value = values[group][key]
-        table.add_row(metric.title, str(value) if isinstance(value, bool) else format(value, metric.format))
+    before = ""
+    for name in metrics or MEASURED:
+        group = name.partition(".")[0]
+        if not metrics and before not in ("", group):
+            table.add_row()
+        table.add_row(MEASURED[name].title, _text(measured.values, name))
+        before = group
     return table
+
+
+def _results_tables(measured: Sequence[Measured], metrics: Sequence[str], width: int) -> Iterator[Table]:
+    """Yield tables of some of the metrics each, so that none is wider than a width, if that can be."""
+    names = [path_text(each.result) for each in measured]
+    columns: list[_Column] = []
+    left = width - max(len(_RESULT), *map(len, names))
+    for metric in metrics:
+        column = _Column.of(metric, measured)
+        if columns and sum(GAP + other.width for other in [*columns, column]) > left:
+            yield _results_table(names, columns)
+            columns = []
+        columns = [*columns, column]
+    yield _results_table(names, columns)
+
+
+def _results_table(names: Sequence[str], columns: Sequence["_Column"]) -> Table:
+    table = Table(box=None, pad_edge=False, padding=(0, GAP, 0, 0))
+    table.add_column(_RESULT, no_wrap=True, vertical="bottom")
+    for column in columns:
+        table.add_column("\n".join(column.heading), justify="right", no_wrap=True, min_width=column.width)
+    for name, *cells in zip(names, *(column.cells for column in columns), strict=True):
+        table.add_row(Text(name), *cells)
+    return table
+
+
+@dataclass(frozen=True)
+class _Column:
+    """The lines of the heading of a metric, and its cells."""
+
+    heading: Sequence[str]
+    cells: Sequence[str]
+
+    @classmethod
+    def of(cls, metric: str, measured: Sequence[Measured]) -> "_Column":
+        cells = [_text(each.values, metric) if each.values else _FAILED for each in measured]
+        return cls(wrap(MEASURED[metric].title, max(_LEAST, *map(len, cells))), cells)
+
+    @property
+    def width(self) -> int:
+        return max(map(len, [*self.heading, *self.cells]))
+
+
+def _notes(values: Values) -> Iterator[str]:
+    """Yield lines on the farthest points, the settings, and missing values."""
+    yield ""
+    for direction, own, other in (("forward", "result", "target"), ("backward", "target", "result")):
+        point = values["farthest"][direction]
+        where, near = _position(point["position"]), _position(point["nearest"])
+        yield f"farthest from the {other}: {point['distance']:.4g} at {where}, face {point['face']} of the {own};"
+        yield f"  nearest to it: {near}, face {point['nearest_face']} of the {other}"
+    yield (
+        f"{values['hausdorff']['samples']:,} samples and {values['chamfer']['points']:,} points per surface, "
+        f"F-scores at τ = {values['f_score']['tau']:g}"
+    )
+    if reason := values["edges"]["reason"]:
+        yield f"–: {reason}"
+
+
+def _position(point: Sequence[float]) -> str:
+    return f"({', '.join(format(coordinate, '.6g') for coordinate in point)})"

@@ -11,8 +11,8 @@ from typing import Annotated, Any, Literal
 import typer
 
 from meshfit.cli import completions
-from meshfit.errors import FormatError, MeshError
-from meshfit.measuring.metrics import DEFAULT_METRIC
+from meshfit.errors import ConfigError, FormatError, MeshError
+from meshfit.measuring.metrics import DEFAULT_METRIC, metric_named
 
 SELECTION, EXECUTION, OUTPUT = "Selection", "Execution", "Output"
 FORMATS, CLEANING = "File formats", "Cleaning of mesh files"
@@ -96,15 +96,30 @@ RepairMode = Annotated[
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Hide progress.", rich_help_panel=OUTPUT)]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.", rich_help_panel=OUTPUT)]
+
+
+def split_metrics(texts: list[str] | None) -> list[str] | None:
+    """Return the metrics that are given by `--metric a,b`, or by a group's name alone; None if there are none."""
+    names = [metric_named(name.strip()) for text in texts or () for name in text.split(",") if name.strip()]
+    return list(dict.fromkeys(names)) or None
+
+
+def _one_metric(text: str) -> str:
+    if "," in text:
+        raise ConfigError(f"--metric {text}: expected one metric here, got several")
+    return metric_named(text.strip())
+
+
 Metrics = Annotated[
     list[str] | None,
     typer.Option(
         "--metric",
-        help="Metric in the cells, such as distance.mean or quality.self_intersecting_faces. May be repeated.",
+        help="Metric in the cells, such as distance.mean,quality.self_intersecting_faces. May be repeated.",
         show_default=DEFAULT_METRIC,
-        metavar="NAME",
+        metavar="NAME,...",
         rich_help_panel=OUTPUT,
-        autocompletion=completions.metrics,
+        autocompletion=completions.listed_metrics,
+        callback=split_metrics,
     ),
 ]
 Metric = Annotated[
@@ -115,6 +130,7 @@ Metric = Annotated[
         metavar="NAME",
         rich_help_panel=OUTPUT,
         autocompletion=completions.metrics,
+        callback=_one_metric,
     ),
 ]
 Baseline = Annotated[

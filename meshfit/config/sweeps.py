@@ -9,6 +9,7 @@ from typing import Any
 
 from meshfit.config.experiment import NO_EFFECT_ON_RESULTS, ExperimentSettings, canonical_key
 from meshfit.errors import ConfigError
+from meshfit.printable import require_printable
 from meshfit.settings import KIND_KEY, apply_changes, build, deep_merge, nested
 
 ZIP, VARIANTS = "zip", "variants"
@@ -70,9 +71,12 @@ def variants_of(settings: ExperimentSettings, where: Callable[[], str] = lambda:
 
 def _axes(sweep: Mapping[str, Any]) -> list[list[_Point]]:
     """Return the points on each axis: the named variants, the zipped settings, then each setting of the grid."""
+    named = _mapping(sweep.get(VARIANTS, {}), f"sweep.{VARIANTS}")
+    for name in named:
+        require_printable(name, f"sweep.{VARIANTS}: variant")
     variants = [
         _Point(name, dict(_flat(_mapping(changes, f"sweep.{VARIANTS}.{name}"), lists=False)))
-        for name, changes in _mapping(sweep.get(VARIANTS, {}), f"sweep.{VARIANTS}").items()
+        for name, changes in named.items()
     ]
     zipped = _lists(_mapping(sweep.get(ZIP, {}), f"sweep.{ZIP}"))
     grid = _lists({key: value for key, value in sweep.items() if key not in (ZIP, VARIANTS)})

@@ -16,6 +16,7 @@ from meshfit.experiment.source import build_source, source_files
 from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path, target_title
 from meshfit.paths import file_stem
+from meshfit.printable import require_printable
 from meshfit.specs import spec_folder
 from meshfit.subdivision.registry import NamedScheme
 
@@ -138,6 +139,7 @@ def plan(experiments: Sequence[Experiment], *, remote: bool = False) -> list[Tri
     """
     trials: dict[Path, Trial] = {}
     for experiment in experiments:
+        require_printable(experiment.name, "experiment")
         for variant in variants_of(experiment.settings):
             if not remote:
                 _check_device(variant.settings)

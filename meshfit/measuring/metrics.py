@@ -122,6 +122,23 @@ _SETTINGS = {
 """Values beside the metrics of a measurement that are settings."""
 
 
+_MAIN = {
+    "hausdorff": DEFAULT_METRIC,
+    "distance": "distance.mean",
+    "chamfer": "chamfer.l1",
+    "f_score": "f_score.f1",
+    "normal_consistency": "normal_consistency.signed",
+    "normal_angle": "normal_angle.mean",
+    "edges": "edges.f1",
+}
+"""The metric that a group's name alone stands for."""
+
+
+def metric_named(name: str) -> str:
+    """Return the metric that a group's name stands for, such as `hausdorff`; other names stay as they are."""
+    return _MAIN.get(name, name)
+
+
 def require_metric(name: str) -> None:
     """Refuse an unknown metric.
 

@@ -1,6 +1,7 @@
 """PLY files, text or binary: vertices, faces, edges and vertex properties. Other elements are ignored."""
 
 import warnings
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ _LISTS = ("vertex_indices", "vertex_index")
 _LARGEST_INDEX = 2**53  # float64 holds every integer up to here
 _RESTART = 2**32 - 1  # -1 in an unsigned list
 
+_Values = Mapping[str, NDArray[np.float64]]
 _Corners = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
@@ -77,6 +79,28 @@ def write_ply(mesh: Mesh | PolygonMesh, normals: NDArray[np.float64] | None = No
     kind, code = ("uchar", "u1") if polygons.sizes.max(initial=0) < 256 else ("uint", "<u4")
     faces = f"element face {mesh.num_faces}\nproperty list {kind} int vertex_indices\n"
     return _write_points(points, faces) + _face_bytes(polygons, np.dtype(code))
+
+
+def write_ply_values(mesh: Mesh, of_verts: _Values, of_faces: _Values, comment: str) -> bytes:
+    """Return the bytes of a binary PLY file in double precision, with values of vertices and faces by property name.
+
+    Args:
+        mesh: V vertices, F faces.
+        of_verts: (V,) each.
+        of_faces: (F,) each.
+        comment: one line of the header.
+    """
+    verts = np.empty(mesh.num_verts, [(name, "<f8") for name in ("x", "y", "z", *of_verts)])
+    faces = np.empty(mesh.num_faces, [("size", "u1"), ("corners", "<i4", 3), *((name, "<f8") for name in of_faces)])
+    for name, values in {**dict(zip("xyz", mesh.verts.T, strict=True)), **of_verts}.items():
+        verts[name] = values
+    for name, values in {"size": 3, "corners": mesh.faces, **of_faces}.items():
+        faces[name] = values
+    lines = ["ply", "format binary_little_endian 1.0", f"comment {comment}", f"element vertex {len(verts)}"]
+    lines += [f"property double {name}" for name in ("x", "y", "z", *of_verts)]
+    lines += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
+    lines += [f"property double {name}" for name in of_faces]
+    return "\n".join([*lines, "end_header\n"]).encode() + verts.tobytes() + faces.tobytes()
 
 
 def write_ply_curves(curves: Curves) -> bytes:

@@ -18,6 +18,7 @@ from meshfit.experiment.storage.run_directory import Result, write_atomically
 from meshfit.experiment.trial_status import TrialStatus
 from meshfit.fitting.settings import METHODS
 from meshfit.measuring.metrics import METRICS
+from meshfit.printable import csv_cell
 from meshfit.report.tables.grouping import flatten
 
 Record = Mapping[str, bool | int | float | str | None]
@@ -135,14 +136,8 @@ def to_csv(records: Sequence[Record], columns: Sequence[str]) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    writer.writerows([_csv_text(record.get(column)) for column in columns] for record in records)
+    writer.writerows([csv_cell(record.get(column)) for column in columns] for record in records)
     return text.getvalue().encode()
-
-
-def _csv_text(value: object) -> str:
-    if value is None:
-        return ""
-    return value if isinstance(value, str) else json.dumps(value)
 
 
 def to_parquet(records: Sequence[Record], columns: Sequence[str]) -> bytes:

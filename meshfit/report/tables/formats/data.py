@@ -7,6 +7,7 @@ from io import StringIO
 from typing import Any
 
 from meshfit.measuring.metrics import METRICS
+from meshfit.printable import csv_cell
 from meshfit.report.tables.notes import notes
 from meshfit.report.tables.paper_numbers import OTHER, READINGS, paper_value, published_value
 from meshfit.report.tables.table import Comparison, Row, Table
@@ -28,7 +29,7 @@ def to_csv(tables: Sequence[Table]) -> str:
     writer = csv.DictWriter(text, FIELDS, restval="", lineterminator="\n")
     writer.writeheader()
     for part in _split(tables):
-        writer.writerows({key: _csv_value(value) for key, value in row.items()} for row in _csv_rows(part))
+        writer.writerows({key: csv_cell(value) for key, value in row.items()} for row in _csv_rows(part))
     return text.getvalue()
 
 
@@ -82,12 +83,6 @@ def _csv_comparison(comparison: Comparison | None) -> dict[str, object]:
         "improvement": difference.improvement,
         "seeds_needed": difference.seeds_needed,
     }
-
-
-def _csv_value(value: object) -> object:
-    if isinstance(value, bool):
-        return str(value).lower()
-    return "" if value is None else value
 
 
 def to_json(tables: Sequence[Table]) -> str:

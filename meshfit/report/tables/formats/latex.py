@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from itertools import groupby
 from textwrap import wrap
 
+from meshfit.printable import printable
 from meshfit.report.tables.layout import Block, Label, TextCell, blocks_of
 from meshfit.report.tables.notes import (
     NOT_SIGNIFICANT,
@@ -68,7 +69,7 @@ def _table(table: Table, number: int) -> Iterator[str]:
     below = ". ".join([*setting_lines(table), *marks, *notes(table)]) + "."
     yield rf"\noindent{{\scriptsize {escape(below)}\par}}"
     yield r"\endgroup"
-    yield from (f"% {line}" for line in comparison_lines(table))
+    yield from (f"% {printable(line)}" for line in comparison_lines(table))
 
 
 def _rows(block: Block) -> Iterator[str]:
@@ -126,7 +127,7 @@ def _joined(cells: Sequence[str]) -> str:
 
 def escape(text: str) -> str:
     """Escape characters that LaTeX would take for commands, and replace those outside ASCII."""
-    return "".join(_ESCAPES.get(character, character) for character in text)
+    return "".join(_ESCAPES.get(character, character) for character in printable(text))
 
 
 def _label(table: Table) -> str:

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 
+from meshfit.printable import printable
 from meshfit.report.tables.layout import TextCell, columns_of, row_labels, row_names
 from meshfit.report.tables.notes import (
     NOT_SIGNIFICANT,
@@ -49,4 +50,4 @@ def _cell(cell: TextCell) -> str:
 
 def escape(text: str) -> str:
     """Escape characters that Markdown would take for markup."""
-    return _SPECIAL.sub(r"\\\1", text)
+    return _SPECIAL.sub(r"\\\1", printable(text))

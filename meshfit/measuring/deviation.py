@@ -1,0 +1,73 @@
+"""Deviation of a mesh from a target: the distance of each vertex and each face, with its side where there is one."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from meshfit.measuring.proximity import is_inside, point_distances
+from meshfit.measuring.surface import require_surface
+from meshfit.mesh.io.ply import write_ply_values
+from meshfit.mesh.manifold import is_watertight
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.topology import Topology
+
+
+@dataclass(frozen=True, eq=False)
+class Deviation:
+    """Distances of a mesh from a target, in the unit of the vertices.
+
+    Attributes:
+        verts: (V,) of the vertices.
+        faces: (F,) of the faces, at their centroids.
+        signed: whether they are negative inside the target and positive outside; otherwise none is negative.
+    """
+
+    verts: Float64[np.ndarray, " V"]
+    faces: Float64[np.ndarray, " F"]
+    signed: bool
+
+    @property
+    def name(self) -> str:
+        """The name of the values in files: `distance`, or `unsigned_distance`."""
+        return "distance" if self.signed else "unsigned_distance"
+
+
+def deviation(result: Mesh, target: Mesh) -> Deviation:
+    """Return the distance of each vertex and face of a mesh from a target, signed if the target is closed.
+
+    Args:
+        result: V vertices, F faces.
+        target: the mesh to measure to.
+
+    Example:
+        >>> from meshfit.mesh.solids import cube
+        >>> half = cube().with_verts(cube().verts / 2)
+        >>> bool((deviation(half, cube()).verts < 0).all())
+        True
+
+    Raises:
+        MeasureError: a mesh without a surface.
+    """
+    require_surface(result, "result")
+    require_surface(target, "target")
+    centroids = result.verts[result.faces].mean(axis=1)
+    points = np.concatenate([result.verts, centroids])
+    distances, signed = point_distances(target, points), is_watertight(Topology.of(target))
+    if signed:
+        distances = np.where(is_inside(target, points, distances), -distances, distances)
+    return Deviation(distances[: result.num_verts], distances[result.num_verts :], signed)
+
+
+def encode_deviation(mesh: Mesh, values: Deviation) -> bytes:
+    """Return the bytes of a binary PLY file of a mesh with its deviation, as double properties of vertices and faces.
+
+    The property is `distance` if signed, else `unsigned_distance`; `quality`, which MeshLab shows, repeats it.
+    """
+    side = "negative inside the target" if values.signed else "unsigned, since the target is open"
+    return write_ply_values(mesh, _named(values, values.verts), _named(values, values.faces), f"{values.name}: {side}")
+
+
+def _named(values: Deviation, numbers: Float64[np.ndarray, " N"]) -> Mapping[str, Float64[np.ndarray, " N"]]:
+    return {values.name: numbers, "quality": numbers}

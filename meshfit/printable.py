@@ -1,0 +1,70 @@
+"""Text that is safe to print: control characters are refused in names, and written as escapes everywhere else."""
+
+import json
+import unicodedata
+
+from meshfit.errors import ConfigError
+
+# Control characters, surrogates, separators of lines and paragraphs.
+_CATEGORIES = ("Cc", "Cs", "Zl", "Zp")
+# They change the direction of the text after them.
+_BIDIRECTIONAL = "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+
+
+def printable(text: str, keep: str = "") -> str:
+    r"""Return a text with control characters as escapes, such as `\x1b`.
+
+    Args:
+        text: any text.
+        keep: characters that stay as they are.
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        _escape(character) if _is_control(character) and character not in keep else character for character in text
+    )
+
+
+def require_printable(name: str, what: str) -> None:
+    """Refuse a name with control characters.
+
+    Args:
+        name: the name.
+        what: it names, for the message.
+
+    Raises:
+        ConfigError: it has control characters.
+    """
+    if (shown := printable(name)) != name:
+        raise ConfigError(f"{what} '{shown}': a name cannot have control characters; remove them")
+
+
+def csv_cell(value: object) -> str:
+    """Return a value as the text of a CSV cell.
+
+    Numbers are at full precision, booleans `true` or `false`, and None is empty. A text that a spreadsheet would take
+    for a formula begins with an apostrophe.
+    """
+    if value is None:
+        return ""
+    if not isinstance(value, str):
+        return json.dumps(value)
+    text = printable(value, keep="\n\t")
+    return f"'{text}" if value.startswith(_FORMULA) and not _is_number(value) else text
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _is_control(character: str) -> bool:
+    return unicodedata.category(character) in _CATEGORIES or character in _BIDIRECTIONAL
+
+
+def _escape(character: str) -> str:
+    return character.encode("unicode_escape").decode()
