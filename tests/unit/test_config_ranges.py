@@ -61,6 +61,7 @@ RANGES = {
     "measure.samples": (["100"], ["99"]),
     "measure.points": (["100"], ["99"]),
     "measure.f_score_tau": (["0.1"], ["0", "-1"]),
+    "measure.crease_angle": (["30", "179.5"], ["0", "180", ".nan"]),
     "measure.seed": (["0"], ["-1"]),
 }
 INSIDE = [(key, value) for key, (inside, _) in RANGES.items() for value in inside]
