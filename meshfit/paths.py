@@ -4,6 +4,7 @@ import difflib
 import errno
 import os
 import re
+import shlex
 import stat
 from collections.abc import Collection
 from pathlib import Path
@@ -86,6 +87,13 @@ def quoted_path(path: str | Path) -> str:
     """Return a path in quotes, on one line, for a message."""
     text = path_text(path)
     return text if text != str(path) and text[0] in "'\"" else f"'{text}'"
+
+
+def shell_path(path: str | Path) -> str:
+    """Return a path for a command that a message shows, which can be pasted into bash and zsh."""
+    text = str(path)
+    # A leading dash would be an option; zsh expands a leading equals sign.
+    return shlex.quote(f"./{text}" if text[:1] in ("-", "=") else text)
 
 
 def is_regular_file(path: str | Path) -> bool:

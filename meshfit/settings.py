@@ -3,7 +3,8 @@
 import json
 import textwrap
 from collections.abc import Callable, Mapping
-from typing import Annotated, Any, TypeGuard, TypeVar, get_args, get_origin
+from types import UnionType
+from typing import Annotated, Any, TypeGuard, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, Tag, ValidationError
 from pydantic_core import ErrorDetails
@@ -97,6 +98,28 @@ def nested(key: str, value: Any) -> dict[str, Any]:  # noqa: ANN401  any YAML va
     """Return the mapping that sets a dotted key: `fit.steps`, 5 → {"fit": {"steps": 5}}."""
     first, dot, rest = key.partition(".")
     return {first: nested(rest, value) if dot else value}
+
+
+def takes_list(model: type[BaseModel], key: str) -> bool:
+    """Return whether the setting at a dotted key is a list; for settings of several kinds, in any of them."""
+    kinds: list[Any] = [model]
+    for part in key.split("."):
+        kinds = [
+            kind
+            for above in kinds
+            if _is_model(above) and part in above.model_fields
+            for kind in _alternatives(above.model_fields[part].annotation)
+        ]
+    return any(get_origin(kind) in (list, tuple) for kind in kinds)
+
+
+def _alternatives(annotation: Any) -> list[Any]:  # noqa: ANN401  any annotation
+    """Return the types of a union, without what annotates them."""
+    if get_origin(annotation) is Annotated:
+        return _alternatives(get_args(annotation)[0])
+    if get_origin(annotation) in (Union, UnionType):
+        return [kind for part in get_args(annotation) for kind in _alternatives(part)]
+    return [annotation]
 
 
 def dotted(key: KeyPath) -> str:

@@ -12,6 +12,10 @@ Value = float | int | str
 _SPEC = re.compile(r"(?P<name>[^:=,\s]+)(?::(?P<parameters>.*))?", re.DOTALL)
 
 
+# A comma before `key=` separates parameters of one spec.
+_BETWEEN_ENTRIES = re.compile(r",(?!\s*\w+=)")
+
+
 @dataclass(frozen=True)
 class Spec:
     """A name and its parameters, in the order given."""
@@ -64,6 +68,11 @@ def suggest(word: str, allowed: Iterable[str]) -> str:
     similar = difflib.get_close_matches(word, words, n=1) or [other for other in words if word and word in other]
     hint = f"did you mean '{similar[0]}'? " if similar else ""
     return f"{hint}allowed: {', '.join(words)}"
+
+
+def listed(text: str) -> list[str]:
+    """Split a list without brackets at its commas: `interp-loop:alpha=0,valence3=zorin,loop` has two entries."""
+    return [entry.strip() for entry in _BETWEEN_ENTRIES.split(text) if entry.strip()]
 
 
 def spec_folder(spec: str) -> str:

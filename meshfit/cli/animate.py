@@ -12,6 +12,7 @@ import typer
 from meshfit.cli.console import err, out
 from meshfit.cli.options import DEFAULT_RUNS, Runs, TrialName
 from meshfit.errors import ConfigError
+from meshfit.paths import shell_path
 
 if TYPE_CHECKING:
     from meshfit.experiment.status.scan import ScannedTrial
@@ -77,7 +78,7 @@ def _require_snapshots(trial: "ScannedTrial") -> None:
         return
     result = read_json(trial.path / RESULT)
     name = result["experiment"]
-    config = name if name in bundled_configs() else f"{name}.yaml"
+    config = name if name in bundled_configs() else shell_path(f"{name}.yaml")
     settings = {"fit.snapshots": max(1, result["fit"]["steps"] // _SUGGESTED_SNAPSHOTS)}
     settings |= {key: result["settings"][key] for key in ("targets", "schemes", "seeds")}
     changes = (f"{key}={json.dumps(value, ensure_ascii=False)}" for key, value in settings.items())

@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from meshfit.cli import completions
-from meshfit.cli.options import SELECTION, RunOptions, takes_run_options
+from meshfit.cli.options import SELECTION, RunOptions, Seeds, Targets, takes_run_options
 from meshfit.errors import ConfigError
 
 
@@ -30,22 +30,8 @@ def compare(
             autocompletion=completions.configs,
         ),
     ] = "table1",
-    targets: Annotated[
-        str | None,
-        typer.Option(
-            "--targets",
-            help="Targets, comma-separated; replaces the config's.",
-            metavar="A,B",
-            rich_help_panel=SELECTION,
-            autocompletion=completions.listed_targets,
-        ),
-    ] = None,
-    seeds: Annotated[
-        int | None,
-        typer.Option(
-            "--seeds", min=1, help="Seeds 0 to N-1; replaces the config's.", metavar="N", rich_help_panel=SELECTION
-        ),
-    ] = None,
+    targets: Targets = None,
+    seeds: Seeds = None,
 ) -> int:
     """Compare subdivision schemes, paired by seed.
 
@@ -58,20 +44,11 @@ def compare(
         meshfit compare loop my-scheme.yaml
     """
     from meshfit.cli.experiments import run_and_report
-    from meshfit.config.loading import Experiment, load_experiment
-    from meshfit.config.scheme_files import resolve_specs
+    from meshfit.config.loading import load_experiment, with_axes
     from meshfit.experiment.plan import plan
-    from meshfit.settings import override
 
     if len(schemes) < 2:
         raise ConfigError(f"expected two or more schemes to compare, got one: {schemes[0]}")
     experiment = load_experiment(config, options.overrides or ())
-    specs, own = resolve_specs(schemes, experiment.settings.define)
-    define = {name: definition.model_dump(mode="json") for name, definition in own.items()}
-    changes: dict[str, object] = {"schemes": specs, "define": define}
-    if targets is not None:
-        changes["targets"] = [target.strip() for target in targets.split(",") if target.strip()]
-    if seeds is not None:
-        changes["seeds"] = list(range(seeds))
-    changed = Experiment(experiment.name, override(experiment.settings, changes))
+    changed = with_axes(experiment, targets=targets, schemes=schemes, seeds=seeds)
     return run_and_report(plan([changed], remote=options.cluster is not None), options)

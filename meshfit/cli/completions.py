@@ -36,6 +36,12 @@ def fitted_schemes(incomplete: str) -> Completions:
     return [pair for pair in schemes(incomplete) if pair[0] not in curves]
 
 
+def listed_schemes(incomplete: str) -> Completions:
+    """The last scheme of a comma-separated list."""
+    before, comma, last = incomplete.rpartition(",")
+    return [(before + comma + value, help_text) for value, help_text in fitted_schemes(last)]
+
+
 def targets(incomplete: str) -> Completions:
     """Named targets and mesh files."""
     from meshfit.mesh.targets import NAMED_TARGETS

@@ -21,6 +21,7 @@ from meshfit.experiment.storage.plan_file import in_planned_order
 from meshfit.experiment.storage.result import read_result_or_warn
 from meshfit.experiment.storage.run_directory import FAILURE, RESULT, Result, RunDirectory, damage, make_folder
 from meshfit.experiment.trial_status import Outcome, TrialStatus
+from meshfit.paths import shell_path
 from meshfit.report.tables.grouping import distinguish_definitions
 from meshfit.units import count_text, duration_text
 
@@ -154,6 +155,6 @@ def _print_failures(trials: Sequence[Trial], outcomes: Mapping[int, Outcome], st
             record = escape(str(store.folder(trials[i]) / FAILURE))
             err.print(f"  {escape(trials[i].label.ljust(width))}  {record}", soft_wrap=True)
         if len(same) > _MOST_LISTED_PER_REASON:
-            where = escape(str(store.root / trials[same[0]].experiment))
+            where = escape(shell_path(store.root / trials[same[0]].experiment))
             err.print(f"  and {len(same) - _MOST_LISTED_PER_REASON} more: meshfit status {where} --all", soft_wrap=True)
     return EXIT_FAILED

@@ -1,6 +1,5 @@
 """`meshfit figure`: a figure of some runs for a paper, with its caption."""
 
-import re
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +9,7 @@ from meshfit.cli import completions
 from meshfit.cli.console import out
 from meshfit.cli.options import Metric, RunDirs
 from meshfit.measuring.metrics import DEFAULT_METRIC
+from meshfit.specs import listed
 
 
 def figure(
@@ -53,7 +53,7 @@ def figure(
 
     require_suffix(output)
     results = distinguish_definitions(in_planned_order(read_results(runs)))
-    selection = select_trials(results, metric, targets=_names(targets), schemes=_names(schemes))
+    selection = select_trials(results, metric, targets=listed(targets or ""), schemes=listed(schemes or ""))
     figure_targets = read_figure_targets(selection)
     write_figure(figure_targets, output, metric)
     written = [output, output.with_suffix(".txt"), output.with_suffix(".tex")]
@@ -61,8 +61,3 @@ def figure(
     write_atomically(written[2], latex_figure(figure_targets, metric, output.name))
     out.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, markup=False)
     return 0
-
-
-def _names(text: str | None) -> list[str]:
-    # A comma before `key=` separates parameters of a scheme.
-    return [name.strip() for name in re.split(r",(?!\s*\w+=)", text or "") if name.strip()]

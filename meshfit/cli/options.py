@@ -146,6 +146,37 @@ Baseline = Annotated[
 ]
 
 
+Targets = Annotated[
+    str | None,
+    typer.Option(
+        "--targets",
+        help="Targets, comma-separated; replaces the config's.",
+        metavar="A,B",
+        rich_help_panel=SELECTION,
+        autocompletion=completions.listed_targets,
+    ),
+]
+Schemes = Annotated[
+    str | None,
+    typer.Option(
+        "--schemes",
+        help="Schemes, comma-separated; replaces the config's.",
+        metavar="A,B",
+        rich_help_panel=SELECTION,
+        autocompletion=completions.listed_schemes,
+    ),
+]
+Seeds = Annotated[
+    str | None,
+    typer.Option(
+        "--seeds",
+        help="N for seeds 0 to N-1, or a comma-separated list such as 4,7; replaces the config's.",
+        metavar="N",
+        rich_help_panel=SELECTION,
+    ),
+]
+
+
 @dataclass(frozen=True)
 class RunOptions:
     """The options of commands that run trials, each declared as Typer reads it."""
@@ -155,7 +186,7 @@ class RunOptions:
         list[str] | None,
         typer.Option(
             "--set",
-            help="Override a setting; the value is YAML. May be repeated.",
+            help="Override a setting; the value is YAML, or a list such as a.obj,b.obj. May be repeated.",
             metavar="KEY=VALUE",
             rich_help_panel=SELECTION,
             autocompletion=completions.settings,

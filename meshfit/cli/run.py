@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from meshfit.cli import completions
-from meshfit.cli.options import RunOptions, takes_run_options
+from meshfit.cli.options import RunOptions, Schemes, Seeds, Targets, takes_run_options
 
 
 @takes_run_options
@@ -17,6 +17,9 @@ def run(
         ),
     ],
     options: RunOptions,
+    targets: Targets = None,
+    schemes: Schemes = None,
+    seeds: Seeds = None,
 ) -> int:
     """Run experiments and print their table.
 
@@ -28,11 +31,15 @@ def run(
     Examples:
         meshfit run quickstart
         meshfit run my.yaml --set fit.steps=500 --set fit.losses.edge=0.5
+        meshfit run my.yaml --targets scan.obj,bunny --schemes loop,interp-loop --seeds 3
         meshfit run table1 --dry-run  # the plan, and about how long it takes
     """
     from meshfit.cli.experiments import run_and_report
-    from meshfit.config.loading import load_experiment
+    from meshfit.config.loading import load_experiment, with_axes
     from meshfit.experiment.plan import plan
+    from meshfit.specs import listed
 
-    experiments = [load_experiment(config, options.overrides or ()) for config in configs]
+    listed_schemes = None if schemes is None else listed(schemes)
+    loaded = (load_experiment(config, options.overrides or ()) for config in configs)
+    experiments = [with_axes(each, targets=targets, schemes=listed_schemes, seeds=seeds) for each in loaded]
     return run_and_report(plan(experiments, remote=options.cluster is not None), options)

@@ -2,12 +2,12 @@
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from meshfit.config.experiment import SOURCE_FILE_KEYS, ExperimentSettings, with_canonical_keys
-from meshfit.config.scheme_files import read_scheme_files, relative_to_folder
+from meshfit.config.experiment import SOURCE_FILE_KEYS, ExperimentSettings, canonical_key, with_canonical_keys
+from meshfit.config.scheme_files import read_scheme_files, relative_to_folder, resolve_specs
 from meshfit.config.strict_yaml import parse_value, read_document
 from meshfit.config.sweeps import variants_of
 from meshfit.errors import ConfigError
@@ -20,9 +20,10 @@ from meshfit.paths import (
     is_regular_file,
     not_a_file_message,
     path_text,
+    shell_path,
 )
-from meshfit.settings import KeyPath, apply_changes, build, deep_merge, nested
-from meshfit.specs import suggest
+from meshfit.settings import KeyPath, apply_changes, build, deep_merge, nested, takes_list
+from meshfit.specs import listed, suggest
 from meshfit.subdivision.custom.definitions import Definition
 
 SHARED_PREFIX = "x-"
@@ -47,7 +48,7 @@ def load_experiment(name_or_path: str, overrides: Sequence[str] = ()) -> Experim
 
     Args:
         name_or_path: the path of a YAML file, or the name of a bundled config.
-        overrides: `key=value` texts such as `fit.steps=500`; values are YAML.
+        overrides: `key=value` texts such as `fit.steps=500`; values are YAML, or lists without brackets.
 
     Raises:
         ConfigError: no such config, or a key or value that is not allowed; with file and line, or the override.
@@ -92,7 +93,7 @@ def config_path(name_or_path: str) -> Path:
     if is_regular_file(path):
         return path
     if format_suffix(path) in CONFIG_SUFFIXES or len(path.parts) > 1 or os.path.lexists(path):
-        remedy = f"`meshfit init {path}` writes one"
+        remedy = f"`meshfit init {shell_path(path)}` writes one"
         raise ConfigError(f"{path_text(name_or_path)}: {not_a_file_message(path, CONFIG_SUFFIXES, remedy)}")
     raise ConfigError(f"'{name_or_path}' is neither a config nor a file: {suggest(name_or_path, configs)}")
 
@@ -132,8 +133,65 @@ def _parse_overrides(overrides: Sequence[str]) -> dict[str, Any]:
         parts = key.strip().split(".")
         if not equals or not all(parts):
             raise ConfigError(f"{origin}: expected 'key=value', such as fit.steps=500")
-        changes = deep_merge(changes, nested(".".join(parts), parse_value(value, origin)))
+        changes = deep_merge(changes, nested(".".join(parts), _parse_override(parts, value, origin)))
     return changes
+
+
+def _parse_override(parts: Sequence[str], text: str, origin: str) -> Any:  # noqa: ANN401  any YAML value
+    """Parse the value of an override: YAML, or a list without brackets."""
+    value = parse_value(text, origin)
+    in_sweep = parts[0] == "sweep" and parts[1:2] != ["variants"]
+    if not isinstance(value, str) or text.strip()[:1] in ("'", '"'):
+        return value
+    if in_sweep and "," in value:
+        return [parse_value(entry, origin) for entry in listed(value)]
+    if value.strip() and takes_list(ExperimentSettings, canonical_key(".".join(parts))):
+        # A comma may also be part of a file's name.
+        return [value] if os.path.lexists(value) else [parse_value(entry, origin) for entry in listed(value)]
+    return value
+
+
+def with_axes(
+    experiment: Experiment,
+    *,
+    targets: str | None = None,
+    schemes: Sequence[str] | None = None,
+    seeds: str | None = None,
+) -> Experiment:
+    """Return an experiment with other targets, schemes or seeds, as the options of the command line give them.
+
+    Args:
+        experiment: the experiment.
+        targets: comma-separated; None keeps those of the experiment.
+        schemes: specs, or paths of files that define schemes; None keeps those of the experiment.
+        seeds: a number of seeds, or a comma-separated list of seeds; None keeps those of the experiment.
+
+    Raises:
+        ConfigError: a value that is not allowed, with the option.
+        SchemeError: an unknown scheme.
+    """
+    changes: dict[str, Any] = {}
+    if targets is not None:
+        named = [targets] if os.path.lexists(targets) else listed(targets)
+        changes["targets"] = [_absolute_path(target, Path.cwd()) for target in named]
+    if schemes is not None:
+        changes["schemes"], own = resolve_specs(schemes, experiment.settings.define)
+        changes["define"] = {name: definition.model_dump(mode="json") for name, definition in own.items()}
+    if seeds is not None:
+        changes["seeds"] = _seeds(seeds)
+    data = apply_changes(experiment.settings.model_dump(), changes)
+    settings = build(ExperimentSettings, data, lambda key: f"--{key[0]}: " if key[0] in ("targets", "seeds") else "")
+    return replace(experiment, settings=settings)
+
+
+def _seeds(text: str) -> list[Any]:
+    """Return the seeds that a text stands for: 0, 1 and 2 for `3`, 4 and 7 for `4,7`."""
+    values = [parse_value(entry, "--seeds") for entry in listed(text)]
+    if "," in text:
+        return values
+    if not (len(values) == 1 and type(values[0]) is int and values[0] >= 1):
+        raise ConfigError(f"--seeds: expected a number of seeds, 1 or more, or a list such as 4,7, got '{text}'")
+    return list(range(values[0]))
 
 
 def _is_within(key: KeyPath, changes: Any) -> bool:  # noqa: ANN401  any YAML value

@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from importlib.metadata import version
+from pathlib import Path
 
 import pytest
 
@@ -13,6 +14,7 @@ from meshfit.config.loading import load_experiment
 from meshfit.mesh.targets import NAMED_TARGETS
 from meshfit.subdivision.registry import SCHEMES
 from tests.cli import answered, refused
+from tests.loops import over
 
 
 def test_version():
@@ -120,6 +122,37 @@ def test_init_where_nothing_can_be_written(tmp_path):
         refused("init", path)
         == f"error: {path}: cannot be written: there is no folder {path.parent}; create it, or choose another place"
     )
+
+
+@over(
+    ("name", "finding"),
+    [
+        ("scan.obj", "'.obj' is not that of a config; allowed: .yaml, .yml; did you mean scan.yaml?"),
+        ("mine", "no suffix is not that of a config; allowed: .yaml, .yml; did you mean mine.yaml?"),
+        (".yaml", "no suffix is not that of a config; allowed: .yaml, .yml; did you mean .yaml.yaml?"),
+        ("a.yaml.gz", "'.gz' is not that of a config; allowed: .yaml, .yml; did you mean a.yaml.yaml?"),
+    ],
+)
+def test_init_writes_configs_only(tmp_path, monkeypatch, name, finding):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / name).write_text("v 0 0 0")
+    assert refused("init", name, "--force") == f"error: {name}: {finding}"
+    assert (tmp_path / name).read_text() == "v 0 0 0"
+
+
+@over("name", ["a b.yaml", "it's $HOME `date` \\ !x.yml", "=ls.yaml", "#1 [x]*?.yaml", "~x;(y)&|<z>.yaml", "ü.YAML"])
+def test_hints_can_be_pasted_into_a_shell(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    hint = (
+        refused("run", f"./{name}").partition("`meshfit init ")[2].partition("` writes one")[0]
+        if "`" not in name
+        else ""
+    )
+    written = answered("init", name).rpartition("now: meshfit run ")[2].rstrip("\n")
+    for word in filter(None, (hint, written)):
+        pasted = subprocess.run(["bash", "-c", f"printf '%s' {word}"], capture_output=True, text=True, check=True)
+        assert Path(pasted.stdout) == Path(name)
+        assert not word.startswith(("=", "-"))
 
 
 USAGE = {

@@ -5,11 +5,15 @@ import io
 import json
 import re
 import shutil
+from pathlib import Path
 
 import pytest
 
+from meshfit.config.loading import load_experiment
+from meshfit.subdivision.registry import canonical
 from tests.cli import answered, invoke, refused, trials_in_this_process
 from tests.cli.processes import contents
+from tests.loops import over
 from tests.small import config_file
 
 SMALL = ("--config", "small.yaml")
@@ -184,3 +188,69 @@ def test_a_baseline_that_is_not_run_is_refused_before_anything_runs(tmp_path, co
 def test_a_place_that_cannot_be_written_is_one_clear_line(tmp_path):
     (tmp_path / "file").write_text("")
     assert "cannot be created" in refused("run", config_file(tmp_path), "--runs", tmp_path / "file")
+
+
+def planned(*arguments):
+    rows = json.loads(answered("run", "small.yaml", "--dry-run", "--json", "--cluster", "tcp://none:1", *arguments))
+    trials = [(row["target"], row["scheme"], row["seed"]) for row in rows["trials"]]
+    return [list(dict.fromkeys(values)) for values in zip(*trials, strict=True)]
+
+
+@over(
+    ("arguments", "targets", "schemes", "seeds"),
+    [
+        (("--targets", "two.ply,bunny"), ["two.ply", "bunny"], ["loop", "interp-loop"], [0, 1]),
+        (("--targets", "a,b.ply"), ["a,b.ply"], ["loop", "interp-loop"], [0, 1]),
+        (("--schemes", "midpoint"), ["ellipsoid.ply"], ["midpoint"], [0, 1]),
+        (
+            ("--schemes", "interp-loop:alpha=0.5,valence3=zorin, loop", "--seeds", "3"),
+            ["ellipsoid.ply"],
+            ["interp-loop:valence3=zorin,alpha=0.5", "loop"],
+            [0, 1, 2],
+        ),
+        (("--seeds", "4,0"), ["ellipsoid.ply"], ["loop", "interp-loop"], [4, 0]),
+        (("--seeds", "7,"), ["ellipsoid.ply"], ["loop", "interp-loop"], [7]),
+        (("--set", "targets=two.ply,bunny"), ["two.ply", "bunny"], ["loop", "interp-loop"], [0, 1]),
+        (("--set", "targets=[two.ply,bunny]"), ["two.ply", "bunny"], ["loop", "interp-loop"], [0, 1]),
+        (("--set", "targets=a,b.ply", "--set", "schemes=loop"), ["a,b.ply"], ["loop"], [0, 1]),
+        (("--set", "seeds=5,6,7", "--schemes", "loop"), ["ellipsoid.ply"], ["loop"], [5, 6, 7]),
+        (("--set", "seeds=5,6", "--seeds", "1"), ["ellipsoid.ply"], ["loop", "interp-loop"], [0]),
+    ],
+)
+def test_targets_schemes_and_seeds_are_chosen_on_the_command_line(
+    tmp_path, monkeypatch, arguments, targets, schemes, seeds
+):
+    monkeypatch.chdir(tmp_path)
+    config_file(tmp_path)
+    for name in ("two.ply", "a,b.ply"):
+        shutil.copy("ellipsoid.ply", name)
+    found = planned(*arguments)
+    assert [Path(target).name for target in found[0]] == targets
+    assert sorted(found[1]) == sorted(canonical(scheme) for scheme in schemes)
+    assert found[1:] == [[canonical(scheme) for scheme in schemes], seeds]
+
+
+def test_other_settings_that_are_lists_need_no_brackets(tmp_path):
+    path = str(config_file(tmp_path))
+    settings = load_experiment(path, ["source.centre=1,2.5,-3", "sweep.fit.steps=5,6"]).settings
+    assert settings.source.centre == (1, 2.5, -3)
+    assert settings.sweep == {"fit": {"steps": [5, 6]}}
+
+
+@over(
+    ("arguments", "message"),
+    [
+        (("--seeds", "0"), "--seeds: expected a number of seeds, 1 or more, or a list such as 4,7, got '0'"),
+        (("--seeds", "two"), "--seeds: expected a number of seeds, 1 or more, or a list such as 4,7, got 'two'"),
+        (("--seeds", "1,x"), '--seeds: seeds[1]: expected an integer, got "x"'),
+        (("--seeds", "1,1"), "--seeds: seeds: duplicate entry 1"),
+        (("--targets", ","), "--targets: targets: expected at least one entry, got []"),
+        (("--targets", "buny"), "did you mean 'bunny'?"),
+        (("--schemes", "lop"), "did you mean 'loop'?"),
+        (("--set", "seeds=3"), "--set: seeds: expected a list, such as [a, b], got 3"),
+        (("--set", "fit.steps=3,4"), '--set: fit.steps: expected an integer, got "3,4"'),
+        (("--set", 'targets="a,b"'), '--set: targets: expected a list, such as [a, b], got "a,b"'),
+    ],
+)
+def test_bad_choices_are_refused(tmp_path, arguments, message):
+    assert message in refused("run", config_file(tmp_path), "--runs", tmp_path / "runs", *arguments)
