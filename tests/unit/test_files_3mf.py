@@ -140,7 +140,7 @@ FAULTS = {
     "beams": (archive(model(CUBE_OBJECT.replace("<triangles>", "<beamlattice/><triangles>"), item())), "object 1 is a beam lattice"),
     "extension": (archive(model(CUBE_OBJECT, item(), 'xmlns:b="http://x.y/volumetric/1" requiredextensions="b"')),
                   "requires the extension 'http://x.y/volumetric/1', which is not supported"),
-    "bomb": (BOMB, "unpacks to 200"),
+    "bomb": (BOMB, "expands to 200"),
     "doubling": (nested(60), "its scene repeats the meshes far more often"),
 }  # fmt: skip
 

@@ -11,6 +11,7 @@ import pytest
 from meshfit.mesh.io import obj, off, ply_elements, stl
 from meshfit.mesh.io.files import FORMATS, POINT_FORMATS, READABLE_FORMATS, encode_mesh, load_mesh
 from meshfit.mesh.solids import octahedron
+from tests import scenes
 from tests.damaged import damaged, read_or_refused, soup_or_refused
 from tests.loops import over
 
@@ -69,6 +70,10 @@ SEEDS = VALID | {
     "a.pts": b"4\n" + POINTS,
     "a.csv": b"x,y,z\n" + POINTS.replace(b" ", b","),
     "a.pcd": PCD,
+    "a.las": scenes.las(),
+    "a.dae": scenes.DAE,
+    "a.3mf": scenes.threemf(),
+    "scene.glb": scenes.glb(),
 }
 
 

@@ -10,6 +10,7 @@ _MOST_CORNERS_TIMES_HOLES = 20_000
 _TRIES = 30
 
 
+@np.errstate(all="ignore")
 def with_holes(verts: Float64[np.ndarray, "V 3"], loops: list[NDArray[np.int64]]) -> NDArray[np.int64]:
     """Return one loop around an outline and its holes.
 

@@ -18,6 +18,7 @@ from meshfit.mesh.io.xml_elements import (
     local_name,
     numbers,
     parse_xml,
+    require_finite_rows,
     shown,
 )
 from meshfit.mesh.polygons import PolygonSoup
@@ -221,7 +222,9 @@ class _Document:
         if stride < 3 or start + count * stride > len(values) + (stride - 3):
             raise MeshError(f"{place}: source {shown(name)} announces {count} points, but has {len(values)} numbers")
         rows = start + stride * np.arange(count)[:, None] + np.arange(3)
-        return np.asarray(values[rows], np.float64)
+        points = np.asarray(values[rows], np.float64)
+        require_finite_rows(points, f"{place}: source {shown(name)}: point")
+        return points
 
 
 def _read_faces(

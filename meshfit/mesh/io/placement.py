@@ -34,8 +34,9 @@ class PlacedMeshes:
             MeshError: the pieces are far more than a file of this size plausibly holds.
         """
         self.spend(len(piece.verts) + len(piece.corners), num_bytes)
-        verts = piece.verts @ transform[:3, :3].T + transform[:3, 3]
-        mirrored = bool(np.linalg.det(transform[:3, :3]) < 0)
+        with np.errstate(all="ignore"):  # coordinates that overflow are refused later, with their vertex
+            verts = piece.verts @ transform[:3, :3].T + transform[:3, 3]
+            mirrored = bool(np.linalg.det(transform[:3, :3]) < 0)
         self.append(PolygonSoup(verts, piece.corners, piece.sizes), mirrored=mirrored)
 
     def append(self, piece: PolygonSoup, *, mirrored: bool) -> None:

@@ -19,6 +19,7 @@ from meshfit.mesh.io.xml_elements import (
     integer_attribute,
     numbers,
     parse_xml,
+    require_finite_rows,
     shown,
 )
 from meshfit.mesh.polygons import PolygonSoup
@@ -178,7 +179,7 @@ class _Package:
             raise MeshError(f"its archive has no member {shown(part)}")
         limit = _FREE_BYTES + _BYTES_PER_PACKED_BYTE * self.num_bytes
         if info.file_size > limit:
-            raise MeshError(f"its archive member {shown(part)} unpacks to {info.file_size} bytes, implausibly many")
+            raise MeshError(f"its archive member {shown(part)} expands to {info.file_size} bytes, implausibly many")
         try:
             return self._archive.read(info)
         except Exception:  # noqa: BLE001 - whatever a damaged archive causes
@@ -201,6 +202,7 @@ def _mesh(mesh: Element, place: str) -> PolygonSoup:
     verts, triangles = child(mesh, "vertices"), child(mesh, "triangles")
     points = _rows(verts, "vertex", ("x", "y", "z"), np.float64, place)
     corners = _rows(triangles, "triangle", ("v1", "v2", "v3"), np.int64, place)
+    require_finite_rows(points, f"{place}: vertex")
     outside = np.flatnonzero(((corners < 0) | (corners >= len(points))).any(axis=1))
     if len(outside):
         bad = int(outside[0])

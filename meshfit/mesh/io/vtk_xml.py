@@ -177,7 +177,7 @@ class _Arrays:
         head = np.frombuffer(_first(data, 3 * size, place, raw=raw)[0], self._header)
         blocks, block_size, last = (int(number) for number in head)
         if blocks * block_size > self._limit:
-            raise MeshError(f"{place}: unpacks to {blocks * block_size} bytes, implausibly many")
+            raise MeshError(f"{place}: expands to {blocks * block_size} bytes, implausibly many")
         header, used = _first(data, (3 + blocks) * size, place, raw=raw)
         lengths = np.frombuffer(header, self._header)[3:].tolist()
         packed, _ = _first(data[used:], sum(lengths), place, raw=raw)

@@ -84,6 +84,17 @@ def numbers(text: str | None, dtype: type[Any], place: str) -> NDArray[Any]:
         raise MeshError(f"{place}: expected {kind}, got {shown(bad)}") from None
 
 
+def require_finite_rows(points: NDArray[np.float64], place: str) -> None:
+    """Refuse points of which a coordinate is not finite.
+
+    Raises:
+        MeshError: with the number of the point after the place.
+    """
+    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if len(bad):
+        raise MeshError(f"{place} {bad[0]} has a coordinate that is not finite: {points[bad[0]].tolist()}")
+
+
 def shown(text: str | None) -> str:
     """Return a text of a file for a message."""
     if text is None:
