@@ -128,6 +128,8 @@ REFUSED = {
     "line 6: a face with vertex 0; OBJ counts from 1, or from -1 backwards": OBJ + FACE_LINES.replace("1 2 4", "0 2 4"),
     "line 6: expected a face of 3 or more corners, got 2": OBJ + FACE_LINES.replace("1 2 4", "1 2"),
     "line 6: expected a face of 3 or more corners, got 0": OBJ + FACE_LINES.replace("f 1 2 4", "f"),
+    "line 8: a face with vertex 5, but the file has 4 vertices": OBJ + FACE_LINES.replace("3 1 4", "3 1/1 5/9"),
+    "line 6: a face with vertex -4, but the file has 3 vertices before it": f"{OBJ[:24]}\n# a\nf -4 1 2\n{OBJ[24:]}",
     "line 6: expected integers of up to 15 digits, got '1 2 9999999999999999'": OBJ
     + FACE_LINES.replace("1 2 4", "1 2 " + "9" * 16),
 }

@@ -84,7 +84,7 @@ def test_obj_in_all_its_ways_of_writing(tmp_path, faces, rows):
         ("f 1 2 3 4\nf 1 2\n", "line 7: expected a face of 3 or more corners, got 2"),
         ("f 1 2 3 0\n", "line 6: a face with vertex 0"),
         ("f 1 2 3 x\n", "line 6: expected integers, got '1 2 3 x'"),
-        ("f 1 2 3 9\n", r"numbered 0 to 4"),
+        ("f 1 2 3 9\n", "line 6: a face with vertex 9, but the file has 5 vertices"),
         ("f 1 2 3 ; 4\n", "line 6: expected integers, got "),
         ("", "a cloud of 5 points and no faces"),
     ],

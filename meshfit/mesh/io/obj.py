@@ -13,10 +13,12 @@ from meshfit.mesh.curves import Curves
 from meshfit.mesh.io.text import Lines, parse_integers, parse_ints, parse_point, parse_point_rows, plain_text
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup, checked_face_size, face_rows
+from meshfit.units import count_text
 
 _CONTINUED = re.compile(rb"^(?:v|fo?|l)(?=[ \t\\])(?:[^\n]*\\[ \t]*(?:\n|\Z))+[^\n]*", re.MULTILINE)
 _LINE_END = re.compile(rb"\\[ \t]*(?:\n|\Z)")
 _BLANKS_BEFORE = re.compile(rb"^[ \t]+", re.MULTILINE)
+_KEYWORDS = {"face": (b"f", b"fo"), "line": (b"l",)}
 _PASSED_OVER = re.compile(rb"^(?:call|curv2?|surf|bzp|bsp|cdc|cdp)(?=[ \t])", re.MULTILINE)
 _AFTER_SLASH = re.compile(rb"/\S*")
 _DIGITS = b"0123456789-+"
@@ -37,18 +39,9 @@ def read_obj(content: bytes) -> PolygonSoup:
         MeshfitWarning: of free-form curves and surfaces and of calls of other files, which are passed over.
     """
     text = _element_text(content)
-    if (soup := _read_at_once(text)) is not None:
-        return soup
-    verts: list[list[float]] = []
-    faces: list[list[int]] = []
-    for number, words in _numbered_lines(text):
-        if words[0] == b"v":
-            verts.append(parse_point(words[1:], number))
-        elif words[0] in (b"f", b"fo"):
-            corners = _corners(words[1:], number, "face", len(verts))
-            checked_face_size(len(corners), f"line {number}: ")
-            faces.append(corners)
-    return PolygonSoup.of_rows(verts, faces)
+    soup = _read_at_once(text) or _read_one_by_one(text)
+    _require_in_range(text, soup.corners, len(soup.verts), "face")
+    return soup
 
 
 def read_obj_segments(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -62,15 +55,18 @@ def read_obj_segments(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.i
     """
     verts: list[list[float]] = []
     segments: list[tuple[int, int]] = []
-    for number, words in _numbered_lines(_element_text(content)):
+    text = _element_text(content)
+    for number, words in _numbered_lines(text):
         if words[0] == b"v":
             verts.append(parse_point(words[1:], number))
-        elif words[0] == b"l":
+        elif words[0] in _KEYWORDS["line"]:
             corners = _corners(words[1:], number, "line", len(verts))
             if len(corners) < 2:
                 raise MeshError(f"line {number}: expected a line of 2 or more vertices, got {len(corners)}")
             segments += itertools.pairwise(corners)
-    return np.array(verts, np.float64).reshape(-1, 3), np.array(segments, np.int64).reshape(-1, 2)
+    ends = np.array(segments, np.int64).reshape(-1, 2)
+    _require_in_range(text, ends, len(verts), "line")
+    return np.array(verts, np.float64).reshape(-1, 3), ends
 
 
 def write_obj(mesh: Mesh | PolygonMesh, normals: NDArray[np.float64] | None = None) -> bytes:
@@ -144,6 +140,36 @@ def _corners(words: Sequence[bytes], number: int, kind: str, num_verts: int) -> 
     if 0 in corners:
         raise MeshError(f"line {number}: a {kind} with vertex 0; OBJ counts from 1, or from -1 backwards")
     return [corner - 1 if corner > 0 else num_verts + corner for corner in corners]
+
+
+def _read_one_by_one(text: bytes) -> PolygonSoup:
+    verts: list[list[float]] = []
+    faces: list[list[int]] = []
+    for number, words in _numbered_lines(text):
+        if words[0] == b"v":
+            verts.append(parse_point(words[1:], number))
+        elif words[0] in _KEYWORDS["face"]:
+            corners = _corners(words[1:], number, "face", len(verts))
+            checked_face_size(len(corners), f"line {number}: ")
+            faces.append(corners)
+    return PolygonSoup.of_rows(verts, faces)
+
+
+def _require_in_range(text: bytes, corners: NDArray[np.int64], num_verts: int, kind: str) -> None:
+    """Refuse the first line with a vertex that the file lacks; a file without any vertices is refused elsewhere."""
+    if not num_verts or ((corners >= 0) & (corners < num_verts)).all():
+        return
+    before = 0
+    for number, words in _numbered_lines(text):
+        before += words[0] == b"v"
+        if words[0] in _KEYWORDS[kind]:
+            for word, corner in zip(words[1:], _corners(words[1:], number, kind, before), strict=True):
+                if not 0 <= corner < num_verts:
+                    index = word.partition(b"/")[0].decode()
+                    found = (
+                        f"{count_text(before, 'vertex')} before it" if corner < 0 else count_text(num_verts, "vertex")
+                    )
+                    raise MeshError(f"line {number}: a {kind} with vertex {index}, but the file has {found}")
 
 
 def _read_at_once(text: bytes) -> PolygonSoup | None:
