@@ -601,7 +601,7 @@ def test_a_small_file_cannot_announce_a_giant():
     attributes = {"TRANSLATION": file.accessor(np.zeros((2000, 3), "<f4"))}
     for _ in range(100):
         file.node(mesh=0, extensions={"EXT_mesh_gpu_instancing": {"attributes": attributes}})
-    assert refusal(file).startswith("its nodes repeat the meshes far more often")
+    assert refusal(file).startswith("its scene repeats the meshes far more often")
 
 
 # Writing

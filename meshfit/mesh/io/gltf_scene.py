@@ -11,16 +11,13 @@ from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.io.gltf_buffers import Document
 from meshfit.mesh.io.gltf_primitives import FAN, TRIANGLES, Primitive
 from meshfit.mesh.io.json_objects import JsonObject
+from meshfit.mesh.io.placement import PlacedMeshes
 from meshfit.mesh.polygons import PolygonSoup
 from meshfit.units import count_text
 
 Matrices = Float64[np.ndarray, "N 4 4"]
 
 INSTANCING = "EXT_mesh_gpu_instancing"
-# How much of a mesh the nodes of a small file may repeat.
-_FREE_ELEMENTS = 2_000_000
-_ELEMENTS_PER_BYTE = 100
-_ELEMENTS_PER_PART = 50
 
 
 class _Part(NamedTuple):
@@ -39,10 +36,9 @@ class Scene:
         self._document = document
         self._nodes = document.items("nodes")
         self._meshes: dict[tuple[int, tuple[float, ...], bool], list[_Part]] = {}
-        self._elements = 0
         self._passed_over = 0
         self._notes: dict[str, None] = {}
-        self._placed: list[tuple[NDArray[np.float64], NDArray[np.int64]]] = []
+        self._placed = PlacedMeshes()
 
     def read(self) -> PolygonSoup:
         """Return all triangles; the vertices alone where there are none."""
@@ -63,16 +59,7 @@ class Scene:
             _warn(f"passed over {count_text(self._passed_over, 'primitive')} of points and lines")
         for note in self._notes:
             _warn(note)
-        return self._soup()
-
-    def _soup(self) -> PolygonSoup:
-        placed = [(verts, faces) for verts, faces in self._placed if len(faces)] or self._placed
-        sizes = np.cumsum([0, *(len(verts) for verts, _ in placed)])
-        faces = [faces + start for (_, faces), start in zip(placed, sizes, strict=False)]
-        return PolygonSoup.of_triangles(
-            np.concatenate([np.empty((0, 3)), *(verts for verts, _ in placed)]),
-            np.concatenate([np.empty((0, 3), np.int64), *faces]),
-        )
+        return self._placed.soup()
 
     def _forest(self) -> tuple[list[list[int]], list[int | None]]:
         """Return the children and the parent of each node; every node has one parent at most, and none is its own."""
@@ -141,15 +128,11 @@ class Scene:
             self._place(parts, worlds[number][None])
 
     def _place(self, parts: list[_Part], transforms: Matrices) -> None:
-        """Append the parts under each transform; one that mirrors turns their triangles."""
-        for part in parts:
-            self._spend(len(transforms) * (_ELEMENTS_PER_PART + len(part.verts) + 3 * len(part.triangles)))
-        mirrored = np.linalg.det(transforms[:, :3, :3]) < 0
-        for transform, mirror in zip(transforms, mirrored.tolist(), strict=True):
+        """Place the parts under each transform."""
+        for transform in transforms:
             for part in parts:
-                with np.errstate(all="ignore"):  # the check of the mesh names a vertex that is not finite
-                    verts = part.verts @ transform[:3, :3].T + transform[:3, 3]
-                self._placed.append((verts, part.triangles[:, ::-1] if mirror else part.triangles))
+                soup = PolygonSoup.of_triangles(part.verts, part.triangles)
+                self._placed.place(soup, transform, self._document.num_bytes)
 
     def _place_skinned(self, parts: list[_Part], skin: JsonObject, worlds: Matrices) -> None:
         """Append the parts in the pose of the joints; the node of the mesh itself moves nothing."""
@@ -168,13 +151,13 @@ class Scene:
                 continue
             if part.joints.max(initial=-1) >= len(joints):
                 raise MeshError(f"{skin.place} has {len(joints)} joints, but a vertex names joint {part.joints.max()}")
-            self._spend(16 * len(part.verts) + 3 * len(part.triangles))
+            self._placed.spend(16 * len(part.verts) + 3 * len(part.triangles), self._document.num_bytes)
             blended = np.zeros((len(part.verts), 4, 4))
             for joint, weight in zip(part.joints.T, part.weights.T, strict=True):
                 blended += weight[:, None, None] * pose[joint]
             verts = np.einsum("vij,vj->vi", blended[:, :3, :3], part.verts) + blended[:, :3, 3]
-            mirror = np.median(np.sign(np.linalg.det(blended[:, :3, :3]))) < 0
-            self._placed.append((verts, part.triangles[:, ::-1] if mirror else part.triangles))
+            mirrored = bool(np.median(np.sign(np.linalg.det(blended[:, :3, :3]))) < 0)
+            self._placed.append(PolygonSoup.of_triangles(verts, part.triangles), mirrored=mirrored)
 
     def _instances(self, instancing: JsonObject) -> Matrices:
         """Return the transforms of a mesh that one node repeats."""
@@ -193,11 +176,6 @@ class Scene:
             columns.get(name, np.tile(default, (count, 1))) for name, (_, default) in kinds.items()
         )
         return _composed(translation, rotation, scale, attributes.place)
-
-    def _spend(self, elements: int) -> None:
-        self._elements += elements
-        if self._elements > _FREE_ELEMENTS + _ELEMENTS_PER_BYTE * self._document.num_bytes:
-            raise MeshError("its nodes repeat the meshes far more often than a file of this size plausibly does")
 
     def _parts(self, index: int, place: str, weights: list[float] | None, *, skinned: bool) -> list[_Part]:
         mesh = self._document.item("meshes", index, place)
