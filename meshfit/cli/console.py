@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from typing import TextIO
 
 from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderHook
 from rich.markup import escape
@@ -60,8 +61,14 @@ class _Escaping(RenderHook):
 
 class _Console(Console):
     def on_broken_pipe(self) -> None:
-        """Leave a closed pipe to `exit_code_of`; by default, it is a failure with exit code 1."""
-        raise BrokenPipeError
+        """Be quiet from now on if nobody reads stderr, and leave a closed stdout to `exit_code_of`.
+
+        By default, both are failures with exit code 1, and a run would stop because its progress is not shown.
+        """
+        if not self.stderr:
+            raise BrokenPipeError
+        self.quiet = True
+        _discard(sys.stderr)
 
 
 out = _Console(highlight=False)
@@ -116,14 +123,14 @@ def exit_code_of(command: Callable[[], int]) -> int:
         err.print("interrupted; run the same command again to resume", style="bold magenta")
         return EXIT_INTERRUPTED
     except BrokenPipeError:  # the reader, such as `head`, has had enough
-        _discard_output()
+        _discard(sys.stdout)
         return 0
     except OSError as error:
         print_error(f"{error.filename}: {error.strerror}" if error.filename else str(error))
         return EXIT_USAGE
 
 
-def _discard_output() -> None:
-    """Send the rest of stdout to nowhere, so that Python does not report at its exit that it cannot be written."""
+def _discard(stream: TextIO) -> None:
+    """Send the rest of a stream to nowhere, so that Python does not report at its exit that it cannot be written."""
     with suppress(OSError, ValueError, AttributeError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

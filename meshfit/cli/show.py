@@ -158,7 +158,7 @@ def _print_failure(failure: Failure) -> None:
 def _metrics(result: Result) -> Iterator[tuple[Text, Text]]:
     values = flatten({key: value for key, value in result.items() if isinstance(value, Mapping) and key != "settings"})
     for name, metric in METRICS.items():
-        if (value := values.get(name)) is not None:
+        if (value := values.get(name)) is not None and not name.startswith("seconds."):
             text = str(value) if isinstance(value, bool) else format(value, metric.format)
             yield Text(metric.title), Text(text, "bold")
 

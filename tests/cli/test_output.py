@@ -31,6 +31,20 @@ def test_a_pipe_that_is_closed_is_no_failure(arguments):
     assert (done.returncode, done.stderr.decode()) == (0, "")
 
 
+def test_a_run_goes_on_when_nobody_reads_its_progress(tmp_path):
+    read, write = os.pipe()
+    os.close(read)
+    command = [sys.executable, "-m", "meshfit", "measure", "missing.ply", "bone", "-t", "bone", "--csv", "-"]
+    command += ["--samples", "500", "--metric", "hausdorff"]
+    done = subprocess.run(
+        command, cwd=tmp_path, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=write, check=False, timeout=60
+    )
+    os.close(write)
+    rows = done.stdout.decode().splitlines()
+    assert (done.returncode, rows[0]) == (1, "result,hausdorff.symmetric,error")
+    assert [row.partition(",")[0] for row in rows[1:]] == ["missing.ply", "bone"]
+
+
 def renamed(runs, **names):
     path = next(runs.glob("*/*/*/seed-0-*/result.json"))
     path.write_text(json.dumps(json.loads(path.read_text()) | names))
