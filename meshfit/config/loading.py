@@ -48,14 +48,15 @@ def load_experiment(name_or_path: str, overrides: Sequence[str] = ()) -> Experim
 
     Args:
         name_or_path: the path of a YAML file, or the name of a bundled config.
-        overrides: `key=value` texts such as `fit.steps=500`; values are YAML, or lists without brackets.
+        overrides: `key=value` texts such as `fit.steps=500`; values are YAML, or lists without brackets, and paths in
+            them are relative to the current directory.
 
     Raises:
         ConfigError: no such config, or a key or value that is not allowed; with file and line, or the override.
     """
     path = config_path(name_or_path)
     document = read_document(path)
-    changes = with_canonical_keys(_parse_overrides(overrides))
+    changes = _with_absolute_paths(with_canonical_keys(_parse_overrides(overrides)), Path())
 
     def where(key: KeyPath) -> str:
         if _is_within(key, changes):
@@ -99,7 +100,7 @@ def config_path(name_or_path: str) -> Path:
 
 
 def _with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Resolve the mesh and scheme files of a config relative to its folder, so that it runs from anywhere."""
+    """Resolve the mesh and scheme files of settings relative to a folder, so that the settings hold anywhere."""
 
     def absolute(value: Any, key: Sequence[str]) -> Any:  # noqa: ANN401  any YAML value
         if isinstance(value, dict):
@@ -111,17 +112,20 @@ def _with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
         if key == ("schemes",) or (key[:1] == ("define",) and key[2:] == ("base",)):
             return relative_to_folder(value, folder)
         if key == ("targets",) or any(tuple(key[-len(path) :]) == path for path in SOURCE_FILE_KEYS):
-            return _absolute_path(value, folder)
+            return absolute_path(value, folder)
         return value
 
     return {key: absolute(value, (key,)) for key, value in data.items()}
 
 
-def _absolute_path(text: str, folder: Path) -> str:
-    """Return a path relative to a folder as an absolute one, without following a link; names remain names."""
+def absolute_path(text: str, folder: Path = Path()) -> str:
+    """Return a path relative to a folder as an absolute one, without following a link; names remain names.
+
+    A path relative to the current directory, where there is no such file, stays as the user wrote it.
+    """
     path = folder / text
     is_file = os.path.lexists(path) and not is_folder(path)
-    is_missing = format_suffix(text) in (*MESH_SUFFIXES, ".txt") and not os.path.lexists(text)
+    is_missing = folder != Path() and format_suffix(text) in (*MESH_SUFFIXES, ".txt") and not os.path.lexists(text)
     return str(path.parent.resolve() / path.name) if is_file or is_missing else text
 
 
@@ -173,7 +177,7 @@ def with_axes(
     changes: dict[str, Any] = {}
     if targets is not None:
         named = [targets] if os.path.lexists(targets) else listed(targets)
-        changes["targets"] = [_absolute_path(target, Path.cwd()) for target in named]
+        changes["targets"] = [absolute_path(target) for target in named]
     if schemes is not None:
         changes["schemes"], own = resolve_specs(schemes, experiment.settings.define)
         changes["define"] = {name: definition.model_dump(mode="json") for name, definition in own.items()}

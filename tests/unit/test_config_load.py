@@ -202,3 +202,20 @@ sweep:
         config(text.replace("edge", "egde"))
     with pytest.raises(ConfigError, match=r"c\.yaml, line 3: source\.x-a: no such key"):
         config(text.replace("levels: 2", "x-a: 2"))
+
+
+def test_paths_on_the_command_line_lie_relative_to_the_current_directory(tmp_path, monkeypatch):
+    for folder in ("configs", "here"):
+        (tmp_path / folder).mkdir()
+        for name in ("scan.obj", "ball.ply", "edges.txt"):
+            (tmp_path / folder / name).touch()
+    (tmp_path / "configs/my.yaml").write_text("targets: [scan.obj]\n")
+    monkeypatch.chdir(tmp_path / "here")
+    changes = ["targets=[scan.obj, bunny, ../configs/ball.ply, gone.obj]", "source.mesh=ball.ply"]
+    loaded = load_experiment("../configs/my.yaml", [*changes, "source.creases={file: edges.txt}"]).settings
+    here, configs = tmp_path / "here", tmp_path / "configs"
+    assert loaded.targets == (f"{here}/scan.obj", "bunny", f"{configs}/ball.ply", "gone.obj")
+    assert (loaded.source.mesh, loaded.source.creases.file) == (f"{here}/ball.ply", f"{here}/edges.txt")
+    swept = load_experiment("../configs/my.yaml", ["sweep={source.mesh: [ball.ply, scan.obj]}"]).settings
+    assert swept.targets == (f"{configs}/scan.obj",)
+    assert swept.sweep == {"source.mesh": [f"{here}/ball.ply", f"{here}/scan.obj"]}
