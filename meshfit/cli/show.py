@@ -23,6 +23,7 @@ from meshfit.experiment.storage.failure import Failure, read_failure
 from meshfit.experiment.storage.frame import written_frame
 from meshfit.experiment.storage.result import end_time, read_settings
 from meshfit.experiment.storage.run_directory import LOCK, Result, read_result
+from meshfit.experiment.storage.targets import find_carried
 from meshfit.experiment.storage.trial_log import read_progress
 from meshfit.experiment.trial_status import TrialStatus
 from meshfit.measuring.metrics import METRICS
@@ -124,6 +125,8 @@ def _facts(experiment: ScannedExperiment, trial: ScannedTrial, result: Result | 
         yield "runs on" if trial.status is TrialStatus.RUNNING else "ran on", f"{progress.host}, process {progress.pid}"
     if result is None:
         return
+    if carried := find_carried(trial.path, result):
+        yield "target", str(carried)
     yield from _frame(result)
     machine, versions = result.get("platform", {}), result.get("versions", {})
     device = result.get("fit", {}).get("device")

@@ -22,7 +22,7 @@ class Frame:
     centre: tuple[float, float, float]
     scale: float
 
-    def normalise(self, mesh: Mesh) -> Mesh:
+    def normalise(self, mesh: _AnyMesh) -> _AnyMesh:
         """Return the mesh in normalised coordinates."""
         return mesh.with_verts((mesh.verts - self.centre) / self.scale)
 

@@ -50,7 +50,9 @@ def collect_meshes(names: Sequence[str], against: str | None = None) -> tuple[li
         ConfigError: the distances would be in different units.
         MeshError, StoreError: a file cannot be read.
     """
-    target = None if against is None else _load(against)
+    # Trials know their own target, whose file may be gone.
+    only_trials = all(is_folder(text.rpartition("=")[2]) for text in names)
+    target = None if against is None or only_trials else _load(against)
     first_file = target
     meshes: list[RenderedMesh] = []
     frames: dict[str, None] = {}
