@@ -186,8 +186,8 @@ class RunOptions:
         list[str] | None,
         typer.Option(
             "--set",
-            help="Override a setting; the value is YAML, or a list such as a.obj,b.obj, with paths relative to the current "
-            "directory. May be repeated.",
+            help="Override a setting; the value is YAML, or a list such as a.obj,b.obj; paths are relative to the "
+            "current directory. May be repeated.",
             metavar="KEY=VALUE",
             rich_help_panel=SELECTION,
             autocompletion=completions.settings,
