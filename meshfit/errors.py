@@ -4,9 +4,25 @@ from typing import ClassVar
 
 
 class MeshfitError(Exception):
-    """An expected failure, whose message is one line for the user."""
+    """An expected failure, whose message is one line for the user; or several, with one line each.
+
+    Args:
+        faults: a line for each failure.
+    """
 
     exit_code: ClassVar[int] = 2
+
+    def __init__(self, *faults: str) -> None:
+        super().__init__(*faults)
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """The lines."""
+        return tuple(map(str, self.args))
+
+    def __str__(self) -> str:
+        """Return the message, of a line for each failure."""
+        return "\n".join(self.faults)
 
 
 class ConfigError(MeshfitError):

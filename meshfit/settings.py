@@ -16,6 +16,7 @@ KIND_KEY, DEFAULT_KIND = "method", "first-order"
 """The key that selects among several kinds of settings, and the kind of settings without it."""
 
 _LONGEST_VALUE = 100
+_MOST_FAULTS = 20
 # By the start of pydantic's error type, in words for readers who do not know Python.
 _EXPECTED = {
     "int": "an integer",
@@ -62,17 +63,28 @@ def build(model: type[Model], data: Mapping[str, Any], where: Callable[[KeyPath]
         where: maps the path of a key to the place where it was written, with which the message begins.
 
     Raises:
-        ConfigError: for the first key at fault.
+        ConfigError: with a line for each key at fault.
     """
     try:
         # Through JSON, where strict validation takes a list for a tuple and 1 for 1.0, but neither "1" nor true.
         return model.model_validate_json(json.dumps(data, default=_to_plain))
     except ValidationError as error:
-        details = _first_error(error.errors(include_url=False))
-        details["loc"], keys = _without_tags(model, details["loc"])
-        if details["type"] == "union_tag_invalid":
-            details["loc"] = (*details["loc"], KIND_KEY)
-        raise ConfigError(f"{where(details['loc'])}{_message(details, keys)}") from None
+        faults: dict[KeyPath, str] = {}
+        listed: set[KeyPath] = set()
+        for details in _reported(error.errors(include_url=False)):
+            details["loc"], keys = _without_tags(model, details["loc"])
+            if details["type"] == "union_tag_invalid":
+                details["loc"] = (*details["loc"], KIND_KEY)
+            message = _message(details, keys)
+            if details["type"] == "extra_forbidden":
+                above = details["loc"][:-1]
+                message = message.partition("allowed: ")[0].rstrip(": ") if above in listed else message
+                listed.add(above)
+            # Of several types that a value could have, the first.
+            faults.setdefault(details["loc"], f"{where(details['loc'])}{message}")
+        shown = list(faults.values())[:_MOST_FAULTS]
+        more = [f"and {len(faults) - len(shown)} more faults"] if len(faults) > len(shown) else []
+        raise ConfigError(*shown, *more) from None
 
 
 def override(settings: Model, changes: Mapping[str, Any]) -> Model:
@@ -151,13 +163,15 @@ def _to_plain(value: Any) -> Any:  # noqa: ANN401  numpy scalars and paths, from
     return value.item() if hasattr(value, "item") else str(value)
 
 
-def _first_error(errors: list[ErrorDetails]) -> ErrorDetails:
-    """Return the error to report: a misspelt key rather than the key that is missing for it."""
-    first = errors[0]
-    if first["type"] == "missing":
-        unknown = [error for error in errors if error["type"] == "extra_forbidden"]
-        return next((error for error in unknown if error["loc"][:-1] == first["loc"][:-1]), first)
-    return first
+def _reported(errors: list[ErrorDetails]) -> list[ErrorDetails]:
+    """Return the errors to report: of entries rather than of their list, of misspelt keys rather than missing ones."""
+    misspelt = {error["loc"][:-1] for error in errors if error["type"] == "extra_forbidden"}
+    containing = {error["loc"][:end] for error in errors for end in range(len(error["loc"]))}
+    return [
+        error
+        for error in errors
+        if error["loc"] not in containing and not (error["type"] == "missing" and error["loc"][:-1] in misspelt)
+    ]
 
 
 def _message(error: ErrorDetails, allowed_keys: list[str]) -> str:

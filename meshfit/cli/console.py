@@ -117,7 +117,8 @@ def exit_code_of(command: Callable[[], int]) -> int:
                 sys.stdout.flush()
             return code
     except MeshfitError as error:
-        print_error(str(error))
+        for fault in error.faults:
+            print_error(fault)
         return error.exit_code
     except KeyboardInterrupt:
         err.print("interrupted; run the same command again to resume", style="bold magenta")

@@ -12,6 +12,7 @@ from typing import Any
 from meshfit.config.experiment import NO_EFFECT_ON_RESULTS, ExperimentSettings, SourceSettings
 from meshfit.config.loading import Experiment
 from meshfit.config.sweeps import Variant, variants_of
+from meshfit.errors import MeshError, MeshfitError
 from meshfit.experiment.source import build_source, source_files
 from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path, target_title
@@ -151,12 +152,39 @@ def plan(experiments: Sequence[Experiment], *, remote: bool = False) -> list[Tri
 def _trials_of(experiment: str, variant: Variant) -> Iterator[Trial]:
     settings = variant.settings
     schemes = tuple(NamedScheme.of(scheme, settings.define) for scheme in settings.schemes)
-    source_inputs = _check_source(settings.source, schemes)
+    source_inputs, targets = _check_inputs(settings, schemes)
     for target in settings.targets:
-        inputs = (("target", _check_target(target, settings.cleaning)), *source_inputs)
+        inputs = (("target", targets[target]), *source_inputs)
         for scheme, seed in product(schemes, settings.seeds):
             narrowed = {"targets": (target,), "schemes": (scheme.spec,), "seeds": (seed,), "define": dict(scheme.own)}
             yield Trial(experiment, settings.model_copy(update=narrowed), inputs, variant.name)
+
+
+def _check_inputs(
+    settings: ExperimentSettings, schemes: tuple[NamedScheme, ...]
+) -> tuple[tuple[tuple[str, str], ...], dict[str, str]]:
+    """Return the SHA-256 of the source's files, by role, and of each target's.
+
+    Raises:
+        MeshfitError: with a line for the source and each target that cannot be used.
+    """
+    source: tuple[tuple[str, str], ...] = ()
+    targets: dict[str, str] = {}
+    errors: list[MeshfitError] = []
+    try:
+        source = _check_source(settings.source, schemes)
+    except MeshfitError as error:
+        errors.append(error)
+    for target in settings.targets:
+        try:
+            targets[target] = _check_target(target, settings.cleaning)
+        except MeshfitError as error:
+            errors.append(error)
+    if len(errors) > 1:
+        raise MeshError(*dict.fromkeys(fault for error in errors for fault in error.faults))
+    if errors:
+        raise errors[0]
+    return source, targets
 
 
 @cache

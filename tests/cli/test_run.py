@@ -254,3 +254,17 @@ def test_other_settings_that_are_lists_need_no_brackets(tmp_path):
 )
 def test_bad_choices_are_refused(tmp_path, arguments, message):
     assert message in refused("run", config_file(tmp_path), "--runs", tmp_path / "runs", *arguments)
+
+
+def test_every_fault_is_a_line_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    config_file(tmp_path, "seeds: [x]\nsteps: 5\n")
+    ran = invoke("run", "small.yaml")
+    assert (ran.code, ran.out) == (2, "")
+    starts = ["error: small.yaml, line 1: seeds[0]: ", "error: small.yaml, line 2: steps: no such key"]
+    assert [line.startswith(start) for line, start in zip(ran.err.splitlines(), starts, strict=True)] == [True, True]
+    ran = invoke("run", "quickstart", "--targets", "gone.obj,bunny,buny,gone.ply")
+    assert (ran.code, ran.out) == (2, "")
+    assert [re.match("error: .*?(gone.obj|buny|gone.ply)", line)[1] for line in ran.err.splitlines()] == (
+        ["gone.obj", "buny", "gone.ply"]
+    )

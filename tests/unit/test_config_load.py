@@ -1,5 +1,6 @@
 """Loading of configs with overrides, and errors with their lines."""
 
+import pickle
 from pathlib import Path
 
 import pytest
@@ -219,3 +220,27 @@ def test_paths_on_the_command_line_lie_relative_to_the_current_directory(tmp_pat
     swept = load_experiment("../configs/my.yaml", ["sweep={source.mesh: [ball.ply, scan.obj]}"]).settings
     assert swept.targets == (f"{configs}/scan.obj",)
     assert swept.sweep == {"source.mesh": [f"{here}/ball.ply", f"{here}/scan.obj"]}
+
+
+def test_every_fault_is_reported_on_a_line_of_its_own(tmp_path, config):
+    text = "seeds: [x]\nfit:\n  stepz: 3\n  losses: {edge: -1}\nschemes: [loop, lop]\nspeed: 1\n"
+    with pytest.raises(ConfigError) as caught:
+        config(text, "fit.samples=0")
+    path, faults = tmp_path / "c.yaml", caught.value.faults
+    assert str(caught.value) == "\n".join(faults)
+    starts = {
+        f'{path}, line 1: seeds[0]: expected an integer, got "x"',
+        f"{path}, line 3: fit.stepz: no such key: did you mean 'steps'?",
+        f"{path}, line 4: fit.losses.edge: expected a number of 0 or more, got -1",
+        f"{path}, line 5: schemes[1]: 'lop' is not a scheme",
+        f"{path}, line 6: speed: no such key",
+        "--set: fit.samples: expected a number of",
+    }
+    assert len(faults) == len(starts)
+    assert all(sum(fault.startswith(start) for fault in faults) == 1 for start in starts)
+    with pytest.raises(ConfigError) as caught:
+        config("".join(f"unknown{number}: 1\n" for number in range(30)))
+    assert len(caught.value.faults) == 21
+    assert caught.value.faults[-1] == "and 10 more faults"
+    copied = pickle.loads(pickle.dumps(caught.value))
+    assert copied.faults == caught.value.faults

@@ -100,8 +100,8 @@ def refused(tmp_path, key, value):
     path.write_text(text)
     with pytest.raises(ConfigError) as caught:
         load_experiment(str(path))
-    message = str(caught.value)
-    assert "\n" not in message
+    assert all("\n" not in fault for fault in caught.value.faults)
+    message = caught.value.faults[0]
     assert message.startswith(f"{path}, line {line}: {key}")
     return message.removeprefix(f"{path}, line {line}: {key}")
 
