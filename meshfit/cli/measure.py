@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from meshfit.cli import completions
-from meshfit.cli.console import EXIT_FAILED, err, out, print_error
+from meshfit.cli.console import EXIT_FAILED, err, out, print_error, print_warning
 from meshfit.cli.options import OUTPUT, AsJson, MeshFormat, RepairMode, Weld, split_metrics, suggest_option
 from meshfit.errors import ConfigError, MeshfitError
 from meshfit.measuring.limits import Limit, parse_limit
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from meshfit.measuring.settings import MeasureSettings
     from meshfit.mesh.cleaning_options import CleaningOptions
     from meshfit.mesh.mesh import Mesh
-    from meshfit.mesh.normalisation import Frame
+    from meshfit.mesh.normalisation import Frame, Normalisation
 
 LIMITS = "Limits"
 GAP = 2
@@ -42,6 +42,7 @@ _COLUMNS = (
 )
 """The metrics of a table of several results."""
 
+_SAVE = "`meshfit save TRIAL -o FILE` writes"
 _RESULT, _FAILED = "result", "failed"
 _UNSIGNED = "unsigned, since the target is open"
 _LEAST = 12
@@ -205,7 +206,7 @@ def measure(
     load = _loader(CleaningOptions(weld, repair), input_format)
     target_mesh = load(target_name)
     frame = frame_of(target_mesh.verts, normalise)
-    measuring = _Measuring(load, frame, frame.normalise(target_mesh), settings, write)
+    measuring = _Measuring(load, frame, frame.normalise(target_mesh), settings, write, target_name)
     diagonal = bounding_box_diagonal(measuring.target.verts)
     if distance is not None:
         measuring = replace(measuring, settings=override(settings, {"f_score_tau": distance(diagonal)}))
@@ -295,6 +296,7 @@ class _Measuring:
     target: "Mesh"
     settings: "MeasureSettings"
     write: str | None
+    target_name: str
 
     def measure(self, name: str) -> Values:
         """Load and measure a result, and write its deviation if that is wanted.
@@ -306,11 +308,52 @@ class _Measuring:
         from meshfit.measuring.measure import measure as measure_mesh
         from meshfit.mesh.io.mesh_file import write_file
 
-        result = self.frame.normalise(self.load(name))
+        loaded = self.load(name)
+        result = self.frame.normalise(loaded)
+        self._warn_of_mismatch(name, loaded, result)
         values = measure_mesh(result, self.target, self.settings).to_dict()
         if self.write is not None:
             write_file(self.write, encode_deviation(result, deviation(result, self.target)))
         return values
+
+    def _warn_of_mismatch(self, name: str, loaded: "Mesh", result: "Mesh") -> None:
+        """Warn where the boxes of result and target say that the two are not in one frame."""
+        from meshfit.mesh.alignment import describe_mismatch
+
+        mismatch = describe_mismatch(result, self.target)
+        if not mismatch:
+            return
+        target, names = self.frame.restore(self.target), f"{path_text(name)} and {path_text(self.target_name)}"
+        boxes = " and ".join(map(_size_text, (loaded, target))), " and ".join(map(_centre_text, (loaded, target)))
+        frames: tuple[Normalisation, ...] = ("tutorial", "box")
+        own = next((how for how in frames if not _mismatch_in(how, loaded, target)), None)
+        if own is not None:
+            remedy = f"the result seems to be in the target's {own} frame; {_SAVE} it in that of the target's file"
+        else:
+            remedy = f"give both in one frame and unit: --normalise maps both alike, and {_SAVE} the result of a trial "
+            remedy += "in the frame of its target's file"
+        print_warning(f"{names} {mismatch}: sizes {boxes[0]}, centres {boxes[1]}; {remedy}")
+
+
+def _mismatch_in(how: "Normalisation", result: "Mesh", target: "Mesh") -> str:
+    from meshfit.mesh.alignment import describe_mismatch
+    from meshfit.mesh.normalisation import frame_of
+
+    return describe_mismatch(result, frame_of(target.verts, how).normalise(target))
+
+
+def _size_text(mesh: "Mesh") -> str:
+    from meshfit.mesh.geometry import bounding_box
+
+    low, high = bounding_box(mesh.verts)
+    return " × ".join(f"{length:.3g}" for length in high - low)
+
+
+def _centre_text(mesh: "Mesh") -> str:
+    from meshfit.mesh.geometry import bounding_box
+
+    low, high = bounding_box(mesh.verts)
+    return f"({', '.join(f'{(least + most) / 2:.3g}' for least, most in zip(low, high, strict=True))})"
 
 
 def _each(measuring: _Measuring, results: Sequence[str]) -> Iterator[Measured]:

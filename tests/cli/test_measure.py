@@ -235,3 +235,22 @@ def test_tau_and_crease_angle_are_options():
     assert (found["f_score"]["f1"], found["edges"]["f1"]) == (pytest.approx(1, abs=1e-3), 1)
     found = json.loads(answered("measure", "larger1.ply", "cube.ply", "--json", "--crease-angle", "91", *FEW))
     assert found["edges"]["reason"] == "neither mesh has creases of 91° or more"
+
+
+def test_meshes_in_different_frames_are_measured_and_warned_of():
+    cube = load_mesh("cube.ply")
+    save_mesh(Mesh(60 * cube.verts + [500, 0, 0], cube.faces), "scan.ply")
+    save_mesh(Mesh(60 * cube.verts, cube.faces), "elsewhere.ply")
+    ran = invoke("measure", "larger1.ply", "scan.ply", *FEW)
+    assert (ran.code, ran.err.count("\n")) == (0, 1)
+    assert ran.err == (
+        "warning: larger1.ply and scan.ply differ in size 54.5-fold: sizes 2.2 × 2.2 × 2.2 and 120 × 120 × 120, "
+        "centres (0, 0, 0) and (500, 0, 0); the result seems to be in the target's tutorial frame; "
+        "`meshfit save TRIAL -o FILE` writes it in that of the target's file\n"
+    )
+    ran = invoke("measure", "elsewhere.ply", "scan.ply", "--normalise", "box", "--json", *FEW)
+    assert ran.code == 0
+    assert "elsewhere.ply and scan.ply do not overlap: sizes 120 × 120 × 120 and 120 × 120 × 120" in ran.err
+    assert "--normalise maps both alike, and `meshfit save TRIAL -o FILE` writes the result of a trial" in ran.err
+    assert json.loads(ran.out)["hausdorff"]["symmetric"] > 1
+    assert invoke("measure", "larger1.ply", "cube.ply", *FEW).err == ""

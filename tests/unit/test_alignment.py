@@ -6,9 +6,9 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from meshfit.errors import MeshError
-from meshfit.mesh.alignment import align, boxes_are_disjoint
+from meshfit.mesh.alignment import align, boxes_are_disjoint, describe_mismatch
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.solids import icosahedron
+from meshfit.mesh.solids import icosahedron, octahedron
 from meshfit.subdivision.refine import subdivide
 from tests.loops import over
 
@@ -66,3 +66,25 @@ def test_a_surface_without_extent_is_refused():
     point = Mesh(np.ones((3, 3)), np.array([[0, 1, 2]]))
     with pytest.raises(MeshError, match="source: a surface without extent"):
         align(point, pear(), "pca")
+
+
+def test_meshes_that_do_not_lie_on_each_other_are_told_apart_by_their_boxes():
+    ball = subdivide(octahedron(), "loop", 1)
+    flat = Mesh(ball.verts * [1.0, 1.0, 0.0], ball.faces)
+
+    def at(x, scale=1.0, mesh=ball):
+        return Mesh(mesh.verts * scale + [x, 0.0, 0.0], mesh.faces)
+
+    width = float(np.ptp(ball.verts[:, 0]))
+    for other in (ball, flat, at(0.5 * width), at(0.94 * width), at(0.0, 9.9), at(0.0, 0.11), at(0.4 * width, 0.2)):
+        assert describe_mismatch(ball, other) == describe_mismatch(other, ball) == ""
+    assert describe_mismatch(flat, at(0.0, mesh=flat)) == ""
+    assert describe_mismatch(ball, at(0.0, 25.0)) == describe_mismatch(at(0.0, 25.0), ball) == "differ in size 25-fold"
+    assert describe_mismatch(ball, at(0.96 * width)) == "hardly overlap"
+    assert (
+        describe_mismatch(ball, at(1.1 * width))
+        == describe_mismatch(flat, at(1.1 * width, mesh=flat))
+        == "do not overlap"
+    )
+    above = Mesh(flat.verts + np.array([0.0, 0.0, 0.5]), flat.faces)
+    assert describe_mismatch(flat, above) == "do not overlap"
