@@ -220,7 +220,7 @@ def measure(
     if as_json:
         typer.echo(json.dumps(_json(measured, about, single=target is None), indent=2))
     elif csv_file != STREAM:
-        _print(measured, target_name, metrics, single=target is None)
+        _print(measured, target_name, metrics, diagonal, single=target is None)
     if write is not None and not as_json and csv_file != STREAM:
         side = "negative inside the target" if is_watertight(Topology.of(measuring.target)) else _UNSIGNED
         out.print(f"wrote {path_text(write)}: distances, {side}", soft_wrap=True, markup=False)
@@ -458,13 +458,15 @@ def _flat(values: Values, metrics: Sequence[str] | None) -> dict[str, object]:
 # The table.
 
 
-def _print(measured: Sequence[Measured], target: str, metrics: Sequence[str] | None, *, single: bool) -> None:
+def _print(
+    measured: Sequence[Measured], target: str, metrics: Sequence[str] | None, diagonal: float, *, single: bool
+) -> None:
     if single:
         title = f"{path_text(measured[0].result)} against {path_text(target)}"
         out.print(title, soft_wrap=True, markup=False, style="italic")
         out.print(_table(measured[0], metrics))
         if not metrics:
-            for line in _notes(measured[0].values):
+            for line in _notes(measured[0].values, diagonal):
                 out.print(line, soft_wrap=True, markup=False)
     elif any(each.values for each in measured):
         out.print(f"against {path_text(target)}", soft_wrap=True, markup=False, style="italic")
@@ -529,7 +531,7 @@ class _Column:
         return max(map(len, [*self.heading, *self.cells]))
 
 
-def _notes(values: Values) -> Iterator[str]:
+def _notes(values: Values, diagonal: float) -> Iterator[str]:
     """Yield lines on the farthest points, the settings, and missing values."""
     yield ""
     for direction, own, other in (("forward", "result", "target"), ("backward", "target", "result")):
@@ -537,9 +539,10 @@ def _notes(values: Values) -> Iterator[str]:
         where, near = _position(point["position"]), _position(point["nearest"])
         yield f"farthest from the {other}: {point['distance']:.4g} at {where}, face {point['face']} of the {own};"
         yield f"  nearest to it: {near}, face {point['nearest_face']} of the {other}"
+    tau = values["f_score"]["tau"]
     yield (
         f"{values['hausdorff']['samples']:,} samples and {values['chamfer']['points']:,} points per surface, "
-        f"F-scores at τ = {values['f_score']['tau']:g}"
+        f"F-scores at τ = {tau:g}, {100 * tau / diagonal:.3g} % of the target's diagonal"
     )
     if reason := values["edges"]["reason"]:
         yield f"–: {reason}"

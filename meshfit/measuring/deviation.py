@@ -66,7 +66,8 @@ def encode_deviation(mesh: Mesh, values: Deviation) -> bytes:
     The property is `distance` if signed, else `unsigned_distance`; `quality`, which MeshLab shows, repeats it.
     """
     side = "negative inside the target" if values.signed else "unsigned, since the target is open"
-    return write_ply_values(mesh, _named(values, values.verts), _named(values, values.faces), f"{values.name}: {side}")
+    comment = f"{values.name}: {side}; of faces at their centroids"
+    return write_ply_values(mesh, _named(values, values.verts), _named(values, values.faces), comment)
 
 
 def _named(values: Deviation, numbers: Float64[np.ndarray, " N"]) -> Mapping[str, Float64[np.ndarray, " N"]]:

@@ -105,7 +105,9 @@ def test_the_table_of_one_result_ends_with_the_farthest_points():
     for metric in MEASURED.values():
         assert f"\n{metric.title} " in out
     assert "\nfarthest from the target: 0.3464 at (" in out
-    assert "\n500 samples and 30,000 points per surface, F-scores at τ = 0.01\n" in out
+    assert (
+        "\n500 samples and 30,000 points per surface, F-scores at τ = 0.01, 0.289 % of the target's diagonal\n" in out
+    )
     out = answered("measure", "smooth.ply", "cube.ply", *FEW)
     assert "edge chamfer distance                      –" in out
     assert out.endswith("–: the result has no creases of 30° or more\n")

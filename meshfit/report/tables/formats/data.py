@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from io import StringIO
 from typing import Any
 
-from meshfit.measuring.metrics import METRICS
+from meshfit.measuring.metrics import METRICS, Metric
 from meshfit.printable import csv_cell
 from meshfit.report.tables.notes import notes
 from meshfit.report.tables.paper_numbers import OTHER, READINGS, paper_value, published_value
@@ -93,13 +93,12 @@ def to_json(tables: Sequence[Table]) -> str:
 
 def _json_table(table: Table) -> dict[str, Any]:
     (name,), (variation,) = table.metrics, table.variations
-    metric = METRICS[name]
     comparisons = table.comparisons
     return {
         "title": table.title,
         "experiment": table.experiment,
         "variant": variation.variant,
-        "metric": {"name": name, "title": metric.title, "smaller_is_better": metric.smaller_is_better},
+        "metric": {"name": name, **_json_metric(METRICS[name])},
         "seeds": table.seeds,
         "settings": dict(table.settings),
         "targets": [{"target": target, "title": title} for target, title in table.targets.items()],
@@ -111,6 +110,10 @@ def _json_table(table: Table) -> dict[str, Any]:
         "best": {target: row.scheme for (_, target), row in table.best.items()},
         "notes": notes(table),
     }
+
+
+def _json_metric(metric: Metric) -> dict[str, Any]:
+    return {"title": metric.title, "unit": metric.unit, "smaller_is_better": metric.smaller_is_better}
 
 
 def _json_cell(table: Table, target: str, row: Row) -> dict[str, Any]:
