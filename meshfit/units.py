@@ -1,5 +1,7 @@
 """Counts, durations and file sizes in words."""
 
+import os
+
 # Shorter durations are given in seconds, minutes, or hours and minutes.
 _SECONDS_BELOW, _MINUTES_BELOW, _HOURS_BELOW = 90, 90 * 60, 48 * 3600
 _SIZES = ("B", "kB", "MB", "GB", "TB")
@@ -31,3 +33,11 @@ def size_text(count: float) -> str:
         count, power = count / 1000, power + 1
     decimals = 1 if power and count < 9.95 else 0
     return f"{count:.{decimals}f} {_SIZES[power]}"
+
+
+def free_memory() -> float | None:
+    """Return the bytes of memory that are free on this machine; None where the system does not say."""
+    try:
+        return float(os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    except (AttributeError, OSError, ValueError):  # not on Windows and macOS
+        return None

@@ -367,6 +367,29 @@ def linear_scheme(scheme: Scheme) -> Scheme | None:
     return MIDPOINT if scheme.split is Split.QUADRISECT else None
 
 
+def num_faces_after(mesh: Mesh | PolygonMesh, scheme: Scheme, levels: int) -> int:
+    """Return the number of faces after some levels: exact on closed meshes for most splits, else within a few percent.
+
+    Args:
+        mesh: triangles for a scheme on triangles, polygons for a scheme on polygons.
+        scheme: a scheme on surfaces.
+        levels: 0 or more.
+    """
+    if levels == 0:
+        return mesh.num_faces
+    if isinstance(mesh, Mesh) or not isinstance(scheme, PolygonScheme):
+        per_level = 4 if isinstance(scheme, TriangleScheme) and scheme.split is Split.QUADRISECT else 3
+        return int(mesh.num_faces * per_level**levels)
+    corners = len(mesh.corners)
+    first, later = {
+        PolygonSplit.QUADS: (corners, 4),
+        PolygonSplit.DUAL: (corners, 4),
+        PolygonSplit.SQRT2: (corners // 2, 2),
+        PolygonSplit.TERNARY: (2 * corners + mesh.num_faces, 9),
+    }[scheme.split]
+    return int(first * later ** (levels - 1))
+
+
 def growth(scheme: Scheme, levels: int) -> float:
     """Return about how many vertices replace each one after some levels on triangles.
 

@@ -13,10 +13,11 @@ from meshfit.mesh.solids import cube, octahedron
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.creases import Creases, creases_by_angle
 from meshfit.subdivision.limit import loop_limit, loop_limit_normals
-from meshfit.subdivision.refine import subdivide
-from meshfit.subdivision.registry import resolve
-from tests.cli import invoke, refused
+from meshfit.subdivision.refine import num_faces_after, subdivide
+from meshfit.subdivision.registry import SCHEMES, SURFACES, resolve
+from tests.cli import answered, invoke, refused
 from tests.loops import over
+from tests.quads import quad_torus
 
 ALPHAS = [0.0, 1.0, 0.25, 0.5, 0.125, 1.0]
 
@@ -201,3 +202,28 @@ REFUSED = {
 def test_refusals(folder, arguments):
     assert REFUSED[arguments] in refused("subdivide", *arguments)
     assert sorted(path.name for path in folder.iterdir()) == ["cube.ply", "solid.obj"]
+
+
+def test_a_mesh_of_very_many_faces_is_made_only_where_it_is_asked_for_twice(tmp_path, monkeypatch):
+    save_mesh(cube(), tmp_path / "cube.ply")
+    text = refused("subdivide", tmp_path / "cube.ply", tmp_path / "fine.ply", "--levels", "10")
+    assert text.startswith("error: 10 levels: about 12,582,912 faces, 5.7 GB of memory")
+    assert text.endswith("; choose fewer --levels, or give --yes to make them")
+    assert not (tmp_path / "fine.ply").exists()
+    monkeypatch.setattr("meshfit.cli.subdivide._MOST_FACES", 100)
+    arguments = ("subdivide", tmp_path / "cube.ply", tmp_path / "fine.ply", "-n", "2")
+    refused(*arguments)
+    ran = invoke(*arguments, "--yes")
+    assert ran.code == 0
+    assert ran.err.startswith("2 levels: about 192 faces, ")
+    assert "192 faces" in ran.out
+    answered(*arguments[:-1], "1")
+
+
+@over("spec", [name for name, entry in SCHEMES.items() if entry.domain in SURFACES])
+def test_the_number_of_faces_is_known_in_advance(spec):
+    scheme = resolve(spec)
+    mesh = octahedron() if SCHEMES[spec].domain == "triangles" else quad_torus(4, 3)
+    for levels in range(4):
+        count = subdivide(mesh, scheme, levels).num_faces
+        assert num_faces_after(mesh, scheme, levels) == pytest.approx(count, rel=0.1), levels
