@@ -28,6 +28,7 @@ from meshfit.units import count_text
 _LARGEST_COORDINATE = 1e60
 # Volumes of a smaller size, relative to the cube of the bounding box's diagonal, may come from rounding.
 _ROUNDING = 1e-9
+_SOME_FACES = 1000
 # Faces of a smaller area, relative to the square of their longest edge, are flat.
 _FLAT = 1e-14
 
@@ -250,6 +251,10 @@ def _repeats(corners: Indices, mesh: PolygonMesh, among: Mask, *, directed: bool
 
 def _needless_flat_faces(mesh: PolygonMesh, welded: PolygonTopology) -> Mask:
     """Return (F,) which faces without area can be dropped without opening an edge."""
+    if welded.is_watertight:  # dropping opens an edge, unless it takes all
+        some = np.arange(mesh.num_faces) < _SOME_FACES
+        if (_relative_areas(*_selected(mesh, welded, some)) > _FLAT).any():
+            return np.zeros(mesh.num_faces, dtype=bool)
     flat = _relative_areas(mesh, welded) <= _FLAT
     if not flat.any():
         return flat

@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Int64
+from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
 from meshfit.mesh.mesh import Faces, Mesh
@@ -98,7 +99,7 @@ class HalfEdges:
     def _by_edge(self) -> tuple[Indices, Indices]:
         """The half-edges in the order of their edges, and the place of the first one of each edge."""
         keys = np.minimum(self.tail, self.head) * self.num_verts + np.maximum(self.tail, self.head)
-        order = _stable_order(keys, self.num_verts**2)
+        order = stable_order(keys, int(self.num_verts**2).bit_length())
         keys = keys[order]
         return order, np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]])[: len(keys)])
 
@@ -193,11 +194,11 @@ class HalfEdges:
         return np.asarray(self.twin[self.preceding(halfedge)])
 
 
-def _stable_order(keys: Indices, bound: int) -> Indices:
-    """Return the stable order of keys from 0 to below a bound: by 16 bits at a time, which numpy sorts by radix."""
+def stable_order(keys: NDArray[np.integer], bits: int) -> Indices:
+    """Return the stable order of keys from 0 to below 2^bits: by 16 bits at a time, which numpy sorts by radix."""
     order = np.argsort(keys.astype(np.uint16), kind="stable")
-    for shift in range(16, int(bound).bit_length(), 16):
-        order = order[np.argsort((keys[order] >> shift).astype(np.uint16), kind="stable")]
+    for shift in range(16, bits, 16):
+        order = order[np.argsort((keys[order] >> keys.dtype.type(shift)).astype(np.uint16), kind="stable")]
     return order
 
 

@@ -5,7 +5,7 @@ Horn 2001, Cutting and stitching: converting sets of polygons to manifold surfac
 glued edge are one vertex. So a weld makes no vertex at which two surfaces merely touch, and no edge of three faces.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -16,8 +16,9 @@ from scipy.spatial import cKDTree
 
 from meshfit.mesh.manifold import duplicate_triangles, nonmanifold_verts
 from meshfit.mesh.mesh import Verts
-from meshfit.mesh.topology import HalfEdges, Indices, Mask, PolygonTopology
+from meshfit.mesh.topology import HalfEdges, Indices, Mask, PolygonTopology, stable_order
 
+_HASH_FACTOR = np.uint64(0x9E3779B97F4A7C15)
 # The faces at an edge of more than these all stay apart.
 _MOST_FACES_PER_EDGE = 64
 # Two faces at a smaller angle, in radians, lie on each other.
@@ -42,12 +43,23 @@ class Stitched(NamedTuple):
     is_manifold: bool = False
 
 
-def first_equal(rows: NDArray[np.generic]) -> Indices:
-    """Return (N,) the first row equal to each row. Faster than `np.unique` by rows, and 0.0 equals -0.0."""
-    order = np.lexsort(rows.T)
+def first_equal(rows: NDArray[Any]) -> Indices:
+    """Return (N,) the first row equal to each row; 0.0 equals -0.0."""
+    # Sorting by a hash is several times as fast as by columns.
+    numbers = (rows + 0.0 if rows.dtype == np.float64 else rows.astype(np.int64)).view(np.uint64)
+    hashes = np.zeros(len(rows), dtype=np.uint64)
+    for column in numbers.T:
+        hashes = (hashes ^ column) * _HASH_FACTOR
+        hashes ^= hashes >> np.uint64(29)
+    order = stable_order(hashes, 64)
     ordered = rows[order]
     starts = np.ones(len(rows), dtype=bool)
     starts[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+    by_hash = hashes[order]
+    if (starts[1:] & (by_hash[1:] == by_hash[:-1])).any():  # different rows with one hash may alternate
+        order = np.lexsort(rows.T)
+        ordered = rows[order]
+        starts[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
     first = np.empty(len(rows), dtype=np.int64)
     first[order] = order[np.flatnonzero(starts)][np.cumsum(starts) - 1]
     return first
