@@ -5,6 +5,8 @@ from .fitting.fit import fit_batch as fit_batch
 from .fitting.loop import FitResult as FitResult
 from .fitting.problem import Diverged as Diverged
 from .fitting.problem import Problem as Problem
+from .measuring.deviation import Deviation as Deviation
+from .measuring.deviation import deviation as deviation
 from .measuring.measure import Measurement as Measurement
 from .measuring.measure import measure as measure
 from .mesh.curves import Curves as Curves
