@@ -20,7 +20,7 @@ from meshfit.cli.options import OUTPUT, AsJson, MeshFormat, RepairMode, Weld, sp
 from meshfit.errors import ConfigError, MeshfitError
 from meshfit.measuring.limits import Limit, parse_limit
 from meshfit.measuring.metrics import LENGTH, MEASURED
-from meshfit.paths import MESH_SUFFIXES, STREAM, format_suffix, is_pipe, path_text
+from meshfit.paths import MESH_SUFFIXES, STREAM, format_suffix, is_folder, is_pipe, path_text
 from meshfit.printable import csv_cell
 from meshfit.specs import suggest
 
@@ -199,7 +199,10 @@ def measure(
     results, target_name = _roles(meshes, target)
     limits = [*(parse_limit(text, above=True) for text in fail_above or ())]
     limits += [parse_limit(text, above=False) for text in fail_below or ()]
-    _check_output(results, metrics, write, csv_file, as_json=as_json)
+    _check_metrics(metrics)
+    _check_output([*results, target_name], write, csv_file, as_json=as_json)
+    if write is not None and len(results) > 1:
+        raise ConfigError(f"--write takes one result, got {len(results)}; measure them one by one")
     distance = None if tau is None else _parse_tau(tau)
     options = {"samples": samples, "crease_angle": crease_angle}
     settings = override(MeasureSettings(), {key: value for key, value in options.items() if value is not None})
@@ -246,20 +249,28 @@ def _roles(meshes: Sequence[str], target: str | None) -> tuple[list[str], str]:
     return results, last
 
 
-def _check_output(
-    results: Sequence[str], metrics: Sequence[str] | None, write: str | None, csv_file: str | None, *, as_json: bool
-) -> None:
+def _check_metrics(metrics: Sequence[str] | None) -> None:
     for metric in metrics or ():
         if metric not in MEASURED:
             raise ConfigError(f"'{metric}' is not a metric of a measurement: {suggest(metric, MEASURED)}")
+
+
+def _check_output(meshes: Sequence[str], write: str | None, csv_file: str | None, *, as_json: bool) -> None:
+    """Refuse, before anything is measured, to write what cannot be written, or over one of the meshes."""
     if csv_file == STREAM and as_json:
         raise ConfigError("standard output can have only one of --csv - and --json")
-    if write is None:
-        return
-    if format_suffix(write) != ".ply":
+    if write is not None and format_suffix(write) != ".ply":
         raise ConfigError(f"--write {path_text(write)}: distances are written as PLY; give a name that ends in .ply")
-    if len(results) > 1:
-        raise ConfigError(f"--write takes one result, got {len(results)}; measure them one by one")
+    for option, path, example in (("--write", write, "errors.ply"), ("--csv", csv_file, "errors.csv")):
+        if path is None or path == STREAM:
+            continue
+        named = f"{option} {path_text(path)}"
+        if is_folder(path):
+            raise ConfigError(f"{named}: a directory; give the path of a file, such as {example}")
+        same = [mesh for mesh in meshes if mesh != STREAM and Path(mesh).resolve() == Path(path).resolve()]
+        if same or (option == "--csv" and format_suffix(path) in MESH_SUFFIXES):
+            why = "would overwrite a mesh that is measured" if same else "expected a name for CSV, got one for a mesh"
+            raise ConfigError(f"{named}: {why}; give another name, such as {example}")
 
 
 def _parse_tau(text: str) -> Callable[[float], float]:
