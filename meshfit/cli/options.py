@@ -146,6 +146,15 @@ Baseline = Annotated[
 ]
 
 
+Labels = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--label",
+        help="Name to print for a scheme, target or metric, such as interp-loop='Interp. Loop'. May be repeated.",
+        metavar="NAME=LABEL",
+        rich_help_panel=OUTPUT,
+    ),
+]
 Targets = Annotated[
     str | None,
     typer.Option(

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from meshfit.cli.console import err, out, print_error
-from meshfit.cli.options import OUTPUT, Baseline, Metrics, RunDirs
+from meshfit.cli.options import OUTPUT, Baseline, Labels, Metrics, RunDirs
 from meshfit.errors import ConfigError
 from meshfit.experiment.storage.run_directory import Result
 from meshfit.units import count_text
 
 if TYPE_CHECKING:
     from meshfit.experiment.plan import Trial
+    from meshfit.report.tables.style import Style
 
 _DEVIATES = 1
 
@@ -32,6 +33,40 @@ def table(
     ] = "rich",
     metrics: Metrics = None,
     baseline: Baseline = None,
+    cells: Annotated[
+        Literal["mean", "mean-sd", "mean-ci", "full"],
+        typer.Option(
+            "--cells",
+            help="`mean` alone, with standard deviation, with 95 % interval, or in `full`, with median and interval.",
+            metavar="CELLS",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = "full",
+    notes: Annotated[
+        Literal["none", "short", "full"],
+        typer.Option(
+            "--notes",
+            help="`none` for the table alone, `short` for its marks and exceptions, `full` with all comparisons.",
+            metavar="NOTES",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = "full",
+    digits: Annotated[
+        int | None,
+        typer.Option(
+            "--digits",
+            min=1,
+            max=12,
+            help="Significant digits of a mean.",
+            show_default="as many as its spread supports",
+            metavar="N",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = None,
+    transpose: Annotated[
+        bool, typer.Option("--transpose", help="Targets as rows, schemes as columns.", rich_help_panel=OUTPUT)
+    ] = False,
+    labels: Labels = None,
     check: Annotated[
         Path | None,
         typer.Option("--check", help="Compare with expected values; exit 1 if any cell deviates.", metavar="FILE"),
@@ -40,22 +75,25 @@ def table(
     """Print the result table of run directories.
 
     Schemes are rows, targets are columns. A cell is the mean (median) [95 % interval] over the seeds; differences
-    between schemes follow.
+    between schemes follow. For a paper, choose what cells and notes contain, and how schemes and targets are named.
 
     Examples:
         meshfit table runs/table1
         meshfit table runs/table1 --metric distance.mean --metric f_score.f1
         meshfit table runs/table1 --format latex > table1.tex
+        meshfit table runs/table1 -f latex --cells mean-sd --notes short --label interp-loop="Interp. Loop"
         meshfit table runs/table1 --check configs/expected/table1.json
     """
     from meshfit.experiment.storage.plan_file import in_planned_order
     from meshfit.experiment.storage.result import read_results
     from meshfit.report.tables.grouping import distinguish_definitions
+    from meshfit.report.tables.style import Style
 
     results = distinguish_definitions(in_planned_order(read_results(runs)))
     if check is not None:
         return _check(runs, results, check)
-    show_tables(results, metrics, baseline=baseline, format_name=format)
+    style = Style(cells=cells, notes=notes, transpose=transpose, digits=digits)
+    show_tables(results, metrics, baseline=baseline, format_name=format, style=style, labels=labels or ())
     return 0
 
 
@@ -83,6 +121,8 @@ def show_tables(
     *,
     baseline: str | None = None,
     format_name: str = "rich",
+    style: "Style | None" = None,
+    labels: Sequence[str] = (),
 ) -> None:
     """Print the tables of results to stdout.
 
@@ -91,12 +131,19 @@ def show_tables(
         metrics: names of metrics; by default the Hausdorff distance.
         baseline: the scheme that others are compared with; by default the first.
         format_name: a name in `FORMATS`, or `rich` to print with colour.
+        style: what is printed; by default everything.
+        labels: names to print, each as NAME=LABEL.
+
+    Raises:
+        ConfigError: no such metric, or a baseline or a label of something that has no results.
     """
     from meshfit.report.tables.formats import FORMATS
     from meshfit.report.tables.formats.terminal import TablesView
-    from meshfit.report.tables.table import build_tables, merge_tables
+    from meshfit.report.tables.style import Style
+    from meshfit.report.tables.table import build_tables, merge_tables, styled
 
     merged = merge_tables(build_tables(results, *(metrics or ()), baseline=baseline))
+    merged = styled(merged, style or Style(), labels)
     if format_name == "rich":
         out.print(TablesView(merged))
     else:

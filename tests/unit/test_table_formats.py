@@ -4,6 +4,7 @@ import csv
 import json
 import re
 import shutil
+import statistics
 import subprocess
 import sys
 from io import StringIO
@@ -11,6 +12,7 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
+from meshfit.errors import ConfigError
 from meshfit.measuring.metrics import DEFAULT_METRIC
 from meshfit.report.tables.formats import FORMATS
 from meshfit.report.tables.formats.data import FIELDS
@@ -18,7 +20,8 @@ from meshfit.report.tables.formats.latex import to_latex
 from meshfit.report.tables.formats.markdown import to_markdown
 from meshfit.report.tables.formats.terminal import TablesView, to_text
 from meshfit.report.tables.notes import comparison_lines
-from meshfit.report.tables.table import Row, build_tables, merge_tables
+from meshfit.report.tables.style import Style, parse_labels
+from meshfit.report.tables.table import Row, build_tables, merge_tables, styled
 from tests.loops import over
 from tests.unit.test_table_model import CLEAR, grid, result
 
@@ -173,19 +176,90 @@ def test_json_holds_everything():
 
 
 def latex_body(text):
-    return text[text.index(r"\endfirsthead") : text.index(r"\end{longtable}")]
+    return text[text.index(r"\begin{tabular}") : text.index(r"\end{tabular}")]
 
 
 def test_latex_is_a_booktabs_table_with_caption_and_label():
     text = to_latex(TABLES)
     rows = [line for line in latex_body(text).splitlines() if line.endswith((r"\\", r"\\*"))]
-    assert r"\begin{longtable}{lrrrr}" in text
+    assert r"\begin{tabular}{lrrrr}" in text
     assert [row.count("&") for row in rows] == [4] * 6  # headings, means and intervals, in two lines each
     assert re.search(r"\\textbf\{0\.210 \(0\.211\)\} .*\n.*\\textbf\{\{\[\}0\.1\d+, 0\.2\d+\{\]\}\}", text)
     assert text.isascii() or not re.search(r"[^\x00-\x7f]", re.sub(r"%.*", "", text))
     begun = re.findall(r"\\begin\{(\w+)\}", text)
-    assert sorted(begun) == sorted(re.findall(r"\\end\{(\w+)\}", text)) == ["longtable"]
+    assert sorted(begun) == sorted(re.findall(r"\\end\{(\w+)\}", text)) == ["table", "tabular"]
+    assert text.startswith("% needs booktabs: \\usepackage{booktabs}\n")
     assert r"\label{tab:table1-hausdorff-symmetric-1}" in text
+
+
+FIVE = merged(grid({(t, s): [0.31, 0.32, 0.36] for t in ("bunny", *"abcd") for s in ("loop", "interp-loop")}))
+
+
+def in_style(tables, *labels, **style):
+    return styled(tables, Style(**style), labels)
+
+
+@over("cells", ["mean", "mean-sd", "mean-ci", "full"])
+def test_five_targets_are_in_one_tabular(cells):
+    text = to_latex(in_style(FIVE, cells=cells))
+    assert text.count(r"\begin{tabular}") == 1
+    assert all(f" & {name}" in text for name in ("bunny", *"abcd"))
+    packages = text.partition("\n")[0].partition(": ")[0].removeprefix("% needs ").split(", ")
+    assert ("graphicx" in packages) == (r"\resizebox" in text)
+
+
+def test_cells_contain_what_is_asked_for_in_every_format():
+    sample = [0.31, 0.32, 0.36]
+    mean, spread = statistics.mean(sample), statistics.stdev(sample)
+    for name in ("rich", "md", "latex"):
+        texts = {cells: FORMATS[name](in_style(FIVE, cells=cells)).replace(r"$\pm$", "±") for cells in CELLS}
+        assert f"{mean:.3f} ± {spread:.3f}" in texts["mean-sd"]
+        assert "(0.32" not in texts["mean-ci"]
+        assert "0.26" in texts["mean-ci"]  # the lower end of the interval
+        assert "0.26" not in texts["mean"] + texts["mean-sd"]
+        assert "paper's bunny" not in squeezed("".join(texts[cells] for cells in CELLS[:3]).replace("\\", " "))
+    for cells, fields in {"mean": {"mean"}, "mean-sd": {"mean", "spread"}, "full": {*NUMBERS}}.items():
+        (row, *_) = csv.DictReader(StringIO(FORMATS["csv"](in_style(FIVE, cells=cells))))
+        (cell, *_) = json.loads(FORMATS["json"](in_style(FIVE, cells=cells)))["tables"][0]["cells"]
+        assert fields == NUMBERS & row.keys()
+        assert fields == {*NUMBERS} & cell.keys()
+
+
+CELLS = ["mean", "mean-sd", "mean-ci", "full"]
+NUMBERS = {"mean", "spread", "median"}
+
+
+def test_labels_and_digits_and_transposing_are_the_same_in_every_format():
+    tables = in_style(FIVE, "interp-loop=Interp. Loop", "a=Alpha", cells="mean", digits=2, transpose=True, notes="none")
+    for name in ("rich", "md", "latex"):
+        text = FORMATS[name](tables)
+        assert "interp-loop" not in text
+        assert re.search(r"scheme|target", text)[0] == "target"
+        assert re.search(r"Alpha\W+0\.33\W+0\.33\b", text)
+    rows = list(csv.DictReader(StringIO(FORMATS["csv"](tables))))
+    assert [row["scheme_title"] for row in rows] == ["loop"] * 5 + ["Interp. Loop"] * 5
+    assert {row["mean"] for row in rows} == {"0.33"}
+    (table,) = json.loads(FORMATS["json"](tables))["tables"]
+    assert table["scheme_titles"] == {"loop": "loop", "interp-loop": "Interp. Loop"}
+    assert {cell["mean"] for cell in table["cells"]} == {0.33}
+
+
+def test_notes_none_leave_the_table_and_short_ones_the_exceptions():
+    for name in ("rich", "md", "latex"):
+        short, none = (squeezed(FORMATS[name](in_style(WITH_A_GAP, notes=notes))) for notes in ("short", "none"))
+        assert "loop on cow: 2 seeds" in short
+        assert "2 seeds" not in none
+        assert "Seeds needed" not in short
+        assert "≈" not in none.replace(r"$\approx$", "≈")
+
+
+def test_a_label_of_nothing_is_refused_and_one_of_a_variant_with_parameters_is_taken():
+    with pytest.raises(ConfigError, match="did you mean 'loop'"):
+        in_style(FIVE, "lop=x")
+    with pytest.raises(ConfigError, match="expected NAME=LABEL"):
+        in_style(FIVE, "loop")
+    name = "interp-loop:alpha=0.5"
+    assert parse_labels([f"{name}=A = B"], ["interp-loop", name]) == {name: "A = B"}
 
 
 def test_latex_escapes_what_would_be_a_command():
@@ -202,7 +276,11 @@ def test_latex_compiles(tmp_path):
     many = grid({(target, scheme): [0.3123, 0.3145, 0.35] for target in ("bunny", *"abcd") for scheme in names})
     long = [one for weight in range(1, 40) for one in grid(CLEAR, fit__losses__edge=weight / 10)]
     tables = to_latex([*WITH_A_GAP, *SWEEP, *merged([result(experiment=AWKWARD)]), *merged(many), *merged(long)])
-    text = "\\documentclass{article}\\usepackage{booktabs,longtable}\\begin{document}\n" + tables + "\\end{document}\n"
+    text = (
+        "\\documentclass{article}\\usepackage{booktabs,graphicx,longtable}\\begin{document}\n"
+        + tables
+        + "\\end{document}\n"
+    )
     (tmp_path / "t.tex").write_text(text, encoding="utf-8")
     done = subprocess.run(
         ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "t.tex"],
@@ -302,14 +380,12 @@ def test_markdown_has_columns_for_variation_and_scheme():
 
 
 def test_latex_has_targets_above_metrics_and_variations_above_schemes():
-    bodies = re.findall(r"\\begin\{longtable\}(.*?)\\end\{longtable\}", to_latex(SWEEP), flags=re.DOTALL)
-    for target, body in zip(("bunny", "mousehead (stand-in)"), bodies, strict=True):
-        lines = [line.strip() for line in body.splitlines()]
-        assert rf"& \multicolumn{{2}}{{c}}{{{target}}} \\" in lines
-        assert r"\cmidrule(lr){2-3}" in lines
-        assert r"\multicolumn{3}{l}{\emph{edge=0.1}} \\*" in lines
-        rows = [line for line in lines if re.search(r"\\\\\*?$", line) and not re.search("multicolumn|caption", line)]
-        assert {row.count("&") for row in rows} == {2}
+    lines = [line.strip() for line in latex_body(to_latex(SWEEP)).splitlines()]
+    assert r"& \multicolumn{2}{c}{bunny} & \multicolumn{2}{c}{mousehead (stand-in)} \\" in lines
+    assert r"\cmidrule(lr){2-3} \cmidrule(lr){4-5}" in lines
+    assert r"\multicolumn{5}{l}{\emph{edge=0.1}} \\" in lines
+    rows = [line for line in lines if re.search(r"\\\\$", line) and "multicolumn" not in line]
+    assert {row.count("&") for row in rows} == {4}
 
 
 @pytest.mark.parametrize("width", [40, 60, 80, 120])

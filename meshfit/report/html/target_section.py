@@ -22,7 +22,7 @@ from meshfit.report.figures.trial_meshes import (
     distinct_meshes,
     read_normalised,
 )
-from meshfit.report.tables.layout import row_labels
+from meshfit.report.tables.layout import row_titles
 from meshfit.report.tables.notes import FRAMES
 from meshfit.report.tables.numbers import format_number
 from meshfit.report.tables.table import Row, Table
@@ -155,7 +155,7 @@ def trials_by_row(table: Table, target: str, index: TrialIndex) -> dict[int, dic
 
 def row_title(table: Table, row: Row) -> str:
     """Return the name of a row as one text."""
-    return " · ".join(row_labels(table, row))
+    return " · ".join(row_titles(table, row))
 
 
 def shares_of(wanted: Sequence[int], most: int) -> list[int]:

@@ -1,6 +1,6 @@
 """The layout of a table as text: columns of cells, and blocks of columns that fit a width."""
 
-from collections.abc import Container, Iterator
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from textwrap import wrap
@@ -39,16 +39,16 @@ class Column:
 
     Attributes:
         metric: dotted name of the metric.
-        target: the target.
+        place: the target, or the row of the table's model in a transposed table.
         heading: full heading.
-        group: heading shared with neighbouring columns: the target's title if there are several metrics, else empty.
+        group: heading shared with neighbouring columns if there are several metrics, else empty.
         subheading: heading below that of the group.
         paper: whether the values are those of the paper.
         cells: from top to bottom.
     """
 
     metric: str
-    target: str
+    place: str
     heading: str
     group: str
     subheading: str
@@ -71,63 +71,108 @@ class Column:
         return max(self.cell_width(mark), *map(len, self.heading_lines(mark)))
 
 
+_Places = Sequence[tuple[str, Row]]
+"""Target and row of each cell of a column."""
+
+
 def columns_of(table: Table) -> list[Column]:
-    """Lay out each metric on each target, followed by the paper's numbers where there are any."""
-    several = len(table.metrics) > 1
-    # With several variations, each of the paper's numbers would be repeated.
-    with_paper = len(table.variations) == 1
+    """Lay out each metric on each target, followed by the paper's numbers where there are any.
+
+    In a transposed table, each metric of each row of the table's model is a column, and targets are rows.
+    """
     not_significant = {
         (comparison.metric, comparison.target, comparison.row)
         for comparison in table.comparisons
         if comparison.difference.significant is False
     }
+    across: list[tuple[str, _Places]]
+    if table.style.transpose:
+        across = [(" · ".join(row_titles(table, row)), [(each, row) for each in table.targets]) for row in table.rows]
+    else:
+        across = [(title, [(target, row) for row in table.rows]) for target, title in table.targets.items()]
     columns = []
-    for target, title in table.targets.items():
-        group = title if several else ""
+    for title, places in across:
         for metric in table.metrics:
-            name = METRICS[metric].title
-            heading, subheading = (f"{title}: {name}", name) if several else (title, title)
-            cells = tuple(_cell(table, metric, target, row, not_significant) for row in table.rows)
-            columns.append(Column(metric, target, heading, group, subheading, paper=False, cells=cells))
-            paper = [published_value(metric, target, row.scheme) if with_paper else None for row in table.rows]
-            if any(value is not None for value in paper):
-                cells = tuple(TextCell("" if value is None else f"{value}") for value in paper)
-                heading = f"paper's {target}"
-                subheading = "paper's" if several else heading
-                columns.append(Column(metric, target, heading, group, subheading, paper=True, cells=cells))
+            cells = tuple(_cell(table, metric, target, row, not_significant) for target, row in places)
+            columns.append(_column(table, title, metric, places, cells))
+            paper = [_published(table, metric, *place) for place in places]
+            if any(paper):
+                columns.append(_paper_column(table, title, metric, places, tuple(map(TextCell, paper))))
     return columns
+
+
+def _column(table: Table, title: str, metric: str, places: _Places, cells: tuple[TextCell, ...]) -> Column:
+    name = table.metric_title(metric)
+    several = len(table.metrics) > 1
+    heading, group, subheading = (f"{title}: {name}", title, name) if several else (title, "", title)
+    return Column(metric, _key(table, places), heading, group, subheading, paper=False, cells=cells)
+
+
+def _paper_column(table: Table, title: str, metric: str, places: _Places, cells: tuple[TextCell, ...]) -> Column:
+    several = len(table.metrics) > 1
+    heading = f"paper's {title if table.style.transpose else places[0][0]}"
+    subheading = "paper's" if several else heading
+    return Column(metric, _key(table, places), heading, title if several else "", subheading, paper=True, cells=cells)
+
+
+def _key(table: Table, places: _Places) -> str:
+    target, row = places[0]
+    return f"{row.variation} {row.scheme}" if table.style.transpose else target
+
+
+def _published(table: Table, metric: str, target: str, row: Row) -> str:
+    """The paper's number for a cell; none in styles without it, or where several variations would repeat it."""
+    if len(table.variations) > 1 or table.style.cells != "full":
+        return ""
+    value = published_value(metric, target, row.scheme)
+    return "" if value is None else f"{value}"
 
 
 def _cell(table: Table, metric: str, target: str, row: Row, not_significant: Container[object]) -> TextCell:
     place = metric, target, row
     if place not in table.cells:
         return TextCell(MISSING)
-    text, interval = format_mean(table.cells[place], whole=METRICS[metric].whole)
+    style, whole = table.style, METRICS[metric].whole
+    text, interval = format_mean(table.cells[place], whole=whole, cells=style.cells, digits=style.digits)
     best = table.best.get((metric, target)) == row
-    return TextCell(text, interval, best=best, not_significant=place in not_significant)
+    # Without notes, nothing would explain the mark.
+    not_best = style.notes != "none" and place in not_significant
+    return TextCell(text, interval, best=best, not_significant=not_best)
 
 
 def row_names(table: Table) -> tuple[str, ...]:
-    """Return what names a row: its scheme, its variation, or both where the table has several of both."""
+    """Return what names a line: its scheme, its variation, or both where the table has several of both; or target."""
+    if table.style.transpose:
+        return ("target",)
+    return _parts(table)
+
+
+def _parts(table: Table) -> tuple[str, ...]:
     if len(table.variations) == 1:
         return ("scheme",)
     return ("variation",) if len(table.schemes) == 1 else ("variation", "scheme")
 
 
-def row_labels(table: Table, row: Row) -> tuple[str, ...]:
-    """Return the name of a row, in as many parts as `row_names` has."""
-    parts = {"variation": table.variations[row.variation].name, "scheme": row.scheme}
-    return tuple(parts[name] for name in row_names(table))
+def row_titles(table: Table, row: Row) -> tuple[str, ...]:
+    """Return the printed name of a row, in one part or two."""
+    parts = {"variation": table.variation_title(row), "scheme": table.scheme_title(row.scheme)}
+    return tuple(parts[name] for name in _parts(table))
+
+
+def row_labels(table: Table) -> list[tuple[str, ...]]:
+    """Return the name of each line, in as many parts as `row_names` has."""
+    if table.style.transpose:
+        return [(title,) for title in table.targets.values()]
+    return [row_titles(table, row) for row in table.rows]
 
 
 def row_groups(table: Table) -> list[tuple[str, list[tuple[int, str]]]]:
-    """Group rows by their variation: its name, and the index and label of each row.
+    """Group lines by their variation: its name, and the index and label of each line.
 
-    The name is empty where one label is enough for a row.
+    The name is empty where one label is enough for a line.
     """
     groups: dict[str, list[tuple[int, str]]] = {}
-    for index, row in enumerate(table.rows):
-        *above, label = row_labels(table, row)
+    for index, (*above, label) in enumerate(row_labels(table)):
         groups.setdefault("".join(above), []).append((index, label))
     return list(groups.items())
 
@@ -186,7 +231,7 @@ def blocks_of(table: Table, width: int, mark: int = GAP) -> Iterator[Block]:
         return Block(heading, labels, tuple(columns), mark)
 
     together: list[list[Column]] = []
-    for _, on_target in groupby(columns_of(table), key=lambda column: column.target):
+    for _, on_target in groupby(columns_of(table), key=lambda column: column.place):
         columns = list(on_target)
         if block(columns).width <= width:
             together.append(columns)

@@ -6,7 +6,7 @@ from itertools import groupby
 from typing import Any
 
 from meshfit.measuring.metrics import METRICS
-from meshfit.report.tables.layout import columns_of, row_names
+from meshfit.report.tables.layout import columns_of
 from meshfit.report.tables.numbers import format_difference
 from meshfit.report.tables.paper_numbers import LIKELIER, OTHER, PAPER_METRIC, paper_value
 from meshfit.report.tables.table import VARIED, Comparison, Table
@@ -22,6 +22,12 @@ FRAMES = {
 NOT_SIGNIFICANT = "≈"
 """Mark of a cell without a significant difference."""
 _STAND_IN = "stand-in"
+_CELLS = {
+    "mean": "mean",
+    "mean-sd": "mean ± standard deviation",
+    "mean-ci": "mean [95 % confidence interval of the mean]",
+    "full": "mean (median) [95 % confidence interval of the mean]",
+}
 
 
 # The head of a table.
@@ -30,8 +36,10 @@ _STAND_IN = "stand-in"
 def metric_line(table: Table) -> str:
     """Name the metrics and the better direction: `Hausdorff distance (smaller is better); Components`."""
     direction = {True: " (smaller is better)", False: " (larger is better)", None: ""}
-    metrics = [METRICS[name] for name in table.metrics]
-    return "; ".join(f"{_capitalised(metric.title)}{direction[metric.smaller_is_better]}" for metric in metrics)
+    return "; ".join(
+        f"{_capitalised(table.metric_title(name))}{direction[METRICS[name].smaller_is_better]}"
+        for name in table.metrics
+    )
 
 
 def cell_line(table: Table) -> str:
@@ -39,23 +47,30 @@ def cell_line(table: Table) -> str:
     seeds = table.seeds
     if len(seeds) == 1:
         return f"Cells: one run with seed {seeds[0]}"
-    return f"Cells: mean (median) [95 % confidence interval of the mean] over {len(seeds)} seeds ({_listed(seeds)})"
+    return f"Cells: {_CELLS[table.style.cells]} over {len(seeds)} seeds ({_listed(seeds)})"
 
 
 def setting_lines(table: Table) -> list[str]:
-    """State the frame of lengths, the fit, the measurement and the source."""
+    """State the frame of lengths, the fit, the measurement and the source; empty unless the notes are full."""
+    if table.style.notes != "full":
+        return []
     settings = table.settings
 
     def get(key: str) -> str:
         value = settings.get(key)
         return "?" if value is None else str(value)
 
-    scheme = f"; scheme {table.schemes[0]}" if row_names(table) == ("variation",) else ""
+    scheme = f"; scheme {table.scheme_title(table.schemes[0])}" if _one_scheme(table) else ""
     return [
         f"Lengths in {FRAMES.get(get('normalise'), get('normalise'))}",
         f"Fit: {_fit(get)}; measured on {get('measure.samples')} samples",
         f"Source: {', '.join(_source(settings, get))}{scheme}",
     ]
+
+
+def _one_scheme(table: Table) -> bool:
+    """Return whether variations of a single scheme are compared."""
+    return len(table.variations) > 1 and len(table.schemes) == 1
 
 
 def _fit(get: Callable[[str], str]) -> str:
@@ -132,12 +147,14 @@ def without_intervals(table: Table) -> bool:
 
 
 def comparison_lines(table: Table) -> list[str]:
-    """Return one line for each comparison, or a single line if none has an interval."""
+    """Return one line for each comparison, or a single line if none has an interval; none unless notes are full."""
+    if table.style.notes != "full":
+        return []
     if without_intervals(table):
         return ["Differences: one seed only, so no intervals; run several seeds to compare"]
     lines = []
     for comparison in table.comparisons:
-        metric = f"{METRICS[comparison.metric].title}: " if len(table.metrics) > 1 else ""
+        metric = f"{table.metric_title(comparison.metric)}: " if len(table.metrics) > 1 else ""
         place = _place(table, comparison) if comparison.target is None else f"on {_place(table, comparison)}"
         text = _in_words(table, comparison, _versus(table, comparison))
         seeds = text.seeds_needed.replace("> ", "more than ")
@@ -149,9 +166,11 @@ def comparison_lines(table: Table) -> list[str]:
 
 def sections_of(table: Table) -> list[Section]:
     """Arrange the comparisons in sections: for each metric, schemes with the baseline, then variations."""
+    if table.style.notes != "full":
+        return []
     sections = []
     for metric, of_metric in groupby(table.comparisons, key=lambda comparison: comparison.metric):
-        prefix = f"{_capitalised(METRICS[metric].title)}: difference" if len(table.metrics) > 1 else "Difference"
+        prefix = f"{_capitalised(table.metric_title(metric))}: difference" if len(table.metrics) > 1 else "Difference"
         comparisons = list(of_metric)
         for across in (False, True):
             of_kind = [comparison for comparison in comparisons if comparison.across_variations is across]
@@ -184,11 +203,13 @@ def _in_words(table: Table, comparison: Comparison, label: str) -> ComparisonTex
 def _versus(table: Table, comparison: Comparison) -> str:
     """Name both rows: `interp-loop vs loop`, `edge=0.2 vs edge=0.1 with loop`."""
     first, second = comparison.row, comparison.against
-    names = [table.variations[row.variation].name for row in (first, second)]
+    names = [table.variation_title(row) for row in (first, second)]
     if comparison.across_variations:
-        scheme = "" if row_names(table) == ("variation",) else f" with {first.scheme}"
+        scheme = "" if _one_scheme(table) else f" with {table.scheme_title(first.scheme)}"
         return f"{names[0]} vs {names[1]}{scheme}"
-    return f"{first.scheme} vs {second.scheme}" + (f" at {names[0]}" if names[0] else "")
+    return f"{table.scheme_title(first.scheme)} vs {table.scheme_title(second.scheme)}" + (
+        f" at {names[0]}" if names[0] else ""
+    )
 
 
 def _place(table: Table, comparison: Comparison) -> str:
@@ -203,20 +224,20 @@ def _ending_and_labels(table: Table, comparisons: Sequence[Comparison]) -> tuple
     """Return the end of a section's title, and a function that labels each comparison by the rest."""
     first = comparisons[0]
     if first.across_variations:
-        scheme = f" of {first.row.scheme}" if len(table.schemes) > 1 else ""
-        return f"{scheme} from {table.variations[first.against.variation].name}", lambda each: _variation(table, each)
+        scheme = f" of {table.scheme_title(first.row.scheme)}" if len(table.schemes) > 1 else ""
+        return f"{scheme} from {table.variation_title(first.against)}", lambda each: _variation(table, each)
     if len({each.against.scheme for each in comparisons}) > 1:
         return " from the baseline", lambda each: _versus(table, each)
     if len(table.variations) == 1:
-        return f" from {first.against.scheme}", lambda each: each.row.scheme
-    ending = f" from {first.against.scheme} at the same settings"
+        return f" from {table.scheme_title(first.against.scheme)}", lambda each: table.scheme_title(each.row.scheme)
+    ending = f" from {table.scheme_title(first.against.scheme)} at the same settings"
     if len({each.row.scheme for each in comparisons}) == 1:
-        return f" of {first.row.scheme}{ending}", lambda each: _variation(table, each)
-    return ending, lambda each: f"{_variation(table, each)} · {each.row.scheme}"
+        return f" of {table.scheme_title(first.row.scheme)}{ending}", lambda each: _variation(table, each)
+    return ending, lambda each: f"{_variation(table, each)} · {table.scheme_title(each.row.scheme)}"
 
 
 def _variation(table: Table, comparison: Comparison) -> str:
-    return table.variations[comparison.row.variation].name
+    return table.variation_title(comparison.row)
 
 
 # Notes below a table.
@@ -224,8 +245,11 @@ def _variation(table: Table, comparison: Comparison) -> str:
 
 def best_note(table: Table) -> str:
     """Explain the mark of the best cell of a column; empty if no cell has it."""
-    other = "scheme" if len(table.variations) == 1 else "row"
-    return f"best of its column, significantly better than every other {other}" if table.best else ""
+    if not table.best:
+        return ""
+    line, across = ("row", "column") if table.style.transpose else ("column", "row")
+    other = "scheme" if len(table.variations) == 1 else across
+    return f"best of its {line}, significantly better than every other {other}"
 
 
 def not_significant_note(table: Table) -> str:
@@ -238,7 +262,9 @@ def not_significant_note(table: Table) -> str:
     if not against:
         return ""
     single = len(against) == 1 and len(table.variations) == 1
-    return f"not significantly different from {against.pop().scheme if single else 'the row it is compared with'}"
+    if single:
+        return f"not significantly different from {table.scheme_title(against.pop().scheme)}"
+    return f"not significantly different from the {'column' if table.style.transpose else 'row'} it is compared with"
 
 
 def legend(table: Table, best: str) -> list[tuple[str, str]]:
@@ -248,27 +274,38 @@ def legend(table: Table, best: str) -> list[tuple[str, str]]:
         table: the table.
         best: mark of the best cell of a column.
     """
-    marks = [(best, best_note(table)), (NOT_SIGNIFICANT, not_significant_note(table))]
+    marks = [(best, best_note(table))]
+    if table.style.notes != "none":
+        marks.append((NOT_SIGNIFICANT, not_significant_note(table)))
     return [(mark, note) for mark, note in marks if note]
 
 
 def notes(table: Table) -> list[str]:
-    """Return what a reader has to know to interpret the numbers."""
+    """Return what a reader has to know to interpret the numbers; the short notes leave out what all tables share."""
+    if table.style.notes == "none":
+        return []
+    if table.style.notes == "short":
+        return [*_few_seeds(table), *_significance(table), *_stand_ins(table)]
     return [*_few_seeds(table), *_about_comparisons(table), *_stand_ins(table), *_about_paper(table)]
 
 
 def _few_seeds(table: Table) -> Iterator[str]:
     few: dict[str, None] = {}
     for row in table.rows:
-        variation = table.variations[row.variation].name
+        variation, scheme = table.variation_title(row), table.scheme_title(row.scheme)
         for target, title in table.targets.items():
             for metric in table.metrics:
                 seeds = sorted(table.samples.get((metric, target, row), {}))
                 if seeds and len(seeds) < len(table.seeds):
-                    name = f"{row.scheme} at {variation}" if variation else row.scheme
+                    name = f"{scheme} at {variation}" if variation else scheme
                     few[f"{name} on {title}: {count_text(len(seeds), 'seed')} ({_listed(seeds)})"] = None
     if few:
         yield f"Fewer seeds: {'; '.join(few)}"
+
+
+def _significance(table: Table) -> Iterator[str]:
+    if any(comparison.difference.interval is not None for comparison in table.comparisons):
+        yield "Significance: 95 % confidence intervals of differences paired by seed"
 
 
 def _about_comparisons(table: Table) -> Iterator[str]:
@@ -287,9 +324,10 @@ def _about_comparisons(table: Table) -> Iterator[str]:
 
 
 def _stand_ins(table: Table) -> Iterator[str]:
-    for title in table.targets.values():
-        if _STAND_IN in title:
-            yield f"{title}: replaces the paper's model, which is not public; not comparable with the paper's numbers"
+    own_titles = [title for variation in table.variations for title in variation.targets.items()]
+    for target in dict.fromkeys(target for target, title in own_titles if _STAND_IN in title):
+        title = table.targets[target]
+        yield f"{title}: replaces the paper's model, which is not public; not comparable with the paper's numbers"
 
 
 def _about_paper(table: Table) -> Iterator[str]:
@@ -297,7 +335,7 @@ def _about_paper(table: Table) -> Iterator[str]:
         return
     likelier, other = (
         "; ".join(
-            f"{target} {scheme} {value}"
+            f"{table.style.label(target)} {table.scheme_title(scheme)} {value}"
             for target in table.targets
             for scheme in table.schemes
             if (value := paper_value(target, scheme, reading)) is not None

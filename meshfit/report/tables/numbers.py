@@ -2,37 +2,57 @@
 
 import math
 
+from meshfit.report.tables.style import Cells
 from meshfit.statistics import PairedDifference, Summary
 
 MINUS = "\u2212"
 _MOST_DECIMALS = 6
 
 
-def format_mean(summary: Summary, *, whole: bool = False) -> tuple[str, str]:
+def format_mean(
+    summary: Summary, *, whole: bool = False, cells: Cells = "full", digits: int | None = None
+) -> tuple[str, str]:
     """Format a mean with its median, `0.1100 (0.1093)`, and its interval, `[0.1040, 0.1153]`.
 
-    All have as many decimals as show two digits of the interval's half width. A single value is returned as it is, and
-    equal values as `0.1830 ± 0`, both with an empty interval.
+    All have as many decimals as show two digits of the interval's half width; `0.1100 ± 0.0046`, with the standard
+    deviation, as many as show two digits of that. A single value is returned as it is, and equal values as
+    `0.1830 ± 0`, both with an empty interval.
 
     Args:
         summary: of a cell.
         whole: the values are counts, and have no decimals.
+        cells: what to show besides the mean.
+        digits: significant digits of the mean, which give the decimals of all numbers.
     """
-    mean, median = (format_number(value, whole=whole) for value in (summary.mean, summary.median))
-    if summary.interval is None:
+    mean, median = (format_number(value, whole=whole, digits=digits or 4) for value in (summary.mean, summary.median))
+    if summary.interval is None or summary.spread is None:
         return mean, ""
     low, high = summary.interval
     half = (high - low) / 2
     if half == 0:
-        return f"{mean} ± 0", ""
+        return mean if cells == "mean" else f"{mean} ± 0", ""
     power = _power(max(abs(low), abs(high)))
-    decimals = _decimals(half / 10**power)
+    width = summary.spread if cells == "mean-sd" else half
+    decimals = _decimals(width / 10**power) if digits is None else _decimals_of(summary.mean / 10**power, digits)
     if decimals > _MOST_DECIMALS:
-        return f"{mean} ({median})", f"± {half:.1e}".replace("-", MINUS)
-    values = (summary.mean, summary.median, low, high)
-    mean, median, least, most = (_fixed(value / 10**power, decimals) for value in values)
+        return _without_decimals(mean, median, width, cells)
+    values = (summary.mean, summary.median, summary.spread, low, high)
+    mean, median, spread, least, most = (_fixed(value / 10**power, decimals) for value in values)
     ending = f" e{power}".replace("-", MINUS) if power else ""
-    return f"{mean} ({median}){ending}", f"[{least}, {most}]{ending}"
+    interval = f"[{least}, {most}]{ending}"
+    if cells == "mean-sd":
+        return f"({mean} ± {spread}){ending}" if ending else f"{mean} ± {spread}", ""
+    if cells == "full":
+        return f"{mean} ({median}){ending}", interval
+    return mean + ending, interval if cells == "mean-ci" else ""
+
+
+def _without_decimals(mean: str, median: str, width: float, cells: Cells) -> tuple[str, str]:
+    """Format a mean whose spread is too small for decimals that show it."""
+    error = f"± {width:.1e}".replace("-", MINUS)
+    if cells == "mean-sd":
+        return f"{mean} {error}", ""
+    return f"{mean} ({median})" if cells == "full" else mean, "" if cells == "mean" else error
 
 
 def format_difference(difference: PairedDifference) -> str:
@@ -50,14 +70,19 @@ def format_difference(difference: PairedDifference) -> str:
     return _with_power(f"{texts[0]} [{texts[1]}, {texts[2]}]", power)
 
 
-def format_number(value: float, *, whole: bool = False, sign: str = "") -> str:
+def format_number(value: float, *, whole: bool = False, sign: str = "", digits: int = 4) -> str:
     """Format a single number with four significant digits; zero, and a count, without decimals."""
     if value == 0 or (whole and value.is_integer()):
         return _fixed(value, 0, sign if value else "")
     power = _power(abs(value))
     scaled = value / 10**power
-    text = _fixed(scaled, max(0, 3 - math.floor(math.log10(abs(scaled)))), sign)
+    text = _fixed(scaled, _decimals_of(scaled, digits), sign)
     return f"{text}e{power}".replace("-", MINUS) if power else text
+
+
+def _decimals_of(value: float, digits: int) -> int:
+    """Return the decimals that show a number of significant digits of a value, after rounding."""
+    return max(0, digits - 1 - int(f"{value:.{digits - 1}e}".partition("e")[2]))
 
 
 def _fixed(value: float, decimals: int, sign: str = "") -> str:

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
 from typing import Any
@@ -19,6 +19,7 @@ from meshfit.report.tables.grouping import (
     title_of,
     variation_names,
 )
+from meshfit.report.tables.style import Style, parse_labels
 from meshfit.specs import suggest
 from meshfit.statistics import BySeed, PairedDifference, Summary, differ, mean_difference, mean_of, summarise
 
@@ -69,11 +70,13 @@ class Table:
         title: the experiment, and the settings in which the table differs from others.
         metrics: dotted names of the metrics.
         variations: of the settings, from top to bottom.
+        style: how it is printed.
     """
 
     title: str
     metrics: tuple[str, ...]
     variations: tuple[Variation, ...]
+    style: Style = field(default_factory=Style)
 
     @property
     def experiment(self) -> str:
@@ -86,7 +89,19 @@ class Table:
         targets: dict[str, str] = {}
         for variation in self.variations:
             targets |= {target: title for target, title in variation.targets.items() if target not in targets}
-        return targets
+        return {target: self.style.labels.get(target, title) for target, title in targets.items()}
+
+    def scheme_title(self, scheme: str) -> str:
+        """Return the name to print for a scheme."""
+        return self.style.label(scheme)
+
+    def metric_title(self, metric: str) -> str:
+        """Return the name to print for a metric."""
+        return self.style.labels.get(metric, METRICS[metric].title)
+
+    def variation_title(self, row: Row) -> str:
+        """Return the name to print for the variation of a row; empty if there is only one."""
+        return self.style.label(self.variations[row.variation].name)
 
     @cached_property
     def rows(self) -> tuple[Row, ...]:
@@ -172,7 +187,7 @@ class Table:
     def split(self) -> list["Table"]:
         """Return a table for each variation and metric."""
         return [
-            Table(variation.title, (metric,), (replace(variation, name=""),))
+            Table(variation.title, (metric,), (replace(variation, name=""),), self.style)
             for variation in self.variations
             for metric in self.metrics
         ]
@@ -234,6 +249,26 @@ def merge_tables(tables: Sequence[Table]) -> list[Table]:
         groups.setdefault(json.dumps([table.experiment, measured], sort_keys=True), []).append(table)
     differing = differing_keys([table.settings for table in tables])
     return [_merged(group, differing) for group in groups.values()]
+
+
+def styled(tables: Sequence[Table], style: Style, labels: Iterable[str] = ()) -> list[Table]:
+    """Return tables in a style, with labels given as NAME=LABEL.
+
+    Raises:
+        ConfigError: a label of something that is in no table.
+    """
+    known = [
+        name
+        for table in tables
+        for name in (
+            *table.schemes,
+            *table.targets,
+            *table.metrics,
+            *(variation.name for variation in table.variations if variation.name),
+        )
+    ]
+    style = replace(style, labels={**style.labels, **parse_labels(labels, known)})
+    return [replace(table, style=style) for table in tables]
 
 
 def _merged(tables: Sequence[Table], differing: Sequence[str]) -> Table:

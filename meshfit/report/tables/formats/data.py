@@ -10,23 +10,34 @@ from meshfit.measuring.metrics import METRICS, Metric
 from meshfit.printable import csv_cell
 from meshfit.report.tables.notes import notes
 from meshfit.report.tables.paper_numbers import OTHER, READINGS, paper_value, published_value
+from meshfit.report.tables.style import Style
 from meshfit.report.tables.table import Comparison, Row, Table
 
 FIELDS = (
-    "table", "experiment", "variant", "metric", "target", "target_title", "scheme",
+    "table", "experiment", "variant", "metric", "target", "target_title", "scheme", "scheme_title",
     "mean", "mean_low", "mean_high", "spread", "median", "count", "seeds", "best", "paper", "paper_other_reading",
     "baseline", "difference", "low", "high", "common_seeds", "significant", "improvement", "seeds_needed",
 )  # fmt: skip
 _FORMAT_VERSION = 1
+_CELL_FIELDS = {
+    "mean": ("mean",),
+    "mean-sd": ("mean", "spread"),
+    "mean-ci": ("mean", "mean_low", "mean_high", "interval"),
+}
+_STATISTICS = ("mean", "mean_low", "mean_high", "interval", "spread", "median", "paper", "paper_other_reading")
+_COMPARISON_FIELDS = FIELDS[FIELDS.index("baseline") :]
 
 
 def to_csv(tables: Sequence[Table]) -> str:
     """Write one row for each variation, metric, target and scheme, and for each mean difference over the targets.
 
-    Missing values are empty, as is the target of a mean over targets.
+    Missing values are empty, as is the target of a mean over targets. The style leaves out columns that it does not
+    show, and comparisons unless notes are full.
     """
     text = StringIO()
-    writer = csv.DictWriter(text, FIELDS, restval="", lineterminator="\n")
+    hidden = _hidden(tables[0].style) if tables else ()
+    fields = [name for name in FIELDS if name not in hidden]
+    writer = csv.DictWriter(text, fields, restval="", lineterminator="\n", extrasaction="ignore")
     writer.writeheader()
     for part in _split(tables):
         writer.writerows({key: csv_cell(value) for key, value in row.items()} for row in _csv_rows(part))
@@ -37,15 +48,37 @@ def _csv_rows(table: Table) -> Iterator[dict[str, object]]:
     (metric,), (variation,) = table.metrics, table.variations
     names = {"table": table.title, "experiment": table.experiment, "variant": variation.variant, "metric": metric}
     comparisons = {(comparison.target, comparison.row): comparison for comparison in table.comparisons}
-    for target, title in table.targets.items():
-        for row in table.rows:
-            place = {"target": target, "target_title": title, "scheme": row.scheme}
-            comparison = comparisons.get((target, row))
-            yield names | place | _csv_cell(table, target, row) | _csv_comparison(comparison)
+    for target, row in _places(table):
+        place = {"target": target, "target_title": table.targets[target]}
+        place |= {"scheme": row.scheme, "scheme_title": table.scheme_title(row.scheme)}
+        comparison = comparisons.get((target, row))
+        yield names | place | _csv_cell(table, target, row) | _csv_comparison(comparison)
+    if table.style.notes != "full":
+        return
     for comparison in table.comparisons:
         if comparison.target is None:
             title = f"mean over {comparison.difference.targets} targets"
-            yield names | {"target_title": title, "scheme": comparison.row.scheme} | _csv_comparison(comparison)
+            scheme = comparison.row.scheme
+            place = {"target_title": title, "scheme": scheme, "scheme_title": table.scheme_title(scheme)}
+            yield names | place | _csv_comparison(comparison)
+
+
+def _hidden(style: Style) -> set[str]:
+    """Return the fields that a style leaves out."""
+    shown = _CELL_FIELDS.get(style.cells, _STATISTICS)
+    return set(_STATISTICS).difference(shown).union(() if style.notes == "full" else _COMPARISON_FIELDS)
+
+
+def _places(table: Table) -> Iterator[tuple[str, Row]]:
+    """Targets and rows in the order in which the table is read."""
+    if table.style.transpose:
+        return ((target, row) for row in table.rows for target in table.targets)
+    return ((target, row) for target in table.targets for row in table.rows)
+
+
+def _rounded(table: Table, value: float) -> float:
+    digits = table.style.digits
+    return value if digits is None else float(f"{value:.{digits - 1}e}")
 
 
 def _csv_cell(table: Table, target: str, row: Row) -> dict[str, object]:
@@ -53,12 +86,15 @@ def _csv_cell(table: Table, target: str, row: Row) -> dict[str, object]:
     cell: dict[str, object] = {"count": 0}
     if summary := table.cells.get((metric, target, row)):
         low, high = summary.interval or (None, None)
-        cell = {
+        numbers = {
             "mean": summary.mean,
             "mean_low": low,
             "mean_high": high,
             "spread": summary.spread,
             "median": summary.median,
+        }
+        cell = {
+            **{name: None if value is None else _rounded(table, value) for name, value in numbers.items()},
             "count": summary.count,
             "seeds": " ".join(map(str, sorted(table.samples[metric, target, row]))),
             "best": table.best.get((metric, target)) == row,
@@ -93,18 +129,19 @@ def to_json(tables: Sequence[Table]) -> str:
 
 def _json_table(table: Table) -> dict[str, Any]:
     (name,), (variation,) = table.metrics, table.variations
-    comparisons = table.comparisons
+    comparisons = table.comparisons if table.style.notes == "full" else ()
     return {
         "title": table.title,
         "experiment": table.experiment,
         "variant": variation.variant,
-        "metric": {"name": name, **_json_metric(METRICS[name])},
+        "metric": {"name": name, **_json_metric(METRICS[name]), "title": table.metric_title(name)},
         "seeds": table.seeds,
         "settings": dict(table.settings),
         "targets": [{"target": target, "title": title} for target, title in table.targets.items()],
         "schemes": table.schemes,
+        "scheme_titles": {scheme: table.scheme_title(scheme) for scheme in table.schemes},
         "baseline": variation.baseline,
-        "cells": [_json_cell(table, target, row) for target in table.targets for row in table.rows],
+        "cells": [_json_cell(table, target, row) for target, row in _places(table)],
         "differences": [_json_comparison(each) for each in comparisons if each.target is not None],
         "over_targets": [_json_comparison(each) for each in comparisons if each.target is None],
         "best": {target: row.scheme for (_, target), row in table.best.items()},
@@ -122,11 +159,13 @@ def _json_cell(table: Table, target: str, row: Row) -> dict[str, Any]:
     cell: dict[str, Any] = {"target": target, "target_title": title, "scheme": scheme, "count": 0}
     if summary := table.cells.get((metric, target, row)):
         by_seed = {str(seed): value for seed, value in sorted(table.samples[metric, target, row].items())}
-        cell |= {"count": summary.count, "mean": summary.mean, "spread": summary.spread}
-        cell |= {"median": summary.median, "interval": summary.interval, "values_by_seed": by_seed}
+        interval = summary.interval and [_rounded(table, bound) for bound in summary.interval]
+        spread = None if summary.spread is None else _rounded(table, summary.spread)
+        cell |= {"count": summary.count, "mean": _rounded(table, summary.mean), "spread": spread}
+        cell |= {"median": _rounded(table, summary.median), "interval": interval, "values_by_seed": by_seed}
     if published_value(metric, target, scheme) is not None:
         cell["paper"] = {reading: values[target, scheme] for reading, values in READINGS.items()}
-    return cell
+    return {name: value for name, value in cell.items() if name not in _hidden(table.style)}
 
 
 def _json_comparison(comparison: Comparison) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-r"""Tables in LaTeX, for a document in one column with `\usepackage{booktabs,longtable}`."""
+r"""Tables in LaTeX, for documents in one or two columns with `\usepackage{booktabs}`."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -21,6 +21,14 @@ from meshfit.report.tables.table import Table
 
 _WIDTH = 76
 """Characters of a line in \\footnotesize on the text width of an article, 345 pt, some of them bold."""
+_SMALL_WIDTH = 87
+"""Characters of a line in \\scriptsize on the same width."""
+_LEAST_SCALE = 0.6
+"""The most that a table is shrunk on the text width of an article; on that of two columns, it is hardly shrunk."""
+_MOST_LINES = 50
+"""Lines of a table on one page."""
+_SAME_PAGE, _NEXT_LINE = r"\\*", r"\\"
+"""Ends of lines in a longtable."""
 _ESCAPES = {
     **{character: f"\\{character}" for character in "&%$#_{}"},
     "\\": r"\textbackslash{}",
@@ -48,11 +56,62 @@ _ESCAPES = {
 
 
 def to_latex(tables: Sequence[Table]) -> str:
-    """Write each table as a `longtable`, or as several below each other if it is wider than the page."""
-    return "\n".join("\n".join(_table(table, number)) + "\n" for number, table in enumerate(tables, start=1))
+    """Write each table as one `tabular` that fits the page, or as a `longtable` if it is longer than a page.
+
+    A table that would have to be shrunk too much is broken into several blocks of columns below each other. The first
+    line states the packages that the tables need.
+    """
+    parts = [_table(table, number) for number, table in enumerate(tables, start=1)]
+    needed = sorted({package for packages, _ in parts for package in packages})
+    head = [f"% needs {', '.join(needed)}: \\usepackage{{{','.join(needed)}}}"] if needed else []
+    return "\n".join([*head, *("\n".join(lines) + "\n" for _, lines in parts)])
 
 
-def _table(table: Table, number: int) -> Iterator[str]:
+def _table(table: Table, number: int) -> tuple[set[str], list[str]]:
+    """Return the packages that a table needs, and its lines."""
+    blocks = list(blocks_of(table, round(_SMALL_WIDTH / _LEAST_SCALE), mark=0))
+    lines = sum(1 + any(cell.interval for column in blocks[0].columns for cell in column.cells) for _ in table.rows)
+    if lines > _MOST_LINES:
+        return {"booktabs", "longtable"}, list(_long_table(table, number))
+    large = all(block.width <= _WIDTH for block in blocks)
+    shrunk = not large and any(_small_width(block) > _SMALL_WIDTH for block in blocks)
+    packages = {"booktabs"} | ({"graphicx"} if shrunk else set())
+    return packages, list(_float(table, number, blocks, large=large, shrunk=shrunk))
+
+
+def _small_width(block: Block) -> float:
+    """Characters across a block whose columns have a small gap."""
+    return block.width + (0.5 if _is_marked([block]) else -0.5) * len(block.columns)
+
+
+def _is_marked(blocks: Sequence[Block]) -> bool:
+    """Return whether a mark has to fit between columns."""
+    return any(cell.not_significant for block in blocks for column in block.columns for cell in column.cells)
+
+
+def _float(table: Table, number: int, blocks: Sequence[Block], *, large: bool, shrunk: bool) -> Iterator[str]:
+    # `table*` takes the whole width of a page in two columns, and is a usual table in one column.
+    name = "table*" if shrunk else "table"
+    yield rf"\begin{{{name}}}[tb]"
+    size = r"\footnotesize" if large else rf"\scriptsize\setlength{{\tabcolsep}}{{{5 if _is_marked(blocks) else 3}pt}}"
+    yield rf"  \centering{size}"
+    yield f"  {_caption(table, number)}"
+    for place, block in enumerate(blocks):
+        if place:
+            yield r"  \par\medskip"
+        if shrunk:
+            yield r"  \resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%"
+        yield rf"  \begin{{tabular}}{{l{'r' * len(block.columns)}}}"
+        lines = [r"\toprule", *_head(table, block), r"\midrule", *_rows(block), r"\bottomrule"]
+        yield from (f"    {line.replace(_SAME_PAGE, _NEXT_LINE)}" for line in lines)
+        yield rf"  \end{{tabular}}{'}' if shrunk else ''}"
+    if below := _below(table):
+        yield rf"  \par\smallskip\parbox{{\linewidth}}{{\scriptsize {below}}}"
+    yield rf"\end{{{name}}}"
+    yield from _comments(table)
+
+
+def _long_table(table: Table, number: int) -> Iterator[str]:
     yield r"\begingroup\footnotesize\setlength{\tabcolsep}{6pt}\setlength{\LTcapwidth}{\linewidth}"
     for place, block in enumerate(blocks_of(table, _WIDTH, mark=0)):
         if place:
@@ -60,16 +119,30 @@ def _table(table: Table, number: int) -> Iterator[str]:
         yield rf"\begin{{longtable}}{{l{'r' * len(block.columns)}}}"
         head = [r"\toprule", *_head(table, block), r"\midrule"]
         if not place:
-            caption = ". ".join([table.title, metric_line(table), cell_line(table)]) + "."
-            yield rf"  \caption{{{escape(caption)}}}\label{{tab:{_label(table)}-{number}}} \\"
+            yield rf"  {_caption(table, number)} \\"
             yield from (f"  {line}" for line in [*head, r"\endfirsthead"])
         yield from (f"  {line}" for line in [*head, r"\endhead", r"\bottomrule", r"\endfoot", *_rows(block)])
         yield r"\end{longtable}"
-    marks = [f"{mark}: {note}" for mark, note in legend(table, "Bold")]
-    below = ". ".join([*setting_lines(table), *marks, *notes(table)]) + "."
-    yield rf"\noindent{{\scriptsize {escape(below)}\par}}"
+    if below := _below(table):
+        yield rf"\noindent{{\scriptsize {below}\par}}"
     yield r"\endgroup"
-    yield from (f"% {printable(line)}" for line in comparison_lines(table))
+    yield from _comments(table)
+
+
+def _caption(table: Table, number: int) -> str:
+    text = ". ".join([table.title, metric_line(table), cell_line(table)]) + "."
+    return rf"\caption{{{escape(text)}}}\label{{tab:{_label(table)}-{number}}}"
+
+
+def _below(table: Table) -> str:
+    """The settings, the marks and the notes; empty if there are none."""
+    marks = [f"{mark}: {note}" for mark, note in legend(table, "Bold")]
+    sentences = [*setting_lines(table), *marks, *notes(table)]
+    return escape(". ".join(sentences) + ".") if sentences else ""
+
+
+def _comments(table: Table) -> Iterator[str]:
+    return (f"% {printable(line)}" for line in comparison_lines(table))
 
 
 def _rows(block: Block) -> Iterator[str]:
@@ -88,9 +161,9 @@ def _head(table: Table, block: Block) -> list[str]:
     above: list[str] = []
     if len(table.metrics) > 1:
         titles, rules, begin = [""], [], 2
-        for target, columns in groupby(block.columns, key=lambda column: column.target):
+        for (_, group), columns in groupby(block.columns, key=lambda column: (column.place, column.group)):
             width = len(list(columns))
-            titles.append(rf"\multicolumn{{{width}}}{{c}}{{{escape(table.targets[target])}}}")
+            titles.append(rf"\multicolumn{{{width}}}{{c}}{{{escape(group)}}}")
             rules.append(rf"\cmidrule(lr){{{begin}-{begin + width - 1}}}")
             begin += width
         above = [_joined(titles), " ".join(rules)]

@@ -28,8 +28,8 @@ def _section(table: Table) -> str:
     columns, names = columns_of(table), row_names(table)
     head = [*names, *(escape(column.heading) for column in columns)]
     rows = [
-        [*map(escape, row_labels(table, row)), *(_cell(column.cells[index]) for column in columns)]
-        for index, row in enumerate(table.rows)
+        [*map(escape, labels), *(_cell(column.cells[index]) for column in columns)]
+        for index, labels in enumerate(row_labels(table))
     ]
     parts = [
         f"### {escape(table.title)}",

@@ -54,13 +54,14 @@ class TablesView:
             for block in blocks_of(table, options.max_width):
                 yield from _block(block)
                 yield Text()
-            if without_intervals(table):
-                yield from map(Text, [*comparison_lines(table), ""])
+            if without_intervals(table) and (lines := comparison_lines(table)):
+                yield from map(Text, [*lines, ""])
             else:
                 for section in sections_of(table):
                     yield from _section(section, options.max_width)
                     yield Text()
-            yield _notes(table)
+            if (grid := _notes(table)).row_count:
+                yield grid
 
 
 # Blocks of columns.
