@@ -1,14 +1,21 @@
 from .errors import MeshfitError as MeshfitError
 from .errors import MeshfitWarning as MeshfitWarning
+from .fitting.callbacks import Interrupted as Interrupted
+from .fitting.callbacks import Step as Step
 from .fitting.fit import fit as fit
 from .fitting.fit import fit_batch as fit_batch
 from .fitting.loop import FitResult as FitResult
 from .fitting.problem import Diverged as Diverged
 from .fitting.problem import Problem as Problem
+from .fitting.problem import Trace as Trace
+from .fitting.settings import FirstOrderSettings as FirstOrderSettings
+from .fitting.settings import GaussNewtonSettings as GaussNewtonSettings
 from .measuring.deviation import Deviation as Deviation
 from .measuring.deviation import deviation as deviation
 from .measuring.measure import Measurement as Measurement
 from .measuring.measure import measure as measure
+from .measuring.settings import MeasureSettings as MeasureSettings
+from .mesh.any_mesh import as_mesh as as_mesh
 from .mesh.curves import Curves as Curves
 from .mesh.io.files import load_curves as load_curves
 from .mesh.io.files import load_mesh as load_mesh
@@ -28,5 +35,6 @@ from .subdivision.refine import CurveRefinement as CurveRefinement
 from .subdivision.refine import Refinement as Refinement
 from .subdivision.refine import refine as refine
 from .subdivision.refine import subdivide as subdivide
+from .subdivision.sphere import icosphere as icosphere
 
 __version__: str

@@ -8,6 +8,14 @@ class MeshfitError(Exception):
 
     Args:
         faults: a line for each failure.
+
+    Example:
+        >>> import meshfit
+        >>> try:
+        ...     meshfit.subdivide("cube", "lop")
+        ... except meshfit.MeshfitError as error:
+        ...     print(type(error).__name__)
+        SchemeError
     """
 
     exit_code: ClassVar[int] = 2
@@ -78,4 +86,9 @@ class TrialError(MeshfitError):
 
 
 class MeshfitWarning(UserWarning):
-    """A fault in the input that meshfit repaired, or that the user should know of."""
+    """A fault in the input that meshfit repaired, or that the user should know of.
+
+    Example:
+        >>> import warnings, meshfit
+        >>> warnings.simplefilter("error", meshfit.MeshfitWarning)  # refuse to go on with such an input
+    """

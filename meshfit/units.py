@@ -1,6 +1,8 @@
-"""Counts, durations and file sizes in words."""
+"""Counts, durations and file sizes in words, and tables of text for notebooks."""
 
 import os
+from collections.abc import Iterable
+from html import escape
 
 # Shorter durations are given in seconds, minutes, or hours and minutes.
 _SECONDS_BELOW, _MINUTES_BELOW, _HOURS_BELOW = 90, 90 * 60, 48 * 3600
@@ -41,3 +43,11 @@ def free_memory() -> float | None:
         return float(os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     except (AttributeError, OSError, ValueError):  # not on Windows and macOS
         return None
+
+
+def html_table(columns: Iterable[str], rows: Iterable[Iterable[str]], caption: str = "") -> str:
+    """Return an HTML table of texts, which are escaped, for notebooks."""
+    head = "".join(f"<th>{escape(name)}</th>" for name in columns)
+    body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
+    title = f"<caption>{escape(caption)}</caption>" if caption else ""
+    return f"<table>{title}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from meshfit.fitting.fit import fit
 from meshfit.fitting.loop import FitResult
 from meshfit.fitting.problem import Diverged, Problem
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, icosahedron, octahedron, tetrahedron
+from tests.fits import fit
 from tests.shapes import mixed_closed, mixed_open, patch
 
 TRIANGLE = Mesh(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.5]]), np.array([[0, 1, 2]]))

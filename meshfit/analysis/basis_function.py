@@ -10,7 +10,7 @@ from jaxtyping import Float64, Int64
 from meshfit.analysis.stencil_meshes import Patch, StencilMeshes
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.triangulation import triangulate
-from meshfit.report.extra import import_optional
+from meshfit.optional import import_optional
 from meshfit.report.figures.camera import camera_from
 from meshfit.report.figures.colours import INK
 from meshfit.report.figures.drawing import Image, draw

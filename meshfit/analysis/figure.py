@@ -13,7 +13,7 @@ from meshfit.analysis.shapes import frame_quads, jack_quads, jack_triangles, sta
 from meshfit.analysis.stencil_meshes import stencil_meshes
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh
-from meshfit.report.extra import import_optional
+from meshfit.optional import import_optional
 from meshfit.report.figures.camera import camera_from
 from meshfit.report.figures.colours import INK
 from meshfit.report.figures.drawing import Image, draw

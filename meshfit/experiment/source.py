@@ -1,13 +1,12 @@
 """Source meshes: a control mesh, read or built, placed, and refined by a scheme."""
 
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import inf, log
 from pathlib import Path
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from meshfit.config.experiment import MAX_LEVELS, SourceSettings
 from meshfit.errors import ConfigError, MeshError, MeshfitError
@@ -16,6 +15,7 @@ from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.io.vertex_values import read_vertex_property, read_vertex_values
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.meshlab import decimate
+from meshfit.mesh.normalisation import placed
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.solids import POLYGON_SOLIDS, SOLIDS
 from meshfit.mesh.targets import NAMED_TARGETS, load_target_with_vertex_map, target_path
@@ -26,10 +26,9 @@ from meshfit.subdivision.creases import Creases, creases_by_angle, read_creases
 from meshfit.subdivision.polygons.scheme import PolygonScheme
 from meshfit.subdivision.refine import PolygonRefinement, Refinement, refine, require_takes_creases
 from meshfit.subdivision.registry import Scheme, resolve
-from meshfit.subdivision.triangles.scheme import MIDPOINT
+from meshfit.subdivision.sphere import MAX_LEVEL, icosphere, refined_on_sphere
 
 _ICOSPHERE_LEVEL = 2
-_MAX_ICOSPHERE_LEVEL = 8
 
 AnyMesh = Mesh | PolygonMesh
 
@@ -131,24 +130,18 @@ def _control_mesh_path(name: str) -> Path | None:
 def _icosphere(name: str) -> Mesh:
     parameters = dict(parse_spec(name).parameters)
     level = parameters.pop("level", _ICOSPHERE_LEVEL)
-    if parameters or not isinstance(level, int) or not 0 <= level <= _MAX_ICOSPHERE_LEVEL:
-        allowed = f"icosphere takes one parameter, level, from 0 to {_MAX_ICOSPHERE_LEVEL}"
+    if parameters or not isinstance(level, int) or not 0 <= level <= MAX_LEVEL:
+        allowed = f"icosphere takes one parameter, level, from 0 to {MAX_LEVEL}"
         raise ConfigError(f"source.mesh: '{name}': {allowed}")
-    solid = SOLIDS["icosahedron"]()
-    refinement = refine(Topology.of(solid), MIDPOINT, level)
-    verts = _placed(solid.verts, SourceSettings(mesh="icosahedron"))
-    return Mesh(_refined_on_sphere(verts, refinement.operators), refinement.faces)
+    return icosphere(level)
 
 
 def _placed(verts: Verts, settings: SourceSettings) -> Verts:
     """Scale and move the vertices of a control mesh to its radius and centre."""
-    mean = verts.mean(axis=0)
-    offset = verts - mean
-    extent = float(np.linalg.norm(offset, axis=1).max())
-    if not extent > 0:
-        raise MeshError(f"source.mesh: {settings.mesh}: the mesh has no extent")
-    scale = 1.0 if settings.radius is None else settings.radius / extent
-    return np.asarray(offset * scale + (mean if settings.centre is None else settings.centre))
+    try:
+        return placed(verts, settings.radius, settings.centre)
+    except MeshError as error:
+        raise MeshError(f"source.mesh: {settings.mesh}: {error}") from None
 
 
 def _refined(mesh: AnyMesh, settings: SourceSettings, scheme: Scheme, creases: Creases | None) -> AnyMesh:
@@ -160,7 +153,7 @@ def _refined(mesh: AnyMesh, settings: SourceSettings, scheme: Scheme, creases: C
     if settings.project == "none":
         verts = refinement(mesh.verts)
     else:
-        verts = _refined_on_sphere(mesh.verts, refinement.operators)
+        verts = refined_on_sphere(mesh.verts, refinement.operators)
     if isinstance(refinement, Refinement):
         return Mesh(verts, refinement.faces)
     return refinement.mesh(verts)
@@ -179,25 +172,6 @@ def _nearest_in_size(
             break
         last = finer
     return last
-
-
-def _refined_on_sphere(verts: Verts, operators: Iterable[csr_array]) -> Verts:
-    """Refine vertices level by level, and project them onto a sphere before the first level and after each.
-
-    The sphere is centred at the mean of the vertices and passes through the farthest of them.
-    """
-    centre = verts.mean(axis=0)
-    radius = np.linalg.norm(verts - centre, axis=1).max()
-
-    def projected(verts: Verts) -> Verts:
-        offset = verts - centre
-        length = np.linalg.norm(offset, axis=1, keepdims=True)
-        return np.asarray(centre + offset * (radius / length))
-
-    verts = projected(verts)
-    for operator in operators:
-        verts = projected(operator @ verts)
-    return verts
 
 
 def _creases(

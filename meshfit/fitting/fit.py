@@ -1,26 +1,48 @@
 """Fit sources to targets: one problem, or many in batches that fit in memory."""
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, get_args
+from contextlib import nullcontext
+from dataclasses import replace
+from typing import Any, Literal, TypeVar, Unpack, get_args
 
 import numpy as np
 import torch
 
-from meshfit.errors import ConfigError, DeviceError, MeshError
+from meshfit.doors import no_type_check
+from meshfit.errors import ConfigError, DeviceError, MeshError, MeshfitWarning
 from meshfit.fitting.callbacks import Step
 from meshfit.fitting.device import resolve_device, single_thread
 from meshfit.fitting.first_order import FirstOrder
 from meshfit.fitting.gauss_newton.engine import GaussNewton
+from meshfit.fitting.keywords import FitKeys, Losses, OptimizerKeys
 from meshfit.fitting.loop import Engine, FitResult, run
 from meshfit.fitting.nearest_neighbours import search_threads
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem
-from meshfit.fitting.settings import METHODS, Dtype, FirstOrderSettings, FitSettings, GaussNewtonSettings
-from meshfit.mesh.geometry import face_areas
+from meshfit.fitting.progress import shown_progress
+from meshfit.fitting.settings import (
+    METHODS,
+    Dtype,
+    FirstOrderSettings,
+    FitSettings,
+    GaussNewtonSettings,
+    LossWeights,
+    OptimizerSettings,
+)
+from meshfit.mesh.alignment import align as aligned
+from meshfit.mesh.alignment import boxes_are_disjoint
+from meshfit.mesh.any_mesh import MeshLike, as_mesh
+from meshfit.mesh.geometry import bounding_box_diagonal, face_areas
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.normalisation import Frame, Normalisation, frame_of, placed
 from meshfit.mesh.polygons import PolygonMesh
-from meshfit.settings import build, override
+from meshfit.settings import Settings, build, override
 from meshfit.specs import suggest
-from meshfit.subdivision.registry import Scheme
+from meshfit.subdivision.curves.scheme import CurveScheme
+from meshfit.subdivision.registry import Scheme, resolve, wrong_domain
+from meshfit.subdivision.sphere import icosphere, refined_sphere
+
+_AnyMesh = TypeVar("_AnyMesh", Mesh, PolygonMesh, Mesh | PolygonMesh)
 
 # Memory per face, vertex and sample: twice that of the CPU, as other allocators leave gaps.
 _BYTES_PER_ROW = 600
@@ -29,64 +51,148 @@ _CPU_BYTES = 200e6
 _MPS_BYTES = 2e9
 _SHARE_OF_DEVICE = 0.5
 
+Placement = Literal["auto", "none", "center", "pca", "icp"]
+_LARGEST_RATIO = 10.0
+# Radius of a source in the target's tutorial frame: around it, or inside it as the search for the rough shape needs.
+_RADIUS = {"first-order": 1.0, "gauss-newton": 0.3}
+_ROUNDING = 1e-12
+
 ENGINES: dict[str, Callable[..., Engine]] = {"first-order": FirstOrder, "gauss-newton": GaussNewton}
+ENGINE_KEYS = frozenset(FitKeys.__annotations__)
+"""Keywords of `fit` that are keys of the settings."""
 
 
+@no_type_check
 def fit(  # noqa: PLR0913  all but two are optional, by name
-    source: Mesh | PolygonMesh,
-    target: Mesh,
+    source: MeshLike,
+    target: MeshLike,
     settings: FitSettings | None = None,
     *,
+    method: Literal["first-order", "gauss-newton"] | None = None,
     seed: int = 0,
     scheme: str | Scheme = "loop",
+    progress: bool = False,
+    normalise: Normalisation = "tutorial",
+    align: Placement = "auto",
+    # both engines
+    trace_every: int | None = None,
+    snapshots: int | None = None,
+    # first-order
+    steps: int | None = None,
+    samples: int | None = None,
+    losses: Losses | LossWeights | None = None,
+    laplacian: Literal["uniform", "cotangent"] | None = None,
+    optimizer: OptimizerKeys | OptimizerSettings | None = None,
+    # gauss-newton
+    connectivity: Literal["remeshed", "fixed"] | None = None,
+    variables: Literal["verts", "control"] | None = None,
+    limit: bool | None = None,
+    verts: int | None = None,
+    levels: int | None = None,
+    coarse_steps: int | None = None,
+    tries: int | None = None,
+    level_steps: int | None = None,
+    last_steps: int | None = None,
+    fairness: float | None = None,
+    last_fairness: float | None = None,
+    # the computation
     device: str = "auto",
-    dtype: str = "float32",
+    dtype: Literal["float32", "float64"] = "float32",
     threads: int = 1,
     on_step: Callable[[Step], None] | None = None,
     resume: Checkpoint | None = None,
     save: Callable[[Checkpoint], None] | None = None,
     on_snapshot: Callable[[int, Mesh | PolygonMesh], None] | None = None,
-    **overrides: Any,  # noqa: ANN401  any key of the settings
+    **unknown: object,
 ) -> FitResult:
     """Deform a source mesh until it lies on a target.
 
-    Lengths in the settings are in the unit of the vertices; normalise the target first, or use `meshfit run`.
+    Source and target may be in any unit and at any place: they are normalised by the target's frame, in which all
+    lengths of settings, losses and the trace are given, and the result is in the target's own coordinates. The same
+    settings give the same bytes as `meshfit run`.
 
     Args:
-        source: mesh to start from; its faces are kept, refined or replaced, depending on the method. Polygons are
-            triangulated; see `PolygonMesh.triangulated`.
-        target: mesh to fit to.
+        source: mesh to start from, in the target's coordinates, in any form that `as_mesh` takes; or `sphere`, which is
+            placed around the target, or inside it for `gauss-newton`. Its faces are kept, refined or replaced, as the
+            method has it. Polygons are triangulated; see `PolygonMesh.triangulated`.
+        target: mesh to fit to, in any form that `as_mesh` takes.
         settings: settings of either engine; the defaults are those of PyTorch3D's tutorial.
+        method: engine: `first-order` (the default) or `gauss-newton`.
         seed: seed of the samples. The same seed, settings and machine give the same bytes on the CPU.
         scheme: subdivision scheme that carries a Gauss–Newton fit from level to level.
+        progress: show a bar with the remaining time: on a terminal, in a notebook, or as lines in a log.
+        normalise: frame of all lengths: `tutorial` puts the mean of the target's vertices at 0 and its largest
+            |coordinate| at 1; `box` puts the centre of its bounding box at 0 and the diagonal at 1; `none` keeps
+            its coordinates.
+        align: placement of the source: `auto` leaves it where it is, unless its bounding box is off the target's or ten
+            times larger or smaller: then it is moved and scaled to the target, with a warning; `none` always leaves
+            it; `center` aligns centroids, `pca` principal axes and size as well, and `icp` refines that by iterated
+            closest points.
+        trace_every: number of steps between two rows of the trace.
+        snapshots: number of steps between two calls of `on_snapshot`.
+        steps: first-order: number of steps.
+        samples: first-order: number of points on each surface in each step.
+        losses: first-order: weights of `chamfer`, `normal`, `edge`, `laplacian` and `consistency`.
+        laplacian: first-order: weights of the Laplacian.
+        optimizer: first-order: `name`, `lr`, `momentum` and `schedule`.
+        connectivity: gauss-newton: `remeshed`, or `fixed` to keep the source's own faces, refined by the scheme.
+        variables: gauss-newton: `verts` of the surface, or those of a `control` mesh.
+        limit: gauss-newton: whether to fit the limit surface.
+        verts: gauss-newton: largest number of vertices of a remeshed result.
+        levels: gauss-newton: number of subdivision levels.
+        coarse_steps: gauss-newton: number of steps of each search for the rough shape.
+        tries: gauss-newton: largest number of these searches.
+        level_steps: gauss-newton: number of steps at each level.
+        last_steps: gauss-newton: number of final steps.
+        fairness: gauss-newton: weight of smoothness at the end of each level.
+        last_fairness: gauss-newton: weight of smoothness at the end of the last steps.
         device: `auto`, `cpu`, `cuda`, `cuda:N` or `mps`.
-        dtype: precision of the computation, `float32` or `float64`; meshes are float64 in any case.
+        dtype: precision of the computation; meshes are float64 in any case.
         threads: number of threads of the nearest-neighbour search on the CPU, of which each problem uses two; the rest
             runs on one. The result does not depend on it.
         on_step: called after every step; may raise `Interrupted`.
         resume: checkpoint of the same fit to continue from.
         save: called with a checkpoint every few seconds, and when `on_step` raises `Interrupted`.
         on_snapshot: called with the number of steps made and the surface every `snapshots` steps.
-        **overrides: keys of the settings to replace, such as `steps=500, losses={"edge": 0.5}`, or
-            `method="gauss-newton", connectivity="fixed"`.
+        **unknown: refused, with the names that are allowed.
 
     Example:
-        >>> result = fit(source, target, steps=500, seed=1)  # doctest: +SKIP
+        >>> import meshfit
+        >>> target = meshfit.subdivide("cube", "loop", 3)
+        >>> result = meshfit.fit(meshfit.icosphere(2), target, steps=20, samples=500, seed=1)
+        >>> result.mesh
+        Mesh(162 verts, 320 faces, box 0.6893 × 0.6893 × 0.689)
 
     Raises:
         ConfigError: a setting is not allowed.
         DeviceError: the device is not available.
-        MeshError: a mesh has no area, or coordinates that are not finite.
+        MeshError: source or target is not a mesh, has no area, or has coordinates that are not finite.
         Diverged: a step was not finite.
+
+    Warns:
+        MeshfitWarning: the source was moved and scaled to the target.
     """
-    triangles, polygons = (source, None) if isinstance(source, Mesh) else (source.triangulated(), source)
-    problem = Problem(triangles, target, seed, on_step, resume, save, scheme, on_snapshot, polygons)
-    (outcome,) = fit_batch([problem], settings, device=device, dtype=dtype, threads=threads, **overrides)
+    given = {key: value for key, value in locals().items() if key in ENGINE_KEYS and value is not None} | unknown
+    settings = _settings(settings, given)
+    target_mesh = as_mesh(target, "target", triangles=True)
+    _require_surface(target_mesh, "target")
+    frame = frame_of(target_mesh.verts, _require_one_of("normalise", normalise, get_args(Normalisation)))
+    goal = target_mesh if normalise == "none" else frame.normalise(target_mesh)
+    start = _placed_source(source, frame, goal, settings, scheme, _require_one_of("align", align, get_args(Placement)))
+    restored = _Restored(None if normalise == "none" else frame, on_snapshot)
+    with shown_progress(settings, on_step) if progress else nullcontext(on_step) as step_made:
+        problem = Problem(start, goal, seed, step_made, resume, save, scheme, restored.snapshot)
+        (outcome,) = fit_batch([problem], settings, device=device, dtype=dtype, threads=threads)
     if isinstance(outcome, Diverged):
+        outcome.last_good = restored.mesh(outcome.last_good)
         raise outcome
-    return outcome
+    polygons = None if outcome.polygons is None else restored.mesh(outcome.polygons)
+    control = None if outcome.control is None else restored.mesh(outcome.control)
+    mesh = restored.mesh(outcome.mesh)
+    return replace(outcome, mesh=mesh, control=control, polygons=polygons, frame=frame, target=target_mesh)
 
 
+@no_type_check
 def fit_batch(
     problems: Sequence[Problem],
     settings: FitSettings | None = None,
@@ -94,9 +200,12 @@ def fit_batch(
     device: str = "auto",
     dtype: str = "float32",
     threads: int = 1,
-    **overrides: Any,  # noqa: ANN401  any key of the settings
+    **overrides: Unpack[FitKeys],
 ) -> list[FitResult | Diverged]:
     """Fit many problems of any sizes with the same settings, as many side by side as the device has memory for.
+
+    Nothing is normalised or aligned: lengths in the settings are in the unit of the vertices, so that targets, and
+    sources with them, must be in a normalised frame; see `frame_of`. `fit` does all of this for one problem.
 
     On the CPU, each result is byte-identical regardless of the rest of the batch; elsewhere it agrees up to rounding.
 
@@ -106,13 +215,18 @@ def fit_batch(
         device: as in `fit`.
         dtype: as in `fit`.
         threads: as in `fit`.
-        **overrides: as in `fit`.
+        **overrides: keys of the settings to replace, such as `steps=500, losses={"edge": 0.5}`, or
+            `method="gauss-newton", connectivity="fixed"`.
 
     Returns:
         The result of each problem, or why it diverged.
 
     Example:
-        >>> outcomes = fit_batch([Problem(source, target) for target in targets], steps=500)  # doctest: +SKIP
+        >>> import meshfit
+        >>> problems = [meshfit.Problem("icosahedron", "octahedron", seed) for seed in range(3)]
+        >>> outcomes = meshfit.fit_batch(problems, steps=5, samples=100)
+        >>> [outcome.mesh.num_verts for outcome in outcomes]
+        [12, 12, 12]
 
     Raises:
         ConfigError, DeviceError, MeshError: as `fit`, before the first step.
@@ -143,12 +257,98 @@ def fit_batch(
 
 
 def _settings(settings: FitSettings | None, overrides: Mapping[str, Any]) -> FitSettings:
-    method = overrides.get("method", "first-order" if settings is None else settings.method)
+    changes = {key: _plain(value) for key, value in overrides.items() if value is not None}
+    if settings is not None and not isinstance(settings, tuple(METHODS.values())):
+        raise ConfigError(f"settings: expected FirstOrderSettings or GaussNewtonSettings, got {settings!r:.60}")
+    method = changes.get("method", "first-order" if settings is None else settings.method)
     if method not in METHODS:
         raise ConfigError(f'method: got "{method}"; {suggest(str(method), METHODS)}')
+    _require_keys(changes, method)
     if settings is None or settings.method != method:
-        return build(METHODS[method], overrides)
-    return override(settings, overrides)
+        return build(METHODS[method], changes)
+    return override(settings, changes)
+
+
+def _plain(value: Any) -> Any:  # noqa: ANN401  any value of a setting
+    return value.model_dump() if isinstance(value, Settings) else value
+
+
+def _require_keys(changes: Mapping[str, Any], method: str) -> None:
+    """Refuse keys that only the other engine has, and name it."""
+    allowed = METHODS[method].model_fields
+    for key in changes:
+        engine = next((name for name, model in METHODS.items() if key in model.model_fields), None)
+        if key not in allowed and engine is not None:
+            raise ConfigError(f"{key}: a setting of method='{engine}', and this is '{method}': {suggest(key, allowed)}")
+
+
+def _require_one_of(key: str, value: str, allowed: Sequence[str]) -> Any:  # noqa: ANN401  one of several literals
+    if value not in allowed:
+        raise ConfigError(f'{key}: got "{value}"; {suggest(str(value), allowed)}')
+    return value
+
+
+def _placed_source(
+    source: MeshLike, frame: Frame, goal: Mesh, settings: FitSettings, scheme: str | Scheme, how: Placement
+) -> Mesh | PolygonMesh:
+    """Return the source in the normalised frame, aligned with the target."""
+    if isinstance(source, str) and source == "sphere":
+        return _around(goal, _sphere(settings, scheme))
+    mesh = as_mesh(source, "source")
+    _require_surface(as_mesh(mesh, "source", triangles=True), "source")
+    mesh = mesh.with_verts((mesh.verts - frame.centre) / frame.scale)
+    if how == "auto":
+        if _has_same_place(mesh, goal):
+            return mesh
+        sizes = " and ".join(
+            " × ".join(f"{length:.3g}" for length in np.ptp(verts, axis=0) * frame.scale)
+            for verts in (mesh.verts, goal.verts)
+        )
+        text = f"the source was moved and scaled to the target, which it is far from (boxes {sizes})"
+        warnings.warn(f"{text}; align='none' keeps it in place", MeshfitWarning, stacklevel=3)
+        return _around(goal, mesh.with_verts(placed(mesh.verts, _RADIUS[settings.method])))
+    triangles = as_mesh(mesh, "source", triangles=True)
+    return mesh.with_verts(aligned(triangles, goal, how).verts)
+
+
+def _sphere(settings: FitSettings, scheme: str | Scheme) -> Mesh | PolygonMesh:
+    """Return the source of the bundled configs: of `tutorial` for the first-order engine, else of `accurate`."""
+    if settings.method == "first-order":
+        return icosphere(4)
+    declared = resolve(scheme)
+    if isinstance(declared, CurveScheme):
+        raise wrong_domain(declared, "triangles")
+    return refined_sphere(declared, 3, _RADIUS[settings.method])
+
+
+def _around(goal: Mesh, mesh: Mesh | PolygonMesh) -> Mesh | PolygonMesh:
+    """Move a mesh from the tutorial's frame of the target to the frame that the target is in."""
+    frame = frame_of(goal.verts, "tutorial")
+    if np.allclose(frame.centre, 0.0, atol=_ROUNDING) and abs(frame.scale - 1.0) < _ROUNDING:
+        return mesh
+    return frame.restore(mesh)
+
+
+def _has_same_place(source: Mesh | PolygonMesh, target: Mesh) -> bool:
+    """Return whether bounding boxes overlap, and differ in size by less than ten times."""
+    ratio = bounding_box_diagonal(source.verts) / bounding_box_diagonal(target.verts)
+    return 1 / _LARGEST_RATIO < ratio < _LARGEST_RATIO and not boxes_are_disjoint(source, target)
+
+
+class _Restored:
+    """Meshes of a fit, brought back to the target's own coordinates; unchanged without a frame."""
+
+    def __init__(self, frame: Frame | None, on_snapshot: Callable[[int, Mesh | PolygonMesh], None] | None) -> None:
+        self._frame, self._on_snapshot = frame, on_snapshot
+
+    def mesh(self, mesh: _AnyMesh) -> _AnyMesh:
+        """Return the mesh in the target's coordinates."""
+        return mesh if self._frame is None else self._frame.restore(mesh)
+
+    def snapshot(self, step: int, mesh: Mesh | PolygonMesh) -> None:
+        """Hand a snapshot to the caller."""
+        if self._on_snapshot is not None:
+            self._on_snapshot(step, self.mesh(mesh))
 
 
 def _require_surface(mesh: Mesh, name: str) -> None:

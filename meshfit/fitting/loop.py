@@ -13,6 +13,7 @@ from meshfit.fitting.callbacks import Interrupted, Step
 from meshfit.fitting.problem import COLUMNS, Checkpoint, Diverged, Problem, Trace
 from meshfit.fitting.settings import FitSettings
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.normalisation import IDENTITY, Frame
 from meshfit.mesh.polygons import PolygonMesh
 
 SECONDS_BETWEEN_CHECKPOINTS = 2.0
@@ -105,6 +106,15 @@ class FitResult:
         control: the control mesh, if one was solved for: of polygons for a scheme on polygons, if the source has any.
             Refined by the scheme as many levels as the settings say, it is the surface.
         polygons: the polygons of which `mesh` is the triangulation, if any.
+        frame: the frame of all lengths in the trace; that of no change for a result of `fit_batch`.
+        target: the target, in its own coordinates as the meshes above; None for a result of `fit_batch`.
+
+    Example:
+        >>> import meshfit
+        >>> result = meshfit.fit("icosahedron", "cube", steps=5, samples=100, device="cpu")
+        >>> result.trace.columns[:3], len(result.trace.rows), result.device
+        (('step', 'loss', 'chamfer'), 2, 'cpu')
+        >>> meshfit.save_mesh(result, "result.ply")
     """
 
     mesh: Mesh
@@ -112,6 +122,13 @@ class FitResult:
     device: str
     control: Mesh | PolygonMesh | None = None
     polygons: PolygonMesh | None = None
+    frame: Frame = IDENTITY
+    target: Mesh | None = None
+
+    def __repr__(self) -> str:
+        """Return the mesh, the number of steps and the last value of the objective."""
+        words = [repr(self.polygons or self.mesh), *([self.trace.summary] if self.trace.rows else []), self.device]
+        return f"FitResult({', '.join(words)})"
 
 
 def run(engine: Engine, *, save_end: bool = False, snapshots: int | None = None) -> dict[Problem, FitResult | Diverged]:

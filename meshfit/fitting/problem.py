@@ -1,18 +1,25 @@
 """A fitting problem, its trace, its checkpoint, and its divergence."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
-from meshfit.errors import TrialError
+from meshfit.doors import no_type_check
+from meshfit.errors import ConfigError, TrialError
 from meshfit.fitting.callbacks import Step
+from meshfit.mesh.any_mesh import MeshLike, as_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh
+from meshfit.optional import import_optional, import_pandas
+from meshfit.specs import suggest
 from meshfit.subdivision.registry import Scheme
+from meshfit.units import count_text, html_table
 
 COLUMNS = ("step", "loss", "chamfer", "normal", "edge", "laplacian", "consistency", "lr")
 
 _REMEDY = "lower fit.optimizer.lr or the term's weight"
+
+_ROWS_SHOWN = 4
 
 Row = tuple[int | float, ...]
 
@@ -28,28 +35,105 @@ class Trace:
         columns: names of the columns; by default the step, the weighted sum, every unweighted term, and the learning
             rate.
         rows: the numbers, in the order of the columns.
+
+    Example:
+        >>> import meshfit
+        >>> trace = meshfit.fit("icosahedron", "cube", steps=21, samples=100, device="cpu").trace
+        >>> trace
+        Trace(4 rows: step, loss, chamfer, normal, edge, laplacian, consistency, lr; step 0 to 20)
+        >>> trace.column("step")
+        [0, 10, 20, 20]
     """
 
     columns: tuple[str, ...] = COLUMNS
     rows: list[Row] = field(default_factory=list)
 
+    def __repr__(self) -> str:
+        """Return the number of rows, the columns and the range of steps."""
+        steps = f"; step {self.rows[0][0]} to {self.rows[-1][0]}" if self.rows else ""
+        return f"Trace({count_text(len(self.rows), 'row')}: {', '.join(self.columns)}{steps})"
+
+    def _repr_html_(self) -> str:
+        """Return the first and the last rows as a table, for notebooks."""
+        rows = [[f"{row[0]:.0f}", *(f"{value:.4g}" for value in row[1:])] for row in self.rows]
+        if len(rows) > 2 * _ROWS_SHOWN:
+            rows = [*rows[:_ROWS_SHOWN], ["…"] * len(self.columns), *rows[-_ROWS_SHOWN:]]
+        return html_table(self.columns, rows, count_text(len(self.rows), "row"))
+
+    @property
+    def summary(self) -> str:
+        """The last step, and the last value of the second column, which the fit reduces."""
+        step, value = self.rows[-1][:2]
+        return f"{self.columns[1]} {value:.3g} at step {step:.0f}"
+
     def append(self, step: int, loss: float, terms: dict[str, float], lr: float) -> None:
         """Add the row of one step."""
         self.rows.append((step, loss, *(terms[name] for name in COLUMNS[2:-1]), lr))
+
+    def column(self, name: str) -> list[int | float]:
+        """Return the numbers of one column.
+
+        Raises:
+            ConfigError: no such column.
+        """
+        if name not in self.columns:
+            raise ConfigError(f"'{name}' is not a column of the trace: {suggest(name, self.columns)}")
+        return [row[self.columns.index(name)] for row in self.rows]
 
     def to_csv(self) -> str:
         """Return the trace as CSV, with numbers that read back as the same doubles."""
         lines = (",".join([str(int(row[0])), *(repr(float(value)) for value in row[1:])]) for row in self.rows)
         return "\n".join([",".join(self.columns), *lines]) + "\n"
 
+    def to_pandas(self) -> Any:  # noqa: ANN401  pandas is optional
+        """Return the trace as a pandas DataFrame, indexed by the step.
 
-@dataclass(frozen=True, eq=False)
+        Raises:
+            ConfigError: pandas is not installed.
+        """
+        pandas = import_pandas()
+        return pandas.DataFrame(self.rows, columns=list(self.columns)).astype({"step": int}).set_index("step")
+
+    def plot(self, *columns: str, ax: Any = None, log: bool = True) -> Any:  # noqa: ANN401  matplotlib is optional
+        """Draw columns over the steps.
+
+        Args:
+            *columns: their names; by default the objective and its terms, or the distance.
+            ax: matplotlib axes to draw into; new ones without it.
+            log: draw the values on a logarithmic axis.
+
+        Returns:
+            The axes.
+
+        Raises:
+            ConfigError: no such column, or matplotlib is not installed.
+        """
+        names = columns or self.columns[1 : -1 if self.columns == COLUMNS else 2]
+        curves = {name: self.column(name) for name in names}
+        if ax is None:
+            _, ax = import_optional("matplotlib.pyplot").subplots(figsize=(6.0, 3.5), layout="constrained")
+        steps = self.column("step")
+        for name, values in curves.items():
+            ax.plot(steps, [value if value > 0 or not log else float("nan") for value in values], label=name)
+        ax.set_xlabel("step")
+        if log:
+            ax.set_yscale("log")
+        ax.spines[["top", "right"]].set_visible(False)
+        ax.grid(alpha=0.25)
+        if len(curves) == 1:
+            ax.set_ylabel(names[0])
+        else:
+            ax.legend(frameon=False, ncols=2)
+        return ax
+
+
+@dataclass(frozen=True, eq=False, init=False)
 class Problem:
-    """A source to be fitted to a target.
+    """A source to be fitted to a target, both in a normalised frame, and in any form that `as_mesh` takes.
 
     Attributes:
-        source: mesh to start from.
-        target: mesh to fit to.
+        source: triangles to start from.
+        target: triangles to fit to.
         seed: seed of the samples.
         on_step: called after every step; may raise `Interrupted`.
         resume: checkpoint of the same problem to continue from.
@@ -58,6 +142,14 @@ class Problem:
         on_snapshot: called with the number of steps made and the surface, as often as the settings say; before a
             checkpoint of the same step is saved.
         polygons: the polygons that the source was triangulated from, if any; schemes on polygons start from them.
+
+    Example:
+        >>> import meshfit
+        >>> meshfit.Problem(meshfit.subdivide("cube", "catmull-clark"), "octahedron", seed=3).source
+        Mesh(26 verts, 48 faces, box 0.8981 × 0.8981 × 0.8981)
+
+    Raises:
+        MeshError: source or target is not a mesh.
     """
 
     source: Mesh
@@ -69,6 +161,27 @@ class Problem:
     scheme: str | Scheme = "loop"
     on_snapshot: Callable[[int, Mesh | PolygonMesh], None] | None = None
     polygons: PolygonMesh | None = None
+
+    @no_type_check
+    def __init__(  # noqa: PLR0913, PLR0917  one argument for each attribute
+        self,
+        source: MeshLike,
+        target: MeshLike,
+        seed: int = 0,
+        on_step: Callable[[Step], None] | None = None,
+        resume: Checkpoint | None = None,
+        save: Callable[[Checkpoint], None] | None = None,
+        scheme: str | Scheme = "loop",
+        on_snapshot: Callable[[int, Mesh | PolygonMesh], None] | None = None,
+        polygons: PolygonMesh | None = None,
+    ) -> None:
+        start = as_mesh(source, "source")
+        polygons = start if isinstance(start, PolygonMesh) else polygons
+        triangles = start.triangulated() if isinstance(start, PolygonMesh) else start
+        goal = as_mesh(target, "target", triangles=True)
+        values = (triangles, goal, seed, on_step, resume, save, scheme, on_snapshot, polygons)
+        for attribute, value in zip(fields(self), values, strict=True):
+            object.__setattr__(self, attribute.name, value)
 
 
 class Diverged(TrialError):  # noqa: N818  an outcome of a fit, under its usual name

@@ -3,13 +3,18 @@
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from meshfit.doors import no_type_check
 from meshfit.measuring.distance import Distance, Farthest, Hausdorff, NormalAngle, surface_distances
 from meshfit.measuring.edges import Edges, edge_scores
+from meshfit.measuring.metrics import MEASURED
 from meshfit.measuring.points import Chamfer, FScore, NormalConsistency, point_scores
 from meshfit.measuring.quality import Quality, mesh_quality
 from meshfit.measuring.settings import MeasureSettings
+from meshfit.mesh.any_mesh import MeshLike, as_mesh
 from meshfit.mesh.mesh import Mesh
+from meshfit.optional import import_pandas
 from meshfit.settings import override
+from meshfit.units import count_text, html_table
 
 
 @dataclass(frozen=True)
@@ -26,6 +31,12 @@ class Measurement:
         edges: agreement of creases.
         quality: mesh quality of the result; independent of the target.
         farthest: where the largest distances are.
+
+    Example:
+        >>> import meshfit
+        >>> measured = meshfit.measure("octahedron", "octahedron", samples=100, points=100)
+        >>> measured.hausdorff.symmetric, measured.to_dict()["quality"]["euler_number"]
+        (0.0, 2)
     """
 
     hausdorff: Hausdorff
@@ -38,6 +49,33 @@ class Measurement:
     quality: Quality
     farthest: Farthest
 
+    def __repr__(self) -> str:
+        """Return the most important numbers."""
+        hausdorff, quality = self.hausdorff, self.quality
+        share = f"{hausdorff.percent_of_diagonal:.3f} % of diagonal"
+        closed = "watertight" if quality.watertight else "not watertight"
+        crossing = count_text(quality.self_intersecting_faces, "crossing face")
+        distances = f"Hausdorff distance {hausdorff.symmetric:.4g} ({share}), mean {self.distance.mean:.4g}"
+        return f"Measurement({distances}, {closed}, {crossing})"
+
+    def _repr_html_(self) -> str:
+        """Return all metrics as a table, for notebooks."""
+        rows = ((MEASURED[name].title, MEASURED[name].text(value)) for name, value in self.flat().items())
+        return html_table(("metric", "value"), rows)
+
+    def flat(self) -> dict[str, Any]:
+        """Return every metric by its name, `group.name`, in the order of `MEASURED`."""
+        nested = self.to_dict()
+        return {name: nested[name.partition(".")[0]][name.partition(".")[2]] for name in MEASURED}
+
+    def to_pandas(self) -> Any:  # noqa: ANN401  pandas is optional
+        """Return a pandas DataFrame of one row with a column for every metric; `pandas.concat` stacks several.
+
+        Raises:
+            ConfigError: pandas is not installed.
+        """
+        return import_pandas().DataFrame([self.flat()])
+
     def to_dict(self) -> dict[str, dict[str, Any]]:
         """Return nested dicts of plain values for JSON; `MEASURED` names each metric as `group.name`.
 
@@ -49,29 +87,52 @@ class Measurement:
         return values
 
 
+@no_type_check
 def measure(
-    result: Mesh, target: Mesh, settings: MeasureSettings | None = None, **overrides: int | float
+    result: MeshLike,
+    target: MeshLike,
+    settings: MeasureSettings | None = None,
+    *,
+    samples: int | None = None,
+    points: int | None = None,
+    f_score_tau: float | None = None,
+    crease_angle: float | None = None,
+    seed: int | None = None,
+    **unknown: object,
 ) -> Measurement:
     """Measure a result against its target, both in the same frame.
 
     The same meshes and settings give bit-identical results.
 
     Example:
-        >>> from meshfit.mesh.solids import cube, octahedron
-        >>> measure(octahedron(), cube(), samples=1000).quality.watertight
+        >>> import meshfit
+        >>> measured = meshfit.measure("icosahedron", "octahedron", samples=1000)
+        >>> measured
+        Measurement(Hausdorff distance 0.3437 (9.922 % of diagonal), mean 0.1597, watertight, 0 crossing faces)
+        >>> measured.quality.watertight
         True
 
     Args:
-        result: the fitted mesh.
-        target: the mesh that it was fitted to.
+        result: the fitted mesh, in any form that `as_mesh` takes, such as a `FitResult`. Polygons are triangulated.
+        target: the mesh that it was fitted to, in any form that `as_mesh` takes.
         settings: numbers of samples and points, tau and seed; defaults if not given.
-        **overrides: single settings by name, such as `samples=10_000`.
+        samples: number of points on each surface for Hausdorff, mean and RMS distances.
+        points: number of points on each surface for chamfer distance, F-score and normal consistency, and on the
+            creases of each for the edge scores.
+        f_score_tau: distance within which a point counts as matched in the F-score and the edge scores.
+        crease_angle: least angle in degrees between the normals at an edge that counts as a crease.
+        seed: seed of the points.
+        **unknown: refused, with the names that are allowed.
 
     Raises:
+        MeshError: not a mesh.
         MeasureError: a mesh without faces or area, or a vertex that is not finite.
         ConfigError: an unknown setting, or a value that is not allowed.
     """
-    settings = override(settings or MeasureSettings(), overrides)
+    given = {"samples": samples, "points": points, "f_score_tau": f_score_tau, "crease_angle": crease_angle}
+    changes = {key: value for key, value in (given | {"seed": seed}).items() if value is not None} | unknown
+    settings = override(settings or MeasureSettings(), changes)
+    result, target = _triangles(result, "result"), _triangles(target, "target")
     hausdorff, distance, normal_angle, farthest = surface_distances(result, target, settings.samples, settings.seed)
     points, tau = settings.points, settings.f_score_tau
     chamfer, f_score, normal_consistency = point_scores(result, target, points, tau, settings.seed)
@@ -80,3 +141,7 @@ def measure(
     return Measurement(
         hausdorff, distance, chamfer, f_score, normal_consistency, normal_angle, edges, quality, farthest
     )
+
+
+def _triangles(mesh: MeshLike, role: str) -> Mesh:
+    return mesh if isinstance(mesh, Mesh) else as_mesh(mesh, role, triangles=True)

@@ -11,6 +11,7 @@ from meshfit.errors import MeshError
 from meshfit.mesh.geometry import bounding_box
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.nearest import Points, nearest_point_query
+from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.sampling import sample_surface
 
 Alignment = Literal["none", "center", "pca", "icp"]
@@ -50,7 +51,7 @@ def align(source: Mesh, target: Mesh, how: Alignment) -> Mesh:
     return Mesh(verts, source.faces)
 
 
-def boxes_are_disjoint(source: Mesh, target: Mesh) -> bool:
+def boxes_are_disjoint(source: Mesh | PolygonMesh, target: Mesh | PolygonMesh) -> bool:
     """Return whether the bounding boxes of two meshes do not overlap."""
     (source_low, source_high), (target_low, target_high) = bounding_box(source.verts), bounding_box(target.verts)
     return bool((source_low > target_high).any() or (target_low > source_high).any())

@@ -25,6 +25,11 @@ class Curves:
         sizes: (N,) int64, the number of corners of each chain.
         closed: (N,) bool, whether a last segment joins the end of each chain to its start.
 
+    Example:
+        >>> import meshfit
+        >>> meshfit.Curves([[0, 0, 0], [1, 0, 0], [1, 1, 0]], corners=[0, 1, 2], sizes=[3], closed=[True])
+        Curves(3 verts, 1 chain, 3 segments)
+
     Raises:
         MeshError: an array of another shape, or sizes that do not add up.
     """
@@ -52,6 +57,11 @@ class Curves:
         if total != len(self.corners) or smallest < 0:
             negative = f", one of them {smallest}" if smallest < 0 else ""
             raise MeshError(f"got {len(self.corners)} corners, and sizes that add up to {total}{negative}")
+
+    def __repr__(self) -> str:
+        """Return the numbers of vertices, chains and segments."""
+        counts = ((self.num_verts, "vert"), (len(self.sizes), "chain"), (self.num_segments, "segment"))
+        return f"Curves({', '.join(count_text(number, noun) for number, noun in counts)})"
 
     @classmethod
     def through(cls, verts: ArrayLike, *, closed: bool = False) -> "Curves":

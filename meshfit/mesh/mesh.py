@@ -7,6 +7,7 @@ from jaxtyping import Float64, Int64
 from numpy.typing import ArrayLike
 
 from meshfit.errors import MeshError
+from meshfit.units import count_text
 
 Verts = Float64[np.ndarray, "V 3"]
 Faces = Int64[np.ndarray, "F 3"]
@@ -19,6 +20,15 @@ class Mesh:
     Attributes:
         verts: (V, 3) float64, positions.
         faces: (F, 3) int64, rows of vertex indices, counter-clockwise seen from outside.
+
+    Example:
+        >>> import meshfit
+        >>> corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+        >>> mesh = meshfit.Mesh(corners, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+        >>> mesh
+        Mesh(4 verts, 4 faces, box 1 × 1 × 1)
+        >>> mesh.with_verts(25.4 * mesh.verts)
+        Mesh(4 verts, 4 faces, box 25.4 × 25.4 × 25.4)
 
     Raises:
         MeshError: an array of another shape.
@@ -41,6 +51,11 @@ class Mesh:
         """Return the same faces with other positions."""
         return Mesh(verts, self.faces)
 
+    def __repr__(self) -> str:
+        """Return the numbers of vertices and faces, and the size of the bounding box."""
+        counts = f"{count_text(self.num_verts, 'vert')}, {count_text(self.num_faces, 'face')}"
+        return f"Mesh({counts}{box_text(self.verts)})"
+
     @property
     def num_verts(self) -> int:
         """V, the number of vertices."""
@@ -50,3 +65,10 @@ class Mesh:
     def num_faces(self) -> int:
         """F, the number of faces."""
         return len(self.faces)
+
+
+def box_text(verts: Verts) -> str:
+    """Return `, box 1.56 × 1.53 × 1.2`, the size of the bounding box, for the end of a repr; empty without vertices."""
+    if not len(verts):
+        return ""
+    return f", box {' × '.join(f'{length:.4g}' for length in verts.max(axis=0) - verts.min(axis=0))}"

@@ -9,11 +9,13 @@ from jaxtyping import Int64
 from numpy.typing import ArrayLike, NDArray
 
 from meshfit.errors import MeshError
-from meshfit.mesh.mesh import Mesh, Verts
+from meshfit.mesh.mesh import Mesh, Verts, box_text
 from meshfit.mesh.triangulation import triangulate
+from meshfit.units import count_text
 
 Corners = Int64[np.ndarray, " C"]
 Sizes = Int64[np.ndarray, " F"]
+_LARGEST = np.iinfo(np.int64).max
 
 
 class PolygonSoup(NamedTuple):
@@ -44,6 +46,15 @@ class PolygonMesh:
         corners: (C,) int64, vertex indices of all faces, one face after another, each counter-clockwise from outside.
         sizes: (F,) int64, the number of corners of each face.
 
+    Example:
+        >>> import meshfit
+        >>> house = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 2, 0]]
+        >>> mesh = meshfit.PolygonMesh(house, corners=[0, 1, 2, 3, 3, 2, 4], sizes=[4, 3])
+        >>> mesh
+        PolygonMesh(5 verts, 2 faces of 3 to 4 corners, box 1 × 2 × 0)
+        >>> mesh.triangulated()
+        Mesh(5 verts, 3 faces, box 1 × 2 × 0)
+
     Raises:
         MeshError: arrays of other shapes, a face of fewer than three corners, or sizes that do not add up.
     """
@@ -63,6 +74,14 @@ class PolygonMesh:
         for name, array in (("verts", points), ("corners", flat), ("sizes", counts)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+
+    def __repr__(self) -> str:
+        """Return the numbers of vertices and faces, the sizes of faces, and the size of the bounding box."""
+        low, high = int(self.sizes.min(initial=_LARGEST)), int(self.sizes.max(initial=0))
+        noun = {(3, 3): "triangle", (4, 4): "quad"}.get((low, high), "face")
+        sizes = "" if noun != "face" or not high else f" of {low}{f' to {high}' if high > low else ''} corners"
+        counts = f"{count_text(self.num_verts, 'vert')}, {count_text(self.num_faces, noun)}{sizes}"
+        return f"PolygonMesh({counts}{box_text(self.verts)})"
 
     @classmethod
     def of(cls, mesh: "Mesh | PolygonMesh") -> "PolygonMesh":

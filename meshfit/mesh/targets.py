@@ -149,6 +149,11 @@ def load_target(target: str, cleaning: "CleaningOptions | None" = None, *, file:
         cleaning: distance of welding, and repair of what is not manifold.
         file: its file, if `open_target` has read it already.
 
+    Example:
+        >>> import meshfit
+        >>> meshfit.load_target("bone")
+        Mesh(2,154 verts, 4,304 faces, box 1 × 1 × 1)
+
     Raises:
         MeshError: as `target_path` and `load_mesh` do.
     """

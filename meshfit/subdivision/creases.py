@@ -16,12 +16,15 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from numpy.typing import NDArray
 
+from meshfit.doors import no_type_check
 from meshfit.errors import MeshError, SchemeError
+from meshfit.mesh.any_mesh import MeshLike, as_mesh
 from meshfit.mesh.cleaning import VertexMap
 from meshfit.mesh.geometry import face_normals
 from meshfit.mesh.io.text import read_word_lines
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import NONE, Indices, Mask, Topology
+from meshfit.units import count_text
 
 Shares = Float64[np.ndarray, "_"]
 Numbers = NDArray[Any] | Sequence[int | float]
@@ -56,6 +59,11 @@ class Creases:
         sharpness: (E,) number of levels for which each edge stays sharp, in the order of the topology's edges: 0 is
             smooth, `inf` permanently sharp; at 1.3, the rule of the second level is three tenths sharp.
         corners: (V,) vertices that stay where they are. Vertices at which three sharp edges meet stay as well.
+
+    Example:
+        >>> import meshfit
+        >>> meshfit.Creases.of("octahedron", edges=[(0, 2), (2, 1)], sharpness=2, corners=[4])
+        Creases(2 sharp edges of 12, 1 corner)
     """
 
     sharpness: Shares
@@ -64,10 +72,16 @@ class Creases:
     def __post_init__(self) -> None:
         _require_sharpness(self.sharpness)
 
+    def __repr__(self) -> str:
+        """Return the numbers of sharp edges and corners; the boundary counts where it is tagged."""
+        sharp = f"{count_text(int((self.sharpness > 0).sum()), 'sharp edge')} of {len(self.sharpness):,}"
+        return f"Creases({sharp}, {count_text(int(self.corners.sum()), 'corner')})"
+
     @classmethod
+    @no_type_check
     def of(
         cls,
-        topology: Topology,
+        topology: Topology | MeshLike,
         edges: Rows = (),
         sharpness: Numbers | int | float = inf,
         corners: Numbers = (),
@@ -75,7 +89,7 @@ class Creases:
         """Tag edges, given by their ends, and corners.
 
         Args:
-            topology: the mesh's connectivity.
+            topology: the mesh's connectivity, or a mesh in any form that `as_mesh` takes.
             edges: (K, 2) vertex numbers, in any order.
             sharpness: one for all these edges, or (K,) one for each.
             corners: vertex numbers.
@@ -84,6 +98,8 @@ class Creases:
             MeshError: no such vertex, vertices that no edge joins, or a wrong number of sharpness values.
             SchemeError: a sharpness below 0 or NaN.
         """
+        if not isinstance(topology, Topology):
+            topology = Topology.of(as_mesh(topology, triangles=True))
         marked, tagged = np.array(corners, dtype=np.int64), np.zeros(topology.num_verts, dtype=bool)
         if len(marked) and not ((marked >= 0) & (marked < topology.num_verts)).all():
             bad = marked[(marked < 0) | (marked >= topology.num_verts)][0]
@@ -193,19 +209,30 @@ def edges_between(topology: Topology, ends: Int64[np.ndarray, "K 2"]) -> Indices
     return np.asarray(place)
 
 
-def creases_by_angle(mesh: Mesh, degrees: int | float, sharpness: int | float = inf) -> Creases:
+@no_type_check
+def creases_by_angle(mesh: MeshLike, degrees: int | float, sharpness: int | float = inf) -> Creases:
     """Return creases at all edges whose faces enclose more than some angle.
 
     Args:
-        mesh: the mesh.
+        mesh: in any form that `as_mesh` takes; polygons are triangulated.
         degrees: the angle between the normals of the two faces; 0 for coplanar faces.
         sharpness: of these edges.
+
+    Example:
+        >>> import meshfit
+        >>> cube = meshfit.as_mesh("cube", triangles=True)
+        >>> creases = meshfit.creases_by_angle(cube, 60)
+        >>> creases
+        Creases(12 sharp edges of 18, 0 corners)
+        >>> meshfit.subdivide(cube, "loop", 2, creases=creases)
+        Mesh(98 verts, 192 faces, box 1.155 × 1.155 × 1.155)
 
     Raises:
         SchemeError: an angle out of range, or a sharpness below 0.
     """
     if not 0 < degrees <= 180:
         raise SchemeError(f"a crease angle of {degrees:g} degrees is not allowed: expected more than 0, up to 180")
+    mesh = mesh if isinstance(mesh, Mesh) else as_mesh(mesh, triangles=True)
     size = float(np.abs(mesh.verts).max(initial=0.0)) or 1.0
     topology, normals = Topology.of(mesh), face_normals(Mesh(mesh.verts / size, mesh.faces))
     halfedge = topology.edge_halfedge

@@ -13,19 +13,25 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from scipy.sparse import coo_array, csr_array, diags_array
 
+from meshfit.doors import no_type_check
 from meshfit.errors import SchemeError
+from meshfit.mesh.any_mesh import MeshLike, as_mesh
 from meshfit.mesh.geometry import corner_angles, face_normals, unit_vectors
 from meshfit.mesh.manifold import require_manifold
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import NONE, Indices, Mask, Topology
 from meshfit.subdivision.creases import Creases, require_matching_creases
-from meshfit.subdivision.registry import Scheme
+from meshfit.subdivision.registry import Scheme, resolve
 from meshfit.subdivision.triangles.assemble import ring_weights
 from meshfit.subdivision.triangles.scheme import TriangleScheme, VertMask
 from meshfit.subdivision.triangles.table import LOOP
 
 Tangents = Float64[np.ndarray, "2 K"]
 _COLLINEAR = 1e-12  # sine of the angle between unit tangents below which they span no plane
+
+
+def _topology(thing: Topology | MeshLike) -> Topology:
+    return thing if isinstance(thing, Topology) else Topology.of(as_mesh(thing, triangles=True))
 
 
 def smooth_tangents(n: int) -> Tangents:
@@ -154,7 +160,8 @@ def has_loop_limit(scheme: Scheme) -> bool:
     return (scheme.split, scheme.inserted, scheme.boundary) == (LOOP.split, LOOP.inserted, LOOP.boundary)
 
 
-def loop_limit(topology: Topology, scheme: Scheme = LOOP, creases: Creases | None = None) -> csr_array:
+@no_type_check
+def loop_limit(topology: Topology | MeshLike, scheme: str | Scheme = LOOP, creases: Creases | None = None) -> csr_array:
     """Return the (V, V) operator that takes vertices to their limit positions under Loop subdivision.
 
     An inner vertex v with n neighbours of sum Σ goes to (1 - n χ) v + χ Σ, χ = 1 / (n + 3 / (8 β)), where n β is the
@@ -162,14 +169,21 @@ def loop_limit(topology: Topology, scheme: Scheme = LOOP, creases: Creases | Non
     for the cubic B-spline. Corners and vertices without faces stay. For the end of a single crease see `dart_masks`.
 
     Args:
-        topology: of the mesh.
-        scheme: one that `has_loop_limit`.
+        topology: of the mesh, or the mesh in any form that `as_mesh` takes.
+        scheme: one that `has_loop_limit`, or its spec.
         creases: of the mesh, if it has any; all edges smooth or permanently sharp.
+
+    Example:
+        >>> import meshfit
+        >>> mesh = meshfit.as_mesh("icosahedron")
+        >>> mesh.with_verts(meshfit.loop_limit(mesh) @ mesh.verts)
+        Mesh(12 verts, 20 faces, box 1.215 × 1.215 × 1.215)
 
     Raises:
         MeshError: the mesh is not an oriented manifold.
         SchemeError: the scheme has another limit, or a crease has finite sharpness left.
     """
+    topology, scheme = _topology(topology), resolve(scheme)
     mask, sharp = _vert_mask(scheme), _permanently_sharp(topology, creases)
     rules = (Creases.of(topology) if creases is None else creases).rules(topology)
     n, valence = topology.num_verts, topology.valence.clip(min=1)
@@ -276,7 +290,10 @@ def loop_limit_tangents(topology: Topology, scheme: Scheme = LOOP, creases: Crea
     return LimitTangents(np.concatenate(verts), along, across)
 
 
-def loop_limit_normals(mesh: Mesh, scheme: Scheme = LOOP, creases: Creases | None = None) -> Float64[np.ndarray, "V 3"]:
+@no_type_check
+def loop_limit_normals(
+    mesh: MeshLike, scheme: str | Scheme = LOOP, creases: Creases | None = None
+) -> Float64[np.ndarray, "V 3"]:
     """Return unit normals of Loop's limit surface at the limit of each vertex, on the side that the faces point to.
 
     On a crease it is the mean of the normals of both sides. At a corner, where there may be no tangent plane, it is the
@@ -285,13 +302,19 @@ def loop_limit_normals(mesh: Mesh, scheme: Scheme = LOOP, creases: Creases | Non
     without faces, and where the tangents are collinear.
 
     Args:
-        mesh: the control mesh.
-        scheme: one that `has_loop_limit`.
+        mesh: the control mesh, in any form that `as_mesh` takes.
+        scheme: one that `has_loop_limit`, or its spec.
         creases: as for `loop_limit`.
+
+    Example:
+        >>> import meshfit
+        >>> meshfit.loop_limit_normals("octahedron").round(3)[0].tolist()
+        [1.0, 0.0, 0.0]
 
     Raises:
         MeshError, SchemeError: as `loop_limit`.
     """
+    mesh, scheme = mesh if isinstance(mesh, Mesh) else as_mesh(mesh, triangles=True), resolve(scheme)
     topology = Topology.of(mesh)
     tangents = loop_limit_tangents(topology, scheme, creases)
     size = float(np.abs(mesh.verts).max(initial=0.0))

@@ -3,6 +3,7 @@
 A `Refinement` has the operators of its levels, which act on numpy arrays and torch tensors, and the finest faces.
 """
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -13,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array, eye_array
 
+from meshfit.doors import no_type_check
 from meshfit.errors import MeshError, SchemeError
+from meshfit.mesh.any_mesh import MeshLike, as_mesh, as_topology
 from meshfit.mesh.curves import Chains, Curves, require_chains
 from meshfit.mesh.manifold import require_manifold
 from meshfit.mesh.mesh import Faces, Mesh, Verts
@@ -32,6 +35,7 @@ from meshfit.subdivision.registry import Scheme, resolve, wrong_domain
 from meshfit.subdivision.triangles.assemble import assemble, linear_carry
 from meshfit.subdivision.triangles.scheme import MIDPOINT, Split, TriangleScheme
 from meshfit.subdivision.triangles.splits import divide
+from meshfit.units import count_text
 
 if TYPE_CHECKING:
     import torch
@@ -78,6 +82,11 @@ class Operators:
         """V', the number of vertices of the finest level."""
         return self.operators[-1].shape[0] if self.operators else self.num_coarse
 
+    @property
+    def _counts(self) -> str:
+        levels = count_text(len(self.operators), "level")
+        return f"{levels}, {self.num_coarse:,} to {count_text(self.num_fine, 'vert')}"
+
     @cached_property
     def matrix(self) -> csr_array:
         """Product of all levels: sparse (V', V), verts_fine = matrix @ verts_coarse."""
@@ -118,26 +127,46 @@ class Operators:
 
 @dataclass(frozen=True, eq=False)
 class Refinement(Operators):
-    """Some levels of a scheme on triangles.
+    """Some levels of a scheme on triangles: a linear map of values at the coarse vertices to the fine ones.
 
     Attributes:
         faces: (F', 3) the finest faces.
         creases: the creases that remain on the finest level; None if there were none.
+
+    Example:
+        >>> import meshfit
+        >>> refinement = meshfit.refine("tetrahedron", "loop", 3)
+        >>> refinement.matrix.shape
+        (130, 4)
     """
 
     faces: Faces
     creases: Creases | None = None
 
+    def __repr__(self) -> str:
+        """Return the numbers of levels, vertices and faces."""
+        return f"Refinement({self._counts}, {count_text(len(self.faces), 'face')})"
+
 
 @dataclass(frozen=True, eq=False)
 class CurveRefinement(Operators):
-    """Some levels of a scheme on curves.
+    """Some levels of a scheme on curves: a linear map of values at the coarse vertices to the fine ones.
 
     Attributes:
         chains: the finest chains.
+
+    Example:
+        >>> import meshfit
+        >>> corner = meshfit.Curves.through([[0, 0, 0], [1, 0, 0], [1, 1, 0]])
+        >>> meshfit.refine(corner, "four-point", 2)
+        CurveRefinement(2 levels, 3 to 9 verts, 1 chain)
     """
 
     chains: Chains
+
+    def __repr__(self) -> str:
+        """Return the numbers of levels, vertices and chains."""
+        return f"CurveRefinement({self._counts}, {count_text(len(self.chains.sizes), 'chain')})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,6 +178,10 @@ class PolygonRefinement(Operators):
     """
 
     finest: PolygonTopology
+
+    def __repr__(self) -> str:
+        """Return the numbers of levels, vertices and faces."""
+        return f"PolygonRefinement({self._counts}, {count_text(self.finest.num_faces, 'face')})"
 
     def mesh(self, verts: Verts) -> PolygonMesh:
         """Return the finest faces with their vertices at these positions."""
@@ -166,17 +199,38 @@ def refine(
     topology: Topology | PolygonTopology, scheme: Scheme, levels: int = 1, creases: Creases | None = None
 ) -> Refinement | PolygonRefinement: ...
 @overload
-def refine(topology: Chains, scheme: Scheme, levels: int = 1) -> CurveRefinement: ...
+def refine(topology: Chains | Curves, scheme: str | Scheme, levels: int = 1) -> CurveRefinement: ...
+@overload
 def refine(
-    topology: Topology | PolygonTopology | Chains, scheme: Scheme, levels: int = 1, creases: Creases | None = None
+    topology: Topology | PolygonTopology | MeshLike,
+    scheme: str | Scheme,
+    levels: int = 1,
+    creases: Creases | None = None,
+) -> Refinement | PolygonRefinement: ...
+@no_type_check
+def refine(
+    topology: Topology | PolygonTopology | MeshLike | Chains | Curves,
+    scheme: str | Scheme,
+    levels: int = 1,
+    creases: Creases | None = None,
 ) -> Refinement | PolygonRefinement | CurveRefinement:
     """Lay down some levels of a scheme on a connectivity.
 
     Args:
-        topology: triangles, polygons, or the chains of curves. A scheme on polygons also takes triangles.
-        scheme: a scheme of that domain.
+        topology: triangles, polygons, or the chains of curves; or a mesh in any form that `as_mesh` takes, or curves. A
+            scheme on polygons also takes triangles.
+        scheme: a scheme of that domain, or its spec, such as `interp-loop:alpha=0.5`.
         levels: 0 or more.
         creases: sharp edges and corners of this topology, for loop, interp-loop and midpoint.
+
+    Example:
+        >>> import meshfit
+        >>> mesh = meshfit.as_mesh("icosahedron")
+        >>> refinement = meshfit.refine(mesh, "loop", 2)
+        >>> refinement
+        Refinement(2 levels, 12 to 162 verts, 320 faces)
+        >>> meshfit.Mesh(refinement(mesh.verts), refinement.faces)
+        Mesh(162 verts, 320 faces, box 1.271 × 1.271 × 1.271)
 
     Raises:
         SchemeError: levels is negative, the scheme refines another domain, or it takes no creases.
@@ -185,6 +239,7 @@ def refine(
     """
     if levels < 0:
         raise SchemeError(f"levels={levels} is not allowed: expected 0 or more")
+    topology, scheme = as_topology(topology), resolve(scheme)
     if creases is not None:
         require_takes_creases(scheme)
     if levels:
@@ -275,8 +330,18 @@ def subdivide(
 def subdivide(
     mesh: Curves, scheme: str | Scheme, levels: int = 1, *, creases: None = None, **parameters: ParameterValue
 ) -> Curves: ...
+@overload
 def subdivide(
-    mesh: Mesh | PolygonMesh | Curves,
+    mesh: MeshLike,
+    scheme: str | Scheme,
+    levels: int = 1,
+    *,
+    creases: Creases | None = None,
+    **parameters: ParameterValue,
+) -> Mesh | PolygonMesh: ...
+@no_type_check
+def subdivide(
+    mesh: MeshLike | Curves,
     scheme: str | Scheme,
     levels: int = 1,
     *,
@@ -286,8 +351,9 @@ def subdivide(
     """Refine a mesh, or curves, by some levels of a subdivision scheme.
 
     Args:
-        mesh: an oriented manifold, closed or with boundary: of triangles, or of polygons for a scheme on polygons. Or
-            curves, for a scheme on curves.
+        mesh: an oriented manifold, closed or with boundary, in any form that `as_mesh` takes: of triangles, or of
+            polygons for a scheme on polygons; a file or a name gives the kind that the scheme refines. Or curves, for a
+            scheme on curves.
         scheme: a spec such as `loop` or `interp-loop:alpha=0.5`, or a declared scheme.
         levels: 0 or more. Each level splits a face in 4, or a segment in 2 (ternary schemes: in 3). √3 schemes split a
             face in 3 and √2 schemes in 2; both refine the boundary at every second level, so that on a mesh with
@@ -297,12 +363,13 @@ def subdivide(
             for each vertex.
 
     Example:
-        >>> from meshfit.mesh.solids import icosahedron
-        >>> subdivide(icosahedron(), "interp-loop", 2, alpha=0.5).num_faces
-        320
-
-        >>> subdivide(Curves.through([[0, 0, 0], [1, 0, 0], [1, 1, 0]]), "four-point", 3).num_segments
-        16
+        >>> import meshfit
+        >>> meshfit.subdivide("icosahedron", "interp-loop", 2, alpha=0.5)
+        Mesh(162 verts, 320 faces, box 1.596 × 1.596 × 1.596)
+        >>> meshfit.subdivide("cube", "catmull-clark", 2)
+        PolygonMesh(98 verts, 96 quads, box 0.8018 × 0.8018 × 0.8018)
+        >>> meshfit.subdivide(meshfit.Curves.through([[0, 0, 0], [1, 0, 0], [1, 1, 0]]), "four-point", 3)
+        Curves(17 verts, 1 chain, 16 segments)
 
     Returns:
         Triangles from a scheme on triangles, polygons from a scheme on polygons, curves from curves.
@@ -313,11 +380,18 @@ def subdivide(
         MeshError: the mesh or the curves cannot be refined; an edge or vertex at fault is named.
     """
     declared = _declared(scheme, parameters)
+    if isinstance(mesh, str | os.PathLike) and isinstance(declared, CurveScheme):
+        from meshfit.mesh.io.files import load_curves
+
+        mesh = load_curves(os.fspath(mesh))
     if isinstance(mesh, Curves):
         curves = refine(Chains.of(mesh), declared, levels)
         return Curves(curves(mesh.verts), curves.chains.corners, curves.chains.sizes, curves.chains.closed)
     if creases is not None and isinstance(scheme, str):
         require_takes_creases(declared, scheme)
+    if not isinstance(mesh, Mesh | PolygonMesh):
+        by_name = isinstance(mesh, str | os.PathLike)
+        mesh = as_mesh(mesh, triangles=by_name and not isinstance(declared, PolygonScheme))
     topology = Topology.of(mesh) if isinstance(mesh, Mesh) else PolygonTopology.of(mesh)
     refinement = refine(topology, declared, levels, creases)
     verts = refinement(mesh.verts)

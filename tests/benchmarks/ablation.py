@@ -14,7 +14,6 @@ import torch
 
 from meshfit.config.experiment import SourceSettings
 from meshfit.experiment.source import build_source
-from meshfit.fitting.fit import fit
 from meshfit.fitting.gauss_newton.sizing import lengths_for
 from meshfit.fitting.gauss_newton.sphere_map import SphereMap
 from meshfit.measuring.measure import measure
@@ -22,6 +21,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.normalisation import frame_of
 from meshfit.mesh.targets import load_target
 from tests.benchmarks.hidden import hidden_depth
+from tests.fits import fit
 from tests.shapes import table
 
 TARGETS: dict[str, Callable[[], Mesh]] = {

@@ -15,7 +15,7 @@ from meshfit.experiment.running.batch_runner import run_batch
 from meshfit.experiment.running.scheduler import run_trials
 from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.fitting.first_order import FirstOrder
-from meshfit.fitting.fit import fit, fit_batch
+from meshfit.fitting.fit import fit_batch
 from meshfit.fitting.nearest_neighbours import match_nearest
 from meshfit.fitting.problem import Problem
 from meshfit.fitting.settings import FirstOrderSettings
@@ -30,6 +30,7 @@ from tests.benchmarks.cuda_cases import CUDA_CASES
 from tests.benchmarks.loading_cases import LOADING_CASES
 from tests.benchmarks.plain_twin import PlainTwin
 from tests.benchmarks.timing import Benchmark
+from tests.fits import fit
 
 _STEPS_UNTIL_NEAR = 300
 

@@ -8,7 +8,6 @@ import torch
 from meshfit.config.loading import load_experiment
 from meshfit.experiment.source import build_source
 from meshfit.fitting.first_order import FirstOrder
-from meshfit.fitting.fit import fit
 from meshfit.fitting.problem import Problem
 from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.mesh.mesh import Mesh
@@ -17,6 +16,7 @@ from meshfit.mesh.solids import icosahedron
 from meshfit.mesh.targets import load_target
 from meshfit.subdivision.refine import subdivide
 from tests.benchmarks.timing import Benchmark
+from tests.fits import fit
 
 _NAMES = ("bunny", "cow", "bone", "airplane")
 

@@ -9,12 +9,13 @@ import pytest
 from meshfit.errors import MeshError
 from meshfit.fitting import fit as fitting
 from meshfit.fitting.first_order import FirstOrder
-from meshfit.fitting.fit import fit, fit_batch
+from meshfit.fitting.fit import fit_batch
 from meshfit.fitting.problem import Problem
 from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube
 from meshfit.settings import build
+from tests.fits import fit
 from tests.ragged import PROBLEMS, alone, bytes_of
 
 pytestmark = pytest.mark.usefixtures("without_shape_checks")

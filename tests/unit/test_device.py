@@ -5,8 +5,8 @@ import torch
 
 from meshfit.errors import DeviceError
 from meshfit.fitting.device import resolve_device, single_thread
-from meshfit.fitting.fit import fit
 from meshfit.mesh.solids import cube, icosahedron
+from tests.fits import fit
 
 
 @pytest.fixture

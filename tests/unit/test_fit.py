@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from meshfit.fitting.callbacks import Step
-from meshfit.fitting.fit import fit
 from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, icosahedron, octahedron
 from meshfit.settings import build
 from meshfit.subdivision.refine import subdivide
+from tests.fits import fit
 from tests.loops import over
 from tests.shapes import mixed_closed, mixed_open, patch
 

@@ -7,13 +7,13 @@ import torch
 from meshfit.fitting import loop as running
 from meshfit.fitting.callbacks import Interrupted
 from meshfit.fitting.first_order import FirstOrder
-from meshfit.fitting.fit import fit
 from meshfit.fitting.loop import run
 from meshfit.fitting.problem import Diverged, Problem
 from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.mesh.solids import cube
 from meshfit.settings import build
 from tests.checkpoints import through_a_file
+from tests.fits import fit
 from tests.loops import over
 from tests.shapes import mixed_closed
 

@@ -5,10 +5,10 @@ import pytest
 import torch
 
 from meshfit.fitting.callbacks import Interrupted
-from meshfit.fitting.fit import fit
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, icosahedron
 from meshfit.subdivision.refine import subdivide
+from tests.fits import fit
 from tests.shapes import mixed_closed
 
 SOURCE = subdivide(icosahedron(), "loop", 2)

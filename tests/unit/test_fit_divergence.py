@@ -6,10 +6,10 @@ import torch
 
 from meshfit.errors import TrialError
 from meshfit.fitting import first_order
-from meshfit.fitting.fit import fit
 from meshfit.fitting.problem import COLUMNS, Diverged
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, icosahedron
+from tests.fits import fit
 
 TERMS = COLUMNS[2:-1]
 NOTHING = dict.fromkeys(TERMS, 0.0)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from meshfit.fitting.fit import fit
 from meshfit.measuring.measure import measure
 from meshfit.mesh.manifold import describe_topology
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
+from tests.fits import fit
 
 
 def disk(size, height):

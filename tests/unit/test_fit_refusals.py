@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from meshfit.errors import ConfigError, DeviceError, MeshError
-from meshfit.fitting.fit import fit
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, icosahedron
+from tests.fits import fit
 from tests.loops import over
 
 

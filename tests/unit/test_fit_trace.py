@@ -7,9 +7,9 @@ from math import inf, isnan, nan, nextafter
 import numpy as np
 import pytest
 
-from meshfit.fitting.fit import fit
 from meshfit.fitting.problem import COLUMNS, Trace
 from meshfit.mesh.solids import cube
+from tests.fits import fit
 from tests.loops import over
 from tests.shapes import mixed_closed
 

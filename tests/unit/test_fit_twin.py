@@ -5,7 +5,6 @@ import pytest
 import torch
 from torch.nn.functional import normalize
 
-from meshfit.fitting.fit import fit
 from meshfit.fitting.sampling import sample
 from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.loss.operators import FaceGeometry, Faces
@@ -13,6 +12,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.nearest import sort_faces_spatially
 from meshfit.mesh.solids import cube
 from meshfit.settings import build
+from tests.fits import fit
 from tests.shapes import mixed_closed, mixed_open
 
 STEPS, SAMPLES, SEED = 20, 150, 11

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from meshfit.fitting.callbacks import Interrupted
-from meshfit.fitting.fit import fit, fit_batch
+from meshfit.fitting.fit import fit_batch
 from meshfit.fitting.gauss_newton import engine as gauss_newton
 from meshfit.fitting.gauss_newton import target
 from meshfit.fitting.gauss_newton.engine import GaussNewton
@@ -19,6 +19,7 @@ from meshfit.mesh.solids import cube, icosahedron
 from meshfit.settings import build
 from meshfit.subdivision.refine import subdivide
 from tests.checkpoints import through_a_file
+from tests.fits import fit
 from tests.ragged import bytes_of
 from tests.shapes import torus
 

@@ -6,11 +6,11 @@ import pytest
 
 from meshfit.config.loading import load_experiment
 from meshfit.errors import ConfigError
-from meshfit.fitting.fit import fit
 from meshfit.fitting.gauss_newton.schedule import schedule, stage_at
 from meshfit.fitting.settings import FirstOrderSettings, GaussNewtonSettings
 from meshfit.mesh.solids import cube, icosahedron
 from meshfit.settings import build
+from tests.fits import fit
 from tests.loops import over
 
 COUNTS = {

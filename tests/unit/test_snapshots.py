@@ -10,9 +10,9 @@ from meshfit.experiment.storage.checkpoint import SNAPSHOTS, snapshots_in
 from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.experiment.trial_status import TrialStatus
 from meshfit.fitting.callbacks import Interrupted
-from meshfit.fitting.fit import fit
 from meshfit.mesh.io.files import load_mesh
 from meshfit.mesh.solids import octahedron
+from tests.fits import fit
 from tests.small import experiment
 from tests.unit.test_trial_runner import prepared, run_trial
 

@@ -9,7 +9,9 @@ from typing import Literal, NamedTuple, TypeVar
 import numpy as np
 from jaxtyping import Float64
 
+from meshfit.doors import no_type_check
 from meshfit.errors import DomainError, MeshError, MeshfitWarning
+from meshfit.mesh.any_mesh import MeshLike, as_mesh, as_path
 from meshfit.mesh.cleaning import VertexMap, clean, require_finite_verts
 from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.curves import Chains, Curves, Segments, join_segments
@@ -101,7 +103,10 @@ def load_mesh(
         file_format: the format, such as `ply`, in place of the suffix; pipes and standard input have none.
 
     Example:
-        >>> mesh = load_mesh("bunny.obj")  # doctest: +SKIP
+        >>> import meshfit
+        >>> meshfit.save_mesh("octahedron", "octahedron.obj")
+        >>> meshfit.load_mesh("octahedron.obj")
+        Mesh(6 verts, 8 faces, box 2 × 2 × 2)
 
     Raises:
         MeshError: no such file, an unknown format, an unreadable file, or a mesh that `clean` refuses.
@@ -130,7 +135,10 @@ def load_polygons(
     """Read a mesh in one of `FORMATS`; keep its faces as they are and weld seams.
 
     Example:
-        >>> mesh = load_polygons("quads.obj")  # doctest: +SKIP
+        >>> import meshfit
+        >>> meshfit.save_mesh("cube", "quads.obj")
+        >>> meshfit.load_polygons("quads.obj")
+        PolygonMesh(8 verts, 6 quads, box 1.155 × 1.155 × 1.155)
 
     Arguments, errors and warnings are those of `load_mesh`.
     """
@@ -155,7 +163,10 @@ def load_curves(path: str | Path | MeshFile, *, file_format: str | None = None) 
         file_format: as for `load_mesh`.
 
     Example:
-        >>> curves = load_curves("profile.obj")  # doctest: +SKIP
+        >>> import meshfit
+        >>> meshfit.save_curves(meshfit.Curves.through([[0, 0, 0], [1, 0, 0], [1, 1, 0]]), "profile.obj")
+        >>> meshfit.load_curves("profile.obj")
+        Curves(3 verts, 1 chain, 2 segments)
 
     Raises:
         MeshError: no such file, an unknown format, an unreadable file or one without curves, a coordinate that is not
@@ -193,23 +204,32 @@ def open_mesh_file(path: str | Path, kind: Literal["mesh", "curve"], file_format
     return read_file(path, formats, kind, file_format)
 
 
+@no_type_check
 def save_mesh(
-    mesh: Mesh | PolygonMesh, path: str | Path, normals: Normals | None = None, *, file_format: str | None = None
+    mesh: MeshLike, path: str | Path, normals: Normals | None = None, *, file_format: str | None = None
 ) -> None:
     """Write a mesh in the format of the suffix, in double precision except STL, GLB and glTF, which are single.
 
     OBJ, OFF and PLY keep polygons; STL, GLB and glTF get their triangles.
 
     Args:
-        mesh: V vertices.
+        mesh: V vertices, in any form that `as_mesh` takes.
         path: of the file, compressed if it ends in `.gz`, `.bz2` or `.xz`; the text `-` is standard output.
         normals: (V, 3) of the vertices, for OBJ and PLY.
         file_format: the format, such as `ply`, in place of the suffix.
 
+    Example:
+        >>> import meshfit
+        >>> meshfit.save_mesh("icosahedron", "ball.ply")
+        >>> meshfit.load_mesh("ball.ply")
+        Mesh(12 verts, 20 faces, box 1.701 × 1.701 × 1.701)
+
     Raises:
-        MeshError: an unknown format or one without normals, coordinates too large for single precision, or a path that
-            cannot be written.
+        MeshError: not a mesh, an unknown format or one without normals, coordinates too large for single precision, or
+            a path that cannot be written.
     """
+    path = as_path(path, "save_mesh(mesh, path)")
+    mesh = as_mesh(mesh)
     suffix, name = mesh_output_suffix(path, file_format), path_text(path)
     if not FORMATS[suffix].double and not np.abs(mesh.verts).max(initial=0.0) <= _LARGEST_SINGLE:
         raise MeshError(f"{name}: {format_name(suffix)} holds single precision, too small for the coordinates")
@@ -219,6 +239,7 @@ def save_mesh(
     write_file(path, encode_mesh(mesh, suffix, normals))
 
 
+@no_type_check
 def save_curves(curves: Curves, path: str | Path, *, file_format: str | None = None) -> None:
     """Write curves as OBJ or PLY, in double precision.
 
@@ -227,9 +248,17 @@ def save_curves(curves: Curves, path: str | Path, *, file_format: str | None = N
         path: as for `save_mesh`.
         file_format: as for `save_mesh`.
 
+    Example:
+        >>> import meshfit
+        >>> square = meshfit.Curves.through([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], closed=True)
+        >>> meshfit.save_curves(square, "square.ply")
+
     Raises:
-        MeshError: an unknown format, or a path that cannot be written.
+        MeshError: not curves, an unknown format, or a path that cannot be written.
     """
+    path = as_path(path, "save_curves(curves, path)")
+    if not isinstance(curves, Curves):
+        raise MeshError(f"curves: expected Curves, got {type(curves).__name__}; save_mesh writes meshes")
     write_file(path, encode_curves(curves, curve_output_suffix(path, file_format)))
 
 

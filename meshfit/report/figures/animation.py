@@ -17,8 +17,8 @@ from meshfit.fitting.gauss_newton.schedule import stage_at
 from meshfit.fitting.settings import METHODS, GaussNewtonSettings
 from meshfit.measuring.metrics import METRICS
 from meshfit.mesh.mesh import Mesh
+from meshfit.optional import import_optional
 from meshfit.paths import write_error_message
-from meshfit.report.extra import import_optional
 from meshfit.report.figures.camera import camera_of
 from meshfit.report.figures.colours import INK
 from meshfit.report.figures.drawing import Image, draw

@@ -10,7 +10,7 @@ from typing import Any
 
 from meshfit.errors import ConfigError
 from meshfit.measuring.metrics import METRICS
-from meshfit.report.extra import import_optional
+from meshfit.optional import import_optional
 from meshfit.report.figures.colours import INK
 from meshfit.report.figures.layout import DPI, STYLE, set_log_ticks, write_drawing
 from meshfit.report.tables.table import Table

@@ -7,7 +7,7 @@ from jaxtyping import Float, Float32, UInt8
 from scipy.ndimage import uniform_filter
 
 from meshfit.mesh.mesh import Mesh
-from meshfit.report.extra import import_optional
+from meshfit.optional import import_optional
 from meshfit.report.figures.camera import Camera
 from meshfit.report.figures.colours import MISSING, SURFACE, ramp, rgb
 

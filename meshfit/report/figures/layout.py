@@ -13,7 +13,7 @@ from jaxtyping import Float64
 
 from meshfit.errors import ConfigError
 from meshfit.mesh.mesh import Mesh
-from meshfit.report.extra import import_optional
+from meshfit.optional import import_optional
 from meshfit.report.figures.camera import Camera, is_visible
 from meshfit.report.figures.colours import DISTANCES, INK
 from meshfit.report.figures.drawing import Image, draw

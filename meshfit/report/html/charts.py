@@ -20,7 +20,7 @@ from jaxtyping import Float64
 
 from meshfit.experiment.storage.run_directory import Result
 from meshfit.mesh.mesh import Mesh
-from meshfit.report.extra import import_optional
+from meshfit.optional import import_optional
 from meshfit.report.figures.layout import set_log_ticks
 from meshfit.report.html.target_section import TargetSection, TrialsByRow
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from meshfit.mesh.mesh import Mesh
-from meshfit.report.extra import import_optional
+from meshfit.optional import import_optional
 from meshfit.report.figures.camera import Camera, camera_of, close_up
 from meshfit.report.figures.drawing import Image, draw
 from meshfit.report.figures.trial_meshes import worst_vertex

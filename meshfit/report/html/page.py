@@ -12,7 +12,7 @@ from meshfit.experiment.storage.plan_file import in_planned_order
 from meshfit.experiment.storage.result import read_result_or_warn
 from meshfit.experiment.storage.run_directory import Result
 from meshfit.experiment.trial_status import TrialStatus
-from meshfit.report.extra import import_optional
+from meshfit.optional import import_optional
 from meshfit.report.figures.colours import DISTANCES
 from meshfit.report.html import tables as text
 from meshfit.report.html.charts import draw_curves, draw_histogram, read_curves, shares_beyond
