@@ -72,7 +72,7 @@ def config_reference() -> str:
             shown = "" if isinstance(default, Settings) else f"`{_as_yaml(default)}`"
             rows.append(f"| `{dotted}` | {shown} | {_cell(f'{description} {example}')} |")
         sections = nested + sections
-        head = f"## {title}\n\n{_cell((type(settings).__doc__ or '').strip())}\n"
+        head = f"## {title}\n\n{_cell((type(settings).__doc__ or '').partition('Example:')[0])}\n"
         parts.append("\n".join([head, "| key | default | meaning |", "| --- | --- | --- |", *rows, ""]))
     return "\n".join(parts)
 

@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping
 from types import UnionType
 from typing import Annotated, Any, TypeGuard, TypeVar, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Tag, ValidationError
-from pydantic_core import ErrorDetails
+from pydantic import BaseModel, ConfigDict, GetJsonSchemaHandler, Tag, ValidationError
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, ErrorDetails
 
 from meshfit.errors import ConfigError
 from meshfit.specs import suggest
@@ -48,6 +49,14 @@ class Settings(BaseModel):
         allow_inf_nan=False,
         use_attribute_docstrings=True,
     )
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """Describe the settings by the text of their docstring, without its example."""
+        described = handler.resolve_ref_schema(handler(schema))
+        if "description" in described:
+            described["description"] = described["description"].partition("\n\nExample:")[0]
+        return described
 
 
 Model = TypeVar("Model", bound=Settings)

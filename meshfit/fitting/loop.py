@@ -5,18 +5,20 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch
 
 from meshfit.fitting.callbacks import Interrupted, Step
 from meshfit.fitting.problem import COLUMNS, Checkpoint, Diverged, Problem, Trace
 from meshfit.fitting.settings import FitSettings
+from meshfit.mesh.any_mesh import MeshLike
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.normalisation import IDENTITY, Frame
 from meshfit.mesh.polygons import PolygonMesh
 
 SECONDS_BETWEEN_CHECKPOINTS = 2.0
+_WIDTH_SHOWN, _HEIGHT_SHOWN = 560, 520
 
 
 class Engine(ABC):
@@ -129,6 +131,28 @@ class FitResult:
         """Return the mesh, the number of steps and the last value of the objective."""
         words = [repr(self.polygons or self.mesh), *([self.trace.summary] if self.trace.rows else []), self.device]
         return f"FitResult({', '.join(words)})"
+
+    def show(self, *, edges: bool = True, up: str = "y", image: bool | None = None) -> Any:  # noqa: ANN401
+        """Show the result, and the target beside it: in a window, in a notebook, or as an image without a display.
+
+        Args:
+            edges: draw the edges of faces.
+            up: the axis that points up: `y` or `z`.
+            image: return an image even where there is a display.
+
+        Returns:
+            A PIL image, the view of a notebook, or pyvista's plotter.
+
+        Raises:
+            ConfigError: pyvista is not installed, which the extra `report` brings.
+        """
+        from meshfit.mesh.show import show_meshes
+
+        meshes: dict[str, MeshLike] = {"result": self.polygons or self.mesh}
+        if self.target is not None:
+            meshes["target"] = self.target
+        size = (_WIDTH_SHOWN * len(meshes), _HEIGHT_SHOWN)
+        return show_meshes(meshes, edges=edges, up=up, size=size, image=image)
 
 
 def run(engine: Engine, *, save_end: bool = False, snapshots: int | None = None) -> dict[Problem, FitResult | Diverged]:

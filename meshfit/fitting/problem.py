@@ -40,9 +40,9 @@ class Trace:
         >>> import meshfit
         >>> trace = meshfit.fit("icosahedron", "cube", steps=21, samples=100, device="cpu").trace
         >>> trace
-        Trace(4 rows: step, loss, chamfer, normal, edge, laplacian, consistency, lr; step 0 to 20)
+        Trace(3 rows: step, loss, chamfer, normal, edge, laplacian, consistency, lr; step 0 to 20)
         >>> trace.column("step")
-        [0, 10, 20, 20]
+        [0, 10, 20]
     """
 
     columns: tuple[str, ...] = COLUMNS
@@ -146,7 +146,7 @@ class Problem:
     Example:
         >>> import meshfit
         >>> meshfit.Problem(meshfit.subdivide("cube", "catmull-clark"), "octahedron", seed=3).source
-        Mesh(26 verts, 48 faces, box 0.8981 × 0.8981 × 0.8981)
+        Mesh(26 verts, 48 faces, box 1.155 × 1.155 × 1.155)
 
     Raises:
         MeshError: source or target is not a mesh.
@@ -192,6 +192,14 @@ class Diverged(TrialError):  # noqa: N818  an outcome of a fit, under its usual 
         term: the quantity that was not finite: a loss term, `gradient of TERM`, `vertex position` or `the step`.
         last_good: the mesh before the step.
         trace: the rows before the step.
+
+    Example:
+        >>> import meshfit
+        >>> try:
+        ...     meshfit.fit("icosahedron", "cube", steps=9, samples=100, optimizer={"lr": 1e30}, device="cpu")
+        ... except meshfit.Diverged as diverged:
+        ...     diverged.last_good
+        Mesh(12 verts, 20 faces, box 1.701 × 1.701 × 1.701)
     """
 
     def __init__(self, step: int, term: str, last_good: Mesh, trace: Trace, remedy: str = _REMEDY) -> None:

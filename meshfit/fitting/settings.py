@@ -53,7 +53,14 @@ class OptimizerSettings(Settings):
 
 
 class FirstOrderSettings(Settings):
-    """A first-order fit: gradient descent on weighted losses. Lengths are in the target's normalised frame."""
+    """A first-order fit: gradient descent on weighted losses. Lengths are in the target's normalised frame.
+
+    Example:
+        >>> import meshfit
+        >>> settings = meshfit.FirstOrderSettings(steps=5, samples=100)
+        >>> meshfit.fit("icosahedron", "cube", settings, device="cpu").trace.rows[-1][0]
+        4
+    """
 
     method: Literal["first-order"] = "first-order"
     """Engine: `first-order` moves the source's vertices along the gradient of the weighted losses."""
@@ -74,7 +81,13 @@ class FirstOrderSettings(Settings):
 
 
 class GaussNewtonSettings(Settings):
-    """A Gauss–Newton fit, coarse to fine. Lengths are in the target's normalised frame."""
+    """A Gauss–Newton fit, coarse to fine. Lengths are in the target's normalised frame.
+
+    Example:
+        >>> import meshfit
+        >>> meshfit.GaussNewtonSettings(levels=2, coarse_steps=20).steps
+        69
+    """
 
     # Settings without the key are first-order.
     model_config = ConfigDict(json_schema_extra={"required": [KIND_KEY]})

@@ -25,8 +25,10 @@ class Frame:
     Example:
         >>> import meshfit
         >>> frame = meshfit.Frame(centre=(1.0, 0.0, 0.0), scale=10.0)
-        >>> frame.restore(frame.normalise("icosahedron")).verts.round(6).max()
-        0.850651
+        >>> frame.normalise("octahedron")
+        Mesh(6 verts, 8 faces, box 0.2 × 0.2 × 0.2)
+        >>> frame.restore(frame.normalise("octahedron"))
+        Mesh(6 verts, 8 faces, box 2 × 2 × 2)
     """
 
     centre: tuple[float, float, float]

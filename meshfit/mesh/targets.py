@@ -152,7 +152,7 @@ def load_target(target: str, cleaning: "CleaningOptions | None" = None, *, file:
     Example:
         >>> import meshfit
         >>> meshfit.load_target("bone")
-        Mesh(2,154 verts, 4,304 faces, box 1 × 1 × 1)
+        Mesh(1,513 verts, 3,022 faces, box 0.9493 × 0.1923 × 0.4345)
 
     Raises:
         MeshError: as `target_path` and `load_mesh` do.

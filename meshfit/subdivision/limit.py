@@ -177,7 +177,7 @@ def loop_limit(topology: Topology | MeshLike, scheme: str | Scheme = LOOP, creas
         >>> import meshfit
         >>> mesh = meshfit.as_mesh("icosahedron")
         >>> mesh.with_verts(meshfit.loop_limit(mesh) @ mesh.verts)
-        Mesh(12 verts, 20 faces, box 1.215 × 1.215 × 1.215)
+        Mesh(12 verts, 20 faces, box 1.204 × 1.204 × 1.204)
 
     Raises:
         MeshError: the mesh is not an oriented manifold.

@@ -230,7 +230,7 @@ def refine(
         >>> refinement
         Refinement(2 levels, 12 to 162 verts, 320 faces)
         >>> meshfit.Mesh(refinement(mesh.verts), refinement.faces)
-        Mesh(162 verts, 320 faces, box 1.271 × 1.271 × 1.271)
+        Mesh(162 verts, 320 faces, box 1.436 × 1.436 × 1.436)
 
     Raises:
         SchemeError: levels is negative, the scheme refines another domain, or it takes no creases.
@@ -365,9 +365,9 @@ def subdivide(
     Example:
         >>> import meshfit
         >>> meshfit.subdivide("icosahedron", "interp-loop", 2, alpha=0.5)
-        Mesh(162 verts, 320 faces, box 1.596 × 1.596 × 1.596)
+        Mesh(162 verts, 320 faces, box 1.681 × 1.681 × 1.681)
         >>> meshfit.subdivide("cube", "catmull-clark", 2)
-        PolygonMesh(98 verts, 96 quads, box 0.8018 × 0.8018 × 0.8018)
+        PolygonMesh(98 verts, 96 quads, box 1.014 × 1.014 × 1.014)
         >>> meshfit.subdivide(meshfit.Curves.through([[0, 0, 0], [1, 0, 0], [1, 1, 0]]), "four-point", 3)
         Curves(17 verts, 1 chain, 16 segments)
 

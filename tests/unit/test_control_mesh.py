@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-import meshfit
 from meshfit.experiment.plan import plan
 from meshfit.experiment.running.batch_runner import run_batch
 from meshfit.experiment.storage.run_directory import RunDirectory
@@ -17,6 +16,7 @@ from meshfit.subdivision.polygons.table import POLYGON_SCHEMES
 from meshfit.subdivision.refine import subdivide
 from meshfit.subdivision.triangles.table import TRIANGLE_SCHEMES
 from tests.cli import invoke
+from tests.fits import fit
 from tests.laws.naive import started_at_least
 from tests.loops import over
 from tests.quads import mixed, quad_patch, quad_torus, two_quads_that_share_two_edges
@@ -120,7 +120,7 @@ def test_open_surfaces_and_interior_vertices_of_valence_2(tmp_path, scheme, make
 )
 def test_the_control_mesh_of_a_fit_from_python(make, scheme, kind):
     mesh = make()
-    result = meshfit.fit(mesh.with_verts(0.5 * mesh.verts), octahedron(), scheme=scheme, device="cpu", **FIT)
+    result = fit(mesh.with_verts(0.5 * mesh.verts), octahedron(), scheme=scheme, device="cpu", **FIT)
     assert type(result.control) is kind
     fine = subdivide(result.control, scheme, 2)
     expected = result.mesh if result.polygons is None else result.polygons

@@ -4,6 +4,7 @@ import re
 from fractions import Fraction
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from meshfit.config.loading import bundled_configs, load_experiment
@@ -45,7 +46,9 @@ def test_the_python_examples_run_and_write_a_result(page, tmp_path, monkeypatch,
     assert load_mesh(tmp_path / "result.ply").num_verts == 162
     for more in batch:
         exec(compile(more.replace("steps=500", "steps=5"), page, "exec"), names)
-        assert names["outcomes"][0].mesh.verts.tobytes() == names["result"].mesh.verts.tobytes()
+        assert len(names["outcomes"]) == 8
+        apart = [np.abs(mesh.verts - names["result"].mesh.verts).max() for mesh in names["meshes"]]
+        assert max(apart) < 0.3 * names["frame"].scale
 
 
 def test_the_example_of_a_scheme_is_an_entry_of_the_table():

@@ -29,6 +29,7 @@ from meshfit.subdivision.polygons.table import POLYGON_SCHEMES
 from meshfit.subdivision.refine import growth, subdivide
 from meshfit.subdivision.registry import resolve
 from tests.checkpoints import through_a_file
+from tests.fits import fit
 from tests.loops import over
 from tests.quads import quad_cube
 from tests.small import experiment
@@ -104,7 +105,7 @@ def test_decimation_leaves_triangles_to_go_on_from():
 
 def fitted(source, scheme, **changes):
     options = GAUSS_NEWTON | {"connectivity": "fixed", "levels": 1, "verts": 200} | changes
-    return meshfit.fit(source, goal(), device="cpu", scheme=scheme, **options)
+    return fit(source, goal(), device="cpu", scheme=scheme, **options)
 
 
 def sphere(levels=1):

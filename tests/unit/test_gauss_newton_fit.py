@@ -21,6 +21,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.refine import subdivide
+from tests.fits import fit
 from tests.loops import over
 from tests.ragged import BOOK
 from tests.shapes import torus
@@ -63,7 +64,7 @@ TARGETS = {"ellipsoid": (ellipsoid, 2.8), "rounded box": (rounded_box, 4.0), "bu
 
 def fitted(goal, source=None, **changes):
     options = SMALL | {"method": "gauss-newton", "device": "cpu", "scheme": "loop"} | changes
-    return meshfit.fit(source or ball(2, 0.3), goal, **options)
+    return fit(source or ball(2, 0.3), goal, **options)
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, icosahedron
 from meshfit.subdivision.refine import subdivide
+from tests.fits import fit
 from tests.shapes import table
 
 LEGS = 0.5
@@ -103,7 +104,7 @@ def fitted_from_a_ball():
     ball = Mesh(0.3 * ball.verts / np.linalg.norm(ball.verts, axis=1, keepdims=True), ball.faces)
     settings = {"verts": 1200, "levels": 0, "coarse_steps": 40, "tries": 1, "level_steps": 8, "last_steps": 0}
     goal = table()
-    result = meshfit.fit(ball, goal, method="gauss-newton", device="cpu", scheme="loop", **settings).mesh
+    result = fit(ball, goal, method="gauss-newton", device="cpu", scheme="loop", **settings).mesh
     return meshfit.measure(result, goal, samples=5000, points=1000)
 
 

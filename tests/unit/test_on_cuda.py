@@ -17,6 +17,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron
 from meshfit.settings import build
 from meshfit.subdivision.refine import subdivide
+from tests.fits import fit
 from tests.shapes import real
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
@@ -88,9 +89,7 @@ def test_a_fit_is_as_near_as_on_the_cpu():
     """Samples differ, and with them the losses of single steps, some of which leap."""
     (problem,) = problems(1)
     options = {"steps": 300, "samples": 1000, "losses": WEIGHTS, "trace_every": 1}
-    traces = [
-        meshfit.fit(problem.source, problem.target, device=device, **options).trace.rows for device in ("cpu", "cuda")
-    ]
+    traces = [fit(problem.source, problem.target, device=device, **options).trace.rows for device in ("cpu", "cuda")]
     here, there = (np.median([row[2] for row in rows[-100:]]) for rows in traces)
     np.testing.assert_allclose(there, here, rtol=0.2)
 
@@ -112,7 +111,7 @@ def test_gauss_newton_reaches_what_it_reaches_on_the_cpu(connectivity):
     options |= {"verts": 1000} if connectivity == "remeshed" else {}
     rms = []
     for device in ("cpu", "cuda"):
-        result = meshfit.fit(start, goal, device=device, **options)
+        result = fit(start, goal, device=device, **options)
         cloud = torch.tensor(goal.verts)
         near = nearest_neighbour_search(torch.tensor(result.mesh.verts))(cloud)
         rms.append(float((torch.tensor(result.mesh.verts)[near] - cloud).norm(dim=1).square().mean().sqrt()))
