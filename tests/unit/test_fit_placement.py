@@ -17,6 +17,7 @@ from meshfit.fitting.keywords import FitKeys, Losses, OptimizerKeys, ScheduleKey
 from meshfit.fitting.progress import Course, step_costs
 from meshfit.fitting.settings import METHODS, LossWeights, OptimizerSettings, Schedule
 from meshfit.mesh.solids import cube, icosahedron, octahedron
+from tests.cli import answered, trials_in_this_process
 from tests.fits import fit as raw_fit
 from tests.loops import over
 from tests.shapes import mixed_closed
@@ -53,18 +54,16 @@ def test_the_result_is_that_of_the_normalised_meshes_to_the_byte():
 
 
 def test_a_run_with_the_same_settings_gives_the_same_bytes(tmp_path):
-    from tests.cli import invoke
-
     meshfit.save_mesh(moved(mixed_closed()), tmp_path / "target.ply")
     config = tmp_path / "same.yaml"
     config.write_text(
         "targets: [target.ply]\nschemes: [midpoint]\nseeds: [3]\n"
         "source: {mesh: icosahedron, levels: 4, project: sphere}\n"
-        "fit: {steps: 5, samples: 200}\nmeasure: {samples: 100, points: 100}\ndevice: cpu\nwrite_frame: target\n",
+        "fit: {steps: 5, samples: 200}\nmeasure: {samples: 100, points: 100}\ndevice: cpu\n",
         encoding="utf-8",
     )
-    answer = invoke("run", config, "--runs", tmp_path / "runs", "--quiet")
-    assert answer.code == 0, answer.err
+    with trials_in_this_process():
+        answered("run", config, "--runs", tmp_path / "runs", "--quiet")
     (path,) = (tmp_path / "runs").rglob("result.ply")
     result = meshfit.fit("sphere", tmp_path / "target.ply", steps=5, samples=200, seed=3, device="cpu")
     meshfit.save_mesh(result, tmp_path / "result.ply")
