@@ -6,12 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
+from meshfit.doors import no_type_check
 from meshfit.measuring.proximity import is_inside, point_distances
-from meshfit.measuring.surface import require_surface
+from meshfit.measuring.surface import as_triangles, require_surface
+from meshfit.mesh.any_mesh import MeshLike
 from meshfit.mesh.io.ply import write_ply_values
 from meshfit.mesh.manifold import is_watertight
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
+from meshfit.units import count_text
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,11 +25,22 @@ class Deviation:
         verts: (V,) of the vertices.
         faces: (F,) of the faces, at their centroids.
         signed: whether they are negative inside the target and positive outside; otherwise none is negative.
+
+    Example:
+        >>> import meshfit
+        >>> meshfit.deviation("octahedron", "icosahedron")
+        Deviation(6 verts, 8 faces, -0.2173 to 0.1493, negative inside)
     """
 
     verts: Float64[np.ndarray, " V"]
     faces: Float64[np.ndarray, " F"]
     signed: bool
+
+    def __repr__(self) -> str:
+        """Return the numbers of vertices and faces, and the range of the distances."""
+        counts = f"{count_text(len(self.verts), 'vert')}, {count_text(len(self.faces), 'face')}"
+        both = np.concatenate([self.verts, self.faces])
+        return f"Deviation({counts}, {both.min():.4g} to {both.max():.4g}{', negative inside' if self.signed else ''})"
 
     @property
     def name(self) -> str:
@@ -34,22 +48,25 @@ class Deviation:
         return "distance" if self.signed else "unsigned_distance"
 
 
-def deviation(result: Mesh, target: Mesh) -> Deviation:
+@no_type_check
+def deviation(result: MeshLike, target: MeshLike) -> Deviation:
     """Return the distance of each vertex and face of a mesh from a target, signed if the target is closed.
 
     Args:
-        result: V vertices, F faces.
-        target: the mesh to measure to.
+        result: V vertices, F faces, in any form that `as_mesh` takes, such as a `FitResult`; polygons are triangulated.
+        target: the mesh to measure to, in any form that `as_mesh` takes.
 
     Example:
-        >>> from meshfit.mesh.solids import cube
-        >>> half = cube().with_verts(cube().verts / 2)
-        >>> bool((deviation(half, cube()).verts < 0).all())
+        >>> import meshfit
+        >>> cube = meshfit.as_mesh("cube")
+        >>> half = cube.with_verts(cube.verts / 2)
+        >>> bool((meshfit.deviation(half, cube).verts < 0).all())
         True
 
     Raises:
         MeasureError: a mesh without a surface.
     """
+    result, target = as_triangles(result, "result"), as_triangles(target, "target")
     require_surface(result, "result")
     require_surface(target, "target")
     centroids = result.verts[result.faces].mean(axis=1)

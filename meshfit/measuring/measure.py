@@ -10,8 +10,8 @@ from meshfit.measuring.metrics import MEASURED
 from meshfit.measuring.points import Chamfer, FScore, NormalConsistency, point_scores
 from meshfit.measuring.quality import Quality, mesh_quality
 from meshfit.measuring.settings import MeasureSettings
-from meshfit.mesh.any_mesh import MeshLike, as_mesh
-from meshfit.mesh.mesh import Mesh
+from meshfit.measuring.surface import as_triangles
+from meshfit.mesh.any_mesh import MeshLike
 from meshfit.optional import import_pandas
 from meshfit.settings import override
 from meshfit.units import count_text, html_table
@@ -134,7 +134,7 @@ def measure(  # noqa: PLR0913  the settings, by name
     given = {"samples": samples, "points": points, "f_score_tau": f_score_tau, "crease_angle": crease_angle}
     changes = {key: value for key, value in (given | {"seed": seed}).items() if value is not None} | unknown
     settings = override(settings or MeasureSettings(), changes)
-    result, target = _triangles(result, "result"), _triangles(target, "target")
+    result, target = as_triangles(result, "result"), as_triangles(target, "target")
     hausdorff, distance, normal_angle, farthest = surface_distances(result, target, settings.samples, settings.seed)
     points, tau = settings.points, settings.f_score_tau
     chamfer, f_score, normal_consistency = point_scores(result, target, points, tau, settings.seed)
@@ -143,7 +143,3 @@ def measure(  # noqa: PLR0913  the settings, by name
     return Measurement(
         hausdorff, distance, chamfer, f_score, normal_consistency, normal_angle, edges, quality, farthest
     )
-
-
-def _triangles(mesh: MeshLike, role: str) -> Mesh:
-    return mesh if isinstance(mesh, Mesh) else as_mesh(mesh, role, triangles=True)

@@ -2,12 +2,20 @@
 
 import numpy as np
 
+from meshfit.doors import no_type_check
 from meshfit.errors import MeasureError
+from meshfit.mesh.any_mesh import MeshLike, as_mesh
 from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.mesh import Mesh
 
 # MeshLab, which counts self-intersecting faces, holds coordinates in single precision, and squares them.
 _LARGEST_COORDINATE = 1e15
+
+
+@no_type_check
+def as_triangles(mesh: MeshLike, role: str) -> Mesh:
+    """Return a mesh in any form that `as_mesh` takes as triangles; a `Mesh` stays as it is, for `require_surface`."""
+    return mesh if isinstance(mesh, Mesh) else as_mesh(mesh, role, triangles=True)
 
 
 def require_surface(mesh: Mesh, role: str) -> None:
