@@ -90,22 +90,68 @@ def print_warning(message: str) -> None:
     err.print(f"[bold magenta]warning:[/] {escape(message)}", soft_wrap=True)
 
 
+class _Warnings:
+    """The warnings of a command: each is shown once, and those of one file after another on one line."""
+
+    def __init__(self) -> None:
+        self.shown: set[str] = set()
+        self._file, self._texts = "", list[str]()
+
+    def show(self, text: str) -> None:
+        """Show a warning, or hold it until one of another file comes, or something else is printed."""
+        if text in self.shown:
+            return
+        self.shown.add(text)
+        file, separator, rest = text.partition(": ")
+        if not separator or (" " in file and not os.path.exists(file)):  # noqa: PTH110  any text, perhaps no path
+            file, rest = "", text
+        # A warning of several clauses keeps a line of its own.
+        if not file or file != self._file or ";" in rest:
+            self.flush()
+        self._file = file
+        self._texts.append(rest)
+
+    def flush(self) -> None:
+        """Print what is held."""
+        texts, self._texts = self._texts, []
+        if texts:
+            print_warning(": ".join(filter(None, (self._file, "; ".join(texts)))))
+
+
+class _Flushing(RenderHook):
+    def process_renderables(self, renderables: list[ConsoleRenderable]) -> list[ConsoleRenderable]:
+        _warnings.flush()
+        return renderables
+
+
+_warnings = _Warnings()
+out.push_render_hook(_Flushing())
+err.push_render_hook(_Flushing())
+
+
+def warn_once(text: str) -> None:
+    """Show a warning unless the command has shown it before."""
+    _warnings.show(text)
+
+
 @contextmanager
 def show_warnings() -> Iterator[None]:
-    """Print meshfit's own warnings as single lines, each once, and ignore all others."""
-    seen: set[str] = set()
+    """Show meshfit's own warnings, each once and those of a file on one line, and ignore all others."""
+    global _warnings  # noqa: PLW0603  of the command that runs
+    _warnings = _Warnings()
 
     def show(message: Warning | str, *_: object, **__: object) -> None:
-        text = str(message)
-        if isinstance(message, MeshfitWarning) and text not in seen:
-            seen.add(text)
-            print_warning(text)
+        if isinstance(message, MeshfitWarning):
+            _warnings.show(str(message))
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         warnings.simplefilter("always", MeshfitWarning)
         warnings.showwarning = show
-        yield
+        try:
+            yield
+        finally:
+            _warnings.flush()
 
 
 def exit_code_of(command: Callable[[], int]) -> int:

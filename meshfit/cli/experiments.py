@@ -1,6 +1,8 @@
 """Run the missing trials of a plan, print the table of all trials, and list the failures."""
 
 import json
+import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -8,7 +10,7 @@ from typing import TYPE_CHECKING
 import typer
 from rich.markup import escape
 
-from meshfit.cli.console import EXIT_FAILED, err, out, print_warning
+from meshfit.cli.console import EXIT_FAILED, err, out, print_warning, warn_once
 from meshfit.cli.options import RunOptions
 from meshfit.cli.progress import show_progress
 from meshfit.cli.table import check_display, show_tables
@@ -21,7 +23,7 @@ from meshfit.experiment.storage.plan_file import in_planned_order
 from meshfit.experiment.storage.result import read_result_or_warn
 from meshfit.experiment.storage.run_directory import FAILURE, RESULT, Result, RunDirectory, damage, make_folder
 from meshfit.experiment.trial_status import Outcome, TrialStatus
-from meshfit.paths import shell_path
+from meshfit.paths import file_stem, shell_path
 from meshfit.report.tables.grouping import distinguish_definitions
 from meshfit.units import count_text, duration_text
 
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
     from meshfit.experiment.running.backends import Remote
 
 _MOST_LISTED_PER_REASON = 20
+_MOST_TARGETS = 3
+_NUMBER = re.compile(r"\d[\d.]*(?:e[-+]?\d+)?")
 
 
 def run_and_report(trials: Sequence[Trial], options: RunOptions) -> int:
@@ -52,10 +56,7 @@ def run_and_report(trials: Sequence[Trial], options: RunOptions) -> int:
     if options.as_json:
         typer.echo(json.dumps(_plain_results(results), indent=2))
     elif results:
-        for note in dict.fromkeys(
-            f"{result['target']}: {text}" for result in results for text in result.get("warnings", ())
-        ):
-            print_warning(note)
+        _show_warnings(results)
         show_tables(results, options.metrics, baseline=options.baseline)
         folders = dict.fromkeys(str(options.runs / trial.experiment) for trial in trials)
         out.print(f"\nResults: {', '.join(folders)}", soft_wrap=True, markup=False)
@@ -134,6 +135,25 @@ def _remote(options: RunOptions) -> Iterator["Remote | None"]:
 def _results_of(trials: Sequence[Trial], store: RunDirectory) -> list[Result]:
     results = [read_result_or_warn(store.folder(trial)) for trial in trials]
     return distinguish_definitions(in_planned_order(result for result in results if result is not None))
+
+
+def _show_warnings(results: Sequence[Result]) -> None:
+    """Show the warnings of trials, each once; those that differ in numbers alone are the same one."""
+    trials = Counter(result["target"] for result in results)
+    alike: dict[str, list[tuple[str, str]]] = {}
+    for result in results:
+        for text in dict.fromkeys(result.get("warnings", ())):
+            if file_stem(text.partition(": ")[0]) == result["target"]:
+                warn_once(text)  # it names the target's file
+            else:
+                alike.setdefault(_NUMBER.sub("#", text), []).append((result["target"], text))
+    for cases in alike.values():
+        targets = list(dict.fromkeys(target for target, _ in cases))
+        more = len(targets) - _MOST_TARGETS
+        named = ", ".join(targets[:_MOST_TARGETS]) + (f" and {count_text(more, 'more target')}" if more > 0 else "")
+        total = sum(trials[target] for target in targets)
+        share = f" ({len(cases)} of {total} trials)" if len(cases) < total else ""
+        warn_once(f"{named}: {cases[0][1]}{share}")
 
 
 def _plain_results(results: Sequence[Result]) -> list[Result]:

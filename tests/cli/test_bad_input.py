@@ -65,7 +65,7 @@ def test_what_was_mended_is_told_on_stderr_and_the_work_is_done(folder):
     (folder / "in.obj").write_text(OBJ + "f 1 2 4\nv 9 9 9\n")
     ran = invoke("subdivide", "in.obj", "out.ply")
     assert ran.code == 0
-    assert ran.err == "warning: in.obj: dropped 1 duplicate face\nwarning: in.obj: dropped 1 unreferenced vertex\n"
+    assert ran.err == "warning: in.obj: dropped 1 duplicate face; dropped 1 unreferenced vertex\n"
     assert load_mesh("out.ply").num_faces == 16
 
 
@@ -159,7 +159,8 @@ def test_every_command_refuses_a_bad_file_alike(folder, name, command):
             "targets=[solid.ply]",
         ],
     }[command]
-    assert refused(*arguments).startswith(f"error: {name}: {message}")
+    place = folder / name if command.startswith("run") else name
+    assert refused(*arguments).startswith(f"error: {place}: {message}")
     assert {path.name for path in folder.iterdir()} == {name, "solid.ply"}
 
 

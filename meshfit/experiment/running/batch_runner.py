@@ -10,7 +10,7 @@ from filelock import FileLock, Timeout
 
 from meshfit.errors import StoreError
 from meshfit.experiment.plan import Trial
-from meshfit.experiment.running.trial_runner import TrialRunner
+from meshfit.experiment.running.trial_runner import TrialRunner, recorded_warnings
 from meshfit.experiment.storage.run_directory import CHECKPOINT, RESULT, RunDirectory
 from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
 from meshfit.fitting.callbacks import Interrupted
@@ -100,13 +100,14 @@ def _run(runners: Sequence[TrialRunner], device: str | None, threads: int) -> No
     settings = runners[0].trial.settings
     clock.start(len(problems))
     try:
-        outcomes = fit_batch(
-            list(problems.values()),
-            settings.fit,
-            device=device or settings.device,
-            dtype=settings.dtype,
-            threads=threads,
-        )
+        with recorded_warnings() as texts:
+            outcomes = fit_batch(
+                list(problems.values()),
+                settings.fit,
+                device=device or settings.device,
+                dtype=settings.dtype,
+                threads=threads,
+            )
     except (Interrupted, StoreError):
         raise
     except Exception as error:  # noqa: BLE001  any error, of any trial of the batch
@@ -115,6 +116,8 @@ def _run(runners: Sequence[TrialRunner], device: str | None, threads: int) -> No
     clock.stop()
     for runner, outcome in zip(problems, outcomes, strict=True):
         with _failures_recorded(runner):
+            for text in texts:
+                runner.warn(text)
             if isinstance(outcome, Diverged):
                 raise outcome
             runner.finish(outcome)

@@ -3,10 +3,13 @@
 import platform
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
+
+import numpy as np
 
 from meshfit.config.strict_yaml import dump
 from meshfit.errors import MeshError, MeshfitWarning
@@ -37,17 +40,25 @@ from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
 from meshfit.fitting.callbacks import Step
 from meshfit.fitting.loop import FitResult
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem
+from meshfit.fitting.settings import FirstOrderSettings, FitSettings
 from meshfit.measuring.measure import measure
 from meshfit.mesh.alignment import align, boxes_are_disjoint
 from meshfit.mesh.cleaning_options import CleaningOptions
-from meshfit.mesh.geometry import face_areas
+from meshfit.mesh.geometry import bounding_box_diagonal, face_areas
 from meshfit.mesh.io.files import encode_mesh
 from meshfit.mesh.manifold import describe_topology
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.nearest import nearest_point_query
 from meshfit.mesh.normalisation import Frame, Normalisation, frame_of
 from meshfit.mesh.polygons import PolygonMesh
+from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.targets import file_sha256, load_target, target_path
 from meshfit.mesh.topology import Topology
+
+# A source whose box has this many times the diagonal of the target's is reported; so is a result whose distance is that
+# many times the source's, with a margin for the samples that it is estimated from.
+_MUCH_LARGER, _FARTHER = 2.5, 1.1
+_POINTS = 5000
 
 
 class TrialRunner:
@@ -126,7 +137,9 @@ class TrialRunner:
         self.store.write(self.trial, "trace.csv", fitted.trace.to_csv())
         self._report(TrialStatus.MEASURING)
         start = time.perf_counter()
-        measured = measure(fitted.mesh, self._target, self.trial.settings.measure)
+        with self.warnings_recorded():
+            measured = measure(fitted.mesh, self._target, self.trial.settings.measure)
+            _warn_if_farther(self._source, fitted.mesh, self._target, self.trial.settings.fit)
         seconds["measure"] = time.perf_counter() - start
         source = {"area": float(face_areas(self._source).sum())}
         source |= {"verts": self._source.num_verts, "faces": self._source.num_faces}
@@ -150,6 +163,20 @@ class TrialRunner:
         message = f"{record['kind']}: {record['message']}"
         self._log.close("".join([f"failed, {message}\n", *record.get("traceback", [])]).rstrip())
         self.outcome = Outcome(TrialStatus.FAILED, message, record["kind"])
+
+    def warn(self, text: str) -> None:
+        """Add a warning to the result and the log."""
+        if text not in self._warnings:
+            self._warnings.append(text)
+            self._log.note(f"warning: {text}")
+
+    @contextmanager
+    def warnings_recorded(self) -> Iterator[None]:
+        """Add the warnings that are given within the block, instead of showing them."""
+        with recorded_warnings() as texts:
+            yield
+        for text in texts:
+            self.warn(text)
 
     def stop(self) -> None:
         """Stop, so that a later attempt resumes from the last checkpoint."""
@@ -222,6 +249,16 @@ def _check_unchanged(name: str, sha256: str | None) -> None:
         raise MeshError(f"{name}: the file has changed since the run began; run the same command again")
 
 
+@contextmanager
+def recorded_warnings() -> Iterator[list[str]]:
+    """Collect meshfit's own warnings within the block, and drop all others."""
+    texts: list[str] = []
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", MeshfitWarning)
+        yield texts
+    texts += _texts(caught)
+
+
 def _texts(caught: Sequence[warnings.WarningMessage]) -> list[str]:
     return [str(warning.message) for warning in caught if issubclass(warning.category, MeshfitWarning)]
 
@@ -234,6 +271,32 @@ def _warn_of_differences(source: Mesh, target: Mesh) -> None:
     if boxes_are_disjoint(source, target):
         text = "the bounding boxes of source and target do not overlap; set source.align or source.centre"
         warnings.warn(text, MeshfitWarning, stacklevel=2)
+    sizes = [bounding_box_diagonal(mesh.verts) for mesh in (source, target)]
+    if sizes[0] > _MUCH_LARGER * sizes[1]:
+        text = (
+            f"the source is {sizes[0] / sizes[1]:.2g} times as large as the target (diagonals {sizes[0]:.3g} and "
+            f"{sizes[1]:.3g} in the normalised frame); set a smaller source.radius, or source.align: pca"
+        )
+        warnings.warn(text, MeshfitWarning, stacklevel=2)
+
+
+def _warn_if_farther(source: Mesh, result: Mesh, target: Mesh, fit: FitSettings) -> None:
+    """Warn of a result that is farther from the target than the source was."""
+    before, after = (_mean_distance(mesh, target) for mesh in (source, result))
+    if after > _FARTHER * before:
+        remedy = ""
+        if isinstance(fit, FirstOrderSettings):
+            remedy = "; raise fit.samples, or lower fit.optimizer.lr"
+        text = f"the fit ended farther from the target than it began: mean distance {after:.3g}, at first {before:.3g}"
+        warnings.warn(f"{text}{remedy}", MeshfitWarning, stacklevel=2)
+
+
+def _mean_distance(mesh: Mesh, target: Mesh) -> float:
+    """Return about the mean distance of two surfaces, both ways, from samples of both."""
+    generator = np.random.default_rng(0)
+    first, second = (sample_surface(each, _POINTS, generator).points for each in (mesh, target))
+    ways = ((first, second), (second, first))
+    return float(np.mean([np.linalg.norm(p - q[nearest_point_query(q)(p)], axis=1).mean() for p, q in ways]))
 
 
 def peak_memory_mb(*, of_children: bool = False) -> float | None:
