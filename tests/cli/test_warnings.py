@@ -15,7 +15,7 @@ CONFIG = """\
 targets: [ellipsoid.ply, twice.obj]
 schemes: [loop, interp-loop]
 source: {mesh: icosahedron, levels: 1}
-fit: {steps: 40, samples: 1000, optimizer: {lr: 0.3}}
+fit: {steps: 60, samples: 1000, losses: {laplacian: 0, edge: 0, normal: 0}}
 measure: {samples: 200, points: 200}
 device: cpu
 """
