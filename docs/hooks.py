@@ -1,10 +1,11 @@
-"""MkDocs hooks: generate the reference of commands and config keys from the code, and add the pictures of the README.
+"""MkDocs hooks: generate the reference of commands and config keys, run notebooks, and add the README's pictures.
 
 A page asks for generated text by a comment on a line of its own: `<!-- commands -->` or `<!-- config keys -->`.
 """
 
 import json
 import re
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args
@@ -20,12 +21,20 @@ from meshfit.config.experiment import ExperimentSettings
 from meshfit.fitting.settings import METHODS
 from meshfit.settings import Settings
 
+sys.path.insert(0, str(Path(__file__).parent))  # MkDocs loads this file alone
+from notebooks import as_markdown, executed
+
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pictures in data/pictures, which the README shows too, as pictures/ of the site."""
     data = Path(config.config_file_path).parent / "data"
     for picture in sorted((data / "pictures").glob("*.png")):
         files.append(File(f"pictures/{picture.name}", str(data), config.site_dir, use_directory_urls=True))
+    for path in sorted(Path(config.docs_dir).glob("notebooks/*.ipynb")):
+        page, pictures = as_markdown(executed(path), path.name)
+        files.append(File.generated(config, f"notebooks/{path.stem}.md", content=page))
+        for name, content in pictures.items():
+            files.append(File.generated(config, f"notebooks/{name}", content=content))
     return files
 
 

@@ -16,6 +16,19 @@ from meshfit.optional import import_pandas
 from meshfit.settings import override
 from meshfit.units import count_text, html_table
 
+_SHOWN_FIRST = (
+    "hausdorff.symmetric",
+    "hausdorff.percent_of_diagonal",
+    "distance.mean",
+    "distance.rms",
+    "f_score.f1",
+    "normal_consistency.signed",
+    "normal_angle.mean",
+    "quality.self_intersecting_faces",
+    "quality.flipped_faces",
+    "quality.watertight",
+)
+
 
 @dataclass(frozen=True)
 class Measurement:
@@ -61,9 +74,13 @@ class Measurement:
         return f"Measurement({distances}, {closed}, {crossing})"
 
     def _repr_html_(self) -> str:
-        """Return all metrics as a table, for notebooks."""
-        rows = ((MEASURED[name].title, MEASURED[name].text(value)) for name, value in self.flat().items())
-        return html_table(("metric", "value"), rows)
+        """Return the most important metrics as a table, and one of all to open, for notebooks."""
+        values = self.flat()
+        rows = {name: (MEASURED[name].title, MEASURED[name].text(value)) for name, value in values.items()}
+        first = html_table(("metric", "value"), (rows[name] for name in _SHOWN_FIRST))
+        return (
+            f"{first}<details><summary>all metrics</summary>{html_table(('metric', 'value'), rows.values())}</details>"
+        )
 
     def flat(self) -> dict[str, Any]:
         """Return every metric by its name, `group.name`, in the order of `MEASURED`."""

@@ -143,6 +143,6 @@ def _style(mesh: Mesh | PolygonMesh, values: ArrayLike, label: str) -> dict[str,
         "values": numbers,
         "cmap": "coolwarm" if signed else "viridis",
         "clim": (-limit if signed else 0.0, limit),
-        "scalar_bar_args": {"title": label, "color": "black", "n_labels": 3, "fmt": "%.3g", "vertical": True},
+        "scalar_bar_args": {"title": f"{label}\n", "color": "black", "n_labels": 3, "fmt": "%.3g", "vertical": True},
         "color": None,
     }

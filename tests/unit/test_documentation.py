@@ -1,5 +1,6 @@
 """The examples in the README and the documentation work as they are written."""
 
+import json
 import re
 from fractions import Fraction
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import meshfit
 from meshfit.config.loading import bundled_configs, load_experiment
 from meshfit.config.sweeps import variants_of
 from meshfit.mesh.io.files import load_mesh
@@ -57,6 +59,19 @@ def test_the_example_of_a_scheme_is_an_entry_of_the_table():
     )
     entries = eval("{" + example + "}", vars(table) | {"SchemeEntry": SchemeEntry})
     assert entries["my-butterfly"].declare().inserted.wing == Fraction(-1, 20)
+
+
+def test_notebooks_are_kept_without_outputs_and_use_public_names():
+    """`make docs` runs them."""
+    notebooks = sorted((ROOT / "docs").rglob("*.ipynb"))
+    assert notebooks
+    for path in notebooks:
+        cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+        code = [cell for cell in cells if cell["cell_type"] == "code"]
+        assert not any(cell["outputs"] or cell["execution_count"] for cell in code), path
+        text = "\n".join("".join(cell["source"]) for cell in code)
+        compile(text, path, "exec")
+        assert set(re.findall(r"\bmeshfit\.(\w+)", text)) <= set(dir(meshfit))
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "yaml")])

@@ -223,7 +223,7 @@ def test_a_measurement_is_a_table_in_a_notebook():
     measured = meshfit.measure("octahedron", "cube", samples=100, points=100)
     html = measured._repr_html_()
     assert f"<td>{measured.hausdorff.symmetric:.4g}</td>" in html
-    assert html.count("<tr>") == 1 + len(measured.flat())
+    assert html.count("<tr>") == 1 + 10 + 1 + len(measured.flat())
     assert "Mesh" not in repr(measured)
     assert len(repr(measured)) < 150
 
