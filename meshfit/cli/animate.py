@@ -1,6 +1,6 @@
 """`meshfit animate`: a video of a fit, from its snapshots."""
 
-import json
+import os
 import shlex
 from collections.abc import Iterator
 from datetime import UTC, datetime
@@ -66,9 +66,8 @@ def animate(
 
 
 def _require_snapshots(trial: "ScannedTrial") -> None:
-    from meshfit.config.loading import bundled_configs
     from meshfit.experiment.storage.checkpoint import snapshots_in
-    from meshfit.experiment.storage.run_directory import RESULT, read_json
+    from meshfit.experiment.storage.run_directory import CONFIG, RESULT, read_json
     from meshfit.experiment.trial_status import TrialStatus
 
     if trial.status is not TrialStatus.COMPLETE:
@@ -77,13 +76,13 @@ def _require_snapshots(trial: "ScannedTrial") -> None:
     if snapshots_in(trial.path):
         return
     result = read_json(trial.path / RESULT)
-    name = result["experiment"]
-    config = name if name in bundled_configs() else shell_path(f"{name}.yaml")
-    settings = {"fit.snapshots": max(1, result["fit"]["steps"] // _SUGGESTED_SNAPSHOTS)}
-    settings |= {key: result["settings"][key] for key in ("targets", "schemes", "seeds")}
-    changes = (f"{key}={json.dumps(value, ensure_ascii=False)}" for key, value in settings.items())
-    sets = " ".join(f"--set {shlex.quote(change)}" for change in changes)
-    raise ConfigError(f"{trial.label}: no snapshots; to take some: meshfit run {config} {sets} --force")
+    every = max(1, result["fit"]["steps"] // _SUGGESTED_SNAPSHOTS)
+    # The config in the trial's folder is of this trial alone, whatever the command that ran it.
+    name, place = shlex.quote(result["experiment"]), shell_path(trial.path)
+    root = Path(os.path.abspath(trial.path)).parents[3]  # noqa: PTH100  a run directory may be a link
+    runs = shell_path(os.path.relpath(root))
+    command = f"meshfit run {place}/{CONFIG} --name {name} --runs {runs} --set fit.snapshots={every} --force"
+    raise ConfigError(f"{trial.label}: no snapshots; to take some: {command}")
 
 
 def _with_progress(images: Iterator[_T], count: int) -> Iterator[_T]:

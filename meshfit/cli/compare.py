@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from meshfit.cli import completions
-from meshfit.cli.options import SELECTION, RunOptions, Seeds, Targets, takes_run_options
+from meshfit.cli.options import SELECTION, ExperimentName, RunOptions, Seeds, Targets, takes_run_options
 from meshfit.errors import ConfigError
 
 
@@ -32,10 +32,12 @@ def compare(
     ] = "table1",
     targets: Targets = None,
     seeds: Seeds = None,
+    name: ExperimentName = None,
 ) -> int:
     """Compare subdivision schemes, paired by seed.
 
-    Missing trials are run first. The table shows the differences and their confidence intervals.
+    Missing trials are run first, in a folder of their own; those that are complete in another experiment of the run
+    directory are copied from there. The table shows the differences and their confidence intervals.
 
     Examples:
         meshfit compare loop interp-loop
@@ -44,11 +46,12 @@ def compare(
         meshfit compare loop my-scheme.yaml
     """
     from meshfit.cli.experiments import run_and_report
-    from meshfit.config.loading import load_experiment, with_axes
+    from meshfit.config.loading import load_experiment, renamed, with_axes
     from meshfit.experiment.plan import plan
 
     if len(schemes) < 2:
         raise ConfigError(f"expected two or more schemes to compare, got one: {schemes[0]}")
     experiment = load_experiment(config, options.overrides or ())
     changed = with_axes(experiment, targets=targets, schemes=schemes, seeds=seeds)
+    changed = renamed(changed, name, compared=True)
     return run_and_report(plan([changed], remote=options.cluster is not None), options)

@@ -19,6 +19,7 @@ from meshfit.experiment.plan import Trial
 from meshfit.experiment.running.scheduler import run_trials
 from meshfit.experiment.status.eta import Estimate, estimate
 from meshfit.experiment.storage.checkpoint import snapshots_in
+from meshfit.experiment.storage.copying import copy_complete, find_complete
 from meshfit.experiment.storage.plan_file import in_planned_order
 from meshfit.experiment.storage.result import read_result_or_warn
 from meshfit.experiment.storage.run_directory import FAILURE, RESULT, Result, RunDirectory, damage, make_folder
@@ -50,6 +51,7 @@ def run_and_report(trials: Sequence[Trial], options: RunOptions) -> int:
         _print_plan(trials, store, options)
         return 0
     if not options.force:
+        _copy_complete(trials, store, quiet=options.quiet)
         _warn_of_missing_snapshots(trials, store)
     outcomes = _run_missing(trials, store, options)
     results = _results_of(trials, store)
@@ -63,23 +65,32 @@ def run_and_report(trials: Sequence[Trial], options: RunOptions) -> int:
     return _print_failures(trials, outcomes, store)
 
 
+def _copy_complete(trials: Sequence[Trial], store: RunDirectory, *, quiet: bool) -> None:
+    """Copy trials that are complete in other experiments, and say how many."""
+    names = copy_complete(trials, store)
+    for name, count in sorted(Counter(names).items()):
+        if not quiet:
+            err.print(f"copied {count_text(count, 'complete trial')} of {name}", soft_wrap=True, markup=False)
+
+
 def _print_plan(trials: Sequence[Trial], store: RunDirectory, options: RunOptions) -> None:
-    complete = [store.is_complete(trial) for trial in trials]
+    found = find_complete(trials, store)
+    complete = [folder is not None for folder in found]
     to_run = [trial for trial, done in zip(trials, complete, strict=True) if options.force or not done]
     time = None if options.cluster is not None else _estimate(trials, to_run, store, options.jobs)
     if options.as_json:
         rows = [
             {"target": trial.target, "scheme": trial.scheme, "variant": trial.variant, "seed": trial.seed}
-            | {"identity": trial.identity, "folder": str(store.folder(trial)), "complete": done}
-            for trial, done in zip(trials, complete, strict=True)
+            | {"identity": trial.identity, "folder": str(folder or store.folder(trial)), "complete": folder is not None}
+            for trial, folder in zip(trials, found, strict=True)
         ]
         plain_time = None if time is None else {"seconds": time.seconds, "workers": time.workers, "basis": time.basis}
         counts = {"complete": sum(complete), "to_run": len(to_run), "estimate": plain_time}
         typer.echo(json.dumps({"trials": rows} | counts, indent=2))
         return
-    for trial, done in zip(trials, complete, strict=True):
-        mark = "[green]complete[/]" if done else "[magenta]to run  [/]"
-        out.print(f"{mark}  {escape(trial.label)}  {escape(str(store.folder(trial)))}", soft_wrap=True)
+    for trial, folder in zip(trials, found, strict=True):
+        mark = "[green]complete[/]" if folder is not None else "[magenta]to run  [/]"
+        out.print(f"{mark}  {escape(trial.label)}  {escape(str(folder or store.folder(trial)))}", soft_wrap=True)
     out.print(f"{len(trials)} trials: {sum(complete)} complete, {len(to_run)} to run")
     if time is not None:
         workers = count_text(time.workers, "worker")

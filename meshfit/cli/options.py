@@ -175,6 +175,16 @@ Schemes = Annotated[
         autocompletion=completions.listed_schemes,
     ),
 ]
+ExperimentName = Annotated[
+    str | None,
+    typer.Option(
+        "--name",
+        help="Name of the experiment, whose folder in the run directory gets the trials.",
+        show_default="the config's; with other targets or schemes, one that lists them",
+        metavar="NAME",
+        rich_help_panel=SELECTION,
+    ),
+]
 Seeds = Annotated[
     str | None,
     typer.Option(

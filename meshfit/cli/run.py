@@ -5,7 +5,8 @@ from typing import Annotated
 import typer
 
 from meshfit.cli import completions
-from meshfit.cli.options import RunOptions, Schemes, Seeds, Targets, takes_run_options
+from meshfit.cli.options import ExperimentName, RunOptions, Schemes, Seeds, Targets, takes_run_options
+from meshfit.errors import ConfigError
 
 
 @takes_run_options
@@ -20,11 +21,13 @@ def run(
     targets: Targets = None,
     schemes: Schemes = None,
     seeds: Seeds = None,
+    name: ExperimentName = None,
 ) -> int:
     """Run experiments and print their table.
 
     Every target is fitted with every scheme and every seed. Completed trials are kept; an interrupted trial resumes
-    from its last checkpoint.
+    from its last checkpoint. With other targets or schemes than those of the config, the experiment gets a folder of
+    its own; trials that are complete in another experiment of the run directory are copied from there.
 
     Bundled configs: quickstart (under 2 minutes), table1, reproduce, tutorial, schemes, accurate, accurate-fixed.
 
@@ -35,11 +38,14 @@ def run(
         meshfit run table1 --dry-run  # the plan, and about how long it takes
     """
     from meshfit.cli.experiments import run_and_report
-    from meshfit.config.loading import load_experiment, with_axes
+    from meshfit.config.loading import load_experiment, renamed, with_axes
     from meshfit.experiment.plan import plan
     from meshfit.specs import listed
 
     listed_schemes = None if schemes is None else listed(schemes)
     loaded = (load_experiment(config, options.overrides or ()) for config in configs)
     experiments = [with_axes(each, targets=targets, schemes=listed_schemes, seeds=seeds) for each in loaded]
+    if name is not None and len(configs) > 1:
+        raise ConfigError(f"--name: expected one config, got {len(configs)}; run them one by one")
+    experiments = [renamed(experiment, name) for experiment in experiments]
     return run_and_report(plan(experiments, remote=options.cluster is not None), options)

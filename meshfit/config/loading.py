@@ -1,6 +1,8 @@
 """Load the settings of an experiment from the name or path of a config and overrides."""
 
+import hashlib
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,27 +17,38 @@ from meshfit.paths import (
     CONFIG_SUFFIXES,
     MESH_SUFFIXES,
     bundled_folder,
+    file_stem,
     format_suffix,
     is_folder,
     is_regular_file,
     not_a_file_message,
     path_text,
+    quoted_path,
     shell_path,
 )
 from meshfit.settings import KeyPath, apply_changes, build, deep_merge, nested, takes_list
 from meshfit.specs import listed, suggest
 from meshfit.subdivision.custom.definitions import Definition
 
+_COMPARED = ("targets", "schemes", "sweep")
+_LONGEST_NAME, _LONGEST_FILE_NAME = 80, 200
 SHARED_PREFIX = "x-"
 """Beginning of the top-level keys of a config that hold no settings, but values for aliases."""
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """An experiment's settings, and the name of its folder in a run directory."""
+    """An experiment.
+
+    Attributes:
+        name: of its folder in a run directory.
+        settings: its settings.
+        changed: the settings of what is compared that are not those of its config: targets, schemes, sweep.
+    """
 
     name: str
     settings: ExperimentSettings
+    changed: frozenset[str] = frozenset()
 
 
 def bundled_configs() -> dict[str, Path]:
@@ -65,11 +78,19 @@ def load_experiment(name_or_path: str, overrides: Sequence[str] = ()) -> Experim
         return f"{path}: " if line is None else f"{path}, line {line}: "
 
     written = {key: value for key, value in document.data.items() if not str(key).startswith(SHARED_PREFIX)}
-    data = apply_changes(_with_absolute_paths(with_canonical_keys(written), path.parent), changes)
+    original = _with_absolute_paths(with_canonical_keys(written), path.parent)
+    data = apply_changes(original, changes)
     with_files = read_scheme_files(data, where)
     settings = build(ExperimentSettings, with_files.data, lambda key: with_files.where(key) or where(key))
     variants_of(settings, lambda: where(("sweep",)))
-    return Experiment(path.stem, settings)
+    defaults = ExperimentSettings().model_dump(mode="json", include=set(_COMPARED))
+    pairs = {key: [_in_any_order(each.get(key, defaults[key])) for each in (original, data)] for key in _COMPARED}
+    changed = (key for key, (before, after) in pairs.items() if before != after)
+    return Experiment(path.stem, settings, frozenset(changed))
+
+
+def _in_any_order(value: Any) -> Any:  # noqa: ANN401  any YAML value
+    return sorted(map(str, value)) if isinstance(value, list | tuple) else value
 
 
 def load_definitions(name_or_path: str | None) -> dict[str, Definition]:
@@ -185,7 +206,46 @@ def with_axes(
         changes["seeds"] = _seeds(seeds)
     data = apply_changes(experiment.settings.model_dump(), changes)
     settings = build(ExperimentSettings, data, lambda key: f"--{key[0]}: " if key[0] in ("targets", "seeds") else "")
-    return replace(experiment, settings=settings)
+    before = experiment.settings
+    changed = {key for key in ("targets", "schemes") if set(getattr(settings, key)) != set(getattr(before, key))}
+    return replace(experiment, settings=settings, changed=experiment.changed | changed)
+
+
+def renamed(experiment: Experiment, name: str | None, *, compared: bool = False) -> Experiment:
+    """Return an experiment under a given name, or, if what it compares is not that of its config, a name of its own.
+
+    Args:
+        experiment: the experiment.
+        name: the name; None leaves the choice to this function.
+        compared: whether its schemes are compared by name, so that it always has a name of its own.
+
+    Raises:
+        ConfigError: the name is not that of a single folder.
+    """
+    if name is not None:
+        return replace(experiment, name=_checked_name(name))
+    settings, parts = experiment.settings, [experiment.name]
+    if "targets" in experiment.changed:
+        parts += [file_stem(target) for target in settings.targets]
+    if compared:
+        parts.append("-vs-".join(settings.schemes))
+    elif "schemes" in experiment.changed:
+        parts += settings.schemes
+    if "sweep" in experiment.changed:
+        parts.append("sweep")
+    if len(parts) == 1:
+        return experiment
+    own = re.sub(r"[^\w.+-]+", "-", "-".join(parts))
+    if len(own) > _LONGEST_NAME:
+        own = f"{own[: _LONGEST_NAME - 8]}-{hashlib.sha256(own.encode()).hexdigest()[:7]}"
+    return replace(experiment, name=own)
+
+
+def _checked_name(name: str) -> str:
+    is_folder_name = name == Path(name).name and "\\" not in name and name.strip() == name and name.isprintable()
+    if not name or not is_folder_name or name.startswith((".", "-")) or len(name.encode()) > _LONGEST_FILE_NAME:
+        raise ConfigError(f"--name {quoted_path(name)}: expected the name of one folder, such as loop-only")
+    return name
 
 
 def _seeds(text: str) -> list[Any]:

@@ -1,6 +1,7 @@
 """Videos of fits: one frame per snapshot, from one camera; or one line about how to get snapshots."""
 
 import re
+import shlex
 import subprocess
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from meshfit.experiment.storage.checkpoint import snapshots_in
 from meshfit.mesh.io.files import load_mesh
 from meshfit.report.figures.animation import read_animation
-from tests.cli import answered, invoke, refused
+from tests.cli import answered, invoke, refused, trials_in_this_process
 from tests.small import config_file
 from tests.unit.test_snapshots import SECOND, quietly, taken
 from tests.unit.test_trial_runner import prepared, run_trial
@@ -94,9 +95,11 @@ def test_without_snapshots_one_line_says_how_to_get_them(tmp_path):
     trial, store, place = prepared(tmp_path)
     run_trial(trial, store, quietly)
     message = refused("animate", place, "-o", tmp_path / "fit.mp4")
-    target = f'["{trial.target}"]'
-    assert "no snapshots; to take some: meshfit run small.yaml --set fit.snapshots=1 " in message
-    assert message.endswith(f"--set 'targets={target}' --set 'schemes=[\"loop\"]' --set 'seeds=[0]' --force")
+    words = shlex.split(message.partition("no snapshots; to take some: meshfit ")[2])
+    assert "fit.snapshots=1" in words
+    with trials_in_this_process():
+        assert invoke(*words, "-q").code == 0
+    assert len(snapshots_in(place)) == trial.settings.fit.steps
     assert "'.avi' is not a video format" in refused("animate", place, "-o", tmp_path / "fit.avi")
 
 
@@ -113,7 +116,7 @@ def test_complete_trials_without_the_snapshots_that_are_wanted_are_told_of(tmp_p
     wanted = [*arguments, "--set", "fit.snapshots=10"]
     assert "1 completed trial has none of the requested snapshots; --force reruns" in invoke(*wanted).err
     assert invoke(*wanted, "--force").err == ""
-    (place,) = (tmp_path / "runs" / "small" / "ellipsoid" / "loop").iterdir()
+    (place,) = (tmp_path / "runs" / "small-loop" / "ellipsoid" / "loop").iterdir()
     assert list(snapshots_in(place)) == [10, 20]
     assert "snapshots/" in answered("show", place)
     assert invoke(*wanted).err == ""

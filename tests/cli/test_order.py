@@ -111,7 +111,7 @@ def test_the_order_is_kept_where_trials_are_missing_and_by_runs_of_a_part(folder
     shutil.rmtree(f"runs/c/{TARGETS[0]}/{SCHEMES[0]}")
     assert order_of_table() == (list(TARGETS), list(SCHEMES))
     with trials_in_this_process():
-        invoke("run", "c.yaml", "--set", f"schemes=[{SCHEMES[1]}]", "--set", "seeds=[1, 5]")
+        invoke("run", "c.yaml", "--set", f"schemes=[{SCHEMES[1]}]", "--set", "seeds=[1, 5]", "--name", "c")
     plan = json.loads(Path("runs/c/plan.json").read_text())
     assert (plan["targets"], plan["schemes"]) == (list(TARGETS), list(SCHEMES))
     assert order_of_table() == (list(TARGETS), list(SCHEMES))

@@ -108,7 +108,8 @@ def test_looking_after_runs(complete):
 def test_compare_takes_names_of_a_config_and_files(complete, monkeypatch):
     folder, _ = complete
     monkeypatch.chdir(folder)
-    out = answered("compare", "mine", "own/warren.yaml", "--config", "small.yaml", "--baseline", "own/warren.yaml")
+    arguments = ("--config", "small.yaml", "--baseline", "own/warren.yaml", "--name", "small")
+    out = answered("compare", "mine", "own/warren.yaml", *arguments)
     assert "Difference from warren" in out
 
 

@@ -14,7 +14,7 @@ from tests.small import config_file
 pytest.importorskip("pyvista", reason="reports need the extra `report`")
 pytestmark = pytest.mark.slow
 
-BAD_LR = ("--set", "seeds=[0]", "--set", "schemes=[loop]", "--set", "fit.optimizer.lr=1e30")
+BAD_LR = ("--set", "seeds=[0]", "--set", "schemes=[loop]", "--set", "fit.optimizer.lr=1e30", "--name", "small")
 
 
 @pytest.fixture(scope="module")

@@ -73,16 +73,82 @@ def test_json_goes_to_stdout_alone(complete):
 
 
 def test_compare_runs_what_is_missing_and_pairs_by_seed(copied):
-    before = contents(copied / "runs", "result.json")
+    before = contents(copied / "runs/small", "result.json", "plan.json", "trial.log")
     with trials_in_this_process():
         out, err = invoke("compare", "loop", "butterfly:tension=0.05", *SMALL, "--seeds", "2")[1:]
     assert "butterfly:tension=0.05" in out
     assert "paired by seed" in out
     assert "significant" in out
+    assert err.startswith("copied 2 complete trials of small\n")
     assert "[4/4]" in err
-    after = contents(copied / "runs", "result.json")
-    assert len(after) == 6
-    assert all(after[path] == content for path, content in before.items())
+    assert contents(copied / "runs/small", "result.json", "plan.json", "trial.log") == before
+    (own,) = (copied / "runs").glob("small-*")
+    assert own.name == "small-loop-vs-butterfly-tension-0.05"
+    assert "Results: runs/small-loop-vs-butterfly-tension-0.05\n" in out
+    assert len(contents(own, "result.json")) == 4
+    for path, content in contents(own, "result.json").items():
+        assert json.loads(content)["experiment"] == own.name
+        if "/loop/" in path:
+            first, second = json.loads(before[path]), json.loads(content)
+            assert first | {"experiment": own.name} == second
+    rows = list(csv.DictReader(io.StringIO(answered("table", "runs", "--format", "csv"))))
+    assert [row["scheme"] for row in rows] == ["loop", "interp-loop", "butterfly:tension=0.05"]
+
+
+def test_what_compares_something_else_has_a_folder_of_its_own(copied):
+    """Other targets, schemes or sweeps; seeds and settings stay with the experiment."""
+    shutil.copy("ellipsoid.ply", "odd name.ply")
+    for arguments, name in (
+        ((), "small"),
+        (("--seeds", 1), "small"),
+        (("--set", "fit.steps=3"), "small"),
+        (("--schemes", "loop,interp-loop"), "small"),
+        (("--set", "schemes=[interp-loop, loop]"), "small"),
+        (("--schemes", "interp-loop,loop"), "small"),
+        (("--targets", "ellipsoid.ply"), "small"),
+        (("--schemes", "loop"), "small-loop"),
+        (("--set", "schemes=[interp-loop:alpha=0.5, loop]"), "small-interp-loop-alpha-0.5-loop"),
+        (("--targets", "odd name.ply,ellipsoid.ply"), "small-odd-name-ellipsoid"),
+        (("--set", "targets=[odd name.ply]", "--schemes", "loop"), "small-odd-name-loop"),
+        (("--set", "sweep={fit.losses.edge: [0.1, 0.2]}"), "small-sweep"),
+        (("--schemes", "loop", "--name", "mine"), "mine"),
+        (("--name", "small"), "small"),
+    ):
+        rows = json.loads(answered("run", "small.yaml", "--dry-run", "--json", "--cluster", "tcp://none:1", *arguments))
+        folders = {Path(row["folder"]).parts[1] for row in rows["trials"] if not row["complete"]}
+        assert folders <= {name}, arguments
+        if name not in ("small", "small-loop", "mine"):
+            assert folders == {name}
+    many = ",".join(f"interp-loop:alpha=0.{n}" for n in range(1, 10))
+    rows = json.loads(answered("run", "small.yaml", "--dry-run", "--json", "--cluster", "x", "--schemes", many))
+    (name,) = {Path(row["folder"]).parts[1] for row in rows["trials"]}
+    assert len(name) == 80
+    for wrong in ("", "a/b", "..", ".hidden", "-x", " x", "a\nb", "x" * 300):
+        assert "expected the name of one folder" in refused("run", "small.yaml", f"--name={wrong}")
+    assert "expected one config, got 2" in refused("run", "small.yaml", "small.yaml", "--name", "x")
+
+
+def test_trials_of_another_experiment_are_copied_whole_and_never_run_twice(copied):
+    first = next(Path("runs/small").glob("*/loop/seed-0-*"))
+    (first / "snapshots").mkdir()
+    shutil.copy(first / "result.ply", first / "snapshots/step-000020.ply")
+    (first / ".result.ply.abcdefgh").write_text("half")
+    damaged = next(Path("runs/small").glob("*/loop/seed-1-*"))
+    (damaged / "result.json").write_text("{}")
+    with trials_in_this_process():
+        ran = invoke("run", "small.yaml", "--schemes", "loop", "--name", "mine")
+        assert ran.err.startswith("copied 1 complete trial of small\n")
+        second = Path("runs/mine") / first.relative_to("runs/small")
+        names = {str(path.relative_to(first)) for path in first.rglob("*") if path.is_file()}
+        found = {str(path.relative_to(second)) for path in second.rglob("*") if path.is_file()}
+        assert found == names - {".result.ply.abcdefgh"}
+        for name in ("result.ply", "source.ply", "trace.csv", "config.yaml", "snapshots/step-000020.ply"):
+            assert (second / name).read_bytes() == (first / name).read_bytes()
+        assert f"copied from {first}" in (second / "trial.log").read_text()
+        assert "copied" not in (first / "trial.log").read_text()
+        before = contents(Path("runs/small"), "result.ply", "result.json")
+        assert invoke("run", "small.yaml", "--schemes", "loop", "--name", "mine", "--force", "-q").code == 0
+    assert contents(Path("runs/small"), "result.ply", "result.json") == before
 
 
 def test_a_failing_trial_is_named_the_others_go_on_and_the_exit_code_is_1(copied):
@@ -116,7 +182,11 @@ def test_several_metrics_stand_in_one_table(complete):
 
 
 def test_differences_are_from_the_baseline(complete):
-    for command in (("table", "runs"), ("run", "small.yaml"), ("compare", "loop", "interp-loop", *SMALL)):
+    for command in (
+        ("table", "runs"),
+        ("run", "small.yaml"),
+        ("compare", "loop", "interp-loop", *SMALL, "--name", "small"),
+    ):
         assert "Difference from loop" in invoke(*command).out
         assert "Difference from interp-loop" in invoke(*command, "--baseline", "interp-loop:alpha=1").out
 

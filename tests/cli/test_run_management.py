@@ -18,7 +18,7 @@ from tests.cli.processes import contents, start, wait_until
 from tests.runs import begun, complete, write_plan
 from tests.small import CONFIG, config_file
 
-BAD_LR = ("--set", "seeds=[0]", "--set", "schemes=[loop]", "--set", "fit.optimizer.lr=1e30")
+BAD_LR = ("--set", "seeds=[0]", "--set", "schemes=[loop]", "--set", "fit.optimizer.lr=1e30", "--name", "small")
 
 
 @pytest.fixture(scope="module")
