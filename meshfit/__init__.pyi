@@ -27,6 +27,8 @@ from .mesh.normalisation import Frame as Frame
 from .mesh.normalisation import frame_of as frame_of
 from .mesh.polygons import PolygonMesh as PolygonMesh
 from .mesh.targets import load_target as load_target
+from .report.tables.read import ResultTables as ResultTables
+from .report.tables.read import read_tables as read_tables
 from .subdivision.creases import Creases as Creases
 from .subdivision.creases import creases_by_angle as creases_by_angle
 from .subdivision.limit import loop_limit as loop_limit
