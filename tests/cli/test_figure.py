@@ -6,7 +6,7 @@ import pytest
 from meshfit.mesh.io.files import save_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron
-from meshfit.report.figures.figure import WIDTH
+from meshfit.report.figures.figure import WIDTHS
 from meshfit.report.figures.layout import DPI
 from tests.cli import answered, refused
 from tests.runs import complete
@@ -34,16 +34,18 @@ def test_a_figure_is_written_with_its_captions(runs, tmp_path):
         assert name in message
         assert (tmp_path / name).stat().st_size > 100
     text = (tmp_path / "figure.txt").read_text()
-    assert "The bone: from left to right the target" in text
-    assert "Of 3 seeds, the run with the median Hausdorff distance" in text
-    assert "the bone, loop seed 1, interp-loop seed 1" in text
-    assert "tutorial frame" in text
+    caption, about = text.split("\n\n")
+    assert "the result of each scheme with its Hausdorff distance (median of 3 seeds)" in caption
+    assert "tutorial frame" in caption
+    assert 30 <= len(caption.split()) <= 50
+    assert "the bone: loop seed 1, interp-loop seed 1" in about
 
 
 def test_the_latex_has_no_comment_and_asks_for_the_figure(runs, tmp_path):
     answered("figure", runs, "-o", tmp_path / "my fig_1.png", "--metric", "hausdorff.percent_of_diagonal")
     latex = (tmp_path / "my fig_1.tex").read_text()
-    assert not re.search(r"(?<!\\)%", latex)
+    assert not re.search(r"(?<!\\)%", re.sub(r"(?m)^%.*", "", latex))
+    assert latex.startswith("% needs graphicx")
     assert r"\%" in latex
     assert r"\includegraphics[width=\textwidth]{my fig_1.png}" in latex
     assert r"\label{fig:my-fig-1}" in latex
@@ -55,16 +57,28 @@ def test_a_pdf_has_its_fonts_as_truetype_in_it_and_pictures_of_300_dpi(runs, tmp
     assert b"/FontFile2" in content
     assert b"/Type3" not in content
     width = float(re.search(rb"/MediaBox \[ ?0 0 ([\d.]+)", content)[1])
-    assert width == pytest.approx(72 * WIDTH)
-    columns = 3  # target, source, result
+    assert width == pytest.approx(72 * WIDTHS["double"])
+    columns = 2  # target and result, with source and distances below
     widths = [int(found) for found in re.findall(rb"/Width (\d+)", content)]
-    assert sum(width == pytest.approx(WIDTH / columns * DPI[".pdf"], rel=0.03) for width in widths) == 4
+    assert sum(width == pytest.approx(WIDTHS["double"] / columns * DPI[".pdf"], rel=0.1) for width in widths) == 4
+
+
+def test_a_figure_is_as_wide_as_its_column_and_names_what_the_user_names(runs, tmp_path):
+    labels = ["--label", "interp-loop=Interp. Loop", "--label", "bone=A bone"]
+    answered("figure", runs, "-o", tmp_path / "one.png", "--width", "single", "--sources", "none", *labels)
+    assert png.open(tmp_path / "one.png").size[0] == pytest.approx(WIDTHS["single"] * DPI[".png"], abs=1)
+    assert "A bone: loop seed 1, Interp. Loop seed 1" in (tmp_path / "one.txt").read_text()
+    latex = (tmp_path / "one.tex").read_text()
+    assert r"\begin{figure}" in latex
+    assert r"\columnwidth" in latex
+    assert "source" not in (tmp_path / "one.txt").read_text().partition("\n")[0]
+    assert "did you mean 'loop'" in refused("figure", runs, "-o", tmp_path / "two.png", "--label", "lop=L")
 
 
 def test_a_png_is_for_a_screen(runs, tmp_path):
     answered("figure", runs, "-o", tmp_path / "one.png", "--schemes", "loop", "--targets", "bone")
     image = np.asarray(png.open(tmp_path / "one.png").convert("L"))
-    assert image.shape[1] == pytest.approx(WIDTH * DPI[".png"], abs=1)
+    assert image.shape[1] == pytest.approx(WIDTHS["double"] * DPI[".png"], abs=1)
     assert 0.02 < (image < 240).mean() < 0.8
 
 

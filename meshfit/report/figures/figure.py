@@ -1,35 +1,57 @@
-"""The figure of an experiment: per target, a row of target, sources and results, and a row of their distances."""
+"""The figure of an experiment: per target, its picture, the sources, the results, and below these their distances."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 from meshfit.measuring.metrics import METRICS
 from meshfit.mesh.mesh import Mesh
+from meshfit.printable import printable
 from meshfit.report.figures.camera import Camera, camera_of
 from meshfit.report.figures.colours import shared_limit
-from meshfit.report.figures.layout import (
-    DPI,
-    ColourBar,
-    Panel,
-    PanelRow,
-    column_width,
-    distance_panel,
-    mesh_panel,
-    write_rows,
-)
+from meshfit.report.figures.figure_layout import Block, BlockShape, arrange, write_blocks
+from meshfit.report.figures.layout import DPI, ColourBar, Panel, distance_panel, mesh_panel
 from meshfit.report.figures.representative_trial import RepresentativeTrial, TargetTrials
 from meshfit.report.figures.trial_meshes import TrialMeshes, distances_to, distinct_meshes, read_trial_meshes
 from meshfit.report.tables.formats.latex import escape
 from meshfit.report.tables.notes import FRAMES
 from meshfit.report.tables.numbers import format_number
 
-WIDTH = 7.0
-"""Width in inches of a figure across both columns of a paper."""
+WIDTHS = {"single": 3.33, "double": 7.0}
+"""Width in inches of a figure in one column of a paper, or across both."""
+FONTS = {"single": 7.0, "double": 8.0}
+"""Font sizes in points."""
 
-_TALLEST = 9.0
-_FONT = 8.0
-_MOST_SOURCES = 2
+_SOURCE = "source"
+
+Width = Literal["single", "double"]
+Sources = Literal["none", "once", "all"]
+
+
+@dataclass(frozen=True)
+class FigureStyle:
+    """How a figure is laid out and worded.
+
+    Attributes:
+        width: of the figure.
+        columns: targets side by side; None for as many as make pictures largest.
+        sources: whether the sources are shown, with the first target or with each.
+        labels: names to print in place of those of schemes, targets and metrics.
+    """
+
+    width: Width = "double"
+    columns: int | None = None
+    sources: Sources = "once"
+    labels: Mapping[str, str] = field(default_factory=dict)
+
+    def label(self, name: str) -> str:
+        """Return the name to print for a scheme."""
+        return self.labels.get(name, name)
+
+    def metric_title(self, metric: str) -> str:
+        """Return the name to print for a metric."""
+        return self.labels.get(metric, METRICS[metric].title)
 
 
 @dataclass(frozen=True)
@@ -39,28 +61,16 @@ class FigureTarget:
     Attributes:
         selected: its representative trials.
         meshes: the meshes of each trial.
-        sources: the distinct sources with their titles; only the first if there is no room for all.
-        omits_sources: whether distinct sources are left out.
+        sources: the distinct sources, each with the indices of the trials that start from it.
         camera: the view of all its meshes.
         aspect: width by height of a picture.
     """
 
     selected: TargetTrials
     meshes: tuple[TrialMeshes, ...]
-    sources: tuple[tuple[str, Mesh], ...]
-    omits_sources: bool
+    sources: tuple[tuple[tuple[int, ...], Mesh], ...]
     camera: Camera
     aspect: float
-
-    @property
-    def title(self) -> str:
-        """The title of the target."""
-        return self.selected.title
-
-    @property
-    def columns(self) -> int:
-        """The number of pictures side by side."""
-        return 1 + len(self.sources) + len(self.meshes)
 
 
 def read_figure_targets(selection: Iterable[TargetTrials]) -> tuple[FigureTarget, ...]:
@@ -74,130 +84,162 @@ def read_figure_targets(selection: Iterable[TargetTrials]) -> tuple[FigureTarget
     for group, meshes in read:
         same = [trial for other, trials in read if other.target == group.target for trial in trials]
         camera, aspect = camera_of(meshes[0].target).framing(meshes[0].target, *(trial.result for trial in same))
-        groups = distinct_meshes([(each.scheme, its.source) for each, its in zip(group.trials, meshes, strict=True)])
-        sources = [("source" if len(groups) == 1 else f"source, {', '.join(names)}", mesh) for names, mesh in groups]
-        omits = len(sources) > _MOST_SOURCES
-        targets.append(FigureTarget(group, meshes, tuple(sources[:1] if omits else sources), omits, camera, aspect))
+        groups = distinct_meshes([(place, trial.source) for place, trial in enumerate(meshes)])
+        sources = tuple((tuple(places), mesh) for places, mesh in groups)
+        targets.append(FigureTarget(group, meshes, sources, camera, aspect))
     return tuple(targets)
 
 
-def write_figure(targets: Sequence[FigureTarget], path: Path, metric: str) -> None:
+def write_figure(targets: Sequence[FigureTarget], path: Path, metric: str, style: FigureStyle) -> None:
     """Draw the figure and write it.
 
     Args:
-        targets: from top to bottom.
+        targets: in reading order.
         path: .pdf, .svg or .png.
         metric: a name of `METRICS`, whose value is printed below each result.
+        style: the layout and the names.
 
     Raises:
         ConfigError: a library is not installed, or the file cannot be written.
     """
-    columns = max(target.columns for target in targets)
-    widest = column_width(WIDTH, columns)
-    # Pictures shrink if all of them would be taller than a page.
-    tall = 2 * sum(widest / target.aspect for target in targets)
-    across = widest * min(1.0, (_TALLEST - 0.5 * len(targets)) / tall)
-    dpi = DPI[path.suffix.lower()]
-    rows = [row for target in targets for row in _rows(target, metric, round(across * dpi), columns)]
-    write_rows(rows, path, width=WIDTH, font=_FONT, dpi=dpi)
-
-
-def _rows(target: FigureTarget, metric: str, width: int, columns: int) -> Iterator[PanelRow]:
-    camera, aspect, size = target.camera, target.aspect, (width, max(1, round(width / target.aspect)))
-    first = mesh_panel(target.meshes[0].target, camera, size, target.title)
-    sources = [mesh_panel(mesh, camera.centred_on(mesh, aspect), size, title) for title, mesh in target.sources]
-    results = [
-        mesh_panel(meshes.result, camera, size, trial.scheme, _value_text(trial, metric))
-        for trial, meshes in zip(target.selected.trials, target.meshes, strict=True)
+    width, font, dpi = WIDTHS[style.width], FONTS[style.width], DPI[path.suffix.lower()]
+    shown = [style.sources == "all" or (style.sources == "once" and place == 0) for place in range(len(targets))]
+    parts = list(zip(targets, shown, strict=True))
+    # With a single scheme, all pictures of a target may be side by side.
+    alternatives = (False, True) if all(len(target.meshes) == 1 for target in targets) else (False,)
+    candidates = [
+        [_shape(target, metric, style, sources=sources, in_line=in_line) for target, sources in parts]
+        for in_line in alternatives
     ]
-    yield PanelRow(_padded([first, *sources, *results], columns))
+    arrangement = arrange(candidates, width, font, style.columns)
+    in_line = alternatives[arrangement.candidate]
+    blocks = []
+    for (target, sources), shape in zip(parts, candidates[arrangement.candidate], strict=True):
+        size = max(1, round(arrangement.cell * dpi)), max(1, round(arrangement.cell / target.aspect * dpi))
+        rows, bar = _rows(target, metric, style, size, sources=sources)
+        blocks.append(Block((_in_line(rows, sources=any(shown)),) if in_line else rows, bar, shape))
+    write_blocks(blocks, arrangement, path, width=width, font=font, dpi=dpi)
+
+
+def _shape(target: FigureTarget, metric: str, style: FigureStyle, *, sources: bool, in_line: bool) -> BlockShape:
+    """The shape of a block, whose text is that of the pictures that will be drawn."""
+    longest = max((_result_lines(trial, metric, style) for trial in target.selected.trials), key=lambda x: len(x[0]))
+    columns = 1 + len(target.meshes)
+    if in_line:
+        return BlockShape(1, 3 + (style.sources != "none"), target.aspect, 3 + sources, (longest,))
+    separate = sources and len(target.sources) > 1
+    texts: list[tuple[str, ...]] = [(_SOURCE,)] if separate else []
+    texts.append(longest)
+    texts += [(_SOURCE,)] if sources and not separate else []
+    pictures = 1 + len(target.meshes) * (2 + separate) + (sources and not separate)
+    return BlockShape(2 + separate, columns, target.aspect, pictures, tuple(texts))
+
+
+def _rows(
+    target: FigureTarget, metric: str, style: FigureStyle, size: tuple[int, int], *, sources: bool
+) -> tuple[tuple[tuple[Panel | None, ...], ...], ColourBar]:
+    """The pictures of a target: sources, if there are several, then results, then distances; and their colour bar."""
+    camera, aspect = target.camera, target.aspect
     distances = [distances_to(meshes.result, meshes.target) for meshes in target.meshes]
     limit = shared_limit(distances)
+    results = [
+        mesh_panel(meshes.result, camera, size, *_result_lines(trial, metric, style))
+        for trial, meshes in zip(target.selected.trials, target.meshes, strict=True)
+    ]
     coloured = [
         distance_panel(meshes.result, values, limit, camera, size)
         for meshes, values in zip(target.meshes, distances, strict=True)
     ]
-    bar = ColourBar(limit, "distance to the target", more=any(values.max() > limit for values in distances))
-    yield PanelRow(_padded([*[None] * (1 + len(sources)), *coloured], columns), bar)
+    bar = ColourBar(limit, "", more=any(values.max(initial=0.0) > limit for values in distances))
+    first = mesh_panel(target.meshes[0].target, camera, size, _title(target, style))
+    drawn = [
+        (places, mesh_panel(mesh, camera.centred_on(mesh, aspect), size, _SOURCE)) for places, mesh in target.sources
+    ]
+    if not sources:
+        return ((first, *results), (None, *coloured)), bar
+    if len(drawn) == 1:
+        return ((first, *results), (drawn[0][1], *coloured)), bar
+    above = [next(panel for places, panel in drawn if place in places) for place in range(len(results))]
+    return ((None, *above), (first, *results), (None, *coloured)), bar
 
 
-def _value_text(trial: RepresentativeTrial, metric: str) -> str:
-    value = "" if trial.value is None else format_number(trial.value, whole=METRICS[metric].format == "d")
-    return f"{METRICS[metric].title} {value}"
+def _in_line(rows: Sequence[Sequence[Panel | None]], *, sources: bool) -> tuple[Panel | None, ...]:
+    """A target with a single scheme in one line: source, target, result and distances."""
+    (target, result), (source, distances) = rows
+    return (source, target, result, distances) if sources else (target, result, distances)
 
 
-def _padded(panels: Sequence[Panel | None], columns: int) -> tuple[Panel | None, ...]:
-    return (*panels, *[None] * (columns - len(panels)))
+def _result_lines(trial: RepresentativeTrial, metric: str, style: FigureStyle) -> tuple[str, ...]:
+    value = () if trial.value is None else (format_number(trial.value, whole=METRICS[metric].whole),)
+    return (style.label(trial.scheme), *value)
 
 
-def plain_caption(targets: Sequence[FigureTarget], metric: str) -> str:
-    """Return the caption as one paragraph.
+def _title(target: FigureTarget, style: FigureStyle) -> str:
+    return style.labels.get(target.selected.target, target.selected.title)
+
+
+def plain_caption(targets: Sequence[FigureTarget], metric: str, style: FigureStyle) -> str:
+    """Return the caption, of about 40 words, as one paragraph.
 
     Args:
         targets: the targets of the figure.
         metric: a name of `METRICS`, whose value is printed below each result.
+        style: the layout and the names.
     """
-    return " ".join(f"{sentence}." for sentence in _sentences(targets, metric)) + "\n"
+    return " ".join(f"{sentence}." for sentence in _sentences(targets, metric, style)) + "\n"
 
 
-def latex_figure(targets: Sequence[FigureTarget], metric: str, file: str) -> str:
-    r"""Return a `figure*` environment, for a document with `\usepackage{graphicx}`.
+def details(targets: Sequence[FigureTarget], metric: str, style: FigureStyle) -> list[str]:
+    """Return what a careful reader may ask about the figure, one sentence each: which runs, and how to read it."""
+    each = [
+        f"{_title(target, style)}: "
+        + ", ".join(f"{style.label(trial.scheme)} seed {trial.seed}" for trial in target.selected.trials)
+        for target in targets
+    ]
+    sentences = [
+        f"Runs shown: {'; '.join(each)}",
+        "A colour scale ends where 99 % of the vertices of each result are nearer",
+    ]
+    if metric.startswith("hausdorff."):
+        sentences.append(
+            "A Hausdorff distance can exceed the colours: it covers all points of the faces, and both directions"
+        )
+    sentences.append("The pictures of a target share one view and scale, except for sources too large for it")
+    return [f"{sentence}." for sentence in sentences]
+
+
+def latex_figure(targets: Sequence[FigureTarget], metric: str, file: str, style: FigureStyle) -> str:
+    r"""Return a `figure` or `figure*` environment, for a document with `\usepackage{graphicx}`.
 
     Args:
         targets: the targets of the figure.
         metric: as for `plain_caption`.
         file: name of the figure's file.
+        style: the layout and the names.
     """
+    name, width = ("figure*", r"\textwidth") if style.width == "double" else ("figure", r"\columnwidth")
     return "\n".join(
         [
-            r"\begin{figure*}",
+            "% needs graphicx: \\usepackage{graphicx}",
+            rf"\begin{{{name}}}",
             r"  \centering",
-            rf"  \includegraphics[width=\textwidth]{{{file}}}",
-            rf"  \caption{{{escape(plain_caption(targets, metric).strip())}}}",
+            rf"  \includegraphics[width={width}]{{{file}}}",
+            rf"  \caption{{{escape(plain_caption(targets, metric, style).strip())}}}",
             rf"  \label{{fig:{''.join(letter if letter.isalnum() else '-' for letter in Path(file).stem)}}}",
-            r"\end{figure*}",
+            rf"\end{{{name}}}",
+            *(f"% {printable(line)}" for line in details(targets, metric, style)),
             "",
         ]
     )
 
 
-def _sentences(targets: Sequence[FigureTarget], metric: str) -> Iterator[str]:
-    title = METRICS[metric].title
-    several = any(len(target.sources) > 1 for target in targets)
-    source = "the source as each scheme refines it" if several else "the source"
-    yield (
-        f"{', '.join(_titles(targets))}: from left to right the target, {source}, and the result of each scheme with "
-        f"its {title}"
-    )
-    yield from _seeds(targets, title)
-    yield (
-        "Below, the distance from each vertex of a result to the target; the results of a row share one scale, which "
-        "ends where 99 % of the vertices of each are nearer"
-    )
-    if metric.startswith("hausdorff."):
-        yield "A Hausdorff distance can be larger, since it covers all points of the faces, and both directions"
-    yield "A ring marks the farthest vertex; a dashed ring, one that is hidden"
-    normalise = dict.fromkeys(str(target.selected.settings.get("normalise")) for target in targets)
-    yield f"Lengths are in {'; '.join(FRAMES.get(name, name) for name in normalise)}"
-    yield "All meshes of a target are shown from one side and at one scale, except for sources too large for it"
-    if any(target.omits_sources for target in targets):
-        yield "Only the first scheme's source is shown; those of the others differ"
-
-
-def _seeds(targets: Sequence[FigureTarget], title: str) -> Iterator[str]:
+def _sentences(targets: Sequence[FigureTarget], metric: str, style: FigureStyle) -> Iterator[str]:
+    title = style.metric_title(metric)
     counts = sorted({trial.seeds for target in targets for trial in target.selected.trials})
-    if counts == [1]:
-        yield f"One run each: {'; '.join(_listed(targets))}"
-        return
-    how_many = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-    yield f"Of {how_many} seeds, the run with the median {title} is shown: {'; '.join(_listed(targets))}"
-
-
-def _listed(targets: Sequence[FigureTarget]) -> Iterator[str]:
-    for target in targets:
-        yield f"{target.title}, {', '.join(f'{trial.scheme} seed {trial.seed}' for trial in target.selected.trials)}"
-
-
-def _titles(targets: Sequence[FigureTarget]) -> list[str]:
-    titles = [target.title for target in targets]
-    return [titles[0][:1].upper() + titles[0][1:], *titles[1:]]
+    seeds = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]}–{counts[-1]}"
+    run = "one run each" if counts == [1] else f"median of {seeds} seeds"
+    source = "" if style.sources == "none" else ", source"
+    yield f"Target{source} and the result of each scheme with its {title} ({run})"
+    yield "Colours: distance of each vertex to the target; ring: the farthest vertex (dashed: hidden)"
+    normalise = dict.fromkeys(str(target.selected.settings.get("normalise")) for target in targets)
+    yield f"Lengths in {'; '.join(FRAMES.get(name, name) for name in normalise)}"

@@ -38,11 +38,13 @@ _UNDATED: dict[str, dict[str, None]] = {
     ".svg": {"Date": None},
 }
 _GAP = 0.06
-_LINE = 1.22
+LINE = 1.22
+"""Distance of two lines of text, as a multiple of the font size."""
 _BAR = 3.4  # height of a colour bar with its numbers and its label, in lines
 _SMALLEST_FONT = 7.0  # points; text that does not fit at this size is wrapped
-_MOST_LINES = 3
-_LETTER = 0.47  # mean width of a letter, as a share of the font size
+_MOSTLINES = 3
+LETTER = 0.47
+"""Mean width of a letter, as a share of the font size."""
 
 
 @dataclass(frozen=True)
@@ -155,14 +157,14 @@ def write_rows(rows: Sequence[PanelRow], path: Path, *, width: float, font: floa
     matplotlib, figures = import_optional("matplotlib"), import_optional("matplotlib.figure")
     font = max(_SMALLEST_FONT, min([font, *(_fitting_font(font, row, width) for row in rows)]))
     rows = [_wrapped(row, width, font) for row in rows]
-    line = font * _LINE / 72
+    line = font * LINE / 72
     heights = [round(_height(row, line, dpi) * dpi) / dpi for row in rows]
     with matplotlib.rc_context(STYLE), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a letter missing from every font is drawn as a box
         figure = figures.Figure(figsize=(width, sum(heights)), facecolor="white")
         top = sum(heights)
         for row, height in zip(rows, heights, strict=True):
-            _Canvas(figure, width, sum(heights), font, dpi).add(row, top)
+            Canvas(figure, width, sum(heights), font, dpi).add(row, top)
             top -= height
         write_drawing(figure, path, dpi)
 
@@ -194,13 +196,13 @@ def set_log_ticks(axis: Any) -> None:  # noqa: ANN401  matplotlib is optional
 def _fitting_font(font: float, row: PanelRow, width: float) -> float:
     """The font size at which each line of text of a row fits into its column."""
     longest = max((len(text) for panel in row.panels if panel is not None for text in panel.lines), default=0)
-    return min(font, column_width(width, len(row.panels)) * 72 / (_LETTER * max(1, longest)))
+    return min(font, column_width(width, len(row.panels)) * 72 / (LETTER * max(1, longest)))
 
 
 def _wrapped(row: PanelRow, width: float, font: float) -> PanelRow:
     """The same row with its text wrapped into at most three lines that fit."""
-    letters = max(4, round(column_width(width, len(row.panels)) * 72 / (_LETTER * font)))
-    wrap = textwrap.TextWrapper(letters, max_lines=_MOST_LINES, placeholder="…", break_on_hyphens=False)
+    letters = max(4, round(column_width(width, len(row.panels)) * 72 / (LETTER * font)))
+    wrap = textwrap.TextWrapper(letters, max_lines=_MOSTLINES, placeholder="…", break_on_hyphens=False)
     panels = [
         None if panel is None else replace(panel, lines=tuple(part for text in panel.lines for part in wrap.wrap(text)))
         for panel in row.panels
@@ -218,7 +220,7 @@ def _height(row: PanelRow, line: float, dpi: int) -> float:
 
 
 @dataclass(frozen=True)
-class _Canvas:
+class Canvas:
     """A matplotlib figure with positions in inches from the left and the bottom."""
 
     figure: Any
@@ -228,13 +230,14 @@ class _Canvas:
     dpi: int
 
     def add(self, row: PanelRow, top: float) -> None:
+        """Add a row of pictures below a height."""
         column = column_width(self.width, len(row.panels))
         for place, panel in enumerate(row.panels):
             if panel is not None:
-                self._add_panel(panel, place * (column + _GAP), column, top)
+                self.add_panel(panel, place * (column + _GAP), column, top)
         if row.bar is None:
             return
-        line, height = self.font * _LINE / 72, row.shape[0] / self.dpi
+        line, height = self.font * LINE / 72, row.shape[0] / self.dpi
         if row.free:
             across = row.free * (column + _GAP) - _GAP
             below = top - max(height, _BAR * line) / 2
@@ -243,7 +246,8 @@ class _Canvas:
             below = top - height - (row.lines + 1.4) * line
             self._add_bar(row.bar, (0.3 * self.width, below), 0.4 * self.width, self.width)
 
-    def _add_panel(self, panel: Panel, left: float, across: float, top: float) -> None:
+    def add_panel(self, panel: Panel, left: float, across: float, top: float) -> None:
+        """Add a picture in the middle of a column `across` inches wide, with its text below."""
         high, wide = panel.image.shape[0] / self.dpi, panel.image.shape[1] / self.dpi
         # Aligned to whole pixels, so that none is resampled.
         corner = round((left + (across - wide) / 2) * self.dpi) / self.dpi, round((top - high) * self.dpi) / self.dpi
@@ -255,7 +259,7 @@ class _Canvas:
         for number, text in enumerate(panel.lines):
             self.figure.text(
                 (left + across / 2) / self.width,
-                (top - high - (number + 0.95) * self.font * _LINE / 72) / self.height,
+                (top - high - (number + 0.95) * self.font * LINE / 72) / self.height,
                 text,
                 ha="center",
                 va="baseline",
@@ -270,19 +274,30 @@ class _Canvas:
             radius = 0.5 * self.font * self.dpi / 72
             axes.add_patch(circle((ring.left, ring.top), radius, fill=False, clip_on=False, edgecolor=colour, **style))
 
-    def _add_bar(self, bar: ColourBar, corner: tuple[float, float], across: float, room: float) -> None:
+    def add_upright_bar(self, bar: ColourBar, corner: tuple[float, float], high: float) -> None:
+        """Add a narrow vertical colour bar without a label, its numbers at its right."""
+        axes = self._axes(*corner, 0.07, high)
+        self._draw_bar(bar, axes, "vertical")
+        axes.set_yticklabels(["0", "", f"{bar.limit:.4g}"])
+        axes.tick_params(labelsize=max(6.0, self.font - 1), length=1.5, width=0.4, pad=1.5, colors=INK)
+
+    def _draw_bar(self, bar: ColourBar, axes: Any, orientation: str) -> Any:  # noqa: ANN401  matplotlib is optional
         colours, cm = import_optional("matplotlib.colors"), import_optional("matplotlib.cm")
-        axes = self._axes(*corner, across, 0.8 * self.font / 72)
         shades = colours.LinearSegmentedColormap.from_list("distances", DISTANCES)
         scale = cm.ScalarMappable(colours.Normalize(0.0, bar.limit), shades)
         drawn = self.figure.colorbar(
-            scale, cax=axes, orientation="horizontal", extend="max" if bar.more else "neither", extendfrac=0.04
+            scale, cax=axes, orientation=orientation, extend="max" if bar.more else "neither", extendfrac=0.04
         )
         drawn.outline.set_linewidth(0.4)
         drawn.set_ticks([0.0, bar.limit / 2, bar.limit])
+        return drawn
+
+    def _add_bar(self, bar: ColourBar, corner: tuple[float, float], across: float, room: float) -> None:
+        axes = self._axes(*corner, across, 0.8 * self.font / 72)
+        drawn = self._draw_bar(bar, axes, "horizontal")
         drawn.set_ticklabels(["0", f"{bar.limit / 2:.4g}", f"{bar.limit:.4g}"])
         axes.tick_params(labelsize=self.font, length=2, width=0.5, pad=1.5, colors=INK)
-        size = min(self.font, room * 72 / (_LETTER * len(bar.label)))
+        size = min(self.font, room * 72 / (LETTER * len(bar.label)))
         axes.set_xlabel(bar.label, fontsize=size, labelpad=1.5, color=INK)
 
     def _axes(self, left: float, bottom: float, across: float, high: float) -> Any:  # noqa: ANN401  matplotlib is optional
