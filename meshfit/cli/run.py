@@ -34,7 +34,7 @@ def run(
     Examples:
         meshfit run quickstart
         meshfit run my.yaml --set fit.steps=500 --set fit.losses.edge=0.5
-        meshfit run my.yaml --targets scan.obj,bunny --schemes loop,interp-loop --seeds 3
+        meshfit run my.yaml --targets scan.obj,bunny --seeds 3
         meshfit run table1 --dry-run  # the plan, and about how long it takes
     """
     from meshfit.cli.experiments import run_and_report
