@@ -64,13 +64,13 @@ ENGINE_KEYS = frozenset(FitKeys.__annotations__)
 
 @no_type_check
 def fit(  # noqa: PLR0913  all but two are optional, by name
-    source: MeshLike,
-    target: MeshLike,
-    settings: FitSettings | None = None,
+    source: "MeshLike",
+    target: "MeshLike",
+    settings: "FitSettings | None" = None,
     *,
     method: Literal["first-order", "gauss-newton"] | None = None,
     seed: int = 0,
-    scheme: str | Scheme = "loop",
+    scheme: "str | Scheme" = "loop",
     progress: bool = False,
     normalise: Normalisation = "tutorial",
     align: Placement = "auto",
@@ -80,9 +80,9 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     # first-order
     steps: int | None = None,
     samples: int | None = None,
-    losses: Losses | LossWeights | None = None,
+    losses: "Losses | LossWeights | None" = None,
     laplacian: Literal["uniform", "cotangent"] | None = None,
-    optimizer: OptimizerKeys | OptimizerSettings | None = None,
+    optimizer: "OptimizerKeys | OptimizerSettings | None" = None,
     # gauss-newton
     connectivity: Literal["remeshed", "fixed"] | None = None,
     variables: Literal["verts", "control"] | None = None,
@@ -99,10 +99,10 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     device: str = "auto",
     dtype: Literal["float32", "float64"] = "float32",
     threads: int = 1,
-    on_step: Callable[[Step], None] | None = None,
-    resume: Checkpoint | None = None,
-    save: Callable[[Checkpoint], None] | None = None,
-    on_snapshot: Callable[[int, Mesh | PolygonMesh], None] | None = None,
+    on_step: "Callable[[Step], None] | None" = None,
+    resume: "Checkpoint | None" = None,
+    save: "Callable[[Checkpoint], None] | None" = None,
+    on_snapshot: "Callable[[int, Mesh | PolygonMesh], None] | None" = None,
     **unknown: object,
 ) -> FitResult:
     """Deform a source mesh until it lies on a target.
@@ -292,7 +292,7 @@ def _require_one_of(key: str, value: str, allowed: Sequence[str]) -> Any:  # noq
 
 
 def _placed_source(
-    source: MeshLike, frame: Frame, goal: Mesh, settings: FitSettings, scheme: str | Scheme, how: Placement
+    source: "MeshLike", frame: Frame, goal: Mesh, settings: FitSettings, scheme: str | Scheme, how: Placement
 ) -> Mesh | PolygonMesh:
     """Return the source in the normalised frame, aligned with the target."""
     if isinstance(source, str) and source == "sphere":

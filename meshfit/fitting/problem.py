@@ -165,8 +165,8 @@ class Problem:
     @no_type_check
     def __init__(  # noqa: PLR0913, PLR0917  one argument for each attribute
         self,
-        source: MeshLike,
-        target: MeshLike,
+        source: "MeshLike",
+        target: "MeshLike",
         seed: int = 0,
         on_step: Callable[[Step], None] | None = None,
         resume: Checkpoint | None = None,

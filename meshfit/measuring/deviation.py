@@ -49,7 +49,7 @@ class Deviation:
 
 
 @no_type_check
-def deviation(result: MeshLike, target: MeshLike) -> Deviation:
+def deviation(result: "MeshLike", target: "MeshLike") -> Deviation:
     """Return the distance of each vertex and face of a mesh from a target, signed if the target is closed.
 
     Args:

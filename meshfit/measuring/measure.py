@@ -108,8 +108,8 @@ class Measurement:
 
 @no_type_check
 def measure(  # noqa: PLR0913  the settings, by name
-    result: MeshLike,
-    target: MeshLike,
+    result: "MeshLike",
+    target: "MeshLike",
     settings: MeasureSettings | None = None,
     *,
     samples: int | None = None,

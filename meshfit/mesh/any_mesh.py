@@ -13,6 +13,8 @@ from meshfit.mesh.curves import Chains, Curves
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.topology import PolygonTopology, Topology
+from meshfit.paths import looks_like_path
+from meshfit.specs import suggest
 
 _ALLOWED = (
     "a Mesh, a PolygonMesh, a pair (verts, faces), a trimesh or pyvista mesh, the path of a mesh file, or a target's "
@@ -80,11 +82,11 @@ MeshLike: TypeAlias = (
 
 
 @overload
-def as_mesh(thing: MeshLike, role: str = "mesh", *, triangles: Literal[True]) -> Mesh: ...
+def as_mesh(thing: "MeshLike", role: str = "mesh", *, triangles: Literal[True]) -> Mesh: ...
 @overload
-def as_mesh(thing: MeshLike, role: str = "mesh", *, triangles: bool = False) -> Mesh | PolygonMesh: ...
+def as_mesh(thing: "MeshLike", role: str = "mesh", *, triangles: bool = False) -> Mesh | PolygonMesh: ...
 @no_type_check
-def as_mesh(thing: MeshLike, role: str = "mesh", *, triangles: bool = False) -> Mesh | PolygonMesh:
+def as_mesh(thing: "MeshLike", role: str = "mesh", *, triangles: bool = False) -> Mesh | PolygonMesh:
     """Return a mesh in any form as a `Mesh`, or as a `PolygonMesh` where faces have more than three corners.
 
     Every function of meshfit that takes a mesh takes all that this takes. Vertices stay in their order, and are not
@@ -118,16 +120,16 @@ def as_mesh(thing: MeshLike, role: str = "mesh", *, triangles: bool = False) -> 
 
 
 @overload
-def as_topology(thing: MeshLike | Topology) -> Topology | PolygonTopology: ...
+def as_topology(thing: "MeshLike | Topology") -> Topology | PolygonTopology: ...
 @overload
 def as_topology(thing: Curves | Chains) -> Chains: ...
 @overload
 def as_topology(
-    thing: MeshLike | Topology | PolygonTopology | Curves | Chains,
+    thing: "MeshLike | Topology | PolygonTopology | Curves | Chains",
 ) -> Topology | PolygonTopology | Chains: ...
 @no_type_check
 def as_topology(
-    thing: MeshLike | Topology | PolygonTopology | Curves | Chains,
+    thing: "MeshLike | Topology | PolygonTopology | Curves | Chains",
 ) -> Topology | PolygonTopology | Chains:
     """Return the connectivity of a mesh in any form that `as_mesh` takes, or of curves; connectivity stays as it is.
 
@@ -147,7 +149,7 @@ def _as_mesh(thing: Any, role: str) -> Mesh | PolygonMesh:  # noqa: ANN401  anyt
         _require_in_range(thing, role)
         return thing
     if isinstance(thing, str | os.PathLike):
-        return _loaded(os.fspath(thing))
+        return _loaded(os.fspath(thing), role)
     if isinstance(thing, tuple | list):
         if len(thing) != 2 or any(isinstance(part, str) for part in thing):
             found = f"a {type(thing).__name__} of {', '.join(type(part).__name__ for part in thing[:4]) or 'nothing'}"
@@ -159,13 +161,16 @@ def _as_mesh(thing: Any, role: str) -> Mesh | PolygonMesh:  # noqa: ANN401  anyt
     return _of_foreign(thing, role)
 
 
-def _loaded(name: str) -> Mesh | PolygonMesh:
+def _loaded(name: str, role: str) -> Mesh | PolygonMesh:
     from meshfit.mesh.solids import POLYGON_SOLIDS
-    from meshfit.mesh.targets import load_target_with_vertex_map  # reads the formats, which arrays do not need
+    from meshfit.mesh.targets import NAMED_TARGETS, load_target_with_vertex_map  # reads formats; arrays need none
 
     if name in _solids():
         solid: Mesh | PolygonMesh = POLYGON_SOLIDS.get(name, _solids()[name])()
         return solid
+    if name and name not in NAMED_TARGETS and not looks_like_path(name) and not os.path.lexists(name):
+        names = [*(["sphere"] if role == "source" else []), *_solids(), *NAMED_TARGETS]
+        raise MeshError(f"{role}: '{name}' is neither a name nor a file: {suggest(name, names)}, or the path of a file")
     mesh, _ = load_target_with_vertex_map(name, polygons=True)
     return _triangles_if_all_are(PolygonMesh.of(mesh))
 

@@ -41,9 +41,9 @@ class Frame:
     @overload
     def normalise(self, mesh: _AnyMesh) -> _AnyMesh: ...
     @overload
-    def normalise(self, mesh: MeshLike) -> Mesh | PolygonMesh: ...
+    def normalise(self, mesh: "MeshLike") -> Mesh | PolygonMesh: ...
     @no_type_check
-    def normalise(self, mesh: MeshLike) -> Mesh | PolygonMesh:
+    def normalise(self, mesh: "MeshLike") -> Mesh | PolygonMesh:
         """Return a mesh, in any form that `as_mesh` takes, in normalised coordinates."""
         mesh = as_mesh(mesh)
         return mesh.with_verts((mesh.verts - self.centre) / self.scale)
@@ -51,9 +51,9 @@ class Frame:
     @overload
     def restore(self, mesh: _AnyMesh) -> _AnyMesh: ...
     @overload
-    def restore(self, mesh: MeshLike) -> Mesh | PolygonMesh: ...
+    def restore(self, mesh: "MeshLike") -> Mesh | PolygonMesh: ...
     @no_type_check
-    def restore(self, mesh: MeshLike) -> Mesh | PolygonMesh:
+    def restore(self, mesh: "MeshLike") -> Mesh | PolygonMesh:
         """Return a normalised mesh, in any form that `as_mesh` takes, in its original coordinates."""
         mesh = as_mesh(mesh)
         return mesh.with_verts(mesh.verts * self.scale + self.centre)
@@ -64,7 +64,7 @@ IDENTITY = Frame((0.0, 0.0, 0.0), 1.0)
 
 
 @no_type_check
-def frame_of(target: MeshLike | Verts, how: Normalisation = "tutorial") -> Frame:
+def frame_of(target: "MeshLike | Verts", how: Normalisation = "tutorial") -> Frame:
     """Return the frame of a target.
 
     Args:

@@ -81,7 +81,7 @@ class Creases:
     @no_type_check
     def of(
         cls,
-        topology: Topology | MeshLike,
+        topology: "Topology | MeshLike",
         edges: Rows = (),
         sharpness: Numbers | int | float = inf,
         corners: Numbers = (),
@@ -210,7 +210,7 @@ def edges_between(topology: Topology, ends: Int64[np.ndarray, "K 2"]) -> Indices
 
 
 @no_type_check
-def creases_by_angle(mesh: MeshLike, degrees: int | float, sharpness: int | float = inf) -> Creases:
+def creases_by_angle(mesh: "MeshLike", degrees: int | float, sharpness: int | float = inf) -> Creases:
     """Return creases at all edges whose faces enclose more than some angle.
 
     Args:

@@ -30,7 +30,7 @@ Tangents = Float64[np.ndarray, "2 K"]
 _COLLINEAR = 1e-12  # sine of the angle between unit tangents below which they span no plane
 
 
-def _topology(thing: Topology | MeshLike) -> Topology:
+def _topology(thing: "Topology | MeshLike") -> Topology:
     return thing if isinstance(thing, Topology) else Topology.of(as_mesh(thing, triangles=True))
 
 
@@ -161,7 +161,9 @@ def has_loop_limit(scheme: Scheme) -> bool:
 
 
 @no_type_check
-def loop_limit(topology: Topology | MeshLike, scheme: str | Scheme = LOOP, creases: Creases | None = None) -> csr_array:
+def loop_limit(
+    topology: "Topology | MeshLike", scheme: str | Scheme = LOOP, creases: Creases | None = None
+) -> csr_array:
     """Return the (V, V) operator that takes vertices to their limit positions under Loop subdivision.
 
     An inner vertex v with n neighbours of sum Σ goes to (1 - n χ) v + χ Σ, χ = 1 / (n + 3 / (8 β)), where n β is the
@@ -292,7 +294,7 @@ def loop_limit_tangents(topology: Topology, scheme: Scheme = LOOP, creases: Crea
 
 @no_type_check
 def loop_limit_normals(
-    mesh: MeshLike, scheme: str | Scheme = LOOP, creases: Creases | None = None
+    mesh: "MeshLike", scheme: str | Scheme = LOOP, creases: Creases | None = None
 ) -> Float64[np.ndarray, "V 3"]:
     """Return unit normals of Loop's limit surface at the limit of each vertex, on the side that the faces point to.
 

@@ -202,14 +202,14 @@ def refine(
 def refine(topology: Chains | Curves, scheme: str | Scheme, levels: int = 1) -> CurveRefinement: ...
 @overload
 def refine(
-    topology: Topology | PolygonTopology | MeshLike,
+    topology: "Topology | PolygonTopology | MeshLike",
     scheme: str | Scheme,
     levels: int = 1,
     creases: Creases | None = None,
 ) -> Refinement | PolygonRefinement: ...
 @no_type_check
 def refine(
-    topology: Topology | PolygonTopology | MeshLike | Chains | Curves,
+    topology: "Topology | PolygonTopology | MeshLike | Chains | Curves",
     scheme: str | Scheme,
     levels: int = 1,
     creases: Creases | None = None,
@@ -332,7 +332,7 @@ def subdivide(
 ) -> Curves: ...
 @overload
 def subdivide(
-    mesh: MeshLike,
+    mesh: "MeshLike",
     scheme: str | Scheme,
     levels: int = 1,
     *,
@@ -341,7 +341,7 @@ def subdivide(
 ) -> Mesh | PolygonMesh: ...
 @no_type_check
 def subdivide(
-    mesh: MeshLike | Curves,
+    mesh: "MeshLike | Curves",
     scheme: str | Scheme,
     levels: int = 1,
     *,

@@ -144,6 +144,8 @@ def test_arguments_in_the_wrong_order_are_told():
         meshfit.save_curves(octahedron(), "curves.obj")
     with pytest.raises(MeshError, match=r"^source: expected .*got None"):
         meshfit.fit(None, octahedron())
+    with pytest.raises(MeshError, match=r"^source: 'spher' is neither a name nor a file: did you mean 'sphere'\?"):
+        meshfit.fit("spher", octahedron())
     with pytest.raises(MeshError, match=r"^target: expected .*got None"):
         meshfit.measure(octahedron(), None)
 

@@ -206,7 +206,7 @@ def open_mesh_file(path: str | Path, kind: Literal["mesh", "curve"], file_format
 
 @no_type_check
 def save_mesh(
-    mesh: MeshLike, path: str | Path, normals: Normals | None = None, *, file_format: str | None = None
+    mesh: "MeshLike", path: str | Path, normals: Normals | None = None, *, file_format: str | None = None
 ) -> None:
     """Write a mesh in the format of the suffix, in double precision except STL, GLB and glTF, which are single.
 
