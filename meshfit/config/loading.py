@@ -152,13 +152,20 @@ def absolute_path(text: str, folder: Path = Path()) -> str:
 
 def _parse_overrides(overrides: Sequence[str]) -> dict[str, Any]:
     changes: dict[str, Any] = {}
+    faults: list[str] = []
     for text in overrides:
         origin = f"--set {' '.join(text.split())}"
         key, equals, value = text.partition("=")
         parts = key.strip().split(".")
         if not equals or not all(parts):
-            raise ConfigError(f"{origin}: expected 'key=value', such as fit.steps=500")
-        changes = deep_merge(changes, nested(".".join(parts), _parse_override(parts, value, origin)))
+            faults.append(f"{origin}: expected 'key=value', such as fit.steps=500")
+            continue
+        try:
+            changes = deep_merge(changes, nested(".".join(parts), _parse_override(parts, value, origin)))
+        except ConfigError as error:
+            faults += error.faults
+    if faults:
+        raise ConfigError(*faults)
     return changes
 
 

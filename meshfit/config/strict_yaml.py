@@ -50,9 +50,14 @@ class _Loader(yaml.SafeLoader):
 
 
 class _Expansion:
-    """Copies of nodes in place of aliases and merge keys, so that every node of a document has one parent."""
+    """Copies of nodes in place of aliases and merge keys, so that every node of a document has one parent.
+
+    Attributes:
+        faults: a line for each duplicate key.
+    """
 
     def __init__(self, origin: str) -> None:
+        self.faults: list[str] = []
         self._origin = origin
         self._seen: set[int] = set()
         self._copies = 0
@@ -62,7 +67,7 @@ class _Expansion:
         """Return the node with all below it copied.
 
         Raises:
-            ConfigError: too many copies, a duplicate key, or something other than mappings to merge.
+            ConfigError: too many copies, or something other than mappings to merge.
         """
         self._count(node)
         if isinstance(node, yaml.SequenceNode):
@@ -92,8 +97,8 @@ class _Expansion:
             if name in own:
                 line, first = key.start_mark.line + 1, own[name].start_mark.line + 1
                 shown = " ".join(name.split())
-                raise ConfigError(f"{self._origin}, line {line}: duplicate key '{shown}' (first on line {first})")
-            own[name] = key
+                self.faults.append(f"{self._origin}, line {line}: duplicate key '{shown}' (first on line {first})")
+            own.setdefault(name, key)
         pairs: list[tuple[yaml.Node, yaml.Node]] = []
         for key, value in node.value:
             if not _is_merge_key(key):
@@ -229,7 +234,10 @@ def _compose(text: str, origin: str) -> tuple[_Loader, yaml.Node | None]:
 
 def _construct(loader: _Loader, node: yaml.Node, lines: dict[KeyPath, int], origin: str) -> Any:  # noqa: ANN401
     try:
-        node = _Expansion(origin)(node)
+        expansion = _Expansion(origin)
+        node = expansion(node)
+        if expansion.faults:
+            raise ConfigError(*dict.fromkeys(expansion.faults))
         _record_lines(node, (), lines)
         return loader.construct_document(node)
     except (yaml.YAMLError, ValueError) as error:

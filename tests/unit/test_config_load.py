@@ -242,5 +242,12 @@ def test_every_fault_is_reported_on_a_line_of_its_own(tmp_path, config):
         config("".join(f"unknown{number}: 1\n" for number in range(30)))
     assert len(caught.value.faults) == 21
     assert caught.value.faults[-1] == "and 10 more faults"
+    with pytest.raises(ConfigError) as caught:
+        config("seeds: [0]\n", "fit.steps", "fit.steps=[", "seeds=[1]", "=3")
+    assert [fault.partition(": ")[0] for fault in caught.value.faults] == [
+        "--set fit.steps",
+        "--set fit.steps=[",
+        "--set =3",
+    ]
     copied = pickle.loads(pickle.dumps(caught.value))
     assert copied.faults == caught.value.faults

@@ -192,3 +192,11 @@ def test_what_is_written_is_read_back_as_the_value_it_was(value):
 
 def test_keys_keep_their_order_and_lists_stand_on_one_line():
     assert dump({"b": [1, 2], "a": {"z": [], "y": 1.5}}) == "b: [1, 2]\na:\n  z: []\n  y: 1.5\n"
+
+
+def test_every_duplicate_key_is_reported_once():
+    text = "a: &x {b: 1, b: 2, b: 3}\nc: *x\na: 4\n"
+    with pytest.raises(ConfigError) as caught:
+        parse_document(text, "it")
+    twice = "it, line 1: duplicate key 'b' (first on line 1)"
+    assert caught.value.faults == ("it, line 3: duplicate key 'a' (first on line 1)", twice)
