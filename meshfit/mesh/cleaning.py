@@ -153,13 +153,14 @@ def _require_valid(soup: PolygonSoup, origin: str) -> None:
         raise MeshError(f"{origin}: the mesh has no vertices")
     if not len(soup.sizes):
         raise MeshError(f"{origin}: {no_faces_message(len(verts))}")
-    require_finite_verts(verts, origin)
     outside = np.flatnonzero((soup.corners < 0) | (soup.corners >= len(verts)))
     if len(outside):
         ends = np.cumsum(soup.sizes)
         bad = int(np.searchsorted(ends, outside[0], side="right"))
         face = soup.corners[ends[bad] - soup.sizes[bad] : ends[bad]].tolist()
         raise MeshError(f"{origin}: face {bad} is {face}, but vertices are numbered 0 to {len(verts) - 1}")
+    used = _marked(soup.corners, len(verts))
+    require_finite_verts(np.where(used[:, None], verts, 0.0), origin)
 
 
 def _topology(mesh: PolygonMesh, corners: Indices, known: PolygonTopology) -> PolygonTopology:

@@ -155,3 +155,10 @@ def test_warnings_name_the_file(tmp_path):
     save_mesh(Mesh(patch(3, 3).verts, patch(3, 3).faces), tmp_path / "open.ply")
     with pytest.warns(MeshfitWarning, match=r"open\.ply: 8 boundary edges"):
         load_mesh(tmp_path / "open.ply")
+
+
+@over("number", [np.nan, np.inf, 1e70])
+def test_vertices_that_no_face_uses_may_have_any_coordinates(number):
+    found, said = cleaned(np.concatenate([SOLID.verts, [[number, 0, 0]]]), SOLID.faces)
+    assert said == ["dropped 1 unreferenced vertex"]
+    assert np.array_equal(found.verts, SOLID.verts)
