@@ -183,7 +183,7 @@ def test_commands_take_compressed_files_and_name_them_by_their_stem(tmp_path, mo
     experiment = load_experiment("quickstart", ["targets=[solid.obj.gz]", "source.mesh=solid.obj.gz", "schemes=[loop]"])
     (trial,) = plan([experiment])
     assert trial.label == "solid · loop · seed 0"
-    assert trial.plain_settings["source"]["mesh"] == "solid.obj.gz"
+    assert trial.plain_settings["source"]["mesh"] == str(tmp_path / "solid.obj.gz")
     assert target_title("a/solid.obj.gz") == "solid"
 
 
