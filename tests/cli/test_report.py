@@ -81,7 +81,7 @@ def test_what_users_name_is_not_taken_for_markup(copied):
     (copied / "ellipsoid.ply").rename(copied / "<i>&x.ply")
     config = (copied / "small.yaml").read_text().replace("ellipsoid.ply", "'<i>&x.ply'").replace("[0, 1]", "[0]")
     (copied / "odd.yaml").write_text(config)
-    meshfit("run", "odd.yaml", "-q", "--set", "schemes=[loop]", folder=copied)
+    meshfit("run", "odd.yaml", "-q", "--set", "schemes=[loop]", "--name", "odd", folder=copied)
     _, page = page_of("runs/odd")
     assert "<i>" not in page
     assert "&lt;i&gt;&amp;x" in page
