@@ -21,8 +21,9 @@ def chart(
 ) -> int:
     """Draw the results of some runs as a chart, and print the means.
 
-    Schemes are grouped by kind, with one mark per target: the mean over its seeds. Bars are geometric means over the
-    targets. A sweep gives one panel per setting. Requires the extra: pip install 'meshfit[report]'.
+    Schemes are grouped by kind, with one mark per target: the mean over its seeds, with its 95 % interval. Bars are
+    geometric means over the targets. A sweep gives one panel per setting.
+    Requires the extra: pip install 'meshfit[report]'.
 
     Examples:
         meshfit chart runs/zoo -o zoo.pdf

@@ -7,7 +7,7 @@ import typer
 
 from meshfit.cli import completions
 from meshfit.cli.console import out
-from meshfit.cli.options import OUTPUT, Labels, Metric, RunDirs
+from meshfit.cli.options import OUTPUT, Labels, Metric, RunDirs, UpAxis, say_turned
 from meshfit.measuring.metrics import DEFAULT_METRIC
 from meshfit.specs import listed
 
@@ -61,6 +61,7 @@ def figure(
         ),
     ] = "once",
     labels: Labels = None,
+    up: UpAxis = None,
 ) -> int:
     """Draw a figure of some runs for a paper, with its caption.
 
@@ -84,6 +85,7 @@ def figure(
         latex_figure,
         plain_caption,
         read_figure_targets,
+        turned_targets,
         write_figure,
     )
     from meshfit.report.figures.layout import require_suffix
@@ -96,11 +98,13 @@ def figure(
     selection = select_trials(results, metric, targets=listed(targets or ""), schemes=listed(schemes or ""))
     known = [name for group in selection for name in (group.target, *(trial.scheme for trial in group.trials))]
     style = FigureStyle(width, columns, sources, parse_labels(labels or (), [*known, metric]))
-    figure_targets = read_figure_targets(selection)
+    figure_targets = read_figure_targets(selection, up)
     write_figure(figure_targets, output, metric, style)
     written = [output, output.with_suffix(".txt"), output.with_suffix(".tex")]
     about = "\n".join(details(figure_targets, metric, style))
     write_atomically(written[1], f"{plain_caption(figure_targets, metric, style)}\n{about}\n")
     write_atomically(written[2], latex_figure(figure_targets, metric, output.name, style))
+    if up is None:
+        say_turned(turned_targets(figure_targets))
     out.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, markup=False)
     return 0

@@ -2,7 +2,7 @@
 
 import functools
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from meshfit.cli import completions
+from meshfit.cli.console import err
 from meshfit.errors import ConfigError, FormatError, MeshError
 from meshfit.measuring.metrics import DEFAULT_METRIC, metric_named
 
@@ -155,6 +156,16 @@ Labels = Annotated[
         rich_help_panel=OUTPUT,
     ),
 ]
+UpAxis = Annotated[
+    Literal["y", "z"] | None,
+    typer.Option(
+        "--up",
+        help="The axis that points up.",
+        show_default="y, or z where the mesh stands on a base along z",
+        metavar="AXIS",
+        rich_help_panel=OUTPUT,
+    ),
+]
 Targets = Annotated[
     str | None,
     typer.Option(
@@ -250,6 +261,13 @@ class RunOptions:
     baseline: Baseline = None
     quiet: Quiet = False
     as_json: AsJson = False
+
+
+def say_turned(titles: Sequence[str]) -> None:
+    """Say which meshes are drawn with z up because they seem to stand that way."""
+    if titles:
+        names = ", ".join(dict.fromkeys(titles))
+        err.print(f"z up, guessed by the base: {names}; to change it: --up y", soft_wrap=True, markup=False)
 
 
 @contextmanager

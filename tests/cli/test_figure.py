@@ -66,7 +66,9 @@ def test_a_pdf_has_its_fonts_as_truetype_in_it_and_pictures_of_300_dpi(runs, tmp
 def test_a_figure_is_as_wide_as_its_column_and_names_what_the_user_names(runs, tmp_path):
     labels = ["--label", "interp-loop=Interp. Loop", "--label", "bone=A bone"]
     answered("figure", runs, "-o", tmp_path / "one.png", "--width", "single", "--sources", "none", *labels)
-    assert png.open(tmp_path / "one.png").size[0] == pytest.approx(WIDTHS["single"] * DPI[".png"], abs=1)
+    with png.open(tmp_path / "one.png") as image:
+        across, _ = image.size
+    assert across == pytest.approx(WIDTHS["single"] * DPI[".png"], abs=1)
     assert "A bone: loop seed 1, Interp. Loop seed 1" in (tmp_path / "one.txt").read_text()
     latex = (tmp_path / "one.tex").read_text()
     assert r"\begin{figure}" in latex

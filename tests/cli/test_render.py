@@ -144,3 +144,51 @@ def test_without_a_library_the_extra_is_named(tmp_path, monkeypatch, library):
     monkeypatch.setattr(importlib, "import_module", missing)
     message = refused("render", "bone", "-o", tmp_path / "x.png")
     assert f"{library}, which is not installed: pip install 'meshfit[report]'" in message
+
+
+def pyramid(*turn):
+    base = [[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1], [0.3, 2, 0.2]]
+    faces = [[0, 1, 2], [0, 2, 3], [1, 0, 4], [2, 1, 4], [3, 2, 4], [0, 3, 4]]
+    return Mesh(np.array(base, float) @ np.array(turn, float) if turn else np.array(base, float), faces)
+
+
+UPRIGHT = pyramid([1, 0, 0], [0, 0, 1], [0, -1, 0])
+
+
+def test_a_mesh_that_stands_along_z_is_shown_upright_and_this_is_said(tmp_path):
+    save_mesh(pyramid(), tmp_path / "y.ply")
+    save_mesh(UPRIGHT, tmp_path / "z.ply")
+    for name in ("y", "z"):
+        ran = invoke("render", f"a={tmp_path / name}.ply", "-o", tmp_path / f"{name}.png", "--size", 120)
+        assert ("z up" in ran.err) == (name == "z")
+    answered("render", f"a={tmp_path}/z.ply", "-o", tmp_path / "lying.png", "--size", 120, "--up", "y")
+    standing, guessed, lying = (pixels(tmp_path / f"{name}.png") for name in ("y", "z", "lying"))
+    assert np.abs(standing - guessed).mean() < 0.1
+    assert np.abs(standing - lying).mean() > 5
+
+
+def test_pictures_wrap_and_have_their_size_view_and_background(tmp_path):
+    meshes, picture = ["bone"] * 5, tmp_path / "x.png"
+    answered("render", *meshes, "-o", picture, "--size", "90x60")
+    assert pixels(picture).shape[1] == 3 * 90  # in two lines, rather than four and one
+    answered("render", *meshes, "-o", picture, "--size", "90x60", "--columns", 2, "--background", "black")
+    assert pixels(picture).shape[1] == 2 * 90
+    assert pixels(picture)[0].max() < 5
+    answered("render", "bone", "-o", picture, "--size", 90, "--background", "transparent", "--view", "front")
+    with png.open(picture) as image:
+        assert np.asarray(image.convert("RGBA"))[0, :, 3].max() == 0
+    for view in ("front", "0,0"):
+        answered("render", "bone", "-o", tmp_path / f"{view}.png", "--size", 90, "--view", view)
+    assert (tmp_path / "front.png").read_bytes() == (tmp_path / "0,0.png").read_bytes()
+
+
+def test_wrong_sizes_views_and_backgrounds_are_refused(tmp_path):
+    for option, value in (
+        ("--size", "0"),
+        ("--size", "9e9"),
+        ("--view", "askew"),
+        ("--view", "1,2,3"),
+        ("--view", "0,95"),
+    ):
+        assert value in refused("render", "bone", "-o", tmp_path / "x.png", option, value)
+    assert "blueish" in refused("render", "bone", "-o", tmp_path / "x.png", "--background", "blueish")

@@ -80,3 +80,17 @@ def test_the_command_writes_it_and_refuses_what_is_no_picture(tmp_path):
     assert str(path) in answered("chart", str(tmp_path / "runs"), "-o", str(path))
     assert path.read_bytes().startswith(b"%PDF")
     assert "not a known picture format" in refused("chart", str(tmp_path / "runs"), "-o", str(tmp_path / "chart.gif"))
+
+
+def test_intervals_widen_the_axis_and_one_that_includes_zero_runs_off_it(tmp_path):
+    pytest.importorskip("matplotlib")
+    paths = [tmp_path / f"{name}.svg" for name in ("one", "near", "far")]
+    for path, spreads in zip(paths, ([1.0], [0.99, 1.01], [0.5, 1.5]), strict=True):
+        seeds = [
+            one | {"seed": seed, "hausdorff": {**one["hausdorff"], "symmetric": one["hausdorff"]["symmetric"] * factor}}
+            for seed, factor in enumerate(spreads)
+            for one in results()
+        ]
+        write_chart(build_tables(seeds), path)
+    lines = [path.read_text().count("stroke-width: 0.8") for path in paths]
+    assert lines[0] < lines[2] < lines[1]  # no interval, upper ends only, both ends

@@ -3,15 +3,19 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float64
 
-from meshfit.errors import MeshError
+from meshfit.errors import ConfigError, MeshError
 from meshfit.mesh.geometry import area_vectors, unit_vectors
 from meshfit.mesh.mesh import Mesh, Verts
 
 Vector = tuple[float, float, float]
+
+Up = Literal["y", "z"]
+"""The axis that points up in a picture."""
 
 UP = (0.0, 1.0, 0.0)
 MARGIN = 0.04
@@ -28,6 +32,19 @@ _CELLS = 56
 _BINS = 4
 # Preference for the front over the back, three quarters over straight on, and the lower ring over the upper.
 _FRONT, _THREE_QUARTER, _LOW = 0.2, 0.2, 0.1
+
+# Guess of the axis that points up: a mesh stands on its base, the flat part of its lower end that faces down.
+_BASE_SLAB, _FACING, _LEAST_BASE, _CLEARLY, _THIN = 0.02, 0.95, 0.02, 4.0, 0.05
+
+# Named views: elevation and azimuth in degrees.
+VIEWS = {
+    "front": (0.0, 0.0),
+    "back": (0.0, 180.0),
+    "left": (0.0, 90.0),
+    "right": (0.0, -90.0),
+    "top": (89.9, 0.0),
+    "bottom": (-89.9, 0.0),
+}
 
 # Visibility and close-ups.
 _DEPTH_TOLERANCE = 0.01
@@ -98,24 +115,82 @@ class Camera:
         return replace(camera, scale=max(camera.scale, self.scale))
 
 
-def camera_of(mesh: Mesh) -> Camera:
-    """Return the best three-quarter view of a mesh: y up, a little from above, all of it in the picture.
+def camera_of(mesh: Mesh, up: Up | None = None, view: str = "best") -> Camera:
+    """Return a view of a mesh upright, all of it in the picture.
 
     Args:
         mesh: usually the target, whose camera also serves for its sources and results.
+        up: the axis that points up; by default `guess_up`.
+        view: `best` for a three-quarter view, one of `VIEWS`, or `AZIMUTH,ELEVATION` in degrees.
 
     Raises:
         MeshError: the mesh has no faces.
+        ConfigError: no such view.
     """
     if not mesh.num_faces:
         raise MeshError("a mesh without faces cannot be drawn")
-    return camera_from(mesh, best_direction(mesh))
+    up = up or guess_up(mesh)
+    standing = mesh if up == "y" else Mesh(_stood_up(mesh.verts), mesh.faces)
+    direction = best_direction(standing) if view == "best" else _direction(*_angles(view))
+    camera = camera_from(standing, direction)
+    if up == "y":
+        return camera
+    return replace(
+        camera, focal=_laid_down(camera.focal), direction=_laid_down(camera.direction), up=_laid_down(camera.up)
+    )
 
 
-def camera_from(mesh: Mesh, direction: Vector) -> Camera:
+def guess_up(mesh: Mesh) -> Up:
+    """Guess the axis that points up: z where the mesh clearly stands on a flat base along z, and not along y; else y.
+
+    Args:
+        mesh: with at least one face.
+    """
+    extents = np.ptp(mesh.verts, axis=0)
+    if not extents[2] > _THIN * extents.max():
+        return "y"
+    along_y, along_z = (_base(mesh, axis) for axis in (1, 2))
+    return "z" if along_z > max(_LEAST_BASE, _CLEARLY * along_y) else "y"
+
+
+def _base(mesh: Mesh, axis: int) -> float:
+    """The share of the surface that faces down along an axis at its lower end."""
+    vectors = area_vectors(mesh)
+    areas = np.linalg.norm(vectors, axis=1)
+    heights = mesh.verts[mesh.faces][:, :, axis].max(axis=1)
+    low, high = float(mesh.verts[:, axis].min()), float(mesh.verts[:, axis].max())
+    down = (vectors[:, axis] < -_FACING * areas) & (heights <= low + _BASE_SLAB * (high - low))
+    return float(areas[down].sum() / (areas.sum() or 1.0))
+
+
+def _angles(view: str) -> tuple[float, float]:
+    """Elevation and azimuth of a view in degrees."""
+    if view in VIEWS:
+        return VIEWS[view]
+    try:
+        azimuth, elevation = map(float, view.split(","))
+    except ValueError:
+        azimuth, elevation = math.nan, math.nan
+    if not (math.isfinite(azimuth) and abs(elevation) <= 90):
+        known = ", ".join(("best", *VIEWS))
+        raise ConfigError(f"view '{view}': expected {known}, or AZIMUTH,ELEVATION in degrees, such as 30,15")
+    return max(-89.9, min(89.9, elevation)), azimuth
+
+
+def _stood_up(verts: Verts) -> Verts:
+    """Turn z to y."""
+    return np.stack([verts[:, 0], verts[:, 2], -verts[:, 1]], axis=1)
+
+
+def _laid_down(vector: Vector) -> Vector:
+    """Turn y back to z."""
+    return vector[0], -vector[2], vector[1]
+
+
+def camera_from(mesh: Mesh, direction: Vector, upright: Vector = UP) -> Camera:
     """Return the view of a whole mesh from a direction, which must not be straight up or down."""
     away = np.asarray(direction) / np.linalg.norm(direction)
-    up = np.asarray(UP) - np.dot(UP, away) * away
+    up = np.asarray(upright) - np.dot(upright, away) * away
     camera = Camera((0.0, 0.0, 0.0), _vector(away), _vector(up / np.linalg.norm(up)), 1.0)
     seen = camera.project(mesh.verts)
     low, high = seen.min(axis=0), seen.max(axis=0)
@@ -159,7 +234,7 @@ def _surface_samples(mesh: Mesh) -> tuple[Float64[np.ndarray, "N 3"], Float64[np
     return points / (float(np.linalg.norm(points, axis=1).max()) or 1.0), unit_vectors(vectors[chosen])
 
 
-def _direction(elevation: int, azimuth: int) -> Vector:
+def _direction(elevation: float, azimuth: float) -> Vector:
     """Azimuth 0 is straight from the front, +z; 90 is from the mesh's left side, +x."""
     up, round_ = np.deg2rad(elevation), np.deg2rad(azimuth)
     return float(np.cos(up) * np.sin(round_)), float(np.sin(up)), float(np.cos(up) * np.cos(round_))
@@ -244,9 +319,12 @@ def _turned(mesh: Mesh, vert: int, near: Camera) -> Iterator[Camera]:
     """Cameras on rings around a vertex, those closest to its normal first."""
     normal = _vertex_normal(mesh, vert)
     angles = [2 * math.pi * step / _AROUND for step in range(_AROUND)]
-    sides = [np.array([math.cos(a), height, math.sin(a)]) for height in _HEIGHTS for a in angles]
+    on_z = abs(near.up[2]) > abs(near.up[1])
+    upright = _laid_down(UP) if on_z else UP
+    around = [(math.cos(a), height, math.sin(a)) for height in _HEIGHTS for a in angles]
+    sides = [np.array(_laid_down(side) if on_z else side) for side in around]
     for side in sorted(sides, key=lambda side: -float(normal @ side) / float(np.linalg.norm(side))):
-        yield replace(camera_from(mesh, _vector(side)), focal=near.focal, scale=near.scale)
+        yield replace(camera_from(mesh, _vector(side), upright), focal=near.focal, scale=near.scale)
 
 
 def _vertex_normal(mesh: Mesh, vert: int) -> Float64[np.ndarray, "3"]:

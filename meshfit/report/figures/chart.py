@@ -18,6 +18,7 @@ from meshfit.specs import parse_spec
 from meshfit.subdivision.registry import SCHEMES
 
 # Okabe and Ito (2008): distinguishable by the colour-blind; shapes differ too.
+_ROOM = 1.04  # between the end of an interval and that of the axis
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
 _SHAPES = ("o", "s", "^", "D", "v", "P")
 _WIDTH, _ROW, _MARGIN, _HEAD, _FONT = 7.0, 0.19, 1.55, 0.55, 8.0
@@ -119,6 +120,7 @@ def _draw_panel(axes: Any, table: Table, lines: Sequence[_Line], *, names: bool)
             if target in values:
                 axes.plot(values[target], row, **_mark(place), zorder=3)
     axes.set_xscale("log")
+    _draw_intervals(axes, table, lines)
     set_log_ticks(axes.xaxis)
     axes.set_ylim(len(lines) - 0.4, -0.6)
     axes.set_yticks(range(len(lines)), [line.text if names else "" for line in lines], fontsize=_FONT, color=INK)
@@ -130,6 +132,26 @@ def _draw_panel(axes: Any, table: Table, lines: Sequence[_Line], *, names: bool)
     axes.set_title(table.variations[0].variant or table.title, fontsize=_FONT + 1, color=INK, pad=4)
     for side in ("top", "right", "left"):
         axes.spines[side].set_visible(False)
+
+
+def _draw_intervals(axes: Any, table: Table, lines: Sequence[_Line]) -> None:  # noqa: ANN401
+    """Draw the 95 % interval of each mean; one that includes 0 runs off the logarithmic axis."""
+    rows = {line.scheme: row for row, line in enumerate(lines) if line.scheme}
+    intervals = [
+        (rows[row.scheme], list(table.targets).index(target), *summary.interval)
+        for (_, target, row), summary in table.cells.items()
+        if summary.interval is not None
+    ]
+    ends = [end for *_, low, high in intervals for end in (low, high) if end > 0]
+    left, right = axes.get_xlim()
+    left, right = min([left, *(end / _ROOM for end in ends)]), max([right, *(end * _ROOM for end in ends)])
+    for row, place, low, high in intervals:
+        colour = _COLOURS[place % len(_COLOURS)]
+        axes.plot([max(low, left), high], [row, row], color=colour, linewidth=1.0, solid_capstyle="butt", zorder=2)
+        for end in (low, high):
+            if end > 0:
+                axes.plot([end, end], [row - 0.14, row + 0.14], color=colour, linewidth=0.8, zorder=2)
+    axes.set_xlim(left, right)
 
 
 def _mark(place: int) -> dict[str, object]:

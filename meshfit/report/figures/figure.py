@@ -8,7 +8,7 @@ from typing import Literal
 from meshfit.measuring.metrics import METRICS
 from meshfit.mesh.mesh import Mesh
 from meshfit.printable import printable
-from meshfit.report.figures.camera import Camera, camera_of
+from meshfit.report.figures.camera import Camera, Up, camera_of, guess_up
 from meshfit.report.figures.colours import shared_limit
 from meshfit.report.figures.figure_layout import Block, BlockShape, arrange, write_blocks
 from meshfit.report.figures.layout import DPI, ColourBar, Panel, distance_panel, mesh_panel
@@ -73,8 +73,12 @@ class FigureTarget:
     aspect: float
 
 
-def read_figure_targets(selection: Iterable[TargetTrials]) -> tuple[FigureTarget, ...]:
+def read_figure_targets(selection: Iterable[TargetTrials], up: Up | None = None) -> tuple[FigureTarget, ...]:
     """Read the meshes of a figure, and frame the view of each target.
+
+    Args:
+        selection: the trials of each target.
+        up: the axis that points up; by default guessed for each target.
 
     Raises:
         StoreError, MeshError: a result or a mesh cannot be read.
@@ -83,11 +87,16 @@ def read_figure_targets(selection: Iterable[TargetTrials]) -> tuple[FigureTarget
     targets = []
     for group, meshes in read:
         same = [trial for other, trials in read if other.target == group.target for trial in trials]
-        camera, aspect = camera_of(meshes[0].target).framing(meshes[0].target, *(trial.result for trial in same))
+        camera, aspect = camera_of(meshes[0].target, up).framing(meshes[0].target, *(trial.result for trial in same))
         groups = distinct_meshes([(place, trial.source) for place, trial in enumerate(meshes)])
         sources = tuple((tuple(places), mesh) for places, mesh in groups)
         targets.append(FigureTarget(group, meshes, sources, camera, aspect))
     return tuple(targets)
+
+
+def turned_targets(targets: Sequence[FigureTarget]) -> list[str]:
+    """Return the titles of targets that are taken to stand along z."""
+    return [target.selected.title for target in targets if guess_up(target.meshes[0].target) == "z"]
 
 
 def write_figure(targets: Sequence[FigureTarget], path: Path, metric: str, style: FigureStyle) -> None:

@@ -15,7 +15,7 @@ from meshfit.errors import ConfigError
 from meshfit.mesh.mesh import Mesh
 from meshfit.optional import import_optional
 from meshfit.report.figures.camera import Camera, is_visible
-from meshfit.report.figures.colours import DISTANCES, INK
+from meshfit.report.figures.colours import DISTANCES, INK, rgb
 from meshfit.report.figures.drawing import Image, draw
 from meshfit.report.figures.trial_meshes import worst_vertex
 
@@ -102,9 +102,16 @@ class PanelRow:
         return next(place for place, panel in enumerate(self.panels) if panel is not None)
 
 
-def mesh_panel(mesh: Mesh, camera: Camera, size: tuple[int, int], *lines: str, edges: bool = False) -> Panel:
+def mesh_panel(
+    mesh: Mesh,
+    camera: Camera,
+    size: tuple[int, int],
+    *lines: str,
+    edges: bool = False,
+    background: str | None = "#ffffff",
+) -> Panel:
     """Draw a mesh of one colour, with lines of text below; `size` is width and height in pixels."""
-    return Panel(draw(mesh, camera, size=size, edges=edges), lines)
+    return Panel(draw(mesh, camera, size=size, edges=edges, background=background), lines)
 
 
 def distance_panel(
@@ -115,11 +122,33 @@ def distance_panel(
     size: tuple[int, int],
     *lines: str,
     edges: bool = False,
+    background: str | None = "#ffffff",
 ) -> Panel:
     """Draw a mesh in the colours of its distances (0 to `limit`), with a ring around the farthest vertex."""
-    image = draw(mesh, camera, size=size, values=distances, limits=(0.0, limit), edges=edges)
+    image = draw(mesh, camera, size=size, values=distances, limits=(0.0, limit), edges=edges, background=background)
     worst = worst_vertex(distances)
     return Panel(image, lines, Ring(*camera.pixel(mesh.verts[worst], size), dashed=not is_visible(mesh, worst, camera)))
+
+
+def ink_on(background: str | None) -> str:
+    """Return a colour of text that is legible on a background; one without colour is taken for white."""
+    return "#ffffff" if background is not None and float(rgb(background) @ [0.3, 0.59, 0.11]) < 128 else INK
+
+
+def parse_background(text: str) -> str | None:
+    """Return a background as `#rrggbb`, or None if it is `transparent`.
+
+    Raises:
+        ConfigError: not a colour, or matplotlib is not installed.
+    """
+    if text == "transparent":
+        return None
+    try:
+        return str(import_optional("matplotlib.colors").to_hex(text))
+    except ValueError:
+        raise ConfigError(
+            f"background '{text}': expected transparent, the name of a colour such as black, or #rrggbb"
+        ) from None
 
 
 def require_suffix(path: Path) -> None:
@@ -141,7 +170,9 @@ def column_width(width: float, columns: int) -> float:
     return (width - _GAP * (columns - 1)) / columns
 
 
-def write_rows(rows: Sequence[PanelRow], path: Path, *, width: float, font: float, dpi: int) -> None:
+def write_rows(
+    rows: Sequence[PanelRow], path: Path, *, width: float, font: float, dpi: int, background: str | None = "#ffffff"
+) -> None:
     """Write a figure of rows of pictures.
 
     Args:
@@ -150,6 +181,7 @@ def write_rows(rows: Sequence[PanelRow], path: Path, *, width: float, font: floa
         width: width of the figure in inches.
         font: font size in points, reduced where a line of text would not fit.
         dpi: pixels per inch of the pictures.
+        background: as for `draw`.
 
     Raises:
         ConfigError: matplotlib is not installed, or the file cannot be written.
@@ -161,10 +193,10 @@ def write_rows(rows: Sequence[PanelRow], path: Path, *, width: float, font: floa
     heights = [round(_height(row, line, dpi) * dpi) / dpi for row in rows]
     with matplotlib.rc_context(STYLE), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a letter missing from every font is drawn as a box
-        figure = figures.Figure(figsize=(width, sum(heights)), facecolor="white")
+        figure = figures.Figure(figsize=(width, sum(heights)), facecolor=background or "none")
         top = sum(heights)
         for row, height in zip(rows, heights, strict=True):
-            Canvas(figure, width, sum(heights), font, dpi).add(row, top)
+            Canvas(figure, width, sum(heights), font, dpi, ink_on(background)).add(row, top)
             top -= height
         write_drawing(figure, path, dpi)
 
@@ -228,6 +260,7 @@ class Canvas:
     height: float
     font: float
     dpi: int
+    ink: str = INK
 
     def add(self, row: PanelRow, top: float) -> None:
         """Add a row of pictures below a height."""
@@ -264,7 +297,7 @@ class Canvas:
                 ha="center",
                 va="baseline",
                 fontsize=self.font,
-                color=INK,
+                color=self.ink,
             )
 
     def _add_ring(self, axes: Any, ring: Ring) -> None:  # noqa: ANN401  matplotlib is optional
@@ -279,7 +312,7 @@ class Canvas:
         axes = self._axes(*corner, 0.07, high)
         self._draw_bar(bar, axes, "vertical")
         axes.set_yticklabels(["0", "", f"{bar.limit:.4g}"])
-        axes.tick_params(labelsize=max(6.0, self.font - 1), length=1.5, width=0.4, pad=1.5, colors=INK)
+        axes.tick_params(labelsize=max(6.0, self.font - 1), length=1.5, width=0.4, pad=1.5, colors=self.ink)
 
     def _draw_bar(self, bar: ColourBar, axes: Any, orientation: str) -> Any:  # noqa: ANN401  matplotlib is optional
         colours, cm = import_optional("matplotlib.colors"), import_optional("matplotlib.cm")
@@ -289,6 +322,7 @@ class Canvas:
             scale, cax=axes, orientation=orientation, extend="max" if bar.more else "neither", extendfrac=0.04
         )
         drawn.outline.set_linewidth(0.4)
+        drawn.outline.set_edgecolor(self.ink)
         drawn.set_ticks([0.0, bar.limit / 2, bar.limit])
         return drawn
 
@@ -296,9 +330,9 @@ class Canvas:
         axes = self._axes(*corner, across, 0.8 * self.font / 72)
         drawn = self._draw_bar(bar, axes, "horizontal")
         drawn.set_ticklabels(["0", f"{bar.limit / 2:.4g}", f"{bar.limit:.4g}"])
-        axes.tick_params(labelsize=self.font, length=2, width=0.5, pad=1.5, colors=INK)
+        axes.tick_params(labelsize=self.font, length=2, width=0.5, pad=1.5, colors=self.ink)
         size = min(self.font, room * 72 / (LETTER * len(bar.label)))
-        axes.set_xlabel(bar.label, fontsize=size, labelpad=1.5, color=INK)
+        axes.set_xlabel(bar.label, fontsize=size, labelpad=1.5, color=self.ink)
 
     def _axes(self, left: float, bottom: float, across: float, high: float) -> Any:  # noqa: ANN401  matplotlib is optional
         return self.figure.add_axes((left / self.width, bottom / self.height, across / self.width, high / self.height))

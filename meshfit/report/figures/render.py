@@ -1,7 +1,8 @@
 """Pictures of meshes side by side, each from its target's camera, in one colour or in the colours of its distances."""
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +13,15 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.normalisation import frame_of
 from meshfit.mesh.targets import NAMED_TARGETS, load_target, target_title
 from meshfit.paths import is_folder, is_regular_file, path_text
-from meshfit.report.figures.camera import Camera, camera_of
+from meshfit.report.figures.camera import Camera, Up, camera_of, guess_up
 from meshfit.report.figures.colours import shared_limit
 from meshfit.report.figures.layout import DPI, ColourBar, PanelRow, distance_panel, mesh_panel, write_rows
 from meshfit.report.figures.trial_meshes import distances_to, read_trial_meshes
 from meshfit.report.tables.notes import FRAMES
 
 _PANEL = 2.6
+_MOST_COLUMNS = 4
+_SMALLEST, _LARGEST = 16, 8192
 _FONT = 9.0
 
 
@@ -77,37 +80,94 @@ def collect_meshes(names: Sequence[str], against: str | None = None) -> tuple[li
     return meshes, f"distance to {target_title(against)}, in {FRAMES[next(iter(frames))]}"
 
 
-def write_render(meshes: Sequence[RenderedMesh], path: Path, *, edges: bool = False, label: str = "") -> None:
-    """Draw meshes side by side, y up, each with its title below; distances share one scale and one colour bar.
+@dataclass(frozen=True)
+class RenderStyle:
+    """How meshes are drawn.
+
+    Attributes:
+        edges: draw the edges of faces too.
+        size: width and height of each picture in pixels; None for a square of 2.6 inches.
+        columns: pictures side by side; None for up to four.
+        view: as for `camera_of`.
+        up: the axis that points up; None to guess it.
+        background: as `#rrggbb`; None for a transparent one.
+    """
+
+    edges: bool = False
+    size: tuple[int, int] | None = None
+    columns: int | None = None
+    view: str = "best"
+    up: Up | None = None
+    background: str | None = "#ffffff"
+
+
+def write_render(
+    meshes: Sequence[RenderedMesh], path: Path, *, style: RenderStyle | None = None, label: str = ""
+) -> None:
+    """Draw meshes side by side, upright, each with its title below; distances share one scale and one colour bar.
 
     Args:
-        meshes: from left to right.
+        meshes: in reading order.
         path: .png, .pdf or .svg.
-        edges: draw the edges of faces too.
+        style: how they are drawn.
         label: label of the colour bar, with the unit of distances.
 
     Raises:
-        ConfigError: a library is not installed, or the picture cannot be written.
+        ConfigError: a library is not installed, the picture cannot be written, or there is no such view.
         MeshError: a mesh has no faces.
         MeasureError: distances are measured to a mesh without faces.
     """
+    style = style or RenderStyle()
     dpi = DPI[path.suffix.lower()]
-    size = round(_PANEL * dpi), round(_PANEL * dpi)
+    size = style.size or (round(_PANEL * dpi), round(_PANEL * dpi))
     distances = [None if shown.against is None else distances_to(shown.mesh, shown.against) for shown in meshes]
     measured = [values for values in distances if values is not None]
     limit = shared_limit(measured)
     panels = [
-        mesh_panel(shown.mesh, camera, size, shown.title, edges=edges)
+        mesh_panel(shown.mesh, camera, size, shown.title, edges=style.edges, background=style.background)
         if values is None
-        else distance_panel(shown.mesh, values, limit, camera, size, shown.title, edges=edges)
-        for shown, camera, values in zip(meshes, cameras_of(meshes), distances, strict=True)
+        else distance_panel(
+            shown.mesh, values, limit, camera, size, shown.title, edges=style.edges, background=style.background
+        )
+        for shown, camera, values in zip(meshes, cameras_of(meshes, style), distances, strict=True)
     ]
     bar = ColourBar(limit, label, more=any(values.max() > limit for values in measured)) if measured else None
-    write_rows([PanelRow(tuple(panels), bar)], path, width=_PANEL * len(meshes), font=_FONT, dpi=dpi)
+    columns = columns_for(len(panels), style.columns)
+    lines = [tuple(panels[begin : begin + columns]) for begin in range(0, len(panels), columns)]
+    rows = [PanelRow((*line, *[None] * (columns - len(line)))) for line in lines]
+    rows[-1] = replace(rows[-1], bar=bar)
+    width = columns * size[0] / dpi
+    write_rows(rows, path, width=width, font=_FONT, dpi=dpi, background=style.background)
 
 
-def cameras_of(meshes: Sequence[RenderedMesh]) -> list[Camera]:
+def columns_for(count: int, wanted: int | None = None) -> int:
+    """Return how many of `count` pictures are side by side: as wanted, or up to four, in lines of like length."""
+    return min(count, wanted or math.ceil(count / math.ceil(count / _MOST_COLUMNS)))
+
+
+def turned_meshes(meshes: Sequence[RenderedMesh]) -> list[str]:
+    """Return the titles of meshes that are taken to stand along z."""
+    return [shown.title for shown in meshes if shown.viewed_like.num_faces and guess_up(shown.viewed_like) == "z"]
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Return width and height in pixels from `800` or `800x600`.
+
+    Raises:
+        ConfigError: not a size, or one that no picture should have.
+    """
+    numbers = text.lower().split("x")
+    if len(numbers) > 2 or not all(number.strip().isdecimal() for number in numbers):
+        raise ConfigError(f"size '{text}': expected WIDTHxHEIGHT in pixels, such as 800x600, or one number for both")
+    width, height = int(numbers[0]), int(numbers[-1])
+    if not all(_SMALLEST <= number <= _LARGEST for number in (width, height)):
+        raise ConfigError(f"size '{text}': expected {_SMALLEST} to {_LARGEST} pixels")
+    return width, height
+
+
+def cameras_of(meshes: Sequence[RenderedMesh], style: RenderStyle | None = None) -> list[Camera]:
     """Return the camera of each mesh; those that share one are zoomed out until all of them fit."""
+    style = style or RenderStyle()
     groups: list[tuple[Mesh, list[Mesh]]] = []
     places = []
     for shown in meshes:
@@ -116,7 +176,13 @@ def cameras_of(meshes: Sequence[RenderedMesh]) -> list[Camera]:
             groups.append((shown.viewed_like, []))
         groups[place][1].append(shown.mesh)
         places.append(place)
-    cameras = [camera_of(target).containing(*members) for target, members in groups]
+    cameras = []
+    for target, members in groups:
+        camera = camera_of(target, style.up, style.view).containing(*members)
+        # Into a picture that is not square, the meshes are fitted by its aspect.
+        if style.size is not None and style.size[0] != style.size[1]:
+            camera, _ = camera.framing(target, *members, aspect=style.size[0] / style.size[1])
+        cameras.append(camera)
     return [cameras[place] for place in places]
 
 
