@@ -50,5 +50,6 @@ def _output(output: Any, stem: str, pictures: dict[str, bytes]) -> str:  # noqa:
         pictures[picture] = base64.b64decode(data["image/png"])
         return f"![output of the cell above]({picture})"
     if "text/html" in data:
-        return f'<div class="output">{"".join(data["text/html"].splitlines())}</div>'
+        html = data["text/html"].replace('<table border="1" class="dataframe">', "<table>")  # styled as others
+        return f'<div class="output">{"".join(html.splitlines())}</div>'
     return f"```text\n{data['text/plain'].strip()}\n```" if data["text/plain"].strip() else ""

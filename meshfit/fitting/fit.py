@@ -258,6 +258,7 @@ def fit_batch(
     return [outcomes[problem] for problem in problems]
 
 
+@no_type_check
 def _settings(settings: FitSettings | None, overrides: Mapping[str, Any]) -> FitSettings:
     changes = {key: _plain(value) for key, value in overrides.items() if value is not None}
     if settings is not None and not isinstance(settings, tuple(METHODS.values())):
@@ -291,6 +292,7 @@ def _require_one_of(key: str, value: str, allowed: Sequence[str]) -> Any:  # noq
     return value
 
 
+@no_type_check
 def _placed_source(
     source: "MeshLike", frame: Frame, goal: Mesh, settings: FitSettings, scheme: str | Scheme, how: Placement
 ) -> Mesh | PolygonMesh:

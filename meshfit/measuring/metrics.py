@@ -31,7 +31,7 @@ class Metric:
         """Whether values are counts, or true or false."""
         return self.format in ("d", "")
 
-    def text(self, value: float | bool | None) -> str:  # noqa: FBT001  a value of the metric
+    def text(self, value: int | float | bool | None) -> str:  # noqa: FBT001  a value of the metric
         """Return a value as text; a missing one is a dash."""
         if value is None or isinstance(value, bool):
             return "–" if value is None else str(value)

@@ -2,7 +2,7 @@
 
 import os
 from pathlib import Path
-from typing import Any, Literal, Protocol, TypeAlias, overload
+from typing import Any, Literal, Protocol, TypeAlias, overload, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,6 +34,7 @@ _REMEDIES = {
 }
 
 
+@runtime_checkable
 class VerticesAndFaces(Protocol):
     """A mesh such as trimesh's: (V, 3) `vertices` and (F, 3) `faces`."""
 
@@ -46,6 +47,7 @@ class VerticesAndFaces(Protocol):
         """(F, 3) vertex numbers."""
 
 
+@runtime_checkable
 class PointsAndFaces(Protocol):
     """A mesh such as pyvista's: (V, 3) `points`, and `faces` in one flat array, each after its number of corners."""
 
@@ -58,6 +60,7 @@ class PointsAndFaces(Protocol):
         """Numbers of corners and vertex numbers, flat."""
 
 
+@runtime_checkable
 class HasMesh(Protocol):
     """A result with a mesh, such as `FitResult`."""
 

@@ -213,7 +213,9 @@ def _contains(ordered: NDArray[np.int64], keys: NDArray[np.int64]) -> NDArray[np
     return np.asarray(np.append(ordered, -1)[np.searchsorted(ordered, keys)] == keys)
 
 
-def _diagonals(sizes: Sizes, triangles: Int64[np.ndarray, "T 3"]) -> tuple[Int64[np.ndarray, "D 2"], Sizes]:
+def _diagonals(
+    sizes: Sizes, triangles: Int64[np.ndarray, "T 3"]
+) -> tuple[Int64[np.ndarray, "D 2"], Int64[np.ndarray, " D"]]:
     """Return the places that each diagonal joins, the smaller first, and its polygon."""
     face = np.repeat(np.arange(len(sizes)), sizes - 2)
     ends = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 import numpy as np
+from jaxtyping import Float64
 from scipy.sparse import csr_array
 
 from meshfit.doors import no_type_check
@@ -49,7 +50,7 @@ def refined_sphere(scheme: Scheme, levels: int, radius: float = 1.0) -> Mesh | P
     return Mesh(verts, refinement.faces) if isinstance(refinement, Refinement) else refinement.mesh(verts)
 
 
-def refined_on_sphere(verts: Verts, operators: Iterable[csr_array]) -> Verts:
+def refined_on_sphere(verts: Verts, operators: Iterable[csr_array]) -> Float64[np.ndarray, "W 3"]:
     """Refine vertices level by level, and project them onto a sphere before the first level and after each.
 
     The sphere is centred at the mean of the vertices and passes through the farthest of them.
@@ -62,7 +63,7 @@ def refined_on_sphere(verts: Verts, operators: Iterable[csr_array]) -> Verts:
         length = np.linalg.norm(offset, axis=1, keepdims=True)
         return np.asarray(centre + offset * (radius / length))
 
-    verts = projected(verts)
+    refined = projected(verts)
     for operator in operators:
-        verts = projected(operator @ verts)
-    return verts
+        refined = projected(operator @ refined)
+    return refined

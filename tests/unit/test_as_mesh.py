@@ -163,7 +163,7 @@ def test_arguments_in_the_wrong_order_are_told():
         ),
         (PolygonMesh([], [], []), "PolygonMesh(0 verts, 0 faces)"),
         (meshfit.Curves.through(np.eye(3)), "Curves(3 verts, 1 chain, 2 segments)"),
-        (meshfit.Frame((1 / 3, 0, -2), 1e4 / 3), "Frame(centre=(0.333333, 0, -2), scale=3333.33)"),
+        (meshfit.Frame((1 / 3, 0.0, -2.0), 1e4 / 3), "Frame(centre=(0.333333, 0, -2), scale=3333.33)"),
         (meshfit.creases_by_angle(octahedron(), 60), "Creases(12 sharp edges of 12, 0 corners)"),
         (meshfit.Trace(), f"Trace(0 rows: {', '.join(meshfit.Trace().columns)})"),
     ],

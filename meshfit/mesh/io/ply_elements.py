@@ -4,7 +4,7 @@ import re
 import struct
 import warnings
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,7 @@ class Element:
         return [prop.name for prop in self.properties if prop.count_code and prop.code not in _REAL]
 
 
+@runtime_checkable
 class _Body(Protocol):
     """The numbers after a header. Offsets and widths count bytes in a binary body, words in a text."""
 
