@@ -3,8 +3,10 @@
 import base64
 import gzip
 import json
+import math
 import re
 import struct
+from importlib import resources
 from xml.etree import ElementTree
 
 import numpy as np
@@ -117,8 +119,26 @@ def test_curves_leave_out_terms_that_never_change_and_values_that_are_not_finite
     assert len(curve.steps) == MOST_POINTS
     assert (curve.steps[-1], curve.seconds) == (999, 2.0)
     charts = draw_curves(section_of(trials), curves)
-    assert [chart.title for chart in charts] == ["chamfer by time", "chamfer", "loss"]
+    assert [chart.title for chart in charts] == ["chamfer distance by time", "chamfer distance", "loss"]
     assert all("nan" not in chart.svg for chart in charts)
+
+
+def test_no_line_crosses_steps_that_were_never_made(tmp_path):
+    steps = [*range(40), *range(80, 100)]
+    lines = "".join(f"{step},{1 / (step + 1)}\n" for step in steps)
+    (curve,), _ = read_curves({0: {0: trace(tmp_path, f"step,distance\n{lines}")}})
+    breaks = [place for place, value in enumerate(curve.values["distance"]) if math.isnan(value)]
+    assert [curve.steps[place - 1 : place + 2] for place in breaks] == [(39.0, 80.0, 80.0)]
+    assert curve.made[-1] == len(steps) - 1
+    even = "".join(f"{step},1\n" for step in [*range(0, 1999, 10), 1999])
+    (curve,), _ = read_curves({0: {0: trace(tmp_path, f"step,distance\n{even}")}})
+    assert not any(map(math.isnan, curve.values["distance"]))
+
+
+def test_a_page_prints_all_its_pictures():
+    folder = resources.files("meshfit.report.html")
+    assert "lazy" not in (folder / "templates" / "targets.html").read_text()
+    assert "beforeprint" in (folder / "assets" / "charts.js").read_text()
 
 
 def test_many_curves_are_thinned_and_damaged_ones_are_reported(tmp_path):
@@ -135,7 +155,11 @@ def test_a_chart_has_the_colours_of_the_page_and_a_class_for_each_row(tmp_path):
     trials = {0: {7: good}, 12: {7: good}}
     section = section_of(trials, [f"row <{n}> x=0.12345" for n in range(13)], {0: {7: 0.1}, 12: {7: 0.2}})
     charts = draw_curves(section, read_curves(trials)[0])
-    assert [chart.title for chart in charts] == ["distance by time", "distance at the end", "distance"]
+    assert [chart.title for chart in charts] == [
+        "distance to the target by time",
+        "distance at the end",
+        "distance to the target",
+    ]
     ids = []
     for chart in charts:
         assert "&lt;bunny&gt;" in chart.svg

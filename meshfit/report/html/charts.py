@@ -35,6 +35,19 @@ _DIGITS = 4
 # The columns that state how near a fit has come, in the traces of the two engines.
 _NEARNESS = ("distance", "chamfer")
 
+# Names of columns that are abbreviated in the traces.
+_NAMES = {
+    "distance": "distance to the target",
+    "chamfer": "chamfer distance",
+    "verts": "vertices",
+    "matched": "share of matched points",
+    "fairness": "weight of fairness",
+    "point_weight": "weight of points, rather than planes",
+    "held_back": "share of vertices held back",
+}
+# Steps from one row of a trace to the next, as a multiple of the usual ones, above which no line joins them.
+_JUMP = 1.5
+
 _WIDTH, _HEIGHT, _FONT = 380, 236, 12.0
 _RIGHT, _TOP, _BOTTOM, _LETTER = 22, 10, 42, 7.0
 _LOG_RATIO = 3.0  # of the largest to the smallest value, above which an axis is logarithmic
@@ -64,6 +77,7 @@ class Curve:
         seed: the seed.
         seconds: duration of the fit; None if the result does not state it.
         steps: the steps.
+        made: the number of steps made until each, which leaves out those that the trace skips.
         values: by column of the trace, one per step; NaN where there is no finite number.
     """
 
@@ -71,6 +85,7 @@ class Curve:
     seed: int
     seconds: float | None
     steps: tuple[float, ...]
+    made: tuple[float, ...]
     values: Mapping[str, tuple[float, ...]]
 
 
@@ -106,11 +121,18 @@ def draw_curves(section: TargetSection, curves: Sequence[Curve]) -> list[Chart]:
     charts = []
     if nearness and timed:
         label = "seconds, spread evenly over the steps"  # since traces contain no times
-        charts.append(Chart(f"{nearness} by time", _term_chart(section, timed, nearness, label, by_time=True)))
+        charts.append(
+            Chart(f"{term_title(nearness)} by time", _term_chart(section, timed, nearness, label, by_time=True))
+        )
     if ends := list(_ends(section)):
         charts.append(Chart(f"{section.metric} at the end", _end_chart(section, ends)))
-    charts += [Chart(term, _term_chart(section, curves, term, "step")) for term in terms]
+    charts += [Chart(term_title(term), _term_chart(section, curves, term, "step")) for term in terms]
     return charts
+
+
+def term_title(term: str) -> str:
+    """Return the name of a column of a trace that a reader knows."""
+    return _NAMES.get(term, term.replace("_", " "))
 
 
 def draw_histogram(section: TargetSection) -> Chart | None:
@@ -174,15 +196,35 @@ def _read_trace(row: int, result: Result) -> Curve:
         lines = list(csv.DictReader(file))
     if not lines or _STEP not in lines[0]:
         raise ValueError("it has no steps")
-    kept = [lines[at] for at in thinned(len(lines), MOST_POINTS)]
+    kept, made = _with_breaks(lines)
     seconds = result.get("seconds", {}).get("fit")
     return Curve(
         row=row,
         seed=result["seed"],
         seconds=float(seconds) if isinstance(seconds, int | float) else None,
         steps=tuple(float(line[_STEP]) for line in kept),
+        made=tuple(made),
         values={name: tuple(_finite(line[name]) for line in kept) for name in lines[0] if name != _STEP},
     )
+
+
+def _with_breaks(lines: Sequence[dict[str, str]]) -> tuple[list[dict[str, str]], list[float]]:
+    """Thin the rows of a trace, and return them with the number of steps made until each.
+
+    Where steps were left out, there is a row without values, across which no line is drawn.
+    """
+    apart = np.diff([float(line[_STEP]) for line in lines])
+    usual = float(np.median(apart)) if len(apart) else 0.0
+    made = np.concatenate([[0.0], np.cumsum(np.minimum(apart, usual))])
+    jumps = set((np.flatnonzero(apart > _JUMP * usual) + 1).tolist())
+    rows, counts = [], []
+    for at in sorted({*thinned(len(lines), MOST_POINTS), *jumps, *(jump - 1 for jump in jumps)}):
+        if at in jumps:
+            rows.append(dict.fromkeys(lines[at], "") | {_STEP: lines[at][_STEP]})
+            counts.append(float(made[at]))
+        rows.append(lines[at])
+        counts.append(float(made[at]))
+    return rows, counts
 
 
 def _finite(text: str | None) -> float:
@@ -197,7 +239,7 @@ def _term_chart(
 
     def draw(axes: Any) -> None:  # noqa: ANN401  matplotlib is optional
         for curve in curves:
-            x = np.array(curve.steps)
+            x = np.array(curve.made if by_time else curve.steps)
             if by_time:
                 x = x / (x[-1] or 1) * (curve.seconds or 0.0)
             name = f"row-{curve.row}|{section.rows[curve.row]}, seed {curve.seed}"
