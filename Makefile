@@ -80,8 +80,8 @@ bench: $(DEV)  ## Measure speed and memory, against plain twins in the same run;
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks --json $(BENCH)
 
 accuracy: $(RUN)  ## The Gauss–Newton engine on all five targets, five seeds, both bundled configs (15 minutes)
-	$(BIN)/meshfit run accurate --runs $(RUNS) $(ALL_TARGETS)
-	$(BIN)/meshfit run accurate-fixed --runs $(RUNS) $(ALL_TARGETS)
+	$(BIN)/meshfit run accurate --name accurate --runs $(RUNS) $(ALL_TARGETS)
+	$(BIN)/meshfit run accurate-fixed --name accurate-fixed --runs $(RUNS) $(ALL_TARGETS)
 
 docs: $(DOCS)  ## Build the documentation into site/, strictly
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
