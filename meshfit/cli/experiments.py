@@ -16,7 +16,7 @@ from meshfit.cli.progress import show_progress
 from meshfit.cli.table import check_display, show_tables
 from meshfit.errors import TrialError
 from meshfit.experiment.plan import Trial
-from meshfit.experiment.running.scheduler import run_trials
+from meshfit.experiment.running.scheduler import Watcher, run_trials
 from meshfit.experiment.status.eta import Estimate, estimate
 from meshfit.experiment.storage.checkpoint import snapshots_in
 from meshfit.experiment.storage.copying import copy_complete, find_complete
@@ -125,7 +125,15 @@ def _warn_of_missing_snapshots(trials: Sequence[Trial], store: RunDirectory) -> 
 
 def _run_missing(trials: Sequence[Trial], store: RunDirectory, options: RunOptions) -> dict[int, Outcome]:
     make_folder(options.runs)
-    with _remote(options) as remote, show_progress(trials, quiet=options.quiet) as watch:
+    with show_progress(trials, quiet=options.quiet) as watch:
+        return run_trials_of(trials, store, options, watch)
+
+
+def run_trials_of(
+    trials: Sequence[Trial], store: RunDirectory, options: RunOptions, watch: Watcher
+) -> dict[int, Outcome]:
+    """Run the trials that are not complete where the options say, and return the outcome of each."""
+    with _remote(options) as remote:
         return run_trials(trials, store, jobs=options.jobs, force=options.force, remote=remote, watch=watch)
 
 

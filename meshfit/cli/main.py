@@ -12,7 +12,10 @@ from typer.core import TyperCommand, TyperGroup
 from typer.exceptions import TyperException
 
 from meshfit.cli.console import EXIT_INTERRUPTED, EXIT_USAGE, exit_code_of, out, print_error
+from meshfit.cli.fit_command import fit_command, is_mesh_name
 from meshfit.cli.options import DEFAULT_RUNS
+from meshfit.errors import ConfigError
+from meshfit.paths import path_text
 
 COMMANDS = {
     "Experiments": {
@@ -34,6 +37,7 @@ COMMANDS = {
         "clean": "Remove failed and interrupted trials.",
     },
     "Single meshes": {
+        "fit": "Fit a mesh to a target, from file to file.",
         "subdivide": "Refine a mesh, or curves, by a subdivision scheme.",
         "measure": "Measure a mesh against a target.",
         "render": "Draw meshes or trials side by side.",
@@ -48,12 +52,18 @@ COMMANDS = {
 
 _PANELS = {name: panel for panel, summaries in COMMANDS.items() for name in summaries}
 
+_WORDS_FOR_FIT = (
+    *("fti", "ift", "fits", "fitt", "fitting", "deform", "register", "registration", "wrap", "shrinkwrap", "morph"),
+    *("remesh", "warp", "match", "nricp"),
+)
+
 HELP = """Fit a subdivided source mesh to target shapes, measure it, print the table.
 
 A config is targets × schemes × seeds over one set of settings.
 Completed trials are never run twice.
 
 Examples:
+    meshfit fit bunny -o fitted.obj  # one mesh, and a verdict on it
     meshfit run quickstart   # two targets, two schemes, in under 2 minutes
     meshfit init my.yaml     # writes a config for an experiment of your own
     meshfit table runs/my --format latex
@@ -65,6 +75,7 @@ WELCOME = """\
 target shapes, measures the result, and prints the table.
 
 [bold]Start here[/]
+  meshfit fit bunny -o fitted.obj  # fits one mesh; any mesh file works too
   meshfit run quickstart  # two animals, two schemes, in under 2 minutes
   meshfit compare loop interp-loop --config quickstart  # compares two schemes
   meshfit init  # writes a config for an experiment of your own
@@ -112,6 +123,20 @@ class Group(TyperGroup):
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401, ARG002  Typer's signature
         """Return the names of all commands."""
         return list(_PANELS)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401  Typer's types are not public
+        """Find the command; a mesh, or another word for a fit, in place of one gets the command to type.
+
+        Raises:
+            ConfigError: it is one of those.
+        """
+        name = args[0]
+        if name not in _PANELS:
+            if is_mesh_name(name):
+                raise ConfigError(f"{path_text(name)} is a mesh, not a command; to fit it: {fit_command(args)}")
+            if name.lower() in _WORDS_FOR_FIT:
+                raise ConfigError(f"no command '{name}'; to fit a mesh: {fit_command(args[1:])}")
+        return super().resolve_command(ctx, args)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401  Typer's types are not public
         """Print the help from the summaries of commands, without importing them."""

@@ -5,8 +5,10 @@ from typing import Annotated
 import typer
 
 from meshfit.cli import completions
+from meshfit.cli.fit_command import fit_command, is_mesh_name
 from meshfit.cli.options import ExperimentName, RunOptions, Schemes, Seeds, Targets, takes_run_options
 from meshfit.errors import ConfigError
+from meshfit.paths import path_text
 
 
 @takes_run_options
@@ -42,6 +44,8 @@ def run(
     from meshfit.experiment.plan import plan
     from meshfit.specs import listed
 
+    if meshes := [config for config in configs if is_mesh_name(config)]:
+        raise ConfigError(f"{path_text(meshes[0])} is a mesh, not a config; to fit it: {fit_command(meshes)}")
     listed_schemes = None if schemes is None else listed(schemes)
     loaded = (load_experiment(config, options.overrides or ()) for config in configs)
     experiments = [with_axes(each, targets=targets, schemes=listed_schemes, seeds=seeds) for each in loaded]

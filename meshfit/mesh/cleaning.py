@@ -18,6 +18,7 @@ from meshfit.mesh.manifold import (
     nonmanifold_verts,
     num_components,
 )
+from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
 from meshfit.mesh.topology import NONE, Indices, Mask, PolygonTopology
 from meshfit.mesh.triangulation import triangle_corners, triangulate
@@ -27,6 +28,8 @@ from meshfit.units import count_text
 # Areas and their squares stay finite up to here.
 _LARGEST_COORDINATE = 1e60
 # Volumes of a smaller size, relative to the cube of the bounding box's diagonal, may come from rounding.
+INSIDE_OUT = "the surface is inside out: closed, with a negative volume"
+"""The warning of a surface whose faces all look inwards."""
 _ROUNDING = 1e-9
 _SOME_FACES = 1000
 # Faces of a smaller area, relative to the square of their longest edge, are flat.
@@ -324,9 +327,13 @@ def _warn_of_shape(mesh: PolygonMesh, topology: PolygonTopology, origin: str, *,
     if near:
         reach = f"up to {distance:.2g} apart; --weld {1.05 * distance:.1e} joins them (config: weld)"
         _warn(f"{origin}: {count_text(near, 'boundary vertex')} nearly coincident with another, {reach}")
-    rounding = _ROUNDING * bounding_box_diagonal(mesh.verts) ** 3
-    if is_watertight(topology) and signed_volume(mesh.triangulated()) < -rounding:
-        _warn(f"{origin}: the surface is inside out: closed, with a negative volume")
+    if is_watertight(topology) and has_negative_volume(mesh.triangulated()):
+        _warn(f"{origin}: {INSIDE_OUT}")
+
+
+def has_negative_volume(mesh: Mesh) -> bool:
+    """Return whether the volume of a closed mesh is negative by more than rounding."""
+    return signed_volume(mesh) < -_ROUNDING * bounding_box_diagonal(mesh.verts) ** 3
 
 
 def _warn(text: str) -> None:

@@ -43,10 +43,11 @@ from meshfit.fitting.problem import Checkpoint, Diverged, Problem
 from meshfit.fitting.settings import FirstOrderSettings, FitSettings
 from meshfit.measuring.measure import measure
 from meshfit.mesh.alignment import align, boxes_are_disjoint
+from meshfit.mesh.cleaning import INSIDE_OUT, has_negative_volume
 from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.geometry import bounding_box_diagonal, face_areas
 from meshfit.mesh.io.files import encode_mesh
-from meshfit.mesh.manifold import describe_topology
+from meshfit.mesh.manifold import describe_topology, is_watertight
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.nearest import nearest_point_query
 from meshfit.mesh.normalisation import Frame, Normalisation, frame_of
@@ -235,8 +236,13 @@ def _load_target(
         warnings.simplefilter("always", MeshfitWarning)
         mesh = load_target(name, cleaning)
     carry(carried, lambda: mesh)
-    frame = frame_of(mesh.verts, normalise)
-    return _Target(frame, frame.normalise(mesh), tuple(_texts(caught)))
+    frame, texts = frame_of(mesh.verts, normalise), _texts(caught)
+    if is_watertight(Topology.of(mesh)) and has_negative_volume(mesh):
+        # Fits match normals, and would turn the source inside out.
+        mesh = Mesh(mesh.verts, mesh.faces[:, ::-1])
+        texts = [text for text in texts if not text.endswith(INSIDE_OUT)]
+        texts.append(f"{name}: {INSIDE_OUT}; its faces are turned for the fit")
+    return _Target(frame, frame.normalise(mesh), tuple(texts))
 
 
 def _check_unchanged(name: str, sha256: str | None) -> None:

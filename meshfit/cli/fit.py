@@ -1,0 +1,435 @@
+"""`meshfit fit`: fit meshes to targets, from file to file."""
+
+import json
+import os
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from meshfit.cli import completions
+from meshfit.cli.console import EXIT_FAILED, EXIT_INTERRUPTED, err, out, print_error, warn_once
+from meshfit.cli.fit_plan import FitOptions, plan_fit
+from meshfit.cli.options import (
+    EXECUTION,
+    OUTPUT,
+    SELECTION,
+    AsJson,
+    MeshFormat,
+    OutputFormat,
+    Quiet,
+    RepairMode,
+    RunOptions,
+    Weld,
+    suggest_option,
+)
+from meshfit.errors import ConfigError, MeshError, MeshfitError
+from meshfit.paths import STDOUT_PATHS, STREAM, file_stem, is_folder, is_pipe, path_text
+
+if TYPE_CHECKING:
+    from meshfit.cli.verdict import Verdict
+    from meshfit.experiment.plan import Trial
+    from meshfit.experiment.storage.run_directory import RunDirectory
+
+_FIT = "Fit"
+_FORMAT_OF_MANY = "ply"
+
+
+def fit(
+    targets: Annotated[
+        list[str],
+        typer.Argument(
+            help="Mesh files, or names of targets; - is standard input.",
+            metavar="TARGET",
+            autocompletion=completions.targets,
+        ),
+    ],
+    output: Annotated[
+        str,
+        typer.Option(
+            "--output",
+            "-o",
+            help="File to write, whose suffix names the format, or - for standard output; for several targets, a "
+            "folder, which is created.",
+            metavar="OUT",
+            autocompletion=completions.meshes,
+        ),
+    ],
+    verts: Annotated[
+        int | None,
+        typer.Option(
+            "--verts",
+            min=100,
+            help="Largest number of vertices; with --connectivity fixed, about their number.",
+            show_default="10242",
+            metavar="N",
+            rich_help_panel=_FIT,
+        ),
+    ] = None,
+    scheme: Annotated[
+        str,
+        typer.Option(
+            "--scheme",
+            "-s",
+            help="Subdivision scheme; see `meshfit schemes`.",
+            metavar="SCHEME",
+            rich_help_panel=_FIT,
+            autocompletion=completions.schemes,
+        ),
+    ] = "loop",
+    levels: Annotated[
+        int | None,
+        typer.Option(
+            "--levels",
+            "-n",
+            min=0,
+            max=5,
+            help="Subdivision levels of the fit, from coarse to fine.",
+            show_default="1; 0 for the faces of a file",
+            metavar="N",
+            rich_help_panel=_FIT,
+        ),
+    ] = None,
+    connectivity: Annotated[
+        Literal["remeshed", "fixed"],
+        typer.Option(
+            "--connectivity",
+            help="Faces of the result: remeshed adapts them to the target, fixed keeps those of the source.",
+            metavar="MODE",
+            rich_help_panel=_FIT,
+        ),
+    ] = "remeshed",
+    source: Annotated[
+        str,
+        typer.Option(
+            "--source",
+            help="Mesh to start from: sphere, target (the target with few faces, and its handles) or a mesh file.",
+            metavar="sphere|target|FILE",
+            rich_help_panel=_FIT,
+            autocompletion=completions.targets,
+        ),
+    ] = "sphere",
+    seed: Annotated[
+        int, typer.Option("--seed", min=0, max=2**32 - 1, help="Seed.", metavar="N", rich_help_panel=_FIT)
+    ] = 0,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            help="Change another setting of the config `accurate`. May be repeated.",
+            metavar="KEY=VALUE",
+            rich_help_panel=SELECTION,
+            autocompletion=completions.settings,
+        ),
+    ] = None,
+    device: Annotated[
+        str | None,
+        typer.Option(
+            "--device",
+            help="Device: auto, cpu, cuda, cuda:N or mps.",
+            show_default="cpu",
+            metavar="DEVICE",
+            rich_help_panel=EXECUTION,
+        ),
+    ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            "--jobs",
+            "-j",
+            min=1,
+            help="Fits that run in parallel on the CPU.",
+            show_default="one per core",
+            metavar="N",
+            rich_help_panel=EXECUTION,
+        ),
+    ] = None,
+    keep: Annotated[
+        Path | None,
+        typer.Option(
+            "--keep",
+            help="Run directory for the whole trial, for `meshfit show`, `report` and `table`; one that is complete "
+            "there is not fitted again.",
+            metavar="DIR",
+            rich_help_panel=OUTPUT,
+            autocompletion=completions.folders,
+        ),
+    ] = None,
+    measure: Annotated[
+        bool, typer.Option("--measure", help="Print all metrics, as `meshfit measure` does.", rich_help_panel=OUTPUT)
+    ] = False,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+    input_format: MeshFormat = None,
+    output_format: OutputFormat = None,
+    weld: Weld = 0.0,
+    repair: RepairMode = "split",
+) -> int:
+    """Fit a mesh to a target, from file to file.
+
+    The result lies on the target, in its frame and unit. The fit is that of the config `accurate`: from a small sphere
+    inside the target, coarse to fine, with vertices where they are needed. It ends with a verdict: distances,
+    soundness, size and time.
+
+    Several targets are fitted side by side; one that fails is named, the others go on, and the exit code is 1.
+
+    Examples:
+        meshfit fit bunny -o fitted.obj
+        meshfit fit scan.stl -o fitted.ply --verts 40000 --measure
+        meshfit fit torus.obj -o fitted.glb --source target  # keeps its handle
+        meshfit fit scan.obj -o fitted.obj --source template.obj --connectivity fixed
+        meshfit fit scans/*.obj -o fitted/ --output-format obj --jobs 4
+        zcat scan.ply.gz | meshfit fit - --format ply -o fitted.ply
+    """
+    from meshfit.mesh.cleaning_options import CleaningOptions
+
+    many = len(targets) > 1 or (output not in STDOUT_PATHS and (is_folder(output) or output.endswith(("/", os.sep))))
+    outputs = _outputs_of_many(targets, output, output_format) if many else [output]
+    if not many:
+        with suggest_option("--output-format"):
+            _check_output(output, output_format)
+    _check_printed(output, measure=measure, as_json=as_json)
+    _check_not_overwritten(targets, outputs, source)
+    options = FitOptions(
+        verts, scheme, levels, connectivity, source, seed, device, CleaningOptions(weld, repair), overrides or ()
+    )
+    run_options = RunOptions(jobs=jobs, quiet=quiet, as_json=as_json)
+    try:
+        with _folder(keep) as folder:
+            fitting = _Fitting(options, folder, run_options, output_format, kept=keep is not None)
+            jobs_of = fitting.plan(targets, outputs, input_format, many=many)
+            verdicts = fitting.run(jobs_of, many=many)
+    except KeyboardInterrupt:
+        if keep is not None:  # the same command resumes it
+            raise
+        err.print("interrupted; unfinished results were not written", style="bold magenta")
+        raise SystemExit(EXIT_INTERRUPTED) from None
+    if as_json:
+        plain = [verdict.to_dict() | {"metrics": metrics} for verdict, metrics in verdicts]
+        typer.echo(json.dumps(plain if many else plain[0] if plain else {}, indent=2))
+    elif measure:
+        from meshfit.cli.measure import measure as print_metrics
+
+        for verdict, _ in verdicts:
+            if verdict.target != STREAM:
+                print_metrics([verdict.output, verdict.target], weld=weld, repair=repair)
+    return 0 if len(verdicts) == len(targets) else EXIT_FAILED
+
+
+@dataclass(frozen=True)
+class _Job:
+    """A target, the trial that fits it, and the file to write."""
+
+    target: str
+    output: str
+    trial: "Trial"
+
+
+@dataclass(frozen=True)
+class _Fitting:
+    """Plans fits, runs them in a run directory and writes their results."""
+
+    options: FitOptions
+    folder: Path
+    run_options: RunOptions
+    output_format: str | None
+    kept: bool
+
+    def plan(
+        self, targets: Sequence[str], outputs: Sequence[str], input_format: str | None, *, many: bool
+    ) -> list[_Job]:
+        """Plan one fit per target; of many, name those that cannot be fitted, and go on."""
+        jobs = []
+        for target, output in zip(targets, outputs, strict=True):
+            try:
+                with suggest_option("--format"):
+                    jobs.append(_Job(target, output, plan_fit(self._file_of(target, input_format), self.options)))
+            except MeshError as error:
+                if not many:
+                    raise
+                print_error(str(error) if target in str(error) else f"{path_text(target)}: {error}")
+        return jobs
+
+    def _file_of(self, target: str, input_format: str | None) -> str:
+        """The file of a target; the content of standard input and of pipes is saved in the folder."""
+        from meshfit.mesh.io.mesh_file import write_file
+        from meshfit.mesh.targets import NAMED_TARGETS, open_target
+
+        if target in NAMED_TARGETS or (target != STREAM and not is_pipe(target) and input_format is None):
+            return target
+        file = open_target(target, file_format=input_format)
+        stem = "standard-input" if target == STREAM else file_stem(target)
+        path = self.folder / f"{stem}{file.suffix}"
+        write_file(path, file.content)
+        return str(path)
+
+    def run(self, jobs: Sequence[_Job], *, many: bool) -> list[tuple["Verdict", dict[str, object]]]:
+        """Run the fits; write and judge each as soon as it is complete."""
+        from meshfit.cli.experiments import run_trials_of
+        from meshfit.cli.fit_progress import show_fit
+        from meshfit.cli.progress import show_progress
+        from meshfit.experiment.running.backends import ProgressReader
+        from meshfit.experiment.storage.run_directory import RunDirectory
+        from meshfit.experiment.trial_status import Outcome, TrialStatus
+
+        store = RunDirectory(self.folder)
+        trials = list({job.trial.folder: job.trial for job in jobs}.values())
+        if not trials:
+            return []
+        verdicts: dict[int, tuple[Verdict, dict[str, object]]] = {}
+        settled: set[int] = set()
+
+        def settle(outcomes: Mapping[int, Outcome]) -> None:
+            for i in [i for i in outcomes if i not in settled]:
+                settled.add(i)
+                same = [k for k, job in enumerate(jobs) if job.trial.folder == trials[i].folder]
+                for k in same:
+                    if outcomes[i].status is TrialStatus.COMPLETE:
+                        try:
+                            verdicts[k] = self._write(jobs[k], store, many=many)
+                        except MeshfitError as error:
+                            print_error(str(error))
+                    else:
+                        print_error(f"{path_text(jobs[k].target)}: {outcomes[i].message}")
+
+        quiet = self.run_options.quiet
+        progress = show_progress(trials, quiet=quiet) if many else show_fit(trials[0], quiet=quiet)
+        with progress as watch:
+
+            def watch_and_settle(reader: ProgressReader, outcomes: Mapping[int, Outcome]) -> None:
+                watch(reader, outcomes)
+                if many:
+                    settle(outcomes)
+
+            outcomes = run_trials_of(trials, store, self.run_options, watch_and_settle)
+        settle(outcomes)
+        return [verdicts[k] for k in sorted(verdicts)]
+
+    def _write(self, job: _Job, store: "RunDirectory", *, many: bool) -> tuple["Verdict", dict[str, object]]:
+        """Write the result of a complete trial, and print the verdict on it."""
+        from meshfit.cli.verdict import verdict_of
+        from meshfit.experiment.storage.frame import frame_of, written_frame
+        from meshfit.experiment.storage.targets import read_written_mesh
+        from meshfit.measuring.metrics import MEASURED
+
+        folder, record = store.folder(job.trial), store.result(job.trial)
+        if record is None:
+            raise MeshError(f"{path_text(job.target)}: its trial in {folder} has no result")
+        mesh = read_written_mesh(folder / "result.ply")
+        if written_frame(record) == "normalised":
+            mesh = frame_of(record).restore(mesh)
+        _save(mesh, job.output, _FORMAT_OF_MANY if many and self.output_format is None else self.output_format)
+        for text in record["warnings"]:
+            # The verdict says this itself.
+            if not text.startswith("source and target differ in topology"):
+                warn_once(text)
+        name = "standard output" if job.output in STDOUT_PATHS else path_text(job.output)
+        verdict = verdict_of(job.target, name, folder, record)
+        console = err if job.output in STDOUT_PATHS else out
+        if not self.run_options.as_json:
+            for line in [verdict.line] if many else verdict.lines:
+                console.print(line, soft_wrap=True, markup=False)
+            if self.kept and not many:
+                console.print(f"trial: {folder}", soft_wrap=True, markup=False)
+        groups = dict.fromkeys(metric.partition(".")[0] for metric in MEASURED)
+        return verdict, {group: record[group] for group in groups if group in record}
+
+
+@contextmanager
+def _folder(keep: Path | None) -> Iterator[Path]:
+    """The run directory: a given one, or one that is removed at the end."""
+    from meshfit.experiment.storage.run_directory import make_folder
+
+    if keep is not None:
+        make_folder(keep)
+        yield keep
+        return
+    with TemporaryDirectory(prefix="meshfit-", ignore_cleanup_errors=True) as folder:
+        yield Path(folder)
+
+
+def _check_printed(output: str, *, measure: bool, as_json: bool) -> None:
+    if output in STDOUT_PATHS and (measure or as_json):
+        raise ConfigError("standard output can have only one of the mesh, --measure and --json; give OUT a name")
+    if measure and as_json:
+        raise ConfigError("--measure prints a table; --json has all metrics without it")
+
+
+def _check_output(output: str, output_format: str | None) -> None:
+    """Refuse an output that cannot be written, before the fit.
+
+    Raises:
+        MeshError: an unknown format, a folder that does not exist, or a place that is read-only.
+    """
+    from meshfit.mesh.io.files import mesh_output_suffix
+
+    mesh_output_suffix(output, output_format)
+    if output in STDOUT_PATHS:
+        if sys.stdout is None:
+            raise MeshError("standard output: it is closed; give the path of a file")
+        return
+    path = Path(output)
+    folder = path.parent
+    if not folder.is_dir():
+        raise MeshError(f"{path_text(output)}: cannot be written: there is no folder {path_text(folder)}; create it")
+    if path.exists() and not path.is_file():
+        return  # such as /dev/null
+    if not os.access(folder, os.W_OK | os.X_OK) or (path.exists() and not os.access(path, os.W_OK)):
+        raise MeshError(f"{path_text(output)}: cannot be written: no permission; give another place")
+
+
+def _outputs_of_many(targets: Sequence[str], output: str, output_format: str | None) -> list[str]:
+    """Return one file per target in a folder, which is created; equal stems are numbered."""
+    from meshfit.experiment.storage.run_directory import make_folder
+    from meshfit.mesh.io.files import mesh_output_suffix
+
+    if output in STDOUT_PATHS or (os.path.lexists(output) and not is_folder(output)):
+        raise ConfigError(f"-o {path_text(output)}: several targets need a folder; give the path of one")
+    suffix = mesh_output_suffix("result", output_format or _FORMAT_OF_MANY)
+    folder = Path(output)
+    stems = ["standard-input" if target == STREAM else file_stem(target) for target in targets]
+    taken, outputs = set[str](), []
+    for stem in stems:
+        name, number = stem, 1
+        # Some file systems do not tell upper from lower case.
+        while name.lower() in taken or (number > 1 and name.lower() in {each.lower() for each in stems}):
+            number += 1
+            name = f"{stem}-{number}"
+        taken.add(name.lower())
+        outputs.append(str(folder / f"{name}{suffix}"))
+    make_folder(folder)
+    for path in outputs:
+        _check_output(path, output_format or _FORMAT_OF_MANY)
+    return outputs
+
+
+def _check_not_overwritten(targets: Sequence[str], outputs: Sequence[str], source: str) -> None:
+    if targets.count(STREAM) > 1:
+        raise ConfigError("standard input can be read only once")
+    inputs = {os.path.realpath(name) for name in (*targets, source) if name != STREAM and os.path.isfile(name)}  # noqa: PTH113
+    for output in outputs:
+        if output not in STDOUT_PATHS and os.path.realpath(output) in inputs:
+            raise ConfigError(f"-o {path_text(output)}: would overwrite a mesh that is read; give another name")
+
+
+def _save(mesh: object, output: str, output_format: str | None) -> None:
+    """Write a mesh; a reader of the file sees all of it or nothing."""
+    from meshfit.experiment.storage.run_directory import write_atomically
+    from meshfit.mesh.io.files import save_mesh
+    from meshfit.mesh.mesh import Mesh
+    from meshfit.mesh.polygons import PolygonMesh
+
+    assert isinstance(mesh, Mesh | PolygonMesh)  # noqa: S101  as read
+    path = Path(output)
+    if output in STDOUT_PATHS or (path.exists() and not path.is_file()):
+        save_mesh(mesh, output, file_format=output_format)
+        return
+    with TemporaryDirectory(prefix="meshfit-") as folder:
+        whole = Path(folder, path.name)
+        save_mesh(mesh, whole, file_format=output_format)
+        write_atomically(Path(os.path.realpath(path)), whole.read_bytes())

@@ -1,0 +1,133 @@
+"""The trial that `meshfit fit` runs: the bundled config `accurate`, with the settings that options change."""
+
+import json
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
+
+from meshfit.errors import ConfigError, MeshError
+
+if TYPE_CHECKING:
+    from meshfit.config.loading import Experiment
+    from meshfit.experiment.plan import Trial
+    from meshfit.mesh.cleaning_options import CleaningOptions
+
+_NAME = "fit"
+_FIXED_VERTS = 10242
+# Faces of a control mesh decimated from the target; those of the sphere that `accurate` starts from.
+_CONTROL_FACES = 1280
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """The options that change a fit; None leaves a setting as `accurate` has it."""
+
+    verts: int | None
+    scheme: str
+    levels: int | None
+    connectivity: Literal["remeshed", "fixed"]
+    source: str
+    seed: int
+    device: str | None
+    cleaning: "CleaningOptions"
+    overrides: Sequence[str]
+
+
+def plan_fit(target: str, options: FitOptions) -> "Trial":
+    """Return the trial that fits one target.
+
+    Raises:
+        MeshfitError: a setting, the target, the source or the device cannot be used.
+    """
+    from meshfit.config.loading import load_experiment
+    from meshfit.experiment.plan import plan
+
+    plain = list(_plain(target, options))
+    experiment = load_experiment("accurate", [*plain, *options.overrides])
+    if options.source != "sphere":
+        placed = list(_placed(target, options, experiment))
+        experiment = load_experiment("accurate", [*plain, *placed, *options.overrides])
+    trials = plan([replace(experiment, name=_NAME)])
+    if len(trials) != 1:
+        raise ConfigError(f"--set: expected the settings of one fit, got {len(trials)} fits; use `meshfit run`")
+    return trials[0]
+
+
+def _setting(key: str, value: object) -> str:
+    return f"{key}={json.dumps(value)}"
+
+
+def _plain(target: str, options: FitOptions) -> Iterator[str]:
+    yield _setting("targets", [_absolute(target)])
+    yield _setting("schemes", [options.scheme])
+    yield _setting("seeds", [options.seed])
+    yield _setting("fit.connectivity", options.connectivity)
+    if options.cleaning.weld:
+        yield _setting("weld", options.cleaning.weld)
+    yield _setting("repair", options.cleaning.repair)
+    if options.device is not None:
+        yield _setting("device", options.device)
+    own_faces = options.connectivity == "fixed" and options.source not in ("sphere", "target")
+    levels = 0 if own_faces and options.levels is None else options.levels
+    if levels is not None:
+        yield _setting("fit.levels", levels)
+    if options.connectivity == "remeshed":
+        if options.verts is not None:
+            yield _setting("fit.verts", options.verts)
+    elif own_faces and options.verts is not None:
+        raise ConfigError("--verts: a fit with --connectivity fixed keeps the vertices of --source; use --levels")
+    elif options.source == "sphere":
+        yield _setting("source.wanted_verts", _control_verts(options))
+
+
+def _control_verts(options: FitOptions) -> int:
+    """Vertices of the source of a fixed fit, which each level then multiplies by 4."""
+    levels = 1 if options.levels is None else options.levels
+    return max(12, int((options.verts or _FIXED_VERTS) / 4**levels))
+
+
+def _placed(target: str, options: FitOptions, experiment: "Experiment") -> Iterator[str]:
+    """Settings of a control mesh from a file, which keeps its place relative to the target."""
+    import numpy as np
+
+    from meshfit.mesh.alignment import describe_mismatch
+    from meshfit.mesh.mesh import Mesh
+    from meshfit.mesh.meshlab import decimate
+    from meshfit.mesh.normalisation import frame_of
+    from meshfit.mesh.targets import load_target
+
+    target_mesh = load_target(target, options.cleaning)
+    frame = frame_of(target_mesh.verts, experiment.settings.normalise)
+    own = options.source == "target"
+    name = target if own else options.source
+    control = target_mesh if own else load_target(name)
+    yield _setting("source.mesh", _absolute(name))
+    yield _setting("source.levels", 0)
+    yield _setting("source.project", "none")
+    if own:
+        if options.cleaning.weld:
+            yield _setting("source.weld", options.cleaning.weld)
+        yield _setting("source.repair", options.cleaning.repair)
+        faces = _CONTROL_FACES
+        if options.connectivity == "fixed":
+            faces = 2 * _control_verts(options)
+        if faces < control.num_faces:
+            try:
+                control = decimate(control, faces)
+            except MeshError as error:
+                raise MeshError(f"--source target: {target}: {error}; use --source sphere") from None
+            yield _setting("source.decimate", faces)
+    elif describe_mismatch(control, target_mesh):
+        yield _setting("source.align", "pca")
+        return
+    placed: Mesh = frame.normalise(control)
+    mean = placed.verts.mean(axis=0)
+    yield _setting("source.radius", float(np.linalg.norm(placed.verts - mean, axis=1).max()))
+    yield _setting("source.centre", [float(value) for value in mean])
+
+
+def _absolute(name: str) -> str:
+    from meshfit.mesh.targets import NAMED_TARGETS
+
+    return name if name in NAMED_TARGETS or not os.path.lexists(name) else os.path.abspath(name)  # noqa: PTH100  keeps links

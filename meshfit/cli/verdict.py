@@ -1,0 +1,129 @@
+"""The verdict on a fit: how far it is from the target, whether it is sound, and what to try where it is not."""
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from meshfit.units import count_text, duration_text
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from meshfit.experiment.storage.run_directory import Result
+
+_FAR_PERCENT = 1.0
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Distances are in the unit of the target's file; percentages are of its diagonal.
+
+    Attributes:
+        max_distance: the largest distance, of both directions.
+        mean_distance: the mean distance, of both directions.
+        crossing_faces: faces that cross others.
+        source_topology: pieces and genus, which the result has too.
+        target_topology: those of the target.
+        seconds: of fitting and measuring.
+        output: the file that was written.
+    """
+
+    target: str
+    output: str
+    max_distance: float
+    max_percent: float
+    mean_distance: float
+    mean_percent: float
+    crossing_faces: int
+    flipped_faces: int
+    closed: bool
+    result_topology: str
+    source_topology: str
+    target_topology: str
+    verts: int
+    faces: int
+    seconds: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the values and the advice as plain data."""
+        return asdict(self) | {"advice": list(self.advice)}
+
+    @property
+    def lines(self) -> list[str]:
+        """Three lines: distances; soundness; size, time and file. Advice follows where there is some."""
+        distances = (
+            f"distance: worst {self.max_distance:.4g} ({self.max_percent:.2g} % of the diagonal), "
+            f"mean {self.mean_distance:.4g} ({self.mean_percent:.2g} %), in the unit of the file"
+        )
+        sound = f"faces: {self.crossing_faces:,} crossing, {self.flipped_faces:,} flipped; {self.result_topology}"
+        if self.target_topology != self.result_topology:
+            sound += f" (target: {self.target_topology})"
+        return [distances, sound, f"{self._size}: wrote {self.output}", *(f"note: {text}" for text in self.advice)]
+
+    @property
+    def line(self) -> str:
+        """One line, for one of many fits."""
+        parts = [f"worst {self.max_distance:.4g} ({self.max_percent:.2g} %)", f"mean {self.mean_distance:.4g}"]
+        parts.append(f"{self.crossing_faces:,} crossing, {self.flipped_faces:,} flipped")
+        parts += [] if self.closed else ["open"]
+        parts.append(self._size)
+        notes = "".join(f"; note: {text}" for text in self.advice)
+        return f"{self.output}: {', '.join(parts)}{notes}"
+
+    @property
+    def advice(self) -> Iterator[str]:
+        """What is wrong, and what to try."""
+        if self.target_topology != self.result_topology:
+            yield (
+                "the result has not the pieces, openings and handles of the target; try --source target, which starts "
+                "from them"
+                if self.source_topology == self.result_topology
+                else "the result has neither the topology of the source nor that of the target"
+            )
+        if self.max_percent > _FAR_PERCENT:
+            yield f"worst distance above {_FAR_PERCENT:g} % of the diagonal; try more --verts or --source target"
+
+    @property
+    def _size(self) -> str:
+        counts = f"{count_text(self.verts, 'vertex')}, {count_text(self.faces, 'face')}"
+        return f"{counts}, {duration_text(self.seconds)}"
+
+
+def verdict_of(target: str, output: str, folder: "Path", record: "Result") -> Verdict:
+    """Return the verdict on a complete trial, from its record and the meshes in its folder.
+
+    Raises:
+        MeshError: a mesh cannot be read.
+    """
+    from meshfit.experiment.storage.frame import frame_of
+    from meshfit.experiment.storage.targets import read_target, read_written_mesh, triangles
+    from meshfit.mesh.manifold import describe_topology
+    from meshfit.mesh.topology import Topology
+
+    scale = frame_of(record).scale
+    meshes = (
+        triangles(read_written_mesh(folder / "result.ply")),
+        triangles(read_written_mesh(folder / "source.ply")),
+        read_target(folder, record),
+    )
+    topologies = [describe_topology(Topology.of(mesh)) for mesh in meshes]
+    worst, mean = record["hausdorff"]["symmetric"], record["distance"]["mean"]
+    percent = record["hausdorff"]["percent_of_diagonal"]
+    quality = record["quality"]
+    return Verdict(
+        target,
+        output,
+        max_distance=worst * scale,
+        max_percent=percent,
+        mean_distance=mean * scale,
+        mean_percent=percent * mean / worst if worst else 0.0,
+        crossing_faces=quality["self_intersecting_faces"],
+        flipped_faces=quality["flipped_faces"],
+        closed=quality["watertight"],
+        result_topology=topologies[0],
+        source_topology=topologies[1],
+        target_topology=topologies[2],
+        verts=quality["verts"],
+        faces=quality["faces"],
+        seconds=record["seconds"]["fit"] + record["seconds"]["measure"],
+    )

@@ -1,0 +1,96 @@
+"""`meshfit fit`: from file to file, the verdict, many at once, and the ways there."""
+
+import json
+
+import numpy as np
+import pytest
+
+from meshfit.mesh.io.files import load_mesh, save_mesh
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.solids import octahedron
+from meshfit.subdivision.refine import subdivide
+from tests.cli import invoke, refused, trials_in_this_process
+
+QUICK = ("--verts", "100", "--set", "fit.coarse_steps=5", "--set", "measure={samples: 500, points: 500}")
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with trials_in_this_process():
+        yield
+
+
+def bumpy(name, offset=0.0, *, inverted=False):
+    ball = subdivide(octahedron(), "loop", 3)
+    verts = ball.verts * (1 + 0.1 * np.sin(5 * ball.verts[:, :1])) * 20 + offset
+    save_mesh(Mesh(verts, ball.faces[:, ::-1] if inverted else ball.faces), name)
+
+
+def test_the_result_lies_on_the_target_and_nothing_else_is_written(tmp_path):
+    bumpy("scan.ply", 1e4)
+    ran = invoke("fit", "scan.ply", "-o", "out.obj.gz", *QUICK)
+    assert ran.code == 0, ran.err
+    distances, sound, size = ran.out.splitlines()[:3]
+    assert distances.startswith("distance: worst ")
+    assert "1 piece, closed, genus 0" in sound
+    assert size.endswith("wrote out.obj.gz")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.obj.gz", "scan.ply"]
+    result, target = load_mesh("out.obj.gz"), load_mesh("scan.ply")
+    np.testing.assert_allclose(result.verts.mean(axis=0), target.verts.mean(axis=0), atol=2)
+
+
+def test_the_bytes_are_those_of_the_kept_trial_and_json_is_of_the_same_fit(tmp_path):
+    bumpy("scan.ply")
+    ran = invoke("fit", "scan.ply", "-o", "out.ply", *QUICK, "--keep", "kept", "--json")
+    assert ran.code == 0, ran.err
+    (result,) = (tmp_path / "kept").rglob("result.ply")
+    assert result.read_bytes() == (tmp_path / "out.ply").read_bytes()
+    verdict, record = json.loads(ran.out), json.loads((result.parent / "result.json").read_text())
+    assert verdict["max_distance"] == record["hausdorff"]["symmetric"] * record["frame"]["scale"]
+    assert invoke("show", result.parent).code == 0
+
+
+def test_a_target_inside_out_is_fitted_as_its_turned_twin():
+    bumpy("right.ply")
+    bumpy("wrong.ply", inverted=True)
+    right, wrong = (invoke("fit", f"{name}.ply", "-o", f"{name}.obj", *QUICK, "--json") for name in ("right", "wrong"))
+    worst = [json.loads(ran.out)["max_percent"] for ran in (right, wrong)]
+    assert worst[0] == pytest.approx(worst[1], rel=0.2)
+    assert "its faces are turned for the fit" in wrong.err
+    assert "turned" not in right.err
+
+
+def test_of_many_a_broken_one_is_named_and_the_others_go_on(tmp_path):
+    bumpy("scan.ply")
+    (tmp_path / "more").mkdir()
+    bumpy("more/scan.ply", 5.0)
+    (tmp_path / "broken.ply").write_text("no mesh")
+    ran = invoke("fit", "scan.ply", "broken.ply", "more/scan.ply", "-o", "out", "--output-format", "off", *QUICK)
+    assert ran.code == 1
+    assert "broken.ply" in ran.err
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["scan-2.off", "scan.off"]
+    assert len(ran.out.splitlines()) == 2
+
+
+def test_a_source_from_the_target_and_fixed_faces():
+    bumpy("scan.ply")
+    assert invoke("fit", "scan.ply", "-o", "a.ply", "--source", "target", *QUICK).code == 0
+    faces = ("--connectivity", "fixed", "--set", "fit.coarse_steps=5", "--set", "measure={samples: 500, points: 500}")
+    assert invoke("fit", "scan.ply", "-o", "b.ply", "--source", "scan.ply", *faces).code == 0
+    np.testing.assert_array_equal(load_mesh("b.ply").faces, load_mesh("scan.ply").faces)
+
+
+def test_what_cannot_be_written_is_refused_before_the_fit():
+    bumpy("scan.ply")
+    assert "no folder missing" in refused("fit", "scan.ply", "-o", "missing/out.ply")
+    assert "overwrite" in refused("fit", "scan.ply", "-o", "scan.ply")
+    assert "out.xyz" in refused("fit", "scan.ply", "-o", "out.xyz")
+
+
+def test_other_ways_lead_to_the_command():
+    bumpy("my scan.ply")
+    command = "meshfit fit 'my scan.ply' -o 'my scan-fitted.ply'"
+    for line in (["my scan.ply"], ["run", "my scan.ply"], ["wrap", "my scan.ply"]):
+        assert command in refused(*line)
+    assert "meshfit fit bunny -o bunny-fitted.ply" in refused("fti")
