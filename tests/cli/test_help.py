@@ -94,7 +94,7 @@ def test_alone_it_says_what_to_do_next_in_one_screen(width, tmp_path, monkeypatc
     out = answered()
     assert len(out.splitlines()) < 20
     assert max(map(len, out.splitlines())) <= width
-    assert out.count("\n  meshfit ") == 7
+    assert out.count("\n  meshfit ") == 8
     assert "meshfit --help" in out
     assert "meshfit status" not in out
     (tmp_path / "runs").mkdir()
