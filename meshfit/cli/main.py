@@ -41,6 +41,7 @@ COMMANDS = {
         "subdivide": "Refine a mesh, or curves, by a subdivision scheme.",
         "measure": "Measure a mesh against a target.",
         "render": "Draw meshes or trials side by side.",
+        "view": "Look at meshes and results in 3D, in the web browser.",
     },
     "Reference": {
         "schemes": "List the subdivision schemes, or show or analyse one.",

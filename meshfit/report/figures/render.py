@@ -171,7 +171,7 @@ def cameras_of(meshes: Sequence[RenderedMesh], style: RenderStyle | None = None)
     groups: list[tuple[Mesh, list[Mesh]]] = []
     places = []
     for shown in meshes:
-        place = next((i for i, (target, _) in enumerate(groups) if _equal(target, shown.viewed_like)), len(groups))
+        place = next((i for i, (target, _) in enumerate(groups) if same_mesh(target, shown.viewed_like)), len(groups))
         if place == len(groups):
             groups.append((shown.viewed_like, []))
         groups[place][1].append(shown.mesh)
@@ -186,7 +186,8 @@ def cameras_of(meshes: Sequence[RenderedMesh], style: RenderStyle | None = None)
     return [cameras[place] for place in places]
 
 
-def _equal(first: Mesh, second: Mesh) -> bool:
+def same_mesh(first: Mesh, second: Mesh) -> bool:
+    """Return whether two meshes have the same vertices and faces."""
     return first is second or (np.array_equal(first.verts, second.verts) and np.array_equal(first.faces, second.faces))
 
 

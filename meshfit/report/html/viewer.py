@@ -49,10 +49,17 @@ def viewer_meshes(section: TargetSection) -> Iterator[ViewerMesh]:
         small, note = _decimated(section.target)
         yield quantise(small, None, section.limit, "target", note)
     for trial in section.trials:
-        (small, note), distances = _decimated(trial.mesh), trial.distances
-        if small is not trial.mesh and section.target is not None:
-            distances = distances_to(small, section.target)
-        yield quantise(small, distances, section.limit, trial.label, note)
+        yield viewer_mesh(trial.mesh, trial.distances, section.limit, trial.label, section.target)
+
+
+def viewer_mesh(
+    mesh: Mesh, distances: Float64[np.ndarray, " V"] | None, limit: float, title: str, target: Mesh | None
+) -> ViewerMesh:
+    """Decimate a mesh if it is large, with its distances to the target, if any, and quantise it."""
+    small, note = _decimated(mesh)
+    if small is not mesh and target is not None:
+        distances = distances_to(small, target)
+    return quantise(small, distances, limit, title, note)
 
 
 def viewer_scene(section: TargetSection, meshes: Sequence[ViewerMesh]) -> bytes:

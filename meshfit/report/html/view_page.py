@@ -1,0 +1,131 @@
+"""The 3D part of the report as a page of its own, for meshes, trials and run directories."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+from meshfit.experiment.storage.run_directory import RESULT
+from meshfit.measuring.metrics import DEFAULT_METRIC
+from meshfit.mesh.geometry import bounding_box
+from meshfit.optional import import_optional
+from meshfit.paths import is_folder
+from meshfit.report.figures.camera import Up, camera_of
+from meshfit.report.figures.colours import DISTANCES, shared_limit
+from meshfit.report.figures.render import RenderedMesh, collect_meshes, same_mesh
+from meshfit.report.figures.trial_meshes import distances_to
+from meshfit.report.html.page import MOST_TRIALS, read_report
+from meshfit.report.html.target_section import read_sections
+from meshfit.report.html.viewer import (
+    MOST_FACES,
+    ViewerMesh,
+    compress,
+    pack_scene,
+    viewer_mesh,
+    viewer_meshes,
+    viewer_scene,
+)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Views that turn together.
+
+    Attributes:
+        title: heading of the views; may be empty.
+        meshes: one for each view.
+        packed: their data.
+    """
+
+    title: str
+    meshes: tuple[ViewerMesh, ...]
+    packed: bytes
+
+
+def collect_scenes(names: Sequence[str], against: str | None = None, up: Up | None = None) -> list[Scene]:
+    """Read the scenes of a page.
+
+    Args:
+        names: run directories, which give a scene for each target, and then what `collect_meshes` takes.
+        against: the target that distances of meshes are measured to.
+        up: the axis that points up; by default guessed.
+
+    Raises:
+        ConfigError: the distances would be in different units.
+        MeshError, StoreError: a file cannot be read.
+    """
+    runs = [name for name in names if is_folder(name) and not (Path(name) / RESULT).exists()]
+    scenes = _scenes_of_runs(list(map(Path, runs))) if runs else []
+    others = [name for name in names if name not in runs]
+    return scenes + (_scenes_of_meshes(collect_meshes(others, against)[0], up) if others else [])
+
+
+def _scenes_of_runs(runs: Sequence[Path]) -> list[Scene]:
+    data = read_report(runs, [DEFAULT_METRIC], None, datetime.now(UTC))
+    sections = read_sections(data.tables, data.results, MOST_TRIALS, lambda *_: None)
+    read = [(section, tuple(viewer_meshes(section))) for section in sections]
+    return [Scene(section.title, meshes, viewer_scene(section, meshes)) for section, meshes in read if meshes]
+
+
+def _scenes_of_meshes(shown: Sequence[RenderedMesh], up: Up | None) -> list[Scene]:
+    """A scene for all meshes that are viewed like the same one."""
+    groups: list[list[RenderedMesh]] = []
+    for each in shown:
+        group = next((group for group in groups if same_mesh(group[0].viewed_like, each.viewed_like)), None)
+        if group is None:
+            groups.append([each])
+        else:
+            group.append(each)
+    return [_scene(group, up) for group in groups]
+
+
+def _scene(shown: Sequence[RenderedMesh], up: Up | None) -> Scene:
+    camera = camera_of(shown[0].viewed_like, up)
+    distances = [None if each.against is None else distances_to(each.mesh, each.against) for each in shown]
+    limit = shared_limit([values for values in distances if values is not None])
+    meshes = tuple(
+        viewer_mesh(each.mesh, values, limit, each.title, each.against)
+        for each, values in zip(shown, distances, strict=True)
+    )
+    verts = np.concatenate([each.mesh.verts for each in shown])
+    centre = np.mean(bounding_box(verts), axis=0)
+    axes = (camera.right, camera.up, camera.direction)
+    radius = float(np.linalg.norm(verts - centre, axis=1).max()) or 1.0
+    packed = pack_scene(meshes, axes, (float(centre[0]), float(centre[1]), float(centre[2])), radius)
+    return Scene("", meshes, packed)
+
+
+def render_view(scenes: Sequence[Scene], title: str) -> str:
+    """Return the HTML of the page, which loads nothing from the network.
+
+    Raises:
+        ConfigError: jinja2 is not installed.
+    """
+    jinja2 = import_optional("jinja2")
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("meshfit.report.html", "templates"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    targets = [
+        {
+            "section": {"key": f"scene-{place}", "title": scene.title},
+            "meshes": scene.meshes,
+            "scene": compress(scene.packed),
+        }
+        for place, scene in enumerate(scenes)
+    ]
+    assets = resources.files("meshfit.report.html") / "assets"
+    context = {
+        "title": title,
+        "targets": targets,
+        "colours": DISTANCES,
+        "most_faces": MOST_FACES,
+        "asset": lambda name: (assets / name).read_text(encoding="utf-8"),
+    }
+    return str(environment.get_template("view.html").render(context))
