@@ -7,7 +7,7 @@ import typer
 
 from meshfit.cli import completions
 from meshfit.cli.console import out
-from meshfit.cli.options import UpAxis
+from meshfit.cli.options import UpAxis, say_turned
 
 
 def view(
@@ -67,6 +67,7 @@ def view(
     page = render_view(scenes, title).encode()
     path = output if output is not None else Path(tempfile.mkdtemp(prefix="meshfit-")) / "view.html"
     write_atomically(path, page)
+    say_turned([scene.turned for scene in scenes if scene.turned])
     opened = output is None and webbrowser.open(path.resolve().as_uri())
     remedy = "" if opened or output is not None else "; open it in a browser"
     out.print(f"wrote {path}: {size_text(len(page))}{remedy}", soft_wrap=True, markup=False)

@@ -8,7 +8,8 @@ import pytest
 
 from meshfit.mesh.io.files import save_mesh
 from meshfit.mesh.solids import icosahedron
-from tests.cli import answered, refused
+from tests.cli import answered, invoke, refused
+from tests.cli.test_render import UPRIGHT
 from tests.runs import complete
 
 pytest.importorskip("jinja2", reason="pages need the extra `report`")
@@ -58,3 +59,13 @@ def test_without_an_output_the_page_is_opened(tmp_path, monkeypatch):
 def test_what_cannot_be_shown_is_refused(tmp_path):
     assert "no such file" in refused("view", "nothing.obj", "-o", tmp_path / "x.html")
     assert "no folder" in refused("view", "bone", "-o", tmp_path / "missing" / "x.html")
+
+
+def test_a_mesh_that_stands_along_z_is_shown_upright_and_this_is_said(tmp_path):
+    save_mesh(UPRIGHT, tmp_path / "z.ply")
+    ran = invoke("view", tmp_path / "z.ply", "-o", tmp_path / "x.html")
+    assert "z up, guessed by the base: z" in ran.err
+    (scene,) = scenes(tmp_path / "x.html")
+    assert max(map(abs, scene["axes"][1])) == scene["axes"][1][2]
+    ran = invoke("view", tmp_path / "z.ply", "-o", tmp_path / "x.html", "--up", "y")
+    assert "guessed" not in ran.err

@@ -13,7 +13,7 @@ from meshfit.measuring.metrics import DEFAULT_METRIC
 from meshfit.mesh.geometry import bounding_box
 from meshfit.optional import import_optional
 from meshfit.paths import is_folder
-from meshfit.report.figures.camera import Up, camera_of
+from meshfit.report.figures.camera import Up, camera_of, guess_up
 from meshfit.report.figures.colours import DISTANCES, shared_limit
 from meshfit.report.figures.render import RenderedMesh, collect_meshes, same_mesh
 from meshfit.report.figures.trial_meshes import distances_to
@@ -23,6 +23,7 @@ from meshfit.report.html.viewer import (
     MOST_FACES,
     ViewerMesh,
     compress,
+    first_mesh,
     pack_scene,
     viewer_mesh,
     viewer_meshes,
@@ -38,11 +39,13 @@ class Scene:
         title: heading of the views; may be empty.
         meshes: one for each view.
         packed: their data.
+        turned: the title of the mesh that is taken to stand along z; empty if none is.
     """
 
     title: str
     meshes: tuple[ViewerMesh, ...]
     packed: bytes
+    turned: str = ""
 
 
 def collect_scenes(names: Sequence[str], against: str | None = None, up: Up | None = None) -> list[Scene]:
@@ -58,16 +61,25 @@ def collect_scenes(names: Sequence[str], against: str | None = None, up: Up | No
         MeshError, StoreError: a file cannot be read.
     """
     runs = [name for name in names if is_folder(name) and not (Path(name) / RESULT).exists()]
-    scenes = _scenes_of_runs(list(map(Path, runs))) if runs else []
+    scenes = _scenes_of_runs(list(map(Path, runs)), up) if runs else []
     others = [name for name in names if name not in runs]
     return scenes + (_scenes_of_meshes(collect_meshes(others, against)[0], up) if others else [])
 
 
-def _scenes_of_runs(runs: Sequence[Path]) -> list[Scene]:
+def _scenes_of_runs(runs: Sequence[Path], up: Up | None) -> list[Scene]:
     data = read_report(runs, [DEFAULT_METRIC], None, datetime.now(UTC))
     sections = read_sections(data.tables, data.results, MOST_TRIALS, lambda *_: None)
     read = [(section, tuple(viewer_meshes(section))) for section in sections]
-    return [Scene(section.title, meshes, viewer_scene(section, meshes)) for section, meshes in read if meshes]
+    return [
+        Scene(
+            section.title,
+            meshes,
+            viewer_scene(section, meshes, up),
+            section.title if up is None and guess_up(first_mesh(section)) == "z" else "",
+        )
+        for section, meshes in read
+        if meshes
+    ]
 
 
 def _scenes_of_meshes(shown: Sequence[RenderedMesh], up: Up | None) -> list[Scene]:
@@ -95,7 +107,8 @@ def _scene(shown: Sequence[RenderedMesh], up: Up | None) -> Scene:
     axes = (camera.right, camera.up, camera.direction)
     radius = float(np.linalg.norm(verts - centre, axis=1).max()) or 1.0
     packed = pack_scene(meshes, axes, (float(centre[0]), float(centre[1]), float(centre[2])), radius)
-    return Scene("", meshes, packed)
+    turned = shown[0].title if up is None and guess_up(shown[0].viewed_like) == "z" else ""
+    return Scene("", meshes, packed, turned)
 
 
 def render_view(scenes: Sequence[Scene], title: str) -> str:
