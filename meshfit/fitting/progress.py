@@ -7,25 +7,30 @@ from contextlib import contextmanager
 from typing import Any
 
 from meshfit.fitting.callbacks import Step
-from meshfit.fitting.gauss_newton.schedule import schedule
+from meshfit.fitting.gauss_newton.schedule import schedule, stage_at
 from meshfit.fitting.settings import FitSettings, GaussNewtonSettings
 from meshfit.units import duration_text
 
 # Cost of a step relative to one of level 0: of the search for the rough shape, and of each further level.
-_ROUGH, _PER_LEVEL = 0.35, 3.5
+_ROUGH, _PER_LEVEL = 0.6, 2.5
 _SECONDS_BETWEEN_LINES = 5.0
 _SECONDS_BETWEEN_UPDATES = 0.2
 _BAR = 24
 
 
-def step_costs(settings: FitSettings) -> list[float]:
-    """Return the relative cost of each step, for an estimate of the remaining time: finer levels take longer."""
+def step_costs(settings: FitSettings, tries: int | None = None) -> list[float]:
+    """Return the relative cost of each step, for an estimate of the remaining time: finer levels take longer.
+
+    Steps of searches for the rough shape after the first `tries` cost nothing: most fits leave them out.
+    """
     if not isinstance(settings, GaussNewtonSettings):
         return [1.0] * settings.steps
     costs, level = list[float](), 0
     for stage in schedule(settings):
         level += stage.change in ("refine", "control")
         cost = _ROUGH if stage.attempt is not None else _PER_LEVEL**level
+        if tries is not None and stage.attempt is not None and stage.attempt >= tries:
+            cost = 0.0
         costs += [cost] * len(stage.weights)
     return costs
 
@@ -39,13 +44,19 @@ class Course:
     """
 
     def __init__(self, settings: FitSettings, clock: Callable[[], float] = time.monotonic) -> None:
-        self._clock, self._start, self._costs = clock, clock(), step_costs(settings)
+        self._clock, self._start, self._costs = clock, clock(), step_costs(settings, 1)
+        self._settings, self._tries = settings, 1
         self._first: tuple[float, float] | None = None
         self.step: Step | None = None
         self.share = 0.0
 
     def update(self, step: Step) -> None:
         """Take note of a step."""
+        if isinstance(self._settings, GaussNewtonSettings) and step.done:
+            attempt = stage_at(self._settings, step.done - 1).attempt
+            if attempt is not None and attempt >= self._tries:  # a further search has begun
+                self._tries = attempt + 1
+                self._costs = step_costs(self._settings, self._tries)
         total = sum(self._costs) or 1.0
         self.step, self.share = step, sum(self._costs[: step.done]) / total
         if self._first is None:  # the first step prepares what the others use
