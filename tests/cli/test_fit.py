@@ -94,3 +94,17 @@ def test_other_ways_lead_to_the_command():
     for line in (["my scan.ply"], ["run", "my scan.ply"], ["wrap", "my scan.ply"]):
         assert command in refused(*line)
     assert "meshfit fit bunny -o bunny-fitted.ply" in refused("fti")
+
+
+@pytest.mark.slow
+def test_the_bunny_is_met_and_the_bytes_are_those_of_run(tmp_path):
+    ran = invoke("fit", "bunny", "-o", "bunny.ply", "--json")
+    verdict = json.loads(ran.out)
+    assert verdict["max_percent"] < 0.3
+    assert verdict["crossing_faces"] == verdict["flipped_faces"] == 0
+    bumpy("scan.ply")
+    assert invoke("fit", "scan.ply", "-o", "out.ply", *QUICK).code == 0
+    settings = ("--set", "fit.verts=100", *QUICK[2:])
+    assert invoke("run", "accurate", "--targets", "scan.ply", "--schemes", "loop", *settings).code == 0
+    (result,) = (tmp_path / "runs").rglob("result.ply")
+    assert result.read_bytes() == (tmp_path / "out.ply").read_bytes()
