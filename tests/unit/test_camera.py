@@ -6,7 +6,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.normalisation import Frame, frame_of
 from meshfit.mesh.solids import icosahedron
 from meshfit.mesh.targets import NAMED_TARGETS, load_target
-from meshfit.report.figures.camera import MARGIN, camera_of
+from meshfit.report.figures.camera import MARGIN, camera_of, guess_up
 
 SQUARE = Mesh([[0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]], [[0, 2, 1], [0, 3, 2]])
 SHAPES = {
@@ -69,3 +69,13 @@ def test_drawn_back_a_camera_holds_other_meshes_and_keeps_its_view():
 def test_without_faces_there_is_no_view():
     with pytest.raises(MeshError, match="without faces"):
         camera_of(Mesh([[0, 0, 0]], []))
+
+
+def test_named_targets_stand_along_y_and_the_bunny_turned_to_z_along_z():
+    for name in ("bunny", "mousehead", "cow", "bone", "airplane"):
+        assert guess_up(load_target(name)) == "y"
+    bunny = load_target("bunny")
+    turned = Mesh(np.stack([bunny.verts[:, 0], -bunny.verts[:, 2], bunny.verts[:, 1]], axis=1), bunny.faces)
+    assert guess_up(turned) == "z"
+    upright, lying = camera_of(bunny), camera_of(turned)
+    np.testing.assert_allclose(upright.project(bunny.verts), lying.project(turned.verts), atol=1e-9)

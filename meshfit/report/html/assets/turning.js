@@ -140,7 +140,8 @@ function start() {
   const refuse = (error) => {
     const place = document.getElementById("no-3d");
     place.hidden = false;
-    place.textContent = `3D views do not work here: ${error.message}. The pictures above show the same meshes.`;
+    const remedy = document.getElementById("pictures") ? " The pictures above show the same meshes." : "";
+    place.textContent = `3D views do not work here: ${error.message}.${remedy}`;
   };
   try {
     painter = new Painter(document.getElementById("colours").textContent.split(","));
