@@ -194,6 +194,8 @@ def fit(
         with suggest_option("--output-format"):
             _check_output(output, output_format)
     _check_printed(output, measure=measure, as_json=as_json)
+    if measure and any(target == STREAM or is_pipe(target) for target in targets):
+        raise ConfigError("--measure reads the target again, and a pipe can be read only once; use --json")
     _check_not_overwritten(targets, outputs, source)
     options = FitOptions(
         verts, scheme, levels, connectivity, source, seed, device, CleaningOptions(weld, repair), overrides or ()
@@ -211,13 +213,13 @@ def fit(
         raise SystemExit(EXIT_INTERRUPTED) from None
     if as_json:
         plain = [verdict.to_dict() | {"metrics": metrics} for verdict, metrics in verdicts]
-        typer.echo(json.dumps(plain if many else plain[0] if plain else {}, indent=2))
+        if many or plain:
+            typer.echo(json.dumps(plain if many else plain[0], indent=2))
     elif measure:
         from meshfit.cli.measure import measure as print_metrics
 
         for verdict, _ in verdicts:
-            if verdict.target != STREAM:
-                print_metrics([verdict.output, verdict.target], weld=weld, repair=repair)
+            print_metrics([verdict.output, verdict.target], weld=weld, repair=repair)
     return 0 if len(verdicts) == len(targets) else EXIT_FAILED
 
 
@@ -249,7 +251,7 @@ class _Fitting:
             try:
                 with suggest_option("--format"):
                     jobs.append(_Job(target, output, plan_fit(self._file_of(target, input_format), self.options)))
-            except MeshError as error:
+            except MeshfitError as error:
                 if not many:
                     raise
                 print_error(str(error) if target in str(error) else f"{path_text(target)}: {error}")
