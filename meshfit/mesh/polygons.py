@@ -1,5 +1,6 @@
 """Polygon meshes: faces of three or more corners, stored one after another in a flat array."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -31,7 +32,7 @@ class PolygonSoup(NamedTuple):
         return cls(verts, faces.reshape(-1), np.full(len(faces), 3, dtype=np.int64))
 
     @classmethod
-    def of_rows(cls, verts: list[list[float]], faces: list[list[int]]) -> "PolygonSoup":
+    def of_rows(cls, verts: Sequence[Sequence[int | float]], faces: Sequence[Sequence[int]]) -> "PolygonSoup":
         """Return lists of coordinates and of corners as arrays; both may be empty."""
         corners = np.array([corner for face in faces for corner in face], dtype=np.int64)
         return cls(np.array(verts, np.float64).reshape(-1, 3), corners, np.array([len(f) for f in faces], np.int64))
