@@ -24,7 +24,7 @@ _MOST_FACES_PER_EDGE = 64
 # Two faces at a smaller angle, in radians, lie on each other.
 _FOLDED = 1e-4
 
-_Pairs = Int64[np.ndarray, "P 2"]
+_Pairs = Int64[np.ndarray, "_ 2"]
 
 
 class Stitched(NamedTuple):

@@ -232,7 +232,7 @@ def test_topology_in_words(pieces, words):
     faces, num_verts = [], 1
     for piece in pieces:
         faces.append(np.array(piece) + num_verts)
-        num_verts += np.max(piece) + 3
+        num_verts += int(np.max(piece)) + 3
     topology = Topology(num_verts, np.concatenate([np.empty((0, 3), dtype=np.int64), *faces]))
     assert describe_topology(topology) == words
     assert describe_topology(PolygonTopology.of(topology)) == words

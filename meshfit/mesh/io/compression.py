@@ -3,7 +3,7 @@
 import io
 from collections.abc import Callable, Iterator
 from importlib import import_module
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 
 from meshfit.errors import MeshError
 from meshfit.units import size_text
@@ -75,7 +75,7 @@ def compress(content: bytes, suffix: str) -> bytes:
     return packed[:9] + b"\xff" + packed[10:]  # no operating system, which versions of Python fill in differently
 
 
-def _chunks(stream: BinaryIO, limit: int) -> Iterator[bytes]:
+def _chunks(stream: io.BufferedIOBase, limit: int) -> Iterator[bytes]:
     """Yield the content of a stream up to the first chunk beyond a limit in bytes."""
     while limit >= 0 and (chunk := stream.read(_CHUNK)):
         limit -= len(chunk)
