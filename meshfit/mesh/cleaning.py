@@ -25,12 +25,14 @@ from meshfit.mesh.triangulation import triangle_corners, triangulate
 from meshfit.mesh.welding import coincident, first_equal, nearly_coincident, stitch
 from meshfit.units import count_text
 
+INSIDE_OUT = "the surface is inside out: closed, with a negative volume"
+"""The warning of a surface whose faces all look inwards."""
+
 # Areas and their squares stay finite up to here.
 _LARGEST_COORDINATE = 1e60
 # Volumes of a smaller size, relative to the cube of the bounding box's diagonal, may come from rounding.
-INSIDE_OUT = "the surface is inside out: closed, with a negative volume"
-"""The warning of a surface whose faces all look inwards."""
 _ROUNDING = 1e-9
+# Faces of a closed surface that are looked at first for one with an area.
 _SOME_FACES = 1000
 # Faces of a smaller area, relative to the square of their longest edge, are flat.
 _FLAT = 1e-14

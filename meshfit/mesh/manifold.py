@@ -12,7 +12,8 @@ from meshfit.units import count_text
 _LONGEST_WALK = 256
 
 
-def _components(rows: Indices, columns: Indices, size: int) -> tuple[int, Indices]:
+def graph_components(rows: Indices, columns: Indices, size: int) -> tuple[int, Indices]:
+    """Return the number of components of a graph, and (N,) that of each node; edges join `rows` to `columns`."""
     graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(size, size))
     count, label = connected_components(graph, directed=False)
     return int(count), np.asarray(label, dtype=np.int64)
@@ -26,7 +27,7 @@ def num_components(topology: HalfEdges) -> int:
         graph = csr_array((np.ones(ways.nnz), ways.indices, ways.indptr), shape=ways.shape)
         count = int(connected_components(graph, connection="strong")[0])
     else:
-        count, _ = _components(topology.edges[:, 0], topology.edges[:, 1], topology.num_verts)
+        count, _ = graph_components(topology.edges[:, 0], topology.edges[:, 1], topology.num_verts)
     return count - int((np.bincount(topology.tail, minlength=topology.num_verts) == 0).sum())
 
 
@@ -68,7 +69,7 @@ def describe_topology(topology: HalfEdges) -> str:
 
 def _pieces(topology: HalfEdges) -> Indices:
     """Return (V,) the piece of each vertex, numbered from 0; `NONE` for vertices that no face uses."""
-    _, label = _components(topology.edges[:, 0], topology.edges[:, 1], topology.num_verts)
+    _, label = graph_components(topology.edges[:, 0], topology.edges[:, 1], topology.num_verts)
     piece, used = np.full(topology.num_verts, NONE, dtype=np.int64), topology.valence > 0
     piece[used] = np.unique(label[used], return_inverse=True)[1]
     return piece
@@ -89,7 +90,7 @@ def _boundary_loops(topology: HalfEdges, piece: Indices, total: int) -> Indices:
     count, fan = vertex_fans(topology)
     border = np.flatnonzero(topology.boundary_edges[topology.edge_of])
     ends = fan[border], fan[topology.following(border)]
-    _, loop = _components(*ends, count)
+    _, loop = graph_components(*ends, count)
     _, first = np.unique(loop[ends[0]], return_index=True)
     return np.bincount(piece[topology.tail[border[first]]], minlength=total)
 
@@ -112,7 +113,7 @@ def _orientable_pieces(topology: HalfEdges, piece: Indices, total: int) -> Mask:
     face, other = topology.face_of(here), topology.face_of(there)
     turned = num_faces * (topology.tail[here] == topology.tail[there])
     sides = np.concatenate([face, face + num_faces]), np.concatenate([other + turned, other + num_faces - turned])
-    _, side = _components(*sides, 2 * num_faces)
+    _, side = graph_components(*sides, 2 * num_faces)
     one_sided = (side[:num_faces] == side[num_faces:])[topology.face_of(np.arange(len(topology.tail)))]
     orientable[piece[topology.tail[one_sided]]] = False
     return orientable
@@ -141,7 +142,7 @@ def vertex_fans(topology: HalfEdges) -> tuple[int, Indices]:
     same_way = topology.tail[here] == topology.tail[there]
     after, after_there = topology.following(here), topology.following(there)
     of_tails, of_heads = np.where(same_way, there, after_there), np.where(same_way, after_there, there)
-    return _components(np.concatenate([here, after]), np.concatenate([of_tails, of_heads]), len(topology.tail))
+    return graph_components(np.concatenate([here, after]), np.concatenate([of_tails, of_heads]), len(topology.tail))
 
 
 def nonmanifold_verts(topology: HalfEdges) -> Indices:

@@ -10,11 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float64, Int64
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from meshfit.mesh.manifold import duplicate_triangles, nonmanifold_verts
+from meshfit.mesh.manifold import duplicate_triangles, graph_components, nonmanifold_verts
 from meshfit.mesh.mesh import Verts
 from meshfit.mesh.topology import HalfEdges, Indices, Mask, PolygonTopology, stable_order
 
@@ -216,7 +214,7 @@ def _wedges(topology: PolygonTopology, verts: Verts, ahead: Indices, behind: Ind
 
 
 def _normals(topology: PolygonTopology, verts: Verts, halfedges: Indices) -> Float64[np.ndarray, "P 3"]:
-    """Return the area vectors of the faces of half-edges, divided by the squares of the edges' lengths."""
+    """Return the area vectors of the faces of half-edges, each divided by its largest coordinate; 0 without area."""
     faces, row = np.unique(topology.face_of(halfedges), return_inverse=True)
     sizes = topology.sizes[faces]
     starts = np.cumsum(sizes) - sizes
@@ -263,7 +261,7 @@ def _glued(topology: PolygonTopology, corners: Indices, pairs: _Pairs, tied: Ind
         _, first, label = np.unique(tied, return_index=True, return_inverse=True)
         rows.append(np.arange(len(tied)))
         columns.append(first[label])
-    return _numbered(_components(np.concatenate(rows), np.concatenate(columns), len(corners)), corners)
+    return _numbered(graph_components(np.concatenate(rows), np.concatenate(columns), len(corners))[1], corners)
 
 
 def _conflicts(stitched: Stitched, sizes: Indices) -> Mask:
@@ -288,15 +286,9 @@ def _num_split(given: Indices, corners: Indices) -> int:
     return len(np.unique(given[corners != first[given]]))
 
 
-def _components(rows: Indices, columns: Indices, size: int) -> Indices:
-    """Return (N,) the number of the component of each node of a graph."""
-    graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(size, size))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
-
-
 def _first_of_component(rows: Indices, columns: Indices, size: int) -> Indices:
     """Return (N,) the first node of each node's component."""
-    label = _components(rows, columns, size)
-    first = np.full(int(label.max(initial=-1)) + 1, size)
+    count, label = graph_components(rows, columns, size)
+    first = np.full(count, size)
     np.minimum.at(first, label, np.arange(size))
     return np.asarray(first[label])
