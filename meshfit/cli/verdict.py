@@ -72,7 +72,7 @@ class Verdict:
 
     @property
     def advice(self) -> Iterator[str]:
-        """What is wrong, and what to try."""
+        """Advice on each shortfall: the finding, and what to try."""
         if self.target_topology != self.result_topology:
             yield (
                 "the result has not the pieces, openings and handles of the target; try --source target, which starts "

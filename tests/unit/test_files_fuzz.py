@@ -118,7 +118,7 @@ def mutate(name, count, folder):
 
 
 def of_its_format(name):
-    """How many seeds have its format."""
+    """Number of seeds in its format."""
     return sum(suffix_of(other) == suffix_of(name) for other in SEEDS)
 
 

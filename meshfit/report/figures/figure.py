@@ -31,7 +31,7 @@ Sources = Literal["none", "once", "all"]
 
 @dataclass(frozen=True)
 class FigureStyle:
-    """How a figure is laid out and worded.
+    """Layout and wording of a figure.
 
     Attributes:
         width: of the figure.

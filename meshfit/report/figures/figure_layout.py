@@ -23,7 +23,7 @@ _SMALLEST_SHARE = 0.7  # of the largest possible pictures
 
 @dataclass(frozen=True)
 class BlockShape:
-    """What the size of a block depends on.
+    """Quantities that determine the size of a block.
 
     Attributes:
         rows: rows of pictures.

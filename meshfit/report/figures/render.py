@@ -82,7 +82,7 @@ def collect_meshes(names: Sequence[str], against: str | None = None) -> tuple[li
 
 @dataclass(frozen=True)
 class RenderStyle:
-    """How meshes are drawn.
+    """Style of drawn meshes.
 
     Attributes:
         edges: draw the edges of faces too.

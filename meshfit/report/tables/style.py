@@ -13,7 +13,7 @@ Notes = Literal["none", "short", "full"]
 
 @dataclass(frozen=True)
 class Style:
-    """How tables are printed; the numbers behind them stay the same.
+    """Style of printed tables; the numbers behind them stay the same.
 
     Attributes:
         cells: the mean alone, with the standard deviation, with its 95 % interval, or with median and interval.
