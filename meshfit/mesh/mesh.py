@@ -8,6 +8,7 @@ from jaxtyping import Float64, Int64
 from numpy.typing import ArrayLike
 
 from meshfit.errors import MeshError
+from meshfit.mesh.attributes import NO_ATTRIBUTES, Attributes
 from meshfit.units import count_text
 
 Verts = Float64[np.ndarray, "V 3"]
@@ -21,6 +22,7 @@ class Mesh:
     Attributes:
         verts: (V, 3) float64, positions.
         faces: (F, 3) int64, rows of vertex indices, counter-clockwise seen from outside.
+        attributes: texture coordinates, colours, materials and the like; most meshes have none.
 
     Example:
         >>> import meshfit
@@ -37,8 +39,9 @@ class Mesh:
 
     verts: Verts
     faces: Faces
+    attributes: Attributes
 
-    def __init__(self, verts: ArrayLike, faces: ArrayLike) -> None:
+    def __init__(self, verts: ArrayLike, faces: ArrayLike, attributes: Attributes = NO_ATTRIBUTES) -> None:
         for name, values, dtype in (("verts", verts, np.float64), ("faces", faces, np.int64)):
             array = np.array(values, dtype=dtype)
             if array.size == 0:
@@ -47,10 +50,16 @@ class Mesh:
                 raise MeshError(f"{name}: expected rows of three numbers, got an array of shape {array.shape}")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+        attributes.require_sizes(len(self.verts), len(self.faces), 3 * len(self.faces))
+        object.__setattr__(self, "attributes", attributes)
 
     def with_verts(self, verts: ArrayLike) -> "Mesh":
-        """Return the same faces with other positions."""
-        return Mesh(verts, self.faces)
+        """Return the same faces and attributes with other positions."""
+        return Mesh(verts, self.faces, self.attributes)
+
+    def with_attributes(self, attributes: Attributes) -> "Mesh":
+        """Return the same shape with other attributes."""
+        return Mesh(self.verts, self.faces, attributes)
 
     def __repr__(self) -> str:
         """Return the numbers of vertices and faces, and the size of the bounding box."""

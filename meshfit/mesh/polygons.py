@@ -10,8 +10,9 @@ from jaxtyping import Int64
 from numpy.typing import ArrayLike, NDArray
 
 from meshfit.errors import MeshError
+from meshfit.mesh.attributes import NO_ATTRIBUTES, Attributes
 from meshfit.mesh.mesh import Mesh, Verts, box_text
-from meshfit.mesh.triangulation import triangulate
+from meshfit.mesh.triangulation import triangle_corners, triangulate
 from meshfit.units import count_text
 
 Corners = Int64[np.ndarray, " C"]
@@ -20,11 +21,12 @@ _LARGEST = np.iinfo(np.int64).max
 
 
 class PolygonSoup(NamedTuple):
-    """The raw, unchecked content of a file: (V, 3) positions, (C,) corners of all faces and (F,) their sizes."""
+    """The raw, unchecked content of a file: (V, 3) positions, (C,) corners of all faces, (F,) sizes, attributes."""
 
     verts: NDArray[np.floating]
     corners: NDArray[np.int64]
     sizes: NDArray[np.int64]
+    attributes: Attributes = NO_ATTRIBUTES
 
     @classmethod
     def of_triangles(cls, verts: NDArray[np.floating], faces: NDArray[np.int64]) -> "PolygonSoup":
@@ -46,6 +48,7 @@ class PolygonMesh:
         verts: (V, 3) float64, positions.
         corners: (C,) int64, vertex indices of all faces, one face after another, each counter-clockwise from outside.
         sizes: (F,) int64, the number of corners of each face.
+        attributes: as of a `Mesh`.
 
     Example:
         >>> import meshfit
@@ -63,8 +66,11 @@ class PolygonMesh:
     verts: Verts
     corners: Corners
     sizes: Sizes
+    attributes: Attributes
 
-    def __init__(self, verts: ArrayLike, corners: ArrayLike, sizes: ArrayLike) -> None:
+    def __init__(
+        self, verts: ArrayLike, corners: ArrayLike, sizes: ArrayLike, attributes: Attributes = NO_ATTRIBUTES
+    ) -> None:
         points = Mesh(verts, []).verts
         flat, counts = np.array(corners, dtype=np.int64), np.array(sizes, dtype=np.int64)
         if flat.ndim != 1 or counts.ndim != 1 or counts.sum() != len(flat):
@@ -75,6 +81,8 @@ class PolygonMesh:
         for name, array in (("verts", points), ("corners", flat), ("sizes", counts)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+        attributes.require_sizes(len(points), len(counts), len(flat))
+        object.__setattr__(self, "attributes", attributes)
 
     def __repr__(self) -> str:
         """Return the numbers of vertices and faces, the sizes of faces, and the size of the bounding box."""
@@ -89,7 +97,7 @@ class PolygonMesh:
         """Return the mesh as a polygon mesh."""
         if isinstance(mesh, PolygonMesh):
             return mesh
-        return cls(mesh.verts, mesh.faces.reshape(-1), np.full(mesh.num_faces, 3))
+        return cls(mesh.verts, mesh.faces.reshape(-1), np.full(mesh.num_faces, 3), mesh.attributes)
 
     @property
     def num_verts(self) -> int:
@@ -138,8 +146,12 @@ class PolygonMesh:
         return np.asarray(np.cumsum(self.sizes) - self.sizes)
 
     def with_verts(self, verts: ArrayLike) -> "PolygonMesh":
-        """Return the same faces with other positions."""
-        return PolygonMesh(verts, self.corners, self.sizes)
+        """Return the same faces and attributes with other positions."""
+        return PolygonMesh(verts, self.corners, self.sizes, self.attributes)
+
+    def with_attributes(self, attributes: Attributes) -> "PolygonMesh":
+        """Return the same shape with other attributes."""
+        return PolygonMesh(self.verts, self.corners, self.sizes, attributes)
 
     def triangulated(self) -> Mesh:
         """Split each polygon into triangles as `triangulate` does: n corners give n - 2 consecutive triangles.
@@ -147,7 +159,12 @@ class PolygonMesh:
         Raises:
             MeshError: a vertex index out of range.
         """
-        return Mesh(self.verts, triangulate(self.verts, self.corners, self.sizes))
+        if not self.attributes:
+            return Mesh(self.verts, triangulate(self.verts, self.corners, self.sizes))
+        corners = triangle_corners(self.verts, self.corners, self.sizes)
+        of_triangle = np.repeat(np.arange(self.num_faces), self.sizes - 2)
+        attributes = self.attributes.selected(np.arange(self.num_verts), of_triangle, corners.reshape(-1))
+        return Mesh(self.verts, self.corners[corners], attributes)
 
 
 def face_rows(mesh: Mesh | PolygonMesh) -> list[list[int]]:

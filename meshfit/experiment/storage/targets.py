@@ -133,11 +133,12 @@ def read_written_mesh(path: Path) -> "Mesh | PolygonMesh":
     from meshfit.mesh.mesh import Mesh
     from meshfit.mesh.polygons import PolygonMesh
 
-    verts, corners, sizes = read_soup(open_mesh_file(path, "mesh"))
-    if not len(sizes) or corners.min() < 0 or corners.max() >= len(verts):
-        raise MeshError(f"{path}: damaged: its faces do not match its {len(verts)} vertices")
-    mesh = PolygonMesh(verts, corners, sizes)
-    return Mesh(mesh.verts, mesh.corners.reshape(-1, 3)) if (mesh.sizes == 3).all() else mesh
+    soup = read_soup(open_mesh_file(path, "mesh"))
+    corners, num_verts = soup.corners, len(soup.verts)
+    if not len(soup.sizes) or corners.min() < 0 or corners.max() >= num_verts:
+        raise MeshError(f"{path}: damaged: its faces do not match its {num_verts} vertices")
+    mesh = PolygonMesh(*soup)
+    return Mesh(mesh.verts, mesh.corners.reshape(-1, 3), mesh.attributes) if (mesh.sizes == 3).all() else mesh
 
 
 def triangles(mesh: "Mesh | PolygonMesh") -> "Mesh":

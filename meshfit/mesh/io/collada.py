@@ -175,7 +175,11 @@ class _Document:
                 pieces[""] = (self._positions(self._position_source(vertices, place), place), [])
         empty = np.empty(0, np.int64)
         return [
-            PolygonSoup(verts, *(np.concatenate([empty, *(one[column] for one in faces)]) for column in (0, 1)))
+            PolygonSoup(
+                verts,
+                np.concatenate([empty, *(corners for corners, _ in faces)]),
+                np.concatenate([empty, *(sizes for _, sizes in faces)]),
+            )
             for verts, faces in pieces.values()
         ]
 

@@ -1,0 +1,155 @@
+"""Attributes of a mesh: data of its vertices, faces and corners, materials, groups and a skin."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from meshfit.errors import MeshError
+from meshfit.units import count_text
+
+Values = NDArray[Any]
+"""One row for each vertex, face or corner, of any numeric type."""
+
+UV, COLOR, JOINTS, WEIGHTS, MATERIAL, GROUP = "uv", "color", "joints", "weights", "material", "group"
+"""Names with a meaning.
+
+uv: (C, 2) of corners, texture coordinates with v upwards; `uv1`, `uv2` for further sets.
+color: (·, 3) or (·, 4) of vertices, faces or corners: uint8, uint16, or floats from 0 to 1.
+joints, weights: (V, J) of vertices: the joints of the skin that move a vertex, and by how much.
+material: (F,) of faces, an index into `materials`; -1 for none.
+group: (F,) of faces, an index into `groups`; -1 for none.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """An image file that a material refers to.
+
+    Attributes:
+        name: its file name, which may be empty for one within a GLB.
+        content: its bytes, as they are in the file.
+    """
+
+    name: str
+    content: bytes
+
+
+@dataclass(frozen=True, eq=False)
+class MaterialDefinition:
+    """A material in the words of its file format, for a file of the same format.
+
+    Attributes:
+        suffix: of the format: `.obj` for the lines of an MTL file, `.gltf` for the object of a glTF file.
+        content: the definition; images are referred to by their index in `images`, or by their name in an MTL file.
+        images: the images that it refers to.
+    """
+
+    suffix: str
+    content: Any
+    images: tuple[Image, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """The look of some faces.
+
+    Attributes:
+        name: its name in the file, which may be empty.
+        color: red, green, blue and opacity, from 0 to 1, linear: glTF's base colour or MTL's `Kd` and `d`.
+        texture: image of the base colour, if there is one.
+        definition: all that its own format says of it.
+    """
+
+    name: str = ""
+    color: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
+    texture: Image | None = None
+    definition: MaterialDefinition | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """The joints that move a mesh, in the words of its file format.
+
+    Attributes:
+        suffix: of the format.
+        content: the joints and their rest pose.
+    """
+
+    suffix: str
+    content: Any
+
+
+@dataclass(frozen=True, eq=False)
+class Attributes:
+    """Data that a mesh carries besides its shape. Arrays are read-only.
+
+    Attributes:
+        vertex: arrays by name, one row for each vertex.
+        face: arrays by name, one row for each face.
+        corner: arrays by name, one row for each corner of each face, in their order. Texture coordinates are held here;
+            a seam is an edge whose two faces have different rows at an end.
+        materials: what `face["material"]` counts.
+        groups: names of what `face["group"]` counts.
+        skin: what `vertex["joints"]` counts.
+    """
+
+    vertex: Mapping[str, Values] = field(default_factory=dict)
+    face: Mapping[str, Values] = field(default_factory=dict)
+    corner: Mapping[str, Values] = field(default_factory=dict)
+    materials: tuple[Material, ...] = ()
+    groups: tuple[str, ...] = ()
+    skin: Skin | None = None
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        for name in ("vertex", "face", "corner"):
+            rows = {key: _read_only(values) for key, values in getattr(self, name).items()}
+            object.__setattr__(self, name, MappingProxyType(rows))
+
+    def __bool__(self) -> bool:
+        """Return whether there is anything."""
+        return bool(self.vertex or self.face or self.corner)
+
+    def require_sizes(self, num_verts: int, num_faces: int, num_corners: int) -> None:
+        """Check that each array has one row per vertex, face or corner.
+
+        Raises:
+            MeshError: an array of another length, by name.
+        """
+        for rows, count, noun in (
+            (self.vertex, num_verts, "vertex"),
+            (self.face, num_faces, "face"),
+            (self.corner, num_corners, "corner"),
+        ):
+            for name, values in rows.items():
+                if values.ndim == 0 or len(values) != count:
+                    shape = values.shape
+                    raise MeshError(f"{noun} data '{name}': expected {count_text(count, 'row')}, got shape {shape}")
+
+    def selected(self, verts: ArrayLike, faces: ArrayLike, corners: ArrayLike) -> "Attributes":
+        """Return the attributes of a mesh whose elements come from elements of this one.
+
+        Args:
+            verts: index here of each vertex of the other mesh.
+            faces: index here of each of its faces.
+            corners: index here of each of its corners.
+        """
+        return replace(
+            self,
+            vertex={name: values[np.asarray(verts)] for name, values in self.vertex.items()},
+            face={name: values[np.asarray(faces)] for name, values in self.face.items()},
+            corner={name: values[np.asarray(corners)] for name, values in self.corner.items()},
+        )
+
+
+def _read_only(values: ArrayLike) -> Values:
+    array = np.array(values)
+    array.setflags(write=False)
+    return array
+
+
+NO_ATTRIBUTES = Attributes()
