@@ -1,5 +1,6 @@
 """Attributes of a mesh: data of its vertices, faces and corners, materials, groups and a skin."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -23,6 +24,14 @@ joints, weights: (V, J) of vertices: the joints of the skin that move a vertex, 
 material: (F,) of faces, an index into `materials`; -1 for none.
 group: (F,) of faces, an index into `groups`; -1 for none.
 """
+
+
+_UV = re.compile(rf"{UV}\d*")
+
+
+def is_uv(name: str) -> bool:
+    """Return whether data of this name is a set of texture coordinates."""
+    return _UV.fullmatch(name) is not None
 
 
 @dataclass(frozen=True, eq=False)

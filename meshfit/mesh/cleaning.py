@@ -1,13 +1,14 @@
 """Clean the raw arrays of a file: refuse meaningless meshes, repair harmless faults, and warn of each."""
 
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float64
 from numpy.typing import NDArray
 
 from meshfit.errors import MeshError, MeshfitWarning
+from meshfit.mesh.attributes import JOINTS, NO_ATTRIBUTES, WEIGHTS, Attributes, Values, is_uv
 from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.faceless import no_faces_message
 from meshfit.mesh.geometry import bounding_box_diagonal, signed_volume
@@ -36,6 +37,8 @@ _ROUNDING = 1e-9
 _SOME_FACES = 1000
 # Faces of a smaller area, relative to the square of their longest edge, are flat.
 _FLAT = 1e-14
+# Corner data that says, while a mesh is cleaned, which corner of the file each of its corners is.
+_ORIGIN = "origin"
 
 
 def _no_indices() -> Indices:
@@ -83,8 +86,11 @@ def clean(
     it. Corners at the place of the previous one are dropped, and so are faces of fewer than three corners. A face
     without area but with three places is dropped only where that opens no edge.
 
+    Each vertex, face and corner keeps its attributes. Texture coordinates become those of corners, and so does data in
+    which vertices differ that were joined, such as the colours of faces; of different skin weights, the first are kept.
+
     Args:
-        soup: N positions, and polygons.
+        soup: N positions, polygons, and perhaps attributes.
         origin: name of the mesh in messages, usually its path.
         options: distance of welding, and repair of non-manifold vertices.
         triangles: triangulate all faces; else those with a vertex twice only, such as a polygon with a bridge to its
@@ -103,7 +109,8 @@ def clean(
     """
     options = options or CleaningOptions()
     _require_valid(soup, origin)
-    raw = PolygonMesh(*soup)
+    origins = Attributes(corner={_ORIGIN: np.arange(len(soup.corners))}) if soup.attributes else NO_ATTRIBUTES
+    raw = PolygonMesh(soup.verts, soup.corners, soup.sizes, origins)
     given = PolygonTopology.of(raw)
     place = coincident(given, raw.verts, options.weld)
     mesh, repeated = _without_repeated_corners(raw, place)
@@ -131,7 +138,40 @@ def clean(
         where = "where separate fans of faces, or more than two faces at an edge, meet"
         _warn(f"{origin}: split {count_text(stitched.num_split, 'vertex')} {where}")
     _warn_of_shape(result, _topology(result, result.corners, given), origin, is_manifold=stitched.is_manifold)
-    return result, _vertex_map(mesh.corners, stitched.corners, place)
+    vertex_map = _vertex_map(mesh.corners, stitched.corners, place)
+    return result.with_attributes(_carried(soup, mesh, result)) if soup.attributes else result, vertex_map
+
+
+def _carried(soup: PolygonSoup, kept: PolygonMesh, result: PolygonMesh) -> Attributes:
+    """Return the attributes of the cleaned mesh.
+
+    Args:
+        soup: content of the file.
+        kept: the faces that are left, by the vertices of the file, with the origins of their corners.
+        result: the same faces by their own vertices.
+    """
+    corners = kept.attributes.corner[_ORIGIN]
+    faces = np.repeat(np.arange(len(soup.sizes)), soup.sizes)[corners[kept.starts]]
+    verts = np.empty(result.num_verts, dtype=np.int64)
+    verts[result.corners[::-1]] = kept.corners[::-1]
+    given = soup.attributes
+    chosen = given.selected(verts, faces, corners)
+    moved = {
+        name: values[kept.corners]
+        for name, values in given.vertex.items()
+        if name not in given.corner and (is_uv(name) or _differs(name, values, verts[result.corners], kept.corners))
+    }
+    stay = {name: values for name, values in chosen.vertex.items() if name not in moved}
+    return replace(chosen, vertex=stay, corner={**chosen.corner, **moved})
+
+
+def _differs(name: str, values: Values, one: Indices, other: Indices) -> bool:
+    """Return whether data of vertices differs between pairs of them; that of a skin never counts as different."""
+    apart = np.flatnonzero(one != other)
+    if name in (JOINTS, WEIGHTS) or not len(apart):
+        return False
+    ones, others = values[one[apart]], values[other[apart]]
+    return not np.array_equal(ones, others, equal_nan=values.dtype.kind in "fc")
 
 
 def require_finite_verts(verts: NDArray[np.floating], origin: str) -> None:
@@ -186,7 +226,7 @@ def _without_repeated_corners(mesh: PolygonMesh, place: Indices) -> tuple[Polygo
     whole = remaining >= 3
     kept = differs & whole[topology.face]
     repeated = int((mesh.sizes - remaining)[whole].sum())
-    return PolygonMesh(mesh.verts, mesh.corners[kept], remaining[whole]), repeated
+    return _of_corners(mesh, kept, remaining[whole]), repeated
 
 
 def _with_place_twice(mesh: PolygonMesh, place: Indices) -> Mask:
@@ -206,16 +246,16 @@ def _triangulated(mesh: PolygonMesh, place: Indices, chosen: Mask) -> PolygonMes
     chosen = chosen | (mesh.sizes == 3)
     inside = np.repeat(chosen, mesh.sizes)
     corners = mesh.corners[inside]
-    triangles = triangle_corners(mesh.verts, place[corners], mesh.sizes[chosen])
+    triangles = np.flatnonzero(inside)[triangle_corners(mesh.verts, place[corners], mesh.sizes[chosen])]
     faces = np.repeat(np.flatnonzero(chosen), mesh.sizes[chosen] - 2)
     rest = np.flatnonzero(~chosen)
     order = np.argsort(np.concatenate([rest, faces]), kind="stable")
     sizes = np.concatenate([mesh.sizes[rest], np.full(len(faces), 3)])
     starts = np.cumsum(sizes) - sizes
-    every = np.concatenate([mesh.corners[~inside], corners[triangles].reshape(-1)])
+    every = np.concatenate([np.flatnonzero(~inside), triangles.reshape(-1)])
     ordered = sizes[order]
     places = np.repeat(starts[order] - np.cumsum(ordered) + ordered, ordered) + np.arange(len(every))
-    return PolygonMesh(mesh.verts, every[places], ordered)
+    return _of_corners(mesh, every[places], ordered)
 
 
 def _selected(mesh: PolygonMesh, topology: PolygonTopology, faces: Mask) -> tuple[PolygonMesh, PolygonTopology]:
@@ -224,9 +264,13 @@ def _selected(mesh: PolygonMesh, topology: PolygonTopology, faces: Mask) -> tupl
         return mesh, topology
     kept = np.repeat(faces, mesh.sizes)
     sizes = mesh.sizes[faces]
-    return PolygonMesh(mesh.verts, mesh.corners[kept], sizes), PolygonTopology(
-        topology.num_verts, topology.corners[kept], sizes
-    )
+    return _of_corners(mesh, kept, sizes), PolygonTopology(topology.num_verts, topology.corners[kept], sizes)
+
+
+def _of_corners(mesh: PolygonMesh, chosen: Indices | Mask, sizes: Indices) -> PolygonMesh:
+    """Return the mesh whose faces, of these sizes, have the chosen corners of this one."""
+    rows = {name: values[chosen] for name, values in mesh.attributes.corner.items()}
+    return PolygonMesh(mesh.verts, mesh.corners[chosen], sizes, Attributes(corner=rows) if rows else NO_ATTRIBUTES)
 
 
 def _duplicates(mesh: PolygonMesh, welded: PolygonTopology) -> Mask:

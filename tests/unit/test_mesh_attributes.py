@@ -1,0 +1,88 @@
+"""Attributes of vertices, faces and corners follow them through cleaning and triangulation."""
+
+import warnings
+
+import numpy as np
+
+from meshfit.errors import MeshfitWarning
+from meshfit.mesh.attributes import Attributes, Material
+from meshfit.mesh.cleaning import clean
+from meshfit.mesh.cleaning_options import CleaningOptions
+from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
+from meshfit.mesh.solids import icosahedron, quad_cube
+from tests.loops import over
+from tests.quads import mixed, prism
+from tests.shapes import torus
+
+
+def damaged(mesh, seed):
+    """A mesh with a repeated corner, a duplicate, a degenerate and a bow-tie face, in vertices that no two share."""
+    rng = np.random.default_rng(seed)
+    mesh = PolygonMesh.of(mesh)
+    rows = [mesh.corners[start : start + size].tolist() for start, size in zip(mesh.starts, mesh.sizes, strict=True)]
+    rows[1] = [*rows[1][:2], rows[1][1], *rows[1][2:]]
+    rows += [rows[2][1:] + rows[2][:1], [rows[3][0], rows[3][1], rows[3][1]]]
+    rows = [rows[at] for at in rng.permutation(len(rows))]
+    if seed % 2:  # every face has vertices of its own
+        corners = np.concatenate(rows)
+        order = rng.permutation(len(corners))
+        verts = np.empty((len(corners), 3))
+        verts[order] = mesh.verts[corners]
+        ends = np.cumsum([len(row) for row in rows])
+        rows = [part.tolist() for part in np.split(order, ends[:-1])]
+        return verts, rows
+    return mesh.verts, rows
+
+
+@over(
+    ("mesh", "seed", "triangles"),
+    [
+        (mesh, seed, triangles)
+        for mesh in (icosahedron(), quad_cube(), torus(), prism(9), mixed())
+        for seed in (0, 1)
+        for triangles in (False, True)
+    ],
+)
+def test_each_element_keeps_the_row_of_the_one_it_came_from(mesh, seed, triangles):
+    verts, rows = damaged(mesh, seed)
+    plain = PolygonSoup.of_rows(verts, rows)
+    face = np.repeat(np.arange(len(rows)), plain.sizes)
+    attributes = Attributes(
+        vertex={"place": plain.verts, "number": np.arange(len(plain.verts))},
+        face={"row": np.arange(len(rows), dtype=np.uint16)},
+        corner={"place": plain.verts[plain.corners].astype("f4"), "face": face},
+        materials=(Material("red"),),
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MeshfitWarning)
+        options = CleaningOptions(repair="split") if seed else CleaningOptions()
+        bare, _ = clean(plain, "it", options, triangles=triangles)
+        found, _ = clean(plain._replace(attributes=attributes), "it", options, triangles=triangles)
+    assert (found.verts.tobytes(), found.corners.tobytes()) == (bare.verts.tobytes(), bare.corners.tobytes())
+    carried = found.attributes
+    of_corner = np.repeat(np.arange(found.num_faces), found.sizes)
+    assert np.array_equal(carried.vertex["place"], found.verts)
+    assert np.array_equal(carried.corner["place"], found.verts[found.corners].astype("f4"))
+    assert np.array_equal(carried.corner["face"], carried.face["row"][of_corner])
+    assert carried.face["row"].dtype == np.uint16
+    assert carried.materials == attributes.materials
+    numbers = carried.corner["number"] if seed else carried.vertex["number"][found.corners]  # welded ones differ
+    assert np.array_equal(plain.verts[numbers], found.verts[found.corners])
+    assert all(number in rows[row] for number, row in zip(numbers, carried.corner["face"], strict=True))
+
+
+def test_texture_coordinates_go_to_corners_and_the_first_skin_weights_stay():
+    corners = np.arange(6)
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 0, 0], [1, 1, 0], [0, 1, 0]], float)
+    numbers = np.arange(6.0)[:, None]
+    attributes = Attributes(
+        vertex={"uv": np.hstack([numbers, numbers]), "joints": numbers, "nan": 0 * numbers + np.nan}
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MeshfitWarning)
+        mesh, _ = clean(PolygonSoup(square, corners, np.array([3, 3]), attributes), "it")
+    assert mesh.num_verts == 4
+    assert mesh.attributes.corner.keys() == {"uv"}
+    assert np.array_equal(mesh.attributes.corner["uv"][:, 0], np.arange(6))
+    assert mesh.attributes.vertex["joints"][:, 0].tolist() == [0, 1, 2, 5]
+    assert np.isnan(mesh.attributes.vertex["nan"]).all()
