@@ -37,6 +37,7 @@ _FILES = {
     "trial.log": "log of the trial",
     "config.yaml": "every setting",
     "trace.csv": "every loss term by step",
+    "times.csv": "seconds of the fit by step",
     "source.ply": "the source, refined and aligned",
     "result.ply": "the result",
     "control.ply": "the control mesh; refined by the scheme, it is the result",

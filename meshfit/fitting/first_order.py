@@ -154,6 +154,7 @@ class FirstOrder(Engine):
             if member not in self.failed:
                 row = {name: value[member] for name, value in (inactive | values).items()}
                 self.traces[member].append(self.done, loss, row, lr)
+                self.traces[member].seconds.append(self.seconds(member))
 
     def _fail_on_losses(self, values: Mapping[str, list[float]], losses: list[float]) -> None:
         """Fail the problems whose losses are not finite in the precision of the fit."""

@@ -48,6 +48,7 @@ class Engine(ABC):
     ) -> None:
         self.problems, self.settings, self.device, self.dtype = tuple(problems), settings, device, dtype
         self.done, self._pool = 0, pool
+        self._since, self._before = time.perf_counter(), [0.0] * len(problems)
         self.traces, self.failed = [Trace(self.columns) for _ in problems], dict[int, Diverged]()
 
     @property
@@ -72,20 +73,29 @@ class Engine(ABC):
         """Return the current control mesh, if one is solved for."""
         return None
 
+    def seconds(self, member: int) -> float:
+        """Return the seconds that a fit has taken: its share of those of the batch, in all attempts."""
+        return self._before[member] + (time.perf_counter() - self._since) / len(self.problems)
+
     @abstractmethod
     def step(self) -> list[float]:
         """Make one step, update `failed`, and return the loss of each problem before the step."""
 
     def checkpoint(self, member: int) -> Checkpoint:
         """Return a copy of everything that the next step of one problem depends on."""
-        trace, generator = list(self.traces[member].rows), self._generators[member].get_state()
-        return {"done": self.done, "trace": trace, "generator": generator}
+        trace, generator = self.traces[member], self._generators[member].get_state()
+        times = {"times": list(trace.seconds), "elapsed": self.seconds(member)}
+        return {"done": self.done, "trace": list(trace.rows), "generator": generator} | times
 
     def restore(self, checkpoints: Sequence[Checkpoint]) -> None:
         """Continue from checkpoints of the same problems, all taken after the same number of steps."""
         for generator, checkpoint in zip(self._generators, checkpoints, strict=True):
             generator.set_state(checkpoint["generator"].cpu())
-        self.traces = [Trace(self.columns, [tuple(row) for row in checkpoint["trace"]]) for checkpoint in checkpoints]
+        self.traces = [
+            Trace(self.columns, [tuple(row) for row in checkpoint["trace"]], list(checkpoint["times"]))
+            for checkpoint in checkpoints
+        ]
+        self._since, self._before = time.perf_counter(), [checkpoint["elapsed"] for checkpoint in checkpoints]
         self.done = checkpoints[0]["done"]
 
     def without_failed(self) -> "Engine":

@@ -20,6 +20,7 @@ COLUMNS = ("step", "loss", "chamfer", "normal", "edge", "laplacian", "consistenc
 _REMEDY = "lower fit.optimizer.lr or the term's weight"
 
 _ROWS_SHOWN = 4
+_SECONDS = "seconds"
 
 Row = tuple[int | float, ...]
 
@@ -35,6 +36,7 @@ class Trace:
         columns: names of the columns; by default the step, the weighted sum, every unweighted term, and the learning
             rate.
         rows: the numbers, in the order of the columns.
+        seconds: seconds of fitting until each row was recorded; they do not count when traces are compared.
 
     Example:
         >>> import meshfit
@@ -47,6 +49,7 @@ class Trace:
 
     columns: tuple[str, ...] = COLUMNS
     rows: list[Row] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list, compare=False)
 
     def __repr__(self) -> str:
         """Return the number of rows, the columns and the range of steps."""
@@ -71,11 +74,13 @@ class Trace:
         self.rows.append((step, loss, *(terms[name] for name in COLUMNS[2:-1]), lr))
 
     def column(self, name: str) -> list[int | float]:
-        """Return the numbers of one column.
+        """Return the numbers of one column; `seconds` is one where times were recorded.
 
         Raises:
             ConfigError: no such column.
         """
+        if name == _SECONDS and self.has_times:
+            return [*self.seconds]
         if name not in self.columns:
             raise ConfigError(f"'{name}' is not a column of the trace: {suggest(name, self.columns)}")
         return [row[self.columns.index(name)] for row in self.rows]
@@ -85,20 +90,38 @@ class Trace:
         lines = (",".join([str(int(row[0])), *(repr(float(value)) for value in row[1:])]) for row in self.rows)
         return "\n".join([",".join(self.columns), *lines]) + "\n"
 
+    @property
+    def has_times(self) -> bool:
+        """Whether there is a time for each row."""
+        return bool(self.rows) and len(self.seconds) == len(self.rows)
+
+    def times_to_csv(self) -> str:
+        """Return the times as CSV: a step and its seconds per row, to the microsecond."""
+        rows = zip(self.rows, self.seconds, strict=True) if self.has_times else ()
+        return "\n".join([f"step,{_SECONDS}", *(f"{row[0]},{seconds:.6f}" for row, seconds in rows)]) + "\n"
+
     def to_pandas(self) -> Any:  # noqa: ANN401  pandas is optional
-        """Return the trace as a pandas DataFrame, indexed by the step.
+        """Return the trace as a pandas DataFrame, indexed by the step, with `seconds` where times were recorded.
 
         Raises:
             ConfigError: pandas is not installed.
         """
         pandas = import_pandas()
-        return pandas.DataFrame(self.rows, columns=list(self.columns)).astype({"step": int}).set_index("step")
+        frame = pandas.DataFrame(self.rows, columns=list(self.columns)).astype({"step": int}).set_index("step")
+        return frame.assign(seconds=self.seconds) if self.has_times else frame
 
-    def plot(self, *columns: str, ax: Any = None, log: bool = True) -> Any:  # noqa: ANN401  matplotlib is optional
-        """Draw columns over the steps.
+    def plot(
+        self,
+        *columns: str,
+        over: str = "step",
+        ax: Any = None,  # noqa: ANN401  matplotlib is optional
+        log: bool = True,
+    ) -> Any:  # noqa: ANN401
+        """Draw columns over the steps, or over the seconds.
 
         Args:
             *columns: their names; by default the objective and its terms, or the distance.
+            over: the column of the horizontal axis: `step` or `seconds`.
             ax: matplotlib axes to draw into; new ones without it.
             log: draw the values on a logarithmic axis.
 
@@ -109,13 +132,12 @@ class Trace:
             ConfigError: no such column, or matplotlib is not installed.
         """
         names = columns or self.columns[1 : -1 if self.columns == COLUMNS else 2]
-        curves = {name: self.column(name) for name in names}
+        curves, places = {name: self.column(name) for name in names}, self.column(over)
         if ax is None:
             _, ax = import_optional("matplotlib.pyplot").subplots(figsize=(6.0, 3.5), layout="constrained")
-        steps = self.column("step")
         for name, values in curves.items():
-            ax.plot(steps, [value if value > 0 or not log else float("nan") for value in values], label=name)
-        ax.set_xlabel("step")
+            ax.plot(places, [value if value > 0 or not log else float("nan") for value in values], label=name)
+        ax.set_xlabel("seconds of the fit" if over == _SECONDS else over)
         if log:
             ax.set_yscale("log")
         ax.spines[["top", "right"]].set_visible(False)

@@ -201,6 +201,8 @@ def test_traces_become_tables_and_pictures():
     axes = trace.plot("loss", "edge", ax=pyplot.figure().add_subplot())
     np.testing.assert_array_equal(axes.lines[1].get_ydata(), trace.column("edge"))
     assert axes.get_yscale() == "log"
+    axes = trace.plot("loss", over="seconds", ax=pyplot.figure().add_subplot())
+    np.testing.assert_array_equal(axes.lines[0].get_xdata(), trace.column("seconds"))
     pyplot.close("all")
 
 
@@ -217,6 +219,7 @@ def test_tables_for_pandas(monkeypatch):
     assert table["hausdorff.symmetric"].dtype == np.float64
     trace = meshfit.fit("icosahedron", "cube", **FIT).trace
     assert trace.to_pandas()["loss"].tolist() == trace.column("loss")
+    assert trace.to_pandas()["seconds"].tolist() == trace.seconds == sorted(trace.seconds)
 
 
 def test_a_measurement_is_a_table_in_a_notebook():

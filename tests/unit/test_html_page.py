@@ -117,7 +117,7 @@ def test_curves_leave_out_terms_that_never_change_and_values_that_are_not_finite
     assert (changing_terms(curves), problems) == (["chamfer", "loss"], [])
     (curve,) = curves
     assert len(curve.steps) == MOST_POINTS
-    assert (curve.steps[-1], curve.seconds) == (999, 2.0)
+    assert (curve.steps[-1], curve.times[-1]) == (999, 2.0)
     charts = draw_curves(section_of(trials), curves)
     assert [chart.title for chart in charts] == ["chamfer distance by time", "chamfer distance", "loss"]
     assert all("nan" not in chart.svg for chart in charts)
@@ -129,10 +129,27 @@ def test_no_line_crosses_steps_that_were_never_made(tmp_path):
     (curve,), _ = read_curves({0: {0: trace(tmp_path, f"step,distance\n{lines}")}})
     breaks = [place for place, value in enumerate(curve.values["distance"]) if math.isnan(value)]
     assert [curve.steps[place - 1 : place + 2] for place in breaks] == [(39.0, 80.0, 80.0)]
-    assert curve.made[-1] == len(steps) - 1
+    # Without recorded times, the seconds of the fit are spread over the steps that were made.
+    assert (curve.recorded, curve.times[-1]) == (False, 2.0)
+    assert curve.times[39] == pytest.approx(2.0 * 39 / 59)
     even = "".join(f"{step},1\n" for step in [*range(0, 1999, 10), 1999])
     (curve,), _ = read_curves({0: {0: trace(tmp_path, f"step,distance\n{even}")}})
     assert not any(map(math.isnan, curve.values["distance"]))
+
+
+def test_the_nearness_is_drawn_over_recorded_seconds(tmp_path):
+    result = trace(tmp_path, "step,distance\n0,1\n1,0.5\n2,0.25\n")
+    for text, times in (
+        ("step,seconds\n0,0.5\n1,0.75\n2,1.75\n", (0.5, 0.75, 1.75)),
+        ("step,seconds\n0,0.5\n1,0.75\n", (0.0, 1.0, 2.0)),  # of another trace
+        ("step,seconds\n0,0.5\n1,nan\n2,1.75\n", (0.0, 1.0, 2.0)),
+        ("nothing\n", (0.0, 1.0, 2.0)),
+    ):
+        (tmp_path / "times.csv").write_text(text)
+        (curve,), problems = read_curves({0: {0: result}})
+        assert (curve.times, curve.recorded, problems) == (times, times[0] > 0, [])
+    charts = draw_curves(section_of({0: {0: result}}), [curve])
+    assert "where not recorded" in charts[0].svg
 
 
 def test_a_page_prints_all_its_pictures():

@@ -21,7 +21,7 @@ from tests.small import ellipsoid, experiment
 
 pytestmark = pytest.mark.usefixtures("without_shape_checks")
 
-FILES = ["config.yaml", "result.json", "result.ply", "source.ply", "trace.csv", "trial.log"]
+FILES = ["config.yaml", "result.json", "result.ply", "source.ply", "times.csv", "trace.csv", "trial.log"]
 
 
 def prepared(folder, **changes):
@@ -162,6 +162,44 @@ def test_a_complete_trial_is_left_alone_unless_forced(tmp_path):
     assert (folder / "result.ply").read_bytes() == ply
 
 
+def check_times(folder, result):
+    """Check that there is a time for each row of the trace, that times rise, and that they end with the fit."""
+    trace, times = (
+        [line.split(",") for line in (folder / name).read_text().splitlines()] for name in ("trace.csv", "times.csv")
+    )
+    assert times[0] == ["step", "seconds"]
+    assert [row[0] for row in times] == [row[0] for row in trace]
+    seconds = [float(row[1]) for row in times[1:]]
+    assert seconds == sorted(seconds)
+    assert 0 <= seconds[0] < seconds[-1] <= result["seconds"]["fit"]
+
+
+@pytest.mark.parametrize("method", ["first-order", "gauss-newton"])
+def test_seconds_are_recorded_beside_the_trace_and_go_on_after_an_interruption(tmp_path, monkeypatch, method):
+    fit = {"method": method, "trace_every": 1}
+    if method == "gauss-newton":
+        fit |= {"verts": 100, "levels": 1, "coarse_steps": 4, "tries": 1, "level_steps": 2, "last_steps": 2}
+    trial, store, folder = prepared(tmp_path, fit=fit)
+    now = [100.0]
+    monkeypatch.setattr(run.time, "perf_counter", lambda: now[0])
+
+    def slowly(progress):
+        now[0] += 2.0
+        if progress.status is TrialStatus.FITTING and progress.step.done == 3 and not stopped:
+            stopped.append(now[0])
+            raise Interrupted
+
+    stopped = []
+    run_trial(trial, store, slowly)
+    now[0] += 1000.0  # between two attempts
+    run_trial(trial, store, slowly)
+    rows = (folder / "times.csv").read_text().splitlines()[1:]
+    seconds = np.array([float(row.split(",")[1]) for row in rows])
+    assert len(rows) == trial.settings.fit.steps
+    assert (np.diff(seconds) == 2.0).all()
+    check_times(folder, store.result(trial))
+
+
 def test_an_interrupted_trial_goes_on_and_ends_in_the_same_bytes(tmp_path):
     trial, store, folder = prepared(tmp_path)
     run_trial(trial, store, lambda _: None)
@@ -179,6 +217,7 @@ def test_an_interrupted_trial_goes_on_and_ends_in_the_same_bytes(tmp_path):
     steps = []
     run_trial(trial, stopping, lambda progress: steps.append(progress.step.done))
     assert steps[:2] == [0, 8]
+    check_times(stopping.folder(trial), stopping.result(trial))
     assert {name: (stopping.folder(trial) / name).read_bytes() for name in whole} == whole
     assert stopping.result(trial)["hausdorff"] == figures
     assert visible(stopping.folder(trial)) == FILES
@@ -221,7 +260,7 @@ def test_a_diverging_trial_is_recorded_with_step_term_and_last_good_mesh(tmp_pat
     # The fit computes in single precision and in the normalised frame.
     for verts, is_single in ((frame_of(record).normalise(last_good).verts, True), (last_good.verts, False)):
         assert np.allclose(verts, verts.astype(np.float32), rtol=1e-12, atol=1e-14) == is_single
-    assert "trace.csv" in visible(folder)
+    assert {"times.csv", "trace.csv"} <= set(visible(folder))
     assert "result.json" not in visible(folder)
 
 

@@ -30,6 +30,8 @@ from meshfit.experiment.storage.run_directory import (
     CONFIG,
     FAILURE,
     RESULT,
+    TIMES,
+    TRACE,
     Result,
     RunDirectory,
     json_text,
@@ -39,7 +41,7 @@ from meshfit.experiment.storage.trial_log import TrialLog
 from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
 from meshfit.fitting.callbacks import Step
 from meshfit.fitting.loop import FitResult
-from meshfit.fitting.problem import Checkpoint, Diverged, Problem
+from meshfit.fitting.problem import Checkpoint, Diverged, Problem, Trace
 from meshfit.fitting.settings import FirstOrderSettings, FitSettings
 from meshfit.measuring.measure import measure
 from meshfit.mesh.alignment import align, boxes_are_disjoint
@@ -135,7 +137,7 @@ class TrialRunner:
         self._write_mesh("result.ply", fitted.polygons or fitted.mesh)
         if fitted.control is not None:
             self._write_mesh("control.ply", fitted.control)
-        self.store.write(self.trial, "trace.csv", fitted.trace.to_csv())
+        self._write_trace(fitted.trace)
         self._report(TrialStatus.MEASURING)
         start = time.perf_counter()
         with self.warnings_recorded():
@@ -155,7 +157,7 @@ class TrialRunner:
         """Record why the trial failed."""
         if isinstance(error, Diverged):
             self._write_mesh(LAST_GOOD, error.last_good)
-            self.store.write(self.trial, "trace.csv", error.trace.to_csv())
+            self._write_trace(error.trace)
         record = failure_record(self.trial, error, self._step.done or None, failed_attempts(self.trial, self.store) + 1)
         if self._frame is not None:
             record |= {"frame": self._frame_record}
@@ -201,6 +203,11 @@ class TrialRunner:
         progress = Progress(status, self._step)
         self._log.update(progress)
         self.on_progress(progress)
+
+    def _write_trace(self, trace: Trace) -> None:
+        """Write the trace, and its times to a file of their own, since they differ from run to run."""
+        self.store.write(self.trial, TRACE, trace.to_csv())
+        self.store.write(self.trial, TIMES, trace.times_to_csv())
 
     def _write_mesh(self, name: str, mesh: Mesh | PolygonMesh) -> None:
         self.store.write(self.trial, name, self._encoded(mesh))

@@ -196,6 +196,7 @@ class GaussNewton(Engine):
             verts = after.shape.connectivity.num_verts
             row = (self.done, distance, verts, matched, fairness, point_weight, report.held)
             self.traces[member].rows.append(row)
+            self.traces[member].seconds.append(self.seconds(member))
         return distance
 
     def _changed(self, state: FitState, problem: Problem, stage: Stage, target: TargetCloud) -> FitState:

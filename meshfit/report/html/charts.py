@@ -18,13 +18,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from meshfit.experiment.storage.run_directory import Result
+from meshfit.experiment.storage.run_directory import TIMES, TRACE, Result
 from meshfit.mesh.mesh import Mesh
 from meshfit.optional import import_optional
 from meshfit.report.figures.layout import set_log_ticks
 from meshfit.report.html.target_section import TargetSection, TrialsByRow
 
-TRACE = "trace.csv"
 MOST_POINTS = 100
 MOST_CURVES = 40
 """On one target; if there are more, the first seeds of each row are drawn."""
@@ -75,17 +74,18 @@ class Curve:
     Attributes:
         row: index of the table's row.
         seed: the seed.
-        seconds: duration of the fit; None if the result does not state it.
+        times: seconds of the fit until each step; None if they were not recorded, and the result does not state how
+            long the fit took.
+        recorded: whether the times were recorded, rather than spread evenly over the steps that were made.
         steps: the steps.
-        made: the number of steps made until each, which leaves out those that the trace skips.
         values: by column of the trace, one per step; NaN where there is no finite number.
     """
 
     row: int
     seed: int
-    seconds: float | None
+    times: tuple[float, ...] | None
+    recorded: bool
     steps: tuple[float, ...]
-    made: tuple[float, ...]
     values: Mapping[str, tuple[float, ...]]
 
 
@@ -117,10 +117,12 @@ def draw_curves(section: TargetSection, curves: Sequence[Curve]) -> list[Chart]:
     """Draw the nearness by time, the end of each trial, and every changing term by step."""
     terms = changing_terms(curves)
     nearness = next((term for term in _NEARNESS if term in terms), None)
-    timed = [curve for curve in curves if curve.seconds is not None]
+    timed = [curve for curve in curves if curve.times is not None]
     charts = []
     if nearness and timed:
-        label = "seconds, spread evenly over the steps"  # since traces contain no times
+        label = "seconds of the fit"
+        if not all(curve.recorded for curve in timed):  # trials of older versions
+            label = "seconds, where not recorded spread evenly"
         charts.append(
             Chart(f"{term_title(nearness)} by time", _term_chart(section, timed, nearness, label, by_time=True))
         )
@@ -196,35 +198,57 @@ def _read_trace(row: int, result: Result) -> Curve:
         lines = list(csv.DictReader(file))
     if not lines or _STEP not in lines[0]:
         raise ValueError("it has no steps")
-    kept, made = _with_breaks(lines)
-    seconds = result.get("seconds", {}).get("fit")
+    steps = [float(line[_STEP]) for line in lines]
+    recorded = _recorded_times(Path(result["folder"]) / TIMES, steps)
+    times = recorded if recorded is not None else _spread_times(steps, result.get("seconds", {}).get("fit"))
+    kept = list(_with_breaks(steps))
     return Curve(
         row=row,
         seed=result["seed"],
-        seconds=float(seconds) if isinstance(seconds, int | float) else None,
-        steps=tuple(float(line[_STEP]) for line in kept),
-        made=tuple(made),
-        values={name: tuple(_finite(line[name]) for line in kept) for name in lines[0] if name != _STEP},
+        times=None if times is None else tuple(times[place] for place, _ in kept),
+        recorded=recorded is not None,
+        steps=tuple(steps[place] for place, _ in kept),
+        values={
+            name: tuple(math.nan if is_break else _finite(lines[place][name]) for place, is_break in kept)
+            for name in lines[0]
+            if name != _STEP
+        },
     )
 
 
-def _with_breaks(lines: Sequence[dict[str, str]]) -> tuple[list[dict[str, str]], list[float]]:
-    """Thin the rows of a trace, and return them with the number of steps made until each.
+def _recorded_times(path: Path, steps: Sequence[float]) -> list[float] | None:
+    """Read the times of a trace; None where there are none, as in trials of older versions, or not for these steps."""
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = [(float(line[_STEP]), float(line["seconds"])) for line in csv.DictReader(file)]
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    of_steps = [step for step, _ in rows] == list(steps)
+    return [seconds for _, seconds in rows] if of_steps and all(math.isfinite(seconds) for _, seconds in rows) else None
 
-    Where steps were left out, there is a row without values, across which no line is drawn.
-    """
-    apart = np.diff([float(line[_STEP]) for line in lines])
+
+def _spread_times(steps: Sequence[float], seconds: object) -> list[float] | None:
+    """Spread the seconds of a fit evenly over the steps that were made; None where they are not known."""
+    if not isinstance(seconds, int | float):
+        return None
+    apart = np.diff(steps)
     usual = float(np.median(apart)) if len(apart) else 0.0
-    made = np.concatenate([[0.0], np.cumsum(np.minimum(apart, usual))])
+    made = np.concatenate([[0.0], np.cumsum(np.minimum(apart, usual))])  # without those that the trace skips
+    return [float(time) for time in made / (made[-1] or 1.0) * seconds]
+
+
+def _with_breaks(steps: Sequence[float]) -> Iterator[tuple[int, bool]]:
+    """Thin the rows of a trace: yield their places, each with whether there is a break in place of values.
+
+    A break comes before a row if steps were left out there, and no line is drawn across it.
+    """
+    apart = np.diff(steps)
+    usual = float(np.median(apart)) if len(apart) else 0.0
     jumps = set((np.flatnonzero(apart > _JUMP * usual) + 1).tolist())
-    rows, counts = [], []
-    for at in sorted({*thinned(len(lines), MOST_POINTS), *jumps, *(jump - 1 for jump in jumps)}):
-        if at in jumps:
-            rows.append(dict.fromkeys(lines[at], "") | {_STEP: lines[at][_STEP]})
-            counts.append(float(made[at]))
-        rows.append(lines[at])
-        counts.append(float(made[at]))
-    return rows, counts
+    for place in sorted({*thinned(len(steps), MOST_POINTS), *jumps, *(jump - 1 for jump in jumps)}):
+        if place in jumps:
+            yield place, True
+        yield place, False
 
 
 def _finite(text: str | None) -> float:
@@ -239,9 +263,7 @@ def _term_chart(
 
     def draw(axes: Any) -> None:  # noqa: ANN401  matplotlib is optional
         for curve in curves:
-            x = np.array(curve.made if by_time else curve.steps)
-            if by_time:
-                x = x / (x[-1] or 1) * (curve.seconds or 0.0)
+            x = curve.times if by_time else curve.steps
             name = f"row-{curve.row}|{section.rows[curve.row]}, seed {curve.seed}"
             style = {"color": _colour(curve.row), "linestyle": _dash(curve.row), "gid": name}
             axes.plot(x, curve.values[term], linewidth=1.3, alpha=0.75, **style)
