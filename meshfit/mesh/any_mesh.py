@@ -290,7 +290,7 @@ def _require_in_range(mesh: Mesh | PolygonMesh, role: str) -> None:
 
 
 def _triangles_if_all_are(mesh: PolygonMesh) -> Mesh | PolygonMesh:
-    return Mesh(mesh.verts, mesh.corners.reshape(-1, 3)) if (mesh.sizes == 3).all() else mesh
+    return Mesh(mesh.verts, mesh.corners.reshape(-1, 3), mesh.attributes) if (mesh.sizes == 3).all() else mesh
 
 
 def _described(thing: Any) -> str:  # noqa: ANN401  anything that callers may give

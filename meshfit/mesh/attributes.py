@@ -123,6 +123,28 @@ class Attributes:
         """Return whether there is anything."""
         return bool(self.vertex or self.face or self.corner)
 
+    def described(self) -> list[str]:
+        """Return what there is in words: `texture coordinates`, `colours`, `2 materials`.
+
+        One group or material without a look that all faces share says nothing, and is not named.
+        """
+        names = [*self.vertex, *self.face, *self.corner]
+        words = {
+            "texture coordinates": any(map(is_uv, names)),
+            "colours": COLOR in names,
+            count_text(len(self.materials), "material"): MATERIAL in self.face and self._tells_faces_apart(MATERIAL),
+            count_text(len(self.groups), "group"): GROUP in self.face and self._tells_faces_apart(GROUP),
+            "skin weights": bool({JOINTS, WEIGHTS} & self.vertex.keys()),
+        }
+        known = {COLOR, MATERIAL, GROUP, JOINTS, WEIGHTS}
+        others = [f"'{name}'" for name in dict.fromkeys(names) if name not in known and not is_uv(name)]
+        return [*(text for text, is_there in words.items() if is_there), *others]
+
+    def _tells_faces_apart(self, name: str) -> bool:
+        numbers = self.face[name]
+        has_look = name == MATERIAL and any(material.definition or material.texture for material in self.materials)
+        return has_look or bool((numbers != numbers[:1]).any())
+
     def require_sizes(self, num_verts: int, num_faces: int, num_corners: int) -> None:
         """Check that each array has one row per vertex, face or corner.
 

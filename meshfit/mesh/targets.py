@@ -141,13 +141,20 @@ def open_target(target: str, kind: Literal["mesh", "curve"] = "mesh", file_forma
     return open_mesh_file(target if is_stream else target_path(target), kind, file_format)
 
 
-def load_target(target: str, cleaning: "CleaningOptions | None" = None, *, file: MeshFile | None = None) -> Mesh:
-    """Load a target, by name or path, in its own coordinates.
+def load_target(
+    target: str,
+    cleaning: "CleaningOptions | None" = None,
+    *,
+    file: MeshFile | None = None,
+    attributes: bool = False,
+) -> Mesh:
+    """Load a target, by name or path, in its own coordinates; its shape alone, as fits and measurements need no more.
 
     Args:
         target: as for `target_path`.
         cleaning: distance of welding, and repair of what is not manifold.
         file: its file, if `open_target` has read it already.
+        attributes: read texture coordinates, colours, materials and the like too.
 
     Example:
         >>> import meshfit
@@ -159,13 +166,18 @@ def load_target(target: str, cleaning: "CleaningOptions | None" = None, *, file:
     """
     from meshfit.mesh.io.files import load_mesh
 
-    return _load(target, file, lambda path: load_mesh(path, cleaning))
+    return _load(target, file, lambda path: load_mesh(path, cleaning, attributes=attributes))
 
 
 def load_target_with_vertex_map(
-    target: str, cleaning: "CleaningOptions | None" = None, *, polygons: bool, file: MeshFile | None = None
+    target: str,
+    cleaning: "CleaningOptions | None" = None,
+    *,
+    polygons: bool,
+    file: MeshFile | None = None,
+    attributes: bool = True,
 ) -> tuple[Mesh | PolygonMesh, "VertexMap"]:
-    """Load a target as triangles or with the faces of its file, and with its vertex map.
+    """Load a target as triangles or with the faces of its file, with its attributes and its vertex map.
 
     Arguments are those of `load_target`.
 
@@ -177,7 +189,7 @@ def load_target_with_vertex_map(
     load: Callable[..., tuple[Mesh | PolygonMesh, VertexMap]] = (
         load_polygons_with_vertex_map if polygons else load_mesh_with_vertex_map
     )
-    return _load(target, file, lambda path: load(path, cleaning))
+    return _load(target, file, lambda path: load(path, cleaning, attributes=attributes))
 
 
 def _load(target: str, file: MeshFile | None, load: Callable[[Path | MeshFile], _Loaded]) -> _Loaded:

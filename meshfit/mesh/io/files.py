@@ -4,7 +4,7 @@ import warnings
 from collections.abc import Callable, Collection
 from functools import partial
 from pathlib import Path
-from typing import Literal, NamedTuple, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from jaxtyping import Float64
@@ -29,11 +29,17 @@ _Content = TypeVar("_Content")
 _LARGEST_SINGLE = float(np.finfo(np.float32).max)
 
 
+def _all_attributes(mesh: PolygonMesh) -> list[str]:
+    return mesh.attributes.described()
+
+
 class Format(NamedTuple):
     """A mesh file format: its reader, its writer, and whether it holds vertex normals and double precision.
 
     A format with normals has a writer that takes them as a second argument; one with `folder`, a reader that takes the
-    folder of the file, as it refers to files in it.
+    folder of the file, as it refers to files in it; one with `attributes`, a reader that takes whether to read them.
+
+    `left_out` returns, in words, the attributes of a mesh that its writer leaves out.
     """
 
     read: Callable[..., PolygonSoup]
@@ -41,6 +47,8 @@ class Format(NamedTuple):
     normals: bool = False
     double: bool = True
     folder: bool = False
+    attributes: bool = False
+    left_out: Callable[[PolygonMesh], list[str]] = _all_attributes
 
 
 class ReadOnlyFormat(NamedTuple):
@@ -48,6 +56,7 @@ class ReadOnlyFormat(NamedTuple):
 
     read: Callable[..., PolygonSoup]
     folder: bool = False
+    attributes: bool = False
 
 
 class PointFormat(NamedTuple):
@@ -93,7 +102,11 @@ CURVE_FORMATS = {
 
 
 def load_mesh(
-    path: str | Path | MeshFile, cleaning: CleaningOptions | None = None, *, file_format: str | None = None
+    path: str | Path | MeshFile,
+    cleaning: CleaningOptions | None = None,
+    *,
+    file_format: str | None = None,
+    attributes: bool = True,
 ) -> Mesh:
     """Read a triangle mesh in one of `FORMATS`; triangulate polygons and weld seams.
 
@@ -101,6 +114,7 @@ def load_mesh(
         path: of the file, which may be compressed (`.gz`, `.bz2`, `.xz`); the text `-` is standard input.
         cleaning: distance of welding, and repair of what is not manifold.
         file_format: the format, such as `ply`, in place of the suffix; pipes and standard input have none.
+        attributes: read texture coordinates, colours, materials and the like; the shape alone is faster.
 
     Example:
         >>> import meshfit
@@ -114,23 +128,31 @@ def load_mesh(
     Warns:
         MeshfitWarning: as `clean` does.
     """
-    return load_mesh_with_vertex_map(path, cleaning, file_format=file_format)[0]
+    return load_mesh_with_vertex_map(path, cleaning, file_format=file_format, attributes=attributes)[0]
 
 
 def load_mesh_with_vertex_map(
-    path: str | Path | MeshFile, cleaning: CleaningOptions | None = None, *, file_format: str | None = None
+    path: str | Path | MeshFile,
+    cleaning: CleaningOptions | None = None,
+    *,
+    file_format: str | None = None,
+    attributes: bool = True,
 ) -> tuple[Mesh, VertexMap]:
     """Return the mesh of `load_mesh`, and the vertices of it that each vertex of the file became.
 
     Errors and warnings are those of `load_mesh`.
     """
     file = _opened(path, "mesh", file_format)
-    mesh, vertex_map = clean(_read_surface(file), file.name, cleaning, triangles=True)
+    mesh, vertex_map = clean(_read_surface(file, attributes=attributes), file.name, cleaning, triangles=True)
     return mesh.triangulated(), vertex_map
 
 
 def load_polygons(
-    path: str | Path | MeshFile, cleaning: CleaningOptions | None = None, *, file_format: str | None = None
+    path: str | Path | MeshFile,
+    cleaning: CleaningOptions | None = None,
+    *,
+    file_format: str | None = None,
+    attributes: bool = True,
 ) -> PolygonMesh:
     """Read a mesh in one of `FORMATS`; keep its faces as they are and weld seams.
 
@@ -142,15 +164,19 @@ def load_polygons(
 
     Arguments, errors and warnings are those of `load_mesh`.
     """
-    return load_polygons_with_vertex_map(path, cleaning, file_format=file_format)[0]
+    return load_polygons_with_vertex_map(path, cleaning, file_format=file_format, attributes=attributes)[0]
 
 
 def load_polygons_with_vertex_map(
-    path: str | Path | MeshFile, cleaning: CleaningOptions | None = None, *, file_format: str | None = None
+    path: str | Path | MeshFile,
+    cleaning: CleaningOptions | None = None,
+    *,
+    file_format: str | None = None,
+    attributes: bool = True,
 ) -> tuple[PolygonMesh, VertexMap]:
     """Return the mesh of `load_polygons`, and the vertices of it that each vertex of the file became."""
     file = _opened(path, "mesh", file_format)
-    return clean(_read_surface(file), file.name, cleaning)
+    return clean(_read_surface(file, attributes=attributes), file.name, cleaning)
 
 
 def load_curves(path: str | Path | MeshFile, *, file_format: str | None = None) -> Curves:
@@ -210,7 +236,8 @@ def save_mesh(
 ) -> None:
     """Write a mesh in the format of the suffix, in double precision except STL, GLB and glTF, which are single.
 
-    OBJ, OFF and PLY keep polygons; STL, GLB and glTF get their triangles.
+    OBJ, OFF and PLY keep polygons; STL, GLB and glTF get their triangles. A format keeps what it can of the mesh's
+    attributes; a warning names what it cannot hold.
 
     Args:
         mesh: V vertices, in any form that `as_mesh` takes.
@@ -236,6 +263,10 @@ def save_mesh(
     if normals is not None and not FORMATS[suffix].normals:
         with_normals = " and ".join(suffix for suffix, form in FORMATS.items() if form.normals)
         raise MeshError(f"{name}: vertex normals can be written to {with_normals} files only")
+    if mesh.attributes and (left_out := FORMATS[suffix].left_out(PolygonMesh.of(mesh))):
+        pronoun = "they are" if len(left_out) > 1 or left_out[0].endswith("s") else "it is"
+        text = f"{name}: {format_name(suffix)} cannot hold {', '.join(left_out)}; {pronoun} left out"
+        warnings.warn(text, MeshfitWarning, stacklevel=2)
     write_file(path, encode_mesh(mesh, suffix, normals))
 
 
@@ -287,26 +318,32 @@ def _opened(path: str | Path | MeshFile, kind: Literal["mesh", "curve"], file_fo
     return path if isinstance(path, MeshFile) else open_mesh_file(path, kind, file_format)
 
 
-def read_soup(file: MeshFile) -> PolygonSoup:
+def read_soup(file: MeshFile, *, attributes: bool = False) -> PolygonSoup:
     """Return the raw content of a mesh file, with vertices and perhaps without faces.
+
+    Args:
+        file: the file.
+        attributes: read them too.
 
     Raises:
         MeshError: an unreadable file.
     """
     form = READABLE_FORMATS[file.suffix]
-    soup = parse_file(file, partial(form.read, folder=file.folder) if form.folder else form.read, READABLE_FORMATS)
+    options: dict[str, Any] = {"folder": file.folder} if form.folder else {}
+    options |= {"attributes": attributes} if form.attributes else {}
+    soup = parse_file(file, partial(form.read, **options), READABLE_FORMATS)
     if not len(soup.verts):
         raise _unreadable(file, "no vertices in it; another format, or cut short", READABLE_FORMATS)
     return soup
 
 
-def _read_surface(file: MeshFile) -> PolygonSoup:
+def _read_surface(file: MeshFile, *, attributes: bool) -> PolygonSoup:
     """Return the raw content of a mesh file that has faces; refuse points and curves as what they are."""
     if file.suffix in POINT_FORMATS:
         read, count = POINT_FORMATS[file.suffix]
         num_points = parse_file(file, count or (lambda content: len(read(content))), READABLE_FORMATS | POINT_FORMATS)
         raise MeshError(f"{file.name}: {no_faces_message(num_points)}")
-    soup = read_soup(file)
+    soup = read_soup(file, attributes=attributes)
     if not len(soup.sizes):
         curves = CURVE_FORMATS.get(file.suffix)
         num_segments = len(parse_file(file, curves.read, CURVE_FORMATS)[1]) if curves else 0

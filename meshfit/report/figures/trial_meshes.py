@@ -62,7 +62,7 @@ def read_trial_meshes(folder: Path) -> TrialMeshes:
 
 def read_normalised(path: Path, facts: Result) -> Mesh:
     """Read a mesh that a trial wrote, in its normalised frame whatever frame it was written in."""
-    mesh = load_mesh(path)
+    mesh = load_mesh(path, attributes=False)
     return frame_of(facts).normalise(mesh) if written_frame(facts) == "target" else mesh
 
 
