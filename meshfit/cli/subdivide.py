@@ -148,17 +148,18 @@ def _refine_triangles(
     from meshfit.mesh.io.files import save_mesh
     from meshfit.mesh.mesh import Mesh
     from meshfit.mesh.topology import Topology
-    from meshfit.subdivision.limit import loop_limit, loop_limit_normals
-    from meshfit.subdivision.refine import Refinement, refine
+    from meshfit.subdivision.limit import loop_limit_normals, on_loop_limit
+    from meshfit.subdivision.refine import Refinement, refine, refined_mesh
 
     topology = Topology.of(mesh)
     creases = None if options.creases is None else _creases(options.creases, options.sharpness, mesh, vertex_map)
     refinement = refine(topology, scheme, levels, creases)
     assert isinstance(refinement, Refinement)  # noqa: S101  of triangles
-    finer = Mesh(refinement(mesh.verts), refinement.faces)
+    finer = refined_mesh(mesh, scheme, refinement, creases)
+    assert isinstance(finer, Mesh)  # noqa: S101
     normals = loop_limit_normals(finer, scheme, refinement.creases) if options.normals else None
     if options.limit:
-        finer = Mesh(loop_limit(Topology.of(finer), scheme, refinement.creases) @ finer.verts, finer.faces)
+        finer = on_loop_limit(finer, scheme, refinement.creases)
     save_mesh(finer, files.destination, normals, file_format=files.output_format)
     return finer, "" if creases is None else f"; {_crease_counts(creases, topology)}"
 

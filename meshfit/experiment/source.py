@@ -24,7 +24,7 @@ from meshfit.paths import STREAM, is_regular_file, looks_like_path
 from meshfit.specs import parse_spec, suggest
 from meshfit.subdivision.creases import Creases, creases_by_angle, read_creases
 from meshfit.subdivision.polygons.scheme import PolygonScheme
-from meshfit.subdivision.refine import PolygonRefinement, Refinement, refine, require_takes_creases
+from meshfit.subdivision.refine import PolygonRefinement, Refinement, refine, refined_mesh, require_takes_creases
 from meshfit.subdivision.registry import Scheme, resolve
 from meshfit.subdivision.sphere import MAX_LEVEL, icosphere, refined_on_sphere
 
@@ -150,13 +150,8 @@ def _refined(mesh: AnyMesh, settings: SourceSettings, scheme: Scheme, creases: C
         refinement = refine(topology, scheme, settings.levels, creases)
     else:
         refinement = _nearest_in_size(topology, scheme, settings.wanted_verts, creases)
-    if settings.project == "none":
-        verts = refinement(mesh.verts)
-    else:
-        verts = refined_on_sphere(mesh.verts, refinement.operators)
-    if isinstance(refinement, Refinement):
-        return Mesh(verts, refinement.faces)
-    return refinement.mesh(verts)
+    verts = None if settings.project == "none" else refined_on_sphere(mesh.verts, refinement.operators)
+    return refined_mesh(mesh, scheme, refinement, creases, verts)
 
 
 def _nearest_in_size(

@@ -6,7 +6,7 @@ tangents. Creases part the surface around a vertex into sectors, each with tange
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import cos, pi
 
 import numpy as np
@@ -16,10 +16,13 @@ from scipy.sparse import coo_array, csr_array, diags_array
 from meshfit.doors import no_type_check
 from meshfit.errors import SchemeError
 from meshfit.mesh.any_mesh import MeshLike, as_mesh
+from meshfit.mesh.attributes import Values
 from meshfit.mesh.geometry import corner_angles, face_normals, unit_vectors
+from meshfit.mesh.interpolation import interpolated, interpolated_rows
 from meshfit.mesh.manifold import require_manifold
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import NONE, Indices, Mask, Topology
+from meshfit.subdivision.attributes import Chart, at_verts
 from meshfit.subdivision.creases import Creases, require_matching_creases
 from meshfit.subdivision.registry import Scheme, resolve
 from meshfit.subdivision.triangles.assemble import ring_weights
@@ -200,6 +203,33 @@ def loop_limit(
     limit = csr_array(diags_array(kept) + neighbours)
     darts = [sectors for sectors in sectors_of(topology, sharp) if sectors.is_dart]
     return _with_darts(limit, darts, mask, stays) if darts else limit
+
+
+def on_loop_limit(mesh: Mesh, scheme: str | Scheme = LOOP, creases: Creases | None = None) -> Mesh:
+    """Return a mesh with its vertices, and their attributes, on the limit surface of `loop_limit`.
+
+    Corner data take the limit of their charts; at seams they stay.
+
+    Raises:
+        MeshError, SchemeError: as `loop_limit`.
+    """
+    topology, declared = Topology.of(mesh), resolve(scheme)
+    operator = loop_limit(topology, declared, creases)
+    attributes, corner = mesh.attributes, dict[str, Values]()
+    for name, values in attributes.corner.items():
+        chart = Chart.of(topology, values)
+        if chart is None:
+            corner[name] = interpolated(name, at_verts(topology, values), [operator])[topology.tail]
+            continue
+        assert isinstance(chart.topology, Topology)  # noqa: S101  as the mesh's
+        seam = np.zeros(chart.topology.num_verts, dtype=bool)
+        on_seam = chart.on_seams(topology)
+        seam[chart.topology.tail[on_seam]] = seam[chart.topology.head[on_seam]] = True
+        limit = loop_limit(chart.topology, declared, chart.creases(topology, creases))
+        limit = csr_array(diags_array(~seam * 1.0) @ limit + diags_array(seam * 1.0))
+        corner[name] = interpolated(name, values[chart.first], [limit])[chart.topology.tail]
+    vertex = interpolated_rows(attributes.vertex, [operator])
+    return Mesh(operator @ mesh.verts, mesh.faces, replace(attributes, vertex=vertex, corner=corner))
 
 
 def _vert_mask(scheme: Scheme) -> VertMask:

@@ -23,6 +23,7 @@ from meshfit.mesh.mesh import Faces, Mesh, Verts
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.topology import PolygonTopology, Topology
 from meshfit.specs import Value
+from meshfit.subdivision.attributes import refined_attributes
 from meshfit.subdivision.creases import Creases, require_matching_creases
 from meshfit.subdivision.curves.assemble import assemble_curves
 from meshfit.subdivision.curves.assemble import linear_carry as linear_carry_on_curves
@@ -394,10 +395,35 @@ def subdivide(
         mesh = as_mesh(mesh, triangles=by_name and not isinstance(declared, PolygonScheme))
     topology = Topology.of(mesh) if isinstance(mesh, Mesh) else PolygonTopology.of(mesh)
     refinement = refine(topology, declared, levels, creases)
-    verts = refinement(mesh.verts)
+    return refined_mesh(mesh, declared, refinement, creases)
+
+
+def refined_mesh(
+    mesh: Mesh | PolygonMesh,
+    scheme: Scheme,
+    refinement: Refinement | PolygonRefinement,
+    creases: Creases | None = None,
+    verts: Verts | None = None,
+) -> Mesh | PolygonMesh:
+    """Return a mesh refined, with its attributes.
+
+    Args:
+        mesh: the coarse mesh.
+        scheme: the scheme.
+        refinement: of the mesh by the scheme.
+        creases: of the mesh, if it has any.
+        verts: the fine positions, if they are others than the scheme's.
+
+    Warns:
+        MeshfitWarning: attributes that cannot be kept, by name.
+    """
+    assert not isinstance(scheme, CurveScheme)  # noqa: S101  `refine` has refused it
+    fine = refinement(mesh.verts) if verts is None else verts
+    attributes = refined_attributes(mesh, scheme, refinement.operators, creases)
     if isinstance(refinement, Refinement):
-        return Mesh(verts, refinement.faces)
-    return refinement.mesh(verts)
+        return Mesh(fine, refinement.faces, attributes)
+    polygons = refinement.mesh(fine)
+    return polygons.with_attributes(attributes) if attributes else polygons
 
 
 def _declared(scheme: str | Scheme, parameters: Mapping[str, ParameterValue]) -> Scheme:

@@ -57,6 +57,26 @@ def divide_polygons(topology: PolygonTopology, split: PolygonSplit, step: int) -
     return _ternary(topology) if split is PolygonSplit.TERNARY else _dual(topology)
 
 
+def polygon_parents(topology: PolygonTopology, split: PolygonSplit, step: int) -> Indices:
+    """Return the (F',) old face that each finer one comes from, in the order of `divide_polygons`.
+
+    A face over an old edge comes from the first of the two faces at it; a face in place of an old vertex, from the face
+    at which it begins.
+    """
+    halfedge = np.arange(len(topology.corners))
+    if split is PolygonSplit.QUADS:
+        return topology.face
+    if split is PolygonSplit.TERNARY:
+        return np.concatenate([topology.face, topology.face, np.arange(topology.num_faces)])
+    over_edges = topology.face[topology.twin > halfedge]
+    if split is PolygonSplit.SQRT2:
+        halved = step % 2 == 1
+        outer = topology.face[topology.twin == NONE]
+        return np.concatenate([over_edges, outer[: 0 if halved else None]])
+    corners, sizes = _dual_verts(topology)
+    return np.concatenate([np.arange(topology.num_faces), over_edges, topology.face[corners[np.cumsum(sizes) - sizes]]])
+
+
 def _quads(topology: PolygonTopology) -> PolygonDivision:
     """The quad of a corner is (its vertex, the one in the next edge, that of the face, the one in the edge before)."""
     num_verts, num_edges = topology.num_verts, topology.num_edges

@@ -49,6 +49,19 @@ def divide(topology: Topology, split: Split, step: int) -> Division:
     return _sqrt3(topology, trisect=step % 2 == 1)
 
 
+def triangle_parents(topology: Topology, split: Split) -> Indices:
+    """Return the (F',) old face that each finer one comes from, in the order of `divide`.
+
+    Where √3 flips an old edge, each of the two faces over it goes to one of the two old faces at it, so that all old
+    faces have three children.
+    """
+    if split is Split.QUADRISECT:
+        return np.repeat(np.arange(topology.num_faces), 4)
+    left = np.flatnonzero(topology.twin > np.arange(topology.faces.size))
+    flipped = np.stack([left, topology.twin[left]], axis=1).reshape(-1)
+    return np.asarray(np.concatenate([flipped, np.flatnonzero(topology.twin == NONE)]) // 3)
+
+
 def _quadrisect(topology: Topology) -> Division:
     """The new vertex of edge e is V + e; the four parts of face f are faces 4f to 4f + 3, its middle last."""
     middle = (topology.num_verts + topology.edge_of).reshape(-1, 3)
