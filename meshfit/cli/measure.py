@@ -1,27 +1,22 @@
 """`meshfit measure`: measure meshes against a target."""
 
-import csv
-import io
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from textwrap import wrap
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-from rich.table import Table
-from rich.text import Text
 
 from meshfit.cli import completions
 from meshfit.cli.console import EXIT_FAILED, err, out, print_error, print_warning
+from meshfit.cli.measurements import Measured, Values, json_object, print_measured, write_csv
 from meshfit.cli.options import OUTPUT, AsJson, MeshFormat, RepairMode, Weld, split_metrics, suggest_option
 from meshfit.errors import ConfigError, MeshfitError
 from meshfit.measuring.limits import Limit, parse_limit
-from meshfit.measuring.metrics import LENGTH, MEASURED
+from meshfit.measuring.metrics import MEASURED
 from meshfit.paths import MESH_SUFFIXES, STREAM, format_suffix, is_folder, is_pipe, path_text
-from meshfit.printable import csv_cell
 from meshfit.specs import suggest
 
 if TYPE_CHECKING:
@@ -31,35 +26,10 @@ if TYPE_CHECKING:
     from meshfit.mesh.normalisation import Frame, Normalisation
 
 LIMITS = "Limits"
-GAP = 2
-_COLUMNS = (
-    "hausdorff.symmetric",
-    "hausdorff.percent_of_diagonal",
-    "distance.mean",
-    "f_score.f1",
-    "quality.self_intersecting_faces",
-    "quality.flipped_faces",
-)
-"""The metrics of a table of several results."""
 
 _SAVE = "`meshfit save TRIAL -o FILE` writes"
-_RESULT, _FAILED = "result", "failed"
+_WRITTEN = (".ply", ".vtp")
 _UNSIGNED = "unsigned, since the target is open"
-_LEAST = 12
-"""Width to which headings are wrapped."""
-_WIDEST = 1000
-
-Values = Mapping[str, Any]
-"""The nested values of a measurement."""
-
-
-@dataclass(frozen=True)
-class Measured:
-    """A result that has been measured, or the reason why it could not be."""
-
-    result: str
-    values: Values
-    error: str = ""
 
 
 def measure(
@@ -155,8 +125,9 @@ def measure(
         str | None,
         typer.Option(
             "--write",
-            help="Write the result as PLY with the distance of each vertex and face, negative inside the target.",
-            metavar="FILE.ply",
+            help="Write the result as .ply, or .vtp for ParaView and VTK, with the distance of each vertex and face, "
+            "negative inside the target.",
+            metavar="FILE",
             rich_help_panel=OUTPUT,
         ),
     ] = None,
@@ -191,7 +162,6 @@ def measure(
     from meshfit.measuring.settings import MeasureSettings
     from meshfit.mesh.cleaning_options import CleaningOptions
     from meshfit.mesh.geometry import bounding_box_diagonal
-    from meshfit.mesh.manifold import is_watertight
     from meshfit.mesh.normalisation import frame_of
     from meshfit.mesh.topology import Topology
     from meshfit.settings import override
@@ -219,13 +189,13 @@ def measure(
         measured = list(_each(measuring, results))
     about = {"target": target_name, "normalise": normalise}
     if csv_file is not None:
-        _write_csv(csv_file, measured, target_name, metrics, wide=target is not None)
+        write_csv(csv_file, measured, target_name, metrics, wide=target is not None)
     if as_json:
-        typer.echo(json.dumps(_json(measured, about, single=target is None), indent=2))
+        typer.echo(json.dumps(json_object(measured, about, single=target is None), indent=2))
     elif csv_file != STREAM:
-        _print(measured, target_name, metrics, diagonal, single=target is None)
+        print_measured(measured, target_name, metrics, diagonal, single=target is None)
     if write is not None and not as_json and csv_file != STREAM:
-        side = "negative inside the target" if is_watertight(Topology.of(measuring.target)) else _UNSIGNED
+        side = "negative inside the target" if Topology.of(measuring.target).is_watertight else _UNSIGNED
         out.print(f"wrote {path_text(write)}: distances, {side}", soft_wrap=True, markup=False)
     failed = any(each.error for each in measured)
     for each in measured:
@@ -259,8 +229,9 @@ def _check_output(meshes: Sequence[str], write: str | None, csv_file: str | None
     """Refuse, before anything is measured, to write what cannot be written, or over one of the meshes."""
     if csv_file == STREAM and as_json:
         raise ConfigError("standard output can have only one of --csv - and --json")
-    if write is not None and format_suffix(write) != ".ply":
-        raise ConfigError(f"--write {path_text(write)}: distances are written as PLY; give a name that ends in .ply")
+    if write is not None and format_suffix(write) not in _WRITTEN:
+        names = " or ".join(_WRITTEN)
+        raise ConfigError(f"--write {path_text(write)}: distances are written as PLY or VTP; give a name in {names}")
     for option, path, example in (("--write", write, "errors.ply"), ("--csv", csv_file, "errors.csv")):
         if path is None or path == STREAM:
             continue
@@ -324,7 +295,8 @@ class _Measuring:
         self._warn_of_mismatch(name, loaded, result)
         values = measure_mesh(result, self.target, self.settings).to_dict()
         if self.write is not None:
-            write_file(self.write, encode_deviation(result, deviation(result, self.target)))
+            content = encode_deviation(result, deviation(result, self.target), format_suffix(self.write))
+            write_file(self.write, content)
         return values
 
     def _warn_of_mismatch(self, name: str, loaded: "Mesh", result: "Mesh") -> None:
@@ -388,176 +360,3 @@ def _failures(measured: Measured, limits: Sequence[Limit], diagonal: float) -> l
     if measured.error:
         return []
     return [line for limit in limits if (line := limit.failure(measured.values, diagonal)) is not None]
-
-
-def _json(measured: Sequence[Measured], about: Mapping[str, str], *, single: bool) -> dict[str, Any]:
-    if single:
-        return {"result": measured[0].result, **about, **measured[0].values}
-    results = [{"result": each.result, **({"error": each.error} if each.error else each.values)} for each in measured]
-    return {**about, "results": results}
-
-
-def _value(values: Values, name: str) -> Any:  # noqa: ANN401  a number, a boolean or None
-    group, _, key = name.partition(".")
-    return values[group][key]
-
-
-def _text(values: Values, name: str) -> str:
-    value = _value(values, name)
-    return "–" if value is None else str(value) if isinstance(value, bool) else format(value, MEASURED[name].format)
-
-
-# CSV.
-
-
-def _write_csv(
-    path: str, measured: Sequence[Measured], target: str, metrics: Sequence[str] | None, *, wide: bool
-) -> None:
-    from meshfit.experiment.storage.run_directory import write_atomically
-
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    for row in _wide_rows(measured, metrics) if wide else _long_rows(measured[0], target, metrics):
-        writer.writerow(map(csv_cell, row))
-    if path == STREAM:
-        typer.echo(text.getvalue(), nl=False)
-    else:
-        write_atomically(Path(path), text.getvalue())
-
-
-def _long_rows(measured: Measured, target: str, metrics: Sequence[str] | None) -> Iterator[Sequence[object]]:
-    """Yield one row per metric; without a choice, also for the settings and the farthest points."""
-    yield "result", "target", "metric", "value", "unit"
-    for name, value in _flat(measured.values, metrics).items():
-        yield measured.result, target, name, value, _unit(name)
-
-
-def _unit(name: str) -> str:
-    if name in MEASURED:
-        return MEASURED[name].unit
-    return LENGTH if name == "f_score.tau" or (name.startswith("farthest") and not name.endswith("face")) else ""
-
-
-def _wide_rows(measured: Sequence[Measured], metrics: Sequence[str] | None) -> Iterator[Sequence[object]]:
-    """Yield one row per result, with the error of one that could not be measured."""
-    flat = [_flat(each.values, metrics) if each.values else {} for each in measured]
-    columns = list(dict.fromkeys([*(metrics or MEASURED), *(name for values in flat for name in values)]))
-    yield "result", *columns, "error"
-    for each, values in zip(measured, flat, strict=True):
-        yield each.result, *map(values.get, columns), each.error or None
-
-
-def _flat(values: Values, metrics: Sequence[str] | None) -> dict[str, object]:
-    """Return values by dotted name: those of some metrics, or all, with coordinates as x, y and z."""
-    if metrics:
-        return {name: _value(values, name) for name in metrics}
-    flat: dict[str, object] = {}
-
-    def add(name: str, value: object) -> None:
-        if isinstance(value, list):
-            value = dict(zip("xyz", value, strict=True))
-        if isinstance(value, Mapping):
-            for key, inner in value.items():
-                add(f"{name}.{key}" if name else key, inner)
-        else:
-            flat[name] = value
-
-    add("", values)
-    return flat
-
-
-# The table.
-
-
-def _print(
-    measured: Sequence[Measured], target: str, metrics: Sequence[str] | None, diagonal: float, *, single: bool
-) -> None:
-    if single:
-        title = f"{path_text(measured[0].result)} against {path_text(target)}"
-        out.print(title, soft_wrap=True, markup=False, style="italic")
-        out.print(_table(measured[0], metrics))
-        if not metrics:
-            for line in _notes(measured[0].values, diagonal):
-                out.print(line, soft_wrap=True, markup=False)
-    elif any(each.values for each in measured):
-        out.print(f"against {path_text(target)}", soft_wrap=True, markup=False, style="italic")
-        for number, table in enumerate(_results_tables(measured, metrics or _COLUMNS, out.width)):
-            if number:
-                out.print()
-            out.print(table, width=max(out.width, _WIDEST), crop=False)
-
-
-def _table(measured: Measured, metrics: Sequence[str] | None) -> Table:
-    table = Table(box=None, pad_edge=False)
-    table.add_column("metric")
-    table.add_column("value", justify="right", style="bold")
-    before = ""
-    for name in metrics or MEASURED:
-        group = name.partition(".")[0]
-        if not metrics and before not in ("", group):
-            table.add_row()
-        table.add_row(MEASURED[name].title, _text(measured.values, name))
-        before = group
-    return table
-
-
-def _results_tables(measured: Sequence[Measured], metrics: Sequence[str], width: int) -> Iterator[Table]:
-    """Yield tables of some of the metrics each, so that none is wider than a width, if that can be."""
-    names = [path_text(each.result) for each in measured]
-    columns: list[_Column] = []
-    left = width - max(len(_RESULT), *map(len, names))
-    for metric in metrics:
-        column = _Column.of(metric, measured)
-        if columns and sum(GAP + other.width for other in [*columns, column]) > left:
-            yield _results_table(names, columns)
-            columns = []
-        columns = [*columns, column]
-    yield _results_table(names, columns)
-
-
-def _results_table(names: Sequence[str], columns: Sequence["_Column"]) -> Table:
-    table = Table(box=None, pad_edge=False, padding=(0, GAP, 0, 0))
-    table.add_column(_RESULT, no_wrap=True, vertical="bottom")
-    for column in columns:
-        table.add_column("\n".join(column.heading), justify="right", no_wrap=True, min_width=column.width)
-    for name, *cells in zip(names, *(column.cells for column in columns), strict=True):
-        table.add_row(Text(name), *cells)
-    return table
-
-
-@dataclass(frozen=True)
-class _Column:
-    """The lines of the heading of a metric, and its cells."""
-
-    heading: Sequence[str]
-    cells: Sequence[str]
-
-    @classmethod
-    def of(cls, metric: str, measured: Sequence[Measured]) -> "_Column":
-        cells = [_text(each.values, metric) if each.values else _FAILED for each in measured]
-        return cls(wrap(MEASURED[metric].title, max(_LEAST, *map(len, cells))), cells)
-
-    @property
-    def width(self) -> int:
-        return max(map(len, [*self.heading, *self.cells]))
-
-
-def _notes(values: Values, diagonal: float) -> Iterator[str]:
-    """Yield lines on the farthest points, the settings, and missing values."""
-    yield ""
-    for direction, own, other in (("forward", "result", "target"), ("backward", "target", "result")):
-        point = values["farthest"][direction]
-        where, near = _position(point["position"]), _position(point["nearest"])
-        yield f"farthest from the {other}: {point['distance']:.4g} at {where}, face {point['face']} of the {own};"
-        yield f"  nearest to it: {near}, face {point['nearest_face']} of the {other}"
-    tau = values["f_score"]["tau"]
-    yield (
-        f"{values['hausdorff']['samples']:,} samples and {values['chamfer']['points']:,} points per surface, "
-        f"F-scores at τ = {tau:g}, {100 * tau / diagonal:.3g} % of the target's diagonal"
-    )
-    if reason := values["edges"]["reason"]:
-        yield f"–: {reason}"
-
-
-def _position(point: Sequence[float]) -> str:
-    return f"({', '.join(format(coordinate, '.6g') for coordinate in point)})"

@@ -11,7 +11,7 @@ from meshfit.measuring.proximity import is_inside, point_distances
 from meshfit.measuring.surface import as_triangles, require_surface
 from meshfit.mesh.any_mesh import MeshLike
 from meshfit.mesh.io.ply import write_ply_values
-from meshfit.mesh.manifold import is_watertight
+from meshfit.mesh.io.vtk_xml import write_vtp_values
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
 from meshfit.units import count_text
@@ -71,17 +71,25 @@ def deviation(result: "MeshLike", target: "MeshLike") -> Deviation:
     require_surface(target, "target")
     centroids = result.verts[result.faces].mean(axis=1)
     points = np.concatenate([result.verts, centroids])
-    distances, signed = point_distances(target, points), is_watertight(Topology.of(target))
+    distances, signed = point_distances(target, points), Topology.of(target).is_watertight
     if signed:
         distances = np.where(is_inside(target, points, distances), -distances, distances)
     return Deviation(distances[: result.num_verts], distances[result.num_verts :], signed)
 
 
-def encode_deviation(mesh: Mesh, values: Deviation) -> bytes:
-    """Return the bytes of a binary PLY file of a mesh with its deviation, as double properties of vertices and faces.
+def encode_deviation(mesh: Mesh, values: Deviation, file_format: str = ".ply") -> bytes:
+    """Return the bytes of a file of a mesh with its deviation, in double precision, of vertices and faces.
 
-    The property is `distance` if signed, else `unsigned_distance`; `quality`, which MeshLab shows, repeats it.
+    The values are named `distance` if signed, else `unsigned_distance`. In PLY, `quality` repeats them, which MeshLab
+    shows. VTK and ParaView read the shape alone from PLY files; a VTP file gives them the values too.
+
+    Args:
+        mesh: the mesh.
+        values: its deviation.
+        file_format: `.ply`, or `.vtp` for VTK's XML format.
     """
+    if file_format == ".vtp":
+        return write_vtp_values(mesh, {values.name: values.verts}, {values.name: values.faces})
     side = "negative inside the target" if values.signed else "unsigned, since the target is open"
     comment = f"{values.name}: {side}; of faces at their centroids"
     return write_ply_values(mesh, _named(values, values.verts), _named(values, values.faces), comment)

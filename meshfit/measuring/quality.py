@@ -8,7 +8,7 @@ from jaxtyping import Bool
 
 from meshfit.measuring.surface import require_surface
 from meshfit.mesh.geometry import bounding_box_diagonal, corner_angles, face_areas, face_normals
-from meshfit.mesh.manifold import euler_number, is_watertight, num_components
+from meshfit.mesh.manifold import euler_number, num_components
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.meshlab import self_intersecting_faces
 from meshfit.mesh.topology import Topology
@@ -61,7 +61,7 @@ def mesh_quality(mesh: Mesh, role: str = "mesh") -> Quality:
         flipped_faces=int(flipped_faces(mesh, topology).sum()),
         degenerate_faces=int(degenerate_faces(mesh).sum()),
         smallest_angle=smallest_angle(mesh),
-        watertight=is_watertight(topology),
+        watertight=topology.is_watertight,
         components=num_components(topology),
         euler_number=euler_number(topology),
         verts=mesh.num_verts,

@@ -13,8 +13,6 @@ from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.faceless import no_faces_message
 from meshfit.mesh.geometry import bounding_box_diagonal, signed_volume
 from meshfit.mesh.manifold import (
-    is_watertight,
-    misoriented_edges,
     nonmanifold_edges,
     nonmanifold_verts,
     num_components,
@@ -362,7 +360,7 @@ def _warn_of_shape(mesh: PolygonMesh, topology: PolygonTopology, origin: str, *,
     findings = {
         ("non-manifold edge", " (three faces or more); --repair split separates the faces"): len(edges),
         ("non-manifold vertex", " (separate fans of faces); --repair split separates them"): len(verts),
-        ("edge", " between faces of opposite orientation"): len(misoriented_edges(topology)),
+        ("edge", " between faces of opposite orientation"): len(topology.misoriented_edges),
         ("boundary edge", ": the surface is open"): int(topology.boundary_edges.sum()),
         ("separate component", ""): components if components > 1 else 0,
     }
@@ -373,7 +371,7 @@ def _warn_of_shape(mesh: PolygonMesh, topology: PolygonTopology, origin: str, *,
     if near:
         reach = f"up to {distance:.2g} apart; --weld {1.05 * distance:.1e} joins them (config: weld)"
         _warn(f"{origin}: {count_text(near, 'boundary vertex')} nearly coincident with another, {reach}")
-    if is_watertight(topology) and has_negative_volume(mesh.triangulated()):
+    if topology.is_watertight and has_negative_volume(mesh.triangulated()):
         _warn(f"{origin}: {INSIDE_OUT}")
 
 

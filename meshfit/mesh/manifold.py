@@ -106,7 +106,7 @@ def _nonmanifold_pieces(topology: HalfEdges, piece: Indices, total: int) -> Mask
 def _orientable_pieces(topology: HalfEdges, piece: Indices, total: int) -> Mask:
     """Return (P,) which pieces have faces that can be wound alike: whose two sides are not connected."""
     orientable = np.ones(total, dtype=bool)
-    if not len(misoriented_edges(topology)):
+    if not len(topology.misoriented_edges):
         return orientable
     here = np.flatnonzero(topology.twin > np.arange(len(topology.twin)))
     there, num_faces = topology.twin[here], topology.num_faces
@@ -119,19 +119,9 @@ def _orientable_pieces(topology: HalfEdges, piece: Indices, total: int) -> Mask:
     return orientable
 
 
-def is_watertight(topology: HalfEdges) -> bool:
-    """Return whether every edge has exactly two faces that run through it in opposite directions."""
-    return topology.is_watertight
-
-
 def nonmanifold_edges(topology: HalfEdges) -> Indices:
     """Return the edges with three faces or more."""
     return np.flatnonzero(topology.faces_per_edge > 2)
-
-
-def misoriented_edges(topology: HalfEdges) -> Indices:
-    """Return the edges whose two faces run through them in the same direction."""
-    return topology.misoriented_edges
 
 
 def vertex_fans(topology: HalfEdges) -> tuple[int, Indices]:
@@ -147,7 +137,7 @@ def vertex_fans(topology: HalfEdges) -> tuple[int, Indices]:
 
 def nonmanifold_verts(topology: HalfEdges) -> Indices:
     """Return the vertices whose faces form more than one fan, such as the tip that two cones share."""
-    if not len(misoriented_edges(topology)) and (several := _verts_not_walked_around(topology)) is not None:
+    if not len(topology.misoriented_edges) and (several := _verts_not_walked_around(topology)) is not None:
         return several
     count, fan = vertex_fans(topology)
     owner = np.empty(count, dtype=np.int64)
@@ -221,7 +211,7 @@ def require_manifold(topology: HalfEdges, purpose: str) -> None:
     require_faces(topology, purpose)
     for edges, fault in (
         (nonmanifold_edges(topology), "has {faces} faces; allowed: 1 or 2"),
-        (misoriented_edges(topology), "has two faces of opposite orientation; make the face winding consistent"),
+        (topology.misoriented_edges, "has two faces of opposite orientation; make the face winding consistent"),
     ):
         if len(edges):
             a, b = topology.edges[edges[0]]

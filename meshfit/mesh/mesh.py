@@ -1,7 +1,6 @@
 """Triangle meshes: an array of vertex positions and an array of faces."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -9,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from meshfit.errors import MeshError
 from meshfit.mesh.attributes import NO_ATTRIBUTES, Attributes
+from meshfit.mesh.showable import Showable
 from meshfit.units import count_text
 
 Verts = Float64[np.ndarray, "V 3"]
@@ -16,7 +16,7 @@ Faces = Int64[np.ndarray, "F 3"]
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class Mesh:
+class Mesh(Showable):
     """A triangle mesh. Both arrays are read-only copies.
 
     Attributes:
@@ -65,37 +65,6 @@ class Mesh:
         """Return the numbers of vertices and faces, and the size of the bounding box."""
         counts = f"{count_text(self.num_verts, 'vert')}, {count_text(self.num_faces, 'face')}"
         return f"Mesh({counts}{box_text(self.verts)})"
-
-    def show(
-        self,
-        values: ArrayLike | None = None,
-        *,
-        label: str = "",
-        edges: bool = False,
-        up: str = "y",
-        size: tuple[int, int] = (900, 600),
-        image: bool | None = None,
-    ) -> Any:  # noqa: ANN401  pyvista is optional
-        """Show the mesh: in a window, in a notebook, or as an image where there is no display.
-
-        Args:
-            values: a number for each vertex, or for each face, that it is coloured by.
-            label: of the colour bar.
-            edges: draw the edges of faces.
-            up: the axis that points up: `y` or `z`.
-            size: width and height in pixels.
-            image: return an image even where there is a display.
-
-        Returns:
-            A PIL image, the view of a notebook, or pyvista's plotter.
-
-        Raises:
-            ConfigError: pyvista is not installed, which the extra `report` brings.
-            MeshError: a wrong number of values.
-        """
-        from meshfit.mesh.show import show_meshes
-
-        return show_meshes({"mesh": self}, values=values, label=label, edges=edges, up=up, size=size, image=image)
 
     @property
     def num_verts(self) -> int:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Int64
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from meshfit.errors import MeshError
 from meshfit.mesh.attributes import NO_ATTRIBUTES, Attributes
 from meshfit.mesh.mesh import Mesh, Verts, box_text
+from meshfit.mesh.showable import Showable
 from meshfit.mesh.triangulation import triangle_corners, triangulate
 from meshfit.units import count_text
 
@@ -41,7 +42,7 @@ class PolygonSoup(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class PolygonMesh:
+class PolygonMesh(Showable):
     """A mesh whose faces have any number of corners. All arrays are read-only copies.
 
     Attributes:
@@ -108,37 +109,6 @@ class PolygonMesh:
     def num_faces(self) -> int:
         """F, the number of faces."""
         return len(self.sizes)
-
-    def show(
-        self,
-        values: ArrayLike | None = None,
-        *,
-        label: str = "",
-        edges: bool = False,
-        up: str = "y",
-        size: tuple[int, int] = (900, 600),
-        image: bool | None = None,
-    ) -> Any:  # noqa: ANN401  pyvista is optional
-        """Show the mesh: in a window, in a notebook, or as an image where there is no display.
-
-        Args:
-            values: a number for each vertex, or for each face, that it is coloured by.
-            label: of the colour bar.
-            edges: draw the edges of faces.
-            up: the axis that points up: `y` or `z`.
-            size: width and height in pixels.
-            image: return an image even where there is a display.
-
-        Returns:
-            A PIL image, the view of a notebook, or pyvista's plotter.
-
-        Raises:
-            ConfigError: pyvista is not installed, which the extra `report` brings.
-            MeshError: a wrong number of values.
-        """
-        from meshfit.mesh.show import show_meshes
-
-        return show_meshes({"mesh": self}, values=values, label=label, edges=edges, up=up, size=size, image=image)
 
     @cached_property
     def starts(self) -> Sizes:

@@ -11,6 +11,7 @@ import pymeshlab
 import pytest
 import trimesh
 import vtk
+from vtk.util import numpy_support
 
 from meshfit.measuring.deviation import deviation
 from meshfit.measuring.metrics import MEASURED
@@ -80,6 +81,21 @@ def test_other_programs_read_the_file_of_distances():
     surface = reader.GetOutput()
     assert (surface.GetNumberOfPoints(), surface.GetNumberOfPolys()) == (result.num_verts, result.num_faces)
     assert np.array_equal(load_mesh("errors.ply").faces, result.faces)
+
+
+def test_vtk_reads_the_distances_of_a_vtp_file():
+    answered("measure", "larger1.ply", "cube.ply", "--write", "errors.vtp", *FEW)
+    result, expected = load_mesh("larger1.ply"), deviation(load_mesh("larger1.ply"), load_mesh("cube.ply"))
+    reader = vtk.vtkXMLPolyDataReader()
+    reader.SetFileName("errors.vtp")
+    reader.Update()
+    surface = reader.GetOutput()
+    for data, values in ((surface.GetPointData(), expected.verts), (surface.GetCellData(), expected.faces)):
+        assert np.array_equal(numpy_support.vtk_to_numpy(data.GetScalars()), values)
+        assert data.GetScalars().GetName() == "distance"
+    found = load_mesh("errors.vtp")
+    assert np.array_equal(found.verts, result.verts)
+    assert np.array_equal(found.faces, result.faces)
 
 
 def test_distances_from_an_open_target_have_no_side_and_another_name():

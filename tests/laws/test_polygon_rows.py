@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from meshfit.mesh.manifold import euler_number, is_watertight, num_components, require_manifold
+from meshfit.mesh.manifold import euler_number, num_components, require_manifold
 from meshfit.mesh.polygons import PolygonMesh, face_rows
 from meshfit.mesh.topology import PolygonTopology, Topology
 from meshfit.subdivision.refine import refine, subdivide
@@ -59,7 +59,7 @@ def test_the_surface_stays_an_oriented_manifold_of_the_same_topology(spec, shape
     require_manifold(after, "the test")
     assert euler_number(after) == euler_number(before)
     assert num_components(after) == num_components(before)
-    assert is_watertight(after) == is_watertight(before)
+    assert after.is_watertight == before.is_watertight
     assert (after.valence > 0).all()
     assert np.array_equal(np.unique(after.corners), np.arange(after.num_verts))
 

@@ -8,7 +8,6 @@ import pytest
 from meshfit.errors import MeshfitWarning
 from meshfit.mesh.geometry import area_vectors, face_areas
 from meshfit.mesh.io.files import FORMATS, READABLE_FORMATS, load_mesh
-from meshfit.mesh.manifold import is_watertight
 from meshfit.mesh.topology import Topology
 from meshfit.paths import MESH_SUFFIXES, WRITABLE_SUFFIXES
 from tests.loops import over
@@ -137,7 +136,7 @@ def test_polygons_of_several_sizes_in_one_binary_ply(tmp_path):
     assert np.array_equal(found.verts, verts)
     assert found.faces[:4].tolist() == sides
     assert sorted(found.faces[4:].reshape(-1).tolist()) in ([0, 0, 1, 2, 2, 3], [0, 1, 1, 2, 3, 3])
-    assert is_watertight(Topology.of(found))
+    assert Topology.of(found).is_watertight
 
 
 @pytest.mark.filterwarnings("ignore:.*inside out")

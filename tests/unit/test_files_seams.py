@@ -8,7 +8,7 @@ import trimesh
 from meshfit.errors import MeshfitWarning
 from meshfit.mesh.cleaning import clean
 from meshfit.mesh.io.files import load_mesh, save_mesh
-from meshfit.mesh.manifold import euler_number, is_watertight, nonmanifold_edges
+from meshfit.mesh.manifold import euler_number, nonmanifold_edges
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonSoup
 from meshfit.mesh.solids import SOLIDS, cube, icosahedron, octahedron
@@ -72,7 +72,7 @@ def test_soup_is_welded_into_one_closed_surface(solid):
     welded = weld_seams(soup(mesh))
     used = np.unique(welded.faces)
     assert len(used) == mesh.num_verts
-    assert is_watertight(Topology(len(welded.verts), welded.faces))
+    assert Topology(len(welded.verts), welded.faces).is_watertight
     assert np.array_equal(welded.verts[welded.faces], mesh.verts[mesh.faces])
 
 
@@ -81,7 +81,7 @@ def test_stl_soup_is_welded_and_keeps_its_genus(tmp_path):
     found = load_mesh(tmp_path / "a.stl")
     topology = Topology.of(found)
     assert (found.num_verts, found.num_faces) == (12 * 9, 2 * 12 * 9)
-    assert is_watertight(topology)
+    assert topology.is_watertight
     assert euler_number(topology) == 0
 
 
@@ -122,7 +122,7 @@ def test_the_cow_which_touches_itself_is_not_torn():
     cow = load_target("cow")
     topology = Topology.of(cow)
     assert len(np.unique(cow.verts, axis=0)) < cow.num_verts
-    assert is_watertight(topology)
+    assert topology.is_watertight
     assert not len(nonmanifold_edges(topology))
     assert euler_number(topology) == 2
 

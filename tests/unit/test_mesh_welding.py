@@ -14,7 +14,6 @@ from meshfit.mesh.geometry import signed_volume
 from meshfit.mesh.io.files import load_mesh, load_mesh_with_vertex_map, load_polygons, save_mesh
 from meshfit.mesh.io.vertex_values import read_vertex_values
 from meshfit.mesh.manifold import (
-    is_watertight,
     nonmanifold_edges,
     nonmanifold_verts,
     num_components,
@@ -61,7 +60,7 @@ def pieces(mesh):
     """The number of components, and whether each is closed and manifold."""
     topology = Topology.of(mesh)
     require_manifold(topology, "a test")
-    return num_components(topology), is_watertight(topology)
+    return num_components(topology), topology.is_watertight
 
 
 BOX = Mesh((cube().verts / cube().verts.max() + 1) / 2, cube().faces)  # from 0 to 1
@@ -163,7 +162,7 @@ def test_a_closed_surface_cut_along_random_edges_is_welded_again(shape, seed):
     verts = np.concatenate([mesh.verts, mesh.verts[mesh.faces[own]].reshape(-1, 3)])
     result, _ = cleaned(Mesh(verts, corners))
     assert np.array_equal(result.verts[result.faces], mesh.verts[mesh.faces])
-    assert is_watertight(Topology.of(result))
+    assert Topology.of(result).is_watertight
     assert result.num_verts == mesh.num_verts
 
 
@@ -173,7 +172,7 @@ def test_faces_with_an_edge_without_length_are_dropped_and_the_rest_stays_closed
     verts[faces[0, 0]] = verts[faces[0, 1]]
     result, said = cleaned(Mesh(verts, faces))
     assert result.num_faces == 18
-    assert is_watertight(Topology.of(result))
+    assert Topology.of(result).is_watertight
     assert said == ["dropped 2 degenerate faces"]
 
 
@@ -198,7 +197,7 @@ def test_a_flat_face_that_closes_a_surface_is_kept_however_it_lies(seed):
     mesh = cube_with_a_flat_cap(seed)
     result, said = cleaned(mesh)
     assert (result.num_faces, said) == (14, [])
-    assert is_watertight(Topology.of(result))
+    assert Topology.of(result).is_watertight
 
 
 def test_a_flat_face_that_closes_nothing_is_dropped():

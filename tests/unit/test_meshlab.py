@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from meshfit.errors import MeshError, MeshfitWarning
-from meshfit.mesh.manifold import euler_number, is_watertight
+from meshfit.mesh.manifold import euler_number
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.meshlab import decimate, self_intersecting_faces
 from meshfit.mesh.solids import cube
@@ -47,7 +47,7 @@ def test_decimation_reaches_its_count_and_keeps_the_topology(num_faces):
     reduced = decimate(bone, num_faces)
     assert abs(reduced.num_faces - num_faces) <= 2
     topology = Topology.of(reduced)
-    assert is_watertight(topology)
+    assert topology.is_watertight
     assert euler_number(topology) == euler_number(Topology.of(bone))
 
 

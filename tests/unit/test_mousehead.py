@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from meshfit.mesh.geometry import bounding_box, corner_angles
-from meshfit.mesh.manifold import euler_number, is_watertight, num_components, require_manifold
+from meshfit.mesh.manifold import euler_number, num_components, require_manifold
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.meshlab import self_intersecting_faces
 from meshfit.mesh.targets import NAMED_TARGETS, load_target
@@ -42,7 +42,7 @@ def test_the_file_is_the_one_that_table_and_sources_name():
 def test_it_is_one_closed_surface_of_genus_0(mesh):
     topology = Topology.of(mesh)
     require_manifold(topology, "this test")
-    assert is_watertight(topology)
+    assert topology.is_watertight
     assert euler_number(topology) == 2
     assert num_components(topology) == 1
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from meshfit.mesh.geometry import area_vectors, corner_angles, face_areas
-from meshfit.mesh.manifold import euler_number, is_watertight, num_components, require_manifold
+from meshfit.mesh.manifold import euler_number, num_components, require_manifold
 from meshfit.mesh.solids import SOLIDS
 from meshfit.mesh.topology import Topology
 from tests.loops import over
@@ -34,7 +34,7 @@ def test_verts_lie_on_the_unit_sphere_about_0(name):
 def test_surfaces_are_closed_and_of_one_piece(name):
     topology = Topology.of(SOLIDS[name]())
     require_manifold(topology, "this test")
-    assert is_watertight(topology)
+    assert topology.is_watertight
     assert num_components(topology) == 1
     assert euler_number(topology) == 2
 

@@ -5,7 +5,6 @@ from meshfit.config.experiment import SourceSettings
 from meshfit.errors import ConfigError, MeshfitWarning
 from meshfit.experiment.source import build_source
 from meshfit.mesh.io.files import save_mesh
-from meshfit.mesh.manifold import is_watertight
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron
 from meshfit.mesh.topology import Topology
@@ -46,7 +45,7 @@ def test_projection_keeps_centre_and_radius():
 def test_a_target_can_be_decimated_into_a_control_mesh():
     mesh = build_source(SourceSettings(mesh="bone", decimate=200, levels=1), "loop")
     assert mesh.num_faces == pytest.approx(800, abs=16)
-    assert is_watertight(Topology.of(mesh))
+    assert Topology.of(mesh).is_watertight
 
 
 def test_projection_counts_levels_as_the_scheme_does(tmp_path):

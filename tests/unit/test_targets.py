@@ -9,7 +9,7 @@ import pytest
 from meshfit.errors import MeshError
 from meshfit.mesh import targets
 from meshfit.mesh.io.files import save_mesh
-from meshfit.mesh.manifold import euler_number, is_watertight, num_components
+from meshfit.mesh.manifold import euler_number, num_components
 from meshfit.mesh.solids import cube
 from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path, target_title
 from meshfit.mesh.topology import Topology
@@ -35,7 +35,7 @@ def test_named_targets_load_in_silence_and_are_what_they_were(name):
         mesh = load_target(name)
     topology = Topology.of(mesh)
     assert (mesh.num_verts, mesh.num_faces, euler_number(topology)) == COUNTS[name]
-    assert is_watertight(topology)
+    assert topology.is_watertight
     assert num_components(topology) == 1
 
 

@@ -10,7 +10,7 @@ from scipy.stats import special_ortho_group
 
 from meshfit.errors import MeshError
 from meshfit.mesh.geometry import face_areas, signed_volume
-from meshfit.mesh.manifold import describe_topology, is_watertight, require_manifold
+from meshfit.mesh.manifold import describe_topology, require_manifold
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh, face_rows
 from meshfit.mesh.topology import PolygonTopology, Topology
@@ -109,7 +109,7 @@ def test_surfaces_keep_their_area_and_volume_under_any_first_corners(shape):
     rows = [np.roll(row, generator.integers(9)) for row in face_rows(mesh)]
     turned = PolygonMesh(mesh.verts, np.concatenate(rows), mesh.sizes).triangulated()
     assert oriented(turned.faces) == oriented(mesh.triangulated().faces)
-    closed = is_watertight(Topology.of(turned))
+    closed = Topology.of(turned).is_watertight
     if closed:
         turn = special_ortho_group.rvs(3, random_state=3)
         moved = mesh.with_verts(mesh.verts @ turn.T + 5).triangulated()

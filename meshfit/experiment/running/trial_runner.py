@@ -49,7 +49,7 @@ from meshfit.mesh.cleaning import INSIDE_OUT, has_negative_volume
 from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.geometry import bounding_box_diagonal, face_areas
 from meshfit.mesh.io.files import encode_mesh
-from meshfit.mesh.manifold import describe_topology, is_watertight
+from meshfit.mesh.manifold import describe_topology
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.nearest import nearest_point_query
 from meshfit.mesh.normalisation import Frame, Normalisation, frame_of
@@ -244,7 +244,7 @@ def _load_target(
         mesh = load_target(name, cleaning)
     carry(carried, lambda: mesh)
     frame, texts = frame_of(mesh.verts, normalise), _texts(caught)
-    if is_watertight(Topology.of(mesh)) and has_negative_volume(mesh):
+    if Topology.of(mesh).is_watertight and has_negative_volume(mesh):
         # Fits match normals, and would turn the source inside out.
         mesh = Mesh(mesh.verts, mesh.faces[:, ::-1])
         texts = [text for text in texts if not text.endswith(INSIDE_OUT)]

@@ -18,7 +18,7 @@ from torch import Tensor
 from meshfit.fitting.gauss_newton.equations import UPPER, SparsityPattern, conjugate_gradients
 from meshfit.fitting.gauss_newton.surface import Connectivity
 from meshfit.mesh.geometry import face_areas
-from meshfit.mesh.manifold import euler_number, is_watertight, num_components
+from meshfit.mesh.manifold import euler_number, num_components
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
 from meshfit.remeshing.triangle_geometry import dot, turned_over, unit
@@ -49,7 +49,7 @@ def initial_sphere_map(mesh: Mesh) -> Float64[Tensor, "V 3"] | None:
         (V, 3), or None if the mesh is not a connected closed surface of genus 0, or no useful map is found.
     """
     topology = Topology.of(mesh)
-    if not (is_watertight(topology) and num_components(topology) == 1 and euler_number(topology) == 2):
+    if not (topology.is_watertight and num_components(topology) == 1 and euler_number(topology) == 2):
         return None
     verts, faces = torch.tensor(mesh.verts), torch.tensor(mesh.faces)
     places = unit(verts - verts.mean(0))

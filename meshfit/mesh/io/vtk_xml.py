@@ -6,7 +6,9 @@ import itertools
 import lzma
 import re
 import zlib
+from collections.abc import Mapping
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +26,7 @@ from meshfit.mesh.io.xml_elements import (
     parse_xml,
     shown,
 )
+from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonSoup
 
 _TYPES = {
@@ -68,6 +71,41 @@ def read_vtk_xml(content: bytes) -> PolygonSoup:
         verts.append(points)
         count += len(points)
     return surface(np.concatenate(verts), pieces)
+
+
+def write_vtp_values(
+    mesh: Mesh, of_verts: Mapping[str, NDArray[np.float64]], of_faces: Mapping[str, NDArray[np.float64]]
+) -> bytes:
+    """Return the bytes of a VTP file in double precision, with values of vertices and faces by name.
+
+    Args:
+        mesh: V vertices, F faces.
+        of_verts: (V,) each; the first is the one that viewers show.
+        of_faces: (F,) each.
+    """
+    corners = {"connectivity": mesh.faces.reshape(-1), "offsets": np.arange(1, mesh.num_faces + 1) * 3}
+    root = ElementTree.Element(
+        "VTKFile", type="PolyData", version="1.0", byte_order="LittleEndian", header_type="UInt64"
+    )
+    counts = {"NumberOfPoints": str(mesh.num_verts), "NumberOfPolys": str(mesh.num_faces)}
+    piece = ElementTree.SubElement(ElementTree.SubElement(root, "PolyData"), "Piece", counts)
+    for section, values in (("PointData", of_verts), ("CellData", of_faces)):
+        _add_arrays(ElementTree.SubElement(piece, section, Scalars=next(iter(values), "")), values)
+    _add_arrays(ElementTree.SubElement(piece, "Points"), {"Points": mesh.verts})
+    _add_arrays(ElementTree.SubElement(piece, "Polys"), corners)
+    return bytes(ElementTree.tostring(root, encoding="utf-8", xml_declaration=True))
+
+
+def _add_arrays(section: ElementTree.Element, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Add arrays in base64, each after its number of bytes."""
+    for name, array in arrays.items():
+        kind, dtype = ("Float64", "<f8") if array.dtype.kind == "f" else ("Int64", "<i8")
+        attributes = {"type": kind, "Name": name, "format": "binary"}
+        if array.ndim == 2:
+            attributes["NumberOfComponents"] = str(array.shape[1])
+        content = array.astype(dtype).tobytes()
+        element = ElementTree.SubElement(section, "DataArray", attributes)
+        element.text = base64.b64encode(len(content).to_bytes(8, "little") + content).decode()
 
 
 def _without_appended(content: bytes) -> tuple[bytes, tuple[bytes | None, bool]]:
