@@ -131,7 +131,9 @@ class Attributes:
         names = [*self.vertex, *self.face, *self.corner]
         words = {
             "texture coordinates": any(map(is_uv, names)),
-            "colours": COLOR in names,
+            "colours": COLOR in self.vertex,
+            "colours of faces": COLOR in self.face,
+            "colours of corners": COLOR in self.corner,
             count_text(len(self.materials), "material"): MATERIAL in self.face and self._tells_faces_apart(MATERIAL),
             count_text(len(self.groups), "group"): GROUP in self.face and self._tells_faces_apart(GROUP),
             "skin weights": bool({JOINTS, WEIGHTS} & self.vertex.keys()),

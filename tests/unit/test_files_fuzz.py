@@ -1,5 +1,6 @@
 """Damaged files give a valid mesh or a MeshError, without a hang or a huge allocation."""
 
+import functools
 import random
 import signal
 import struct
@@ -36,7 +37,7 @@ BINARY_PLY = PLY_HEAD.replace(b"%s", b"binary_big_endian", 1).replace(b"%s", XYZ
 )  # fmt: skip
 FACET = b"facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 %d\nvertex 0 1 0\nendloop\nendfacet\n"
 OBJ = (
-    b"# C:\\a\\\nmtllib a.mtl\ng a\nv 0 0 0 1 0 0\nv 1 0 0 1\nv 0 1 0\nv 0 0 1 # x\nvt 0 0\nvn 0 0 1\n"
+    b"# C:\\a\\\nmtllib a.mtl\ng a\nusemtl b\nv 0 0 0 1 0 0\nv 1 0 0 1\nv 0 1 0\nv 0 0 1 # x\nvt 0 0\nvn 0 0 1\n"
     b"f 1/1/1 3/1/1 2/1/1\nf -4 \\\n -3 -1\nfo 2//1 3//1 4//1\nf 3 1 4\nl 1 2\np 1\nsurf 0 1 0 1 1 2\n"
 )
 VTK = b"# vtk DataFile Version 3.0\nx\nASCII\nDATASET POLYDATA\nPOINTS 4 float\n%sPOLYGONS 4 16\n%s" % (POINTS, FACES)
@@ -98,9 +99,11 @@ def suffix_of(name):
 
 
 def reader(name, folder):
-    """The reader of bytes of the name's format; those that read other files too look for them in an empty folder."""
+    """The reader of bytes of the name's format, attributes too; it looks for other files in an empty folder."""
     form = (READABLE_FORMATS | POINT_FORMATS)[suffix_of(name)]
-    return (lambda content: form.read(content, folder=folder)) if getattr(form, "folder", False) else form.read
+    options = {"folder": folder} if getattr(form, "folder", False) else {}
+    options |= {"attributes": True} if getattr(form, "attributes", False) else {}
+    return functools.partial(form.read, **options)
 
 
 def mutate(name, count, folder):

@@ -3,6 +3,7 @@
 import warnings
 
 import numpy as np
+import pytest
 import trimesh
 
 from meshfit.errors import MeshfitWarning
@@ -61,9 +62,12 @@ def test_textured_obj_loads_without_its_material(tmp_path):
     lines = ["mtllib gone.mtl", "o thing", "usemtl skin", *text.splitlines()]
     lines.insert(len(lines) - 5, "usemtl hair")
     (tmp_path / "a.obj").write_text("\n".join(lines))
-    found = load_mesh(tmp_path / "a.obj")
+    with pytest.warns(MeshfitWarning, match="materials is incomplete: library 'gone.mtl' is missing"):
+        found = load_mesh(tmp_path / "a.obj")
     assert np.array_equal(found.verts, cube().verts)
     assert np.array_equal(found.faces, cube().faces)
+    assert [material.name for material in found.attributes.materials] == ["skin", "hair"]
+    load_mesh(tmp_path / "a.obj", attributes=False)  # without a warning
 
 
 @over("solid", SOLIDS)

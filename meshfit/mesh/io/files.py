@@ -1,5 +1,6 @@
 """Load and save meshes and curves: formats by suffix, cleaning, and errors that name the file."""
 
+import os
 import warnings
 from collections.abc import Callable, Collection
 from functools import partial
@@ -12,16 +13,18 @@ from jaxtyping import Float64
 from meshfit.doors import no_type_check
 from meshfit.errors import DomainError, MeshError, MeshfitWarning
 from meshfit.mesh.any_mesh import MeshLike, as_mesh, as_path
+from meshfit.mesh.attributes import MATERIAL
 from meshfit.mesh.cleaning import VertexMap, clean, require_finite_verts
 from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.curves import Chains, Curves, Segments, join_segments
 from meshfit.mesh.faceless import no_faces_message
 from meshfit.mesh.io import collada, gltf, las, obj, off, pcd, ply, stl, threemf, vtk_legacy, xyz
-from meshfit.mesh.io.mesh_file import MeshFile, output_suffix, read_file, write_file, wrong_format
+from meshfit.mesh.io.mesh_file import MeshFile, output_suffix, read_file, replace_file, write_file, wrong_format
+from meshfit.mesh.io.mtl import has_look, library_beside
 from meshfit.mesh.io.recognition import format_name
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
-from meshfit.paths import format_suffix, path_text
+from meshfit.paths import STDOUT_PATHS, compression_suffix, format_suffix, is_regular_file, path_text
 from meshfit.units import count_text
 
 Normals = Float64[np.ndarray, "V 3"]
@@ -75,7 +78,9 @@ class CurveFormat(NamedTuple):
 
 
 FORMATS = {
-    ".obj": Format(obj.read_obj, obj.write_obj, normals=True),
+    ".obj": Format(
+        obj.read_obj, obj.write_obj, normals=True, folder=True, attributes=True, left_out=obj.left_out_of_obj
+    ),
     ".ply": Format(ply.read_ply, ply.write_ply, normals=True),
     ".stl": Format(stl.read_stl, stl.write_stl, double=False),
     ".off": Format(off.read_off, off.write_off),
@@ -267,7 +272,28 @@ def save_mesh(
         pronoun = "they are" if len(left_out) > 1 or left_out[0].endswith("s") else "it is"
         text = f"{name}: {format_name(suffix)} cannot hold {', '.join(left_out)}; {pronoun} left out"
         warnings.warn(text, MeshfitWarning, stacklevel=2)
-    write_file(path, encode_mesh(mesh, suffix, normals))
+    library = _write_library(mesh, path) if suffix == ".obj" else ""
+    write_file(path, obj.write_obj(mesh, normals, library=library) if library else encode_mesh(mesh, suffix, normals))
+
+
+def _write_library(mesh: Mesh | PolygonMesh, path: str | Path) -> str:
+    """Write the materials of an OBJ file beside it, and return the name of their file; empty if it has none.
+
+    Warns:
+        MeshfitWarning: where they cannot be written, beside standard output or a compressed file.
+    """
+    materials = mesh.attributes.materials if MATERIAL in mesh.attributes.face else ()
+    if not any(map(has_look, materials)):
+        return ""
+    if path in STDOUT_PATHS or compression_suffix(path) or not (is_regular_file(path) or not os.path.lexists(path)):
+        name = "standard output" if path in STDOUT_PATHS else path_text(path)
+        text = "the looks of its materials take files beside an OBJ file; only their names are kept"
+        warnings.warn(f"{name}: {text}", MeshfitWarning, stacklevel=3)
+        return ""
+    library = library_beside(materials, Path(path))
+    for file, content in library.files.items():
+        replace_file(file, content)
+    return library.name
 
 
 @no_type_check

@@ -1,5 +1,6 @@
 """Open mesh and curve files: from a path, a pipe or standard input, compressed or not, in a format that is known."""
 
+import os
 import re
 import sys
 from collections.abc import Collection
@@ -144,6 +145,27 @@ def write_file(path: str | Path, content: bytes) -> None:
     packed = compression_suffix(path)
     try:
         path.write_bytes(compress(content, packed) if packed else content)
+    except OSError as error:
+        raise MeshError(f"{path_text(path)}: {write_error_message(path, error)}") from error
+    except ValueError:
+        raise MeshError(f"{path_text(path)}: no file can have this name; give another one") from None
+
+
+def replace_file(path: Path, content: bytes) -> None:
+    """Write a file that is there whole or not at all, and leave one of the same content as it is.
+
+    Raises:
+        MeshError: a path that cannot be written.
+    """
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        if is_regular_file(path) and path.stat().st_size == len(content) and path.read_bytes() == content:
+            return
+        try:
+            part.write_bytes(content)
+            part.replace(path)
+        finally:
+            part.unlink(missing_ok=True)
     except OSError as error:
         raise MeshError(f"{path_text(path)}: {write_error_message(path, error)}") from error
     except ValueError:
