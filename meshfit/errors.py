@@ -1,5 +1,7 @@
 """Errors and warnings of meshfit. Each message is one line: the place, the finding and the remedy."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import ClassVar
 
 
@@ -31,6 +33,34 @@ class MeshfitError(Exception):
     def __str__(self) -> str:
         """Return the message, of a line for each failure."""
         return "\n".join(self.faults)
+
+
+class Faults:
+    """Errors of several inputs, which are raised together once all have been read."""
+
+    def __init__(self) -> None:
+        self._errors: list[tuple[str, MeshfitError]] = []
+
+    @contextmanager
+    def collected(self, prefix: str = "") -> Iterator[None]:
+        """Hold an error that is raised within the block; the prefix names its input where there are others."""
+        try:
+            yield
+        except MeshfitError as error:
+            self._errors.append((prefix, error))
+
+    def raise_any(self) -> None:
+        """Raise what has been held: a single error as it is, several as one with the lines of all.
+
+        Raises:
+            MeshfitError: there was an error.
+        """
+        if len(self._errors) == 1:
+            raise self._errors[0][1]
+        if self._errors:
+            lines = dict.fromkeys(f"{prefix}{fault}" for prefix, error in self._errors for fault in error.faults)
+            of_meshes = all(isinstance(error, MeshError) for _, error in self._errors)
+            raise (MeshError if of_meshes else ConfigError)(*lines) from None
 
 
 class ConfigError(MeshfitError):

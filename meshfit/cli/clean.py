@@ -31,7 +31,7 @@ def clean(
     """Remove failed and interrupted trials.
 
     Complete and running trials are never removed. The checkpoints of interrupted trials are removed too, so a rerun
-    starts from the beginning.
+    starts from the beginning; so are copies of targets that no trial uses any more.
 
     Examples:
         meshfit clean runs --failed --dry-run
@@ -45,11 +45,15 @@ def clean(
         trial = removed.trial
         text = f"half-written files of {trial.label}" if removed.names else f"{trial.status.value}: {trial.label}"
         out.print(Text(f"{text}, {size_text(removed.size)}  {trial.path}"), soft_wrap=True)
+    for path, size in cleaned.targets.items() if dry_run else ():
+        out.print(Text(f"target of no trial, {size_text(size)}  {path}"), soft_wrap=True)
     folders = sum(not removed.names for removed in cleaned.removed)
     files = sum(len(removed.names) for removed in cleaned.removed)
-    counts = [count_text(folders, "trial")] if folders or not files else []
+    targets = len(cleaned.targets)
+    counts = [count_text(folders, "trial")] if folders or not (files or targets) else []
     counts += [count_text(files, "half-written file")] if files else []
-    total = size_text(sum(removed.size for removed in cleaned.removed))
+    counts += [count_text(targets, "target") + " of no trial"] if targets else []
+    total = size_text(sum(removed.size for removed in cleaned.removed) + sum(cleaned.targets.values()))
     out.print(f"{'would remove' if dry_run else 'removed'} {' and '.join(counts)}, {total}")
     if cleaned.running:
         out.print(f"kept {count_text(len(cleaned.running), 'running trial')}")

@@ -7,7 +7,7 @@ import typer
 from meshfit.cli import completions
 from meshfit.cli.fit_command import fit_command, is_mesh_name
 from meshfit.cli.options import ExperimentName, RunOptions, Schemes, Seeds, Targets, takes_run_options
-from meshfit.errors import ConfigError
+from meshfit.errors import ConfigError, Faults
 from meshfit.paths import path_text
 
 
@@ -40,16 +40,21 @@ def run(
         meshfit run table1 --dry-run  # the plan, and about how long it takes
     """
     from meshfit.cli.experiments import run_and_report
-    from meshfit.config.loading import load_experiment, renamed, with_axes
+    from meshfit.config.loading import Experiment, load_experiment, renamed, with_axes
     from meshfit.experiment.plan import plan
     from meshfit.specs import listed
 
     if meshes := [config for config in configs if is_mesh_name(config)]:
         raise ConfigError(f"{path_text(meshes[0])} is a mesh, not a config; to fit it: {fit_command(meshes)}")
     listed_schemes = None if schemes is None else listed(schemes)
-    loaded = (load_experiment(config, options.overrides or ()) for config in configs)
-    experiments = [with_axes(each, targets=targets, schemes=listed_schemes, seeds=seeds) for each in loaded]
     if name is not None and len(configs) > 1:
         raise ConfigError(f"--name: expected one config, got {len(configs)}; run them one by one")
-    experiments = [renamed(experiment, name) for experiment in experiments]
-    return run_and_report(plan(experiments, remote=options.cluster is not None), options)
+    faults, experiments = Faults(), list[Experiment]()
+    for config in configs:
+        with faults.collected():
+            loaded = load_experiment(config, options.overrides or ())
+            experiments.append(renamed(with_axes(loaded, targets=targets, schemes=listed_schemes, seeds=seeds), name))
+    with faults.collected():
+        trials = plan(experiments, remote=options.cluster is not None)
+    faults.raise_any()
+    return run_and_report(trials, options)

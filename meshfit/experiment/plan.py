@@ -12,7 +12,7 @@ from typing import Any
 from meshfit.config.experiment import NO_EFFECT_ON_RESULTS, ExperimentSettings, SourceSettings
 from meshfit.config.loading import Experiment
 from meshfit.config.sweeps import Variant, variants_of
-from meshfit.errors import MeshError, MeshfitError
+from meshfit.errors import Faults
 from meshfit.experiment.source import build_source, source_files
 from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path, target_title
@@ -136,16 +136,19 @@ def plan(experiments: Sequence[Experiment], *, remote: bool = False) -> list[Tri
         remote: whether they will run on other machines, so that this one need not have their device.
 
     Raises:
-        MeshfitError: a sweep, a target, a source or the device cannot be used.
+        MeshfitError: a sweep, a target, a source or the device cannot be used; with the faults of all experiments.
     """
     trials: dict[Path, Trial] = {}
+    faults = Faults()
     for experiment in experiments:
-        require_printable(experiment.name, "experiment")
-        for variant in variants_of(experiment.settings):
-            if not remote:
-                _check_device(variant.settings)
-            for trial in _trials_of(experiment.name, variant):
-                trials.setdefault(trial.folder, trial)
+        with faults.collected(f"{experiment.name}: " if len(experiments) > 1 else ""):
+            require_printable(experiment.name, "experiment")
+            for variant in variants_of(experiment.settings):
+                if not remote:
+                    _check_device(variant.settings)
+                for trial in _trials_of(experiment.name, variant):
+                    trials.setdefault(trial.folder, trial)
+    faults.raise_any()
     return list(trials.values())
 
 
@@ -170,20 +173,13 @@ def _check_inputs(
     """
     source: tuple[tuple[str, str], ...] = ()
     targets: dict[str, str] = {}
-    errors: list[MeshfitError] = []
-    try:
+    faults = Faults()
+    with faults.collected():
         source = _check_source(settings.source, schemes)
-    except MeshfitError as error:
-        errors.append(error)
     for target in settings.targets:
-        try:
+        with faults.collected():
             targets[target] = _check_target(target, settings.cleaning)
-        except MeshfitError as error:
-            errors.append(error)
-    if len(errors) > 1:
-        raise MeshError(*dict.fromkeys(fault for error in errors for fault in error.faults))
-    if errors:
-        raise errors[0]
+    faults.raise_any()
     return source, targets
 
 

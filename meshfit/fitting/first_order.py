@@ -181,7 +181,8 @@ class FirstOrder(Engine):
                     self._fail(member, "vertex position")
 
     def _fail(self, member: int, term: str) -> None:
-        last_good = self._as_mesh(member, self._last_good)
+        mesh, polygons = self._as_mesh(member, self._last_good), self.problems[member].polygons
+        last_good = mesh if polygons is None else polygons.with_verts(mesh.verts)
         self.failed.setdefault(member, Diverged(self.done, term, last_good, self.traces[member]))
 
     def _rows(self, member: int) -> slice:

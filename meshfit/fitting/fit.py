@@ -32,6 +32,7 @@ from meshfit.fitting.settings import (
 from meshfit.mesh.alignment import align as aligned
 from meshfit.mesh.alignment import boxes_are_disjoint
 from meshfit.mesh.any_mesh import MeshLike, as_mesh
+from meshfit.mesh.cleaning import outward
 from meshfit.mesh.geometry import bounding_box_diagonal, face_areas
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.normalisation import Frame, Normalisation, frame_of, placed
@@ -115,7 +116,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         source: mesh to start from, in the target's coordinates, in any form that `as_mesh` takes; or `sphere`, which is
             placed around the target, or inside it for `gauss-newton`. Its faces are kept, refined or replaced, as the
             method has it. Polygons are triangulated; see `PolygonMesh.triangulated`.
-        target: mesh to fit to, in any form that `as_mesh` takes.
+        target: mesh to fit to, in any form that `as_mesh` takes. A closed one that is inside out is turned.
         settings: settings of either engine; the defaults are those of PyTorch3D's tutorial.
         method: engine: `first-order` (the default) or `gauss-newton`.
         seed: seed of the samples. The same seed, settings and machine give the same bytes on the CPU.
@@ -179,7 +180,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     target_mesh = as_mesh(target, "target", triangles=True)
     _require_surface(target_mesh, "target")
     frame = frame_of(target_mesh.verts, _require_one_of("normalise", normalise, get_args(Normalisation)))
-    goal = target_mesh if normalise == "none" else frame.normalise(target_mesh)
+    goal = outward(target_mesh if normalise == "none" else frame.normalise(target_mesh))
     start = _placed_source(source, frame, goal, settings, scheme, _require_one_of("align", align, get_args(Placement)))
     restored = _Restored(None if normalise == "none" else frame, on_snapshot)
     with shown_progress(settings, on_step) if progress else nullcontext(on_step) as step_made:

@@ -212,7 +212,7 @@ class Diverged(TrialError):  # noqa: N818  an outcome of a fit, under its usual 
     Attributes:
         step: number of the step, from 0.
         term: the quantity that was not finite: a loss term, `gradient of TERM`, `vertex position` or `the step`.
-        last_good: the mesh before the step.
+        last_good: the mesh before the step, with the polygons of its source if it has any.
         trace: the rows before the step.
 
     Example:
@@ -224,6 +224,8 @@ class Diverged(TrialError):  # noqa: N818  an outcome of a fit, under its usual 
         Mesh(12 verts, 20 faces, box 1.701 × 1.701 × 1.701)
     """
 
-    def __init__(self, step: int, term: str, last_good: Mesh, trace: Trace, remedy: str = _REMEDY) -> None:
+    def __init__(
+        self, step: int, term: str, last_good: Mesh | PolygonMesh, trace: Trace, remedy: str = _REMEDY
+    ) -> None:
         super().__init__(f"the fit diverged at step {step}: {term} is not finite; {remedy}")
         self.step, self.term, self.last_good, self.trace = step, term, last_good, trace

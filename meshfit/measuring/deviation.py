@@ -8,7 +8,7 @@ from jaxtyping import Float64
 
 from meshfit.doors import no_type_check
 from meshfit.measuring.proximity import is_inside, point_distances
-from meshfit.measuring.surface import as_triangles, require_surface
+from meshfit.measuring.surface import as_target, as_triangles, require_surface
 from meshfit.mesh.any_mesh import MeshLike
 from meshfit.mesh.io.ply import write_ply_values
 from meshfit.mesh.io.vtk_xml import write_vtp_values
@@ -54,7 +54,7 @@ def deviation(result: "MeshLike", target: "MeshLike") -> Deviation:
 
     Args:
         result: V vertices, F faces, in any form that `as_mesh` takes, such as a `FitResult`; polygons are triangulated.
-        target: the mesh to measure to, in any form that `as_mesh` takes.
+        target: the mesh to measure to, in any form that `as_mesh` takes. A closed one that is inside out is turned.
 
     Example:
         >>> import meshfit
@@ -66,9 +66,8 @@ def deviation(result: "MeshLike", target: "MeshLike") -> Deviation:
     Raises:
         MeasureError: a mesh without a surface.
     """
-    result, target = as_triangles(result, "result"), as_triangles(target, "target")
+    result, target = as_triangles(result, "result"), as_target(target)
     require_surface(result, "result")
-    require_surface(target, "target")
     centroids = result.verts[result.faces].mean(axis=1)
     points = np.concatenate([result.verts, centroids])
     distances, signed = point_distances(target, points), Topology.of(target).is_watertight

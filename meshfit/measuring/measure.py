@@ -10,7 +10,7 @@ from meshfit.measuring.metrics import MEASURED
 from meshfit.measuring.points import Chamfer, FScore, NormalConsistency, point_scores
 from meshfit.measuring.quality import Quality, mesh_quality
 from meshfit.measuring.settings import MeasureSettings
-from meshfit.measuring.surface import as_triangles
+from meshfit.measuring.surface import as_target, as_triangles
 from meshfit.mesh.any_mesh import MeshLike
 from meshfit.optional import import_pandas
 from meshfit.settings import override
@@ -133,7 +133,8 @@ def measure(  # noqa: PLR0913  the settings, by name
 
     Args:
         result: the fitted mesh, in any form that `as_mesh` takes, such as a `FitResult`. Polygons are triangulated.
-        target: the mesh that it was fitted to, in any form that `as_mesh` takes.
+        target: the mesh that it was fitted to, in any form that `as_mesh` takes. A closed one that is inside out is
+            turned, as it is for a fit.
         settings: numbers of samples and points, tau and seed; defaults if not given.
         samples: number of points on each surface for Hausdorff, mean and RMS distances.
         points: number of points on each surface for chamfer distance, F-score and normal consistency, and on the
@@ -151,7 +152,7 @@ def measure(  # noqa: PLR0913  the settings, by name
     given = {"samples": samples, "points": points, "f_score_tau": f_score_tau, "crease_angle": crease_angle}
     changes = {key: value for key, value in (given | {"seed": seed}).items() if value is not None} | unknown
     settings = override(settings or MeasureSettings(), changes)
-    result, target = as_triangles(result, "result"), as_triangles(target, "target")
+    result, target = as_triangles(result, "result"), as_target(target)
     hausdorff, distance, normal_angle, farthest = surface_distances(result, target, settings.samples, settings.seed)
     points, tau = settings.points, settings.f_score_tau
     chamfer, f_score, normal_consistency = point_scores(result, target, points, tau, settings.seed)

@@ -5,6 +5,7 @@ import numpy as np
 from meshfit.doors import no_type_check
 from meshfit.errors import MeasureError
 from meshfit.mesh.any_mesh import MeshLike, as_mesh
+from meshfit.mesh.cleaning import outward
 from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.mesh import Mesh
 
@@ -16,6 +17,18 @@ _LARGEST_COORDINATE = 1e15
 def as_triangles(mesh: MeshLike, role: str) -> Mesh:
     """Return a mesh in any form that `as_mesh` takes as triangles; a `Mesh` stays as it is, for `require_surface`."""
     return mesh if isinstance(mesh, Mesh) else as_mesh(mesh, role, triangles=True)
+
+
+@no_type_check
+def as_target(mesh: MeshLike) -> Mesh:
+    """Return the mesh to measure to as triangles; a closed one that is inside out is turned, as it is for a fit.
+
+    Raises:
+        MeasureError: it has no surface.
+    """
+    target = as_triangles(mesh, "target")
+    require_surface(target, "target")
+    return outward(target)
 
 
 def require_surface(mesh: Mesh, role: str) -> None:

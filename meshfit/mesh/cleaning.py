@@ -19,7 +19,7 @@ from meshfit.mesh.manifold import (
 )
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
-from meshfit.mesh.topology import NONE, Indices, Mask, PolygonTopology
+from meshfit.mesh.topology import NONE, Indices, Mask, PolygonTopology, Topology
 from meshfit.mesh.triangulation import triangle_corners, triangulate
 from meshfit.mesh.welding import coincident, first_equal, nearly_coincident, stitch
 from meshfit.units import count_text
@@ -378,6 +378,13 @@ def _warn_of_shape(mesh: PolygonMesh, topology: PolygonTopology, origin: str, *,
 def has_negative_volume(mesh: Mesh) -> bool:
     """Return whether the volume of a closed mesh is negative by more than rounding."""
     return signed_volume(mesh) < -_ROUNDING * bounding_box_diagonal(mesh.verts) ** 3
+
+
+def outward(mesh: Mesh) -> Mesh:
+    """Return a closed mesh that is inside out with its faces turned, without attributes; any other as it is."""
+    if not has_negative_volume(mesh) or not Topology.of(mesh).is_watertight:
+        return mesh
+    return Mesh(mesh.verts, mesh.faces[:, ::-1])
 
 
 def _warn(text: str) -> None:

@@ -117,7 +117,7 @@ def test_a_real_run_is_seen_running_then_interrupted_and_goes_on_after_a_clean(t
     process.kill()
     process.communicate(timeout=60)
     wait_until_state("interrupted")
-    assert "removed 1 trial, " in answered("clean", "runs", "--partial")
+    assert "removed 1 trial and 1 target of no trial, " in answered("clean", "runs", "--partial")
     assert list((tmp_path / "runs").rglob("seed-*")) == []
 
 

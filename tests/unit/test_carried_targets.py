@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 import pytest
+from filelock import FileLock
 
 from meshfit.errors import MeshError
 from meshfit.experiment.plan import plan
@@ -125,14 +126,43 @@ def test_what_a_killed_process_left_is_removed_by_the_next(tmp_path):
     assert path.stat().st_mtime_ns == before
 
 
-def test_they_are_no_experiment_and_stay_when_trials_are_removed(tmp_path):
+def test_those_that_no_complete_trial_uses_are_removed_with_failed_trials(tmp_path):
     trial, store, folder = prepared(tmp_path, fit={"optimizer": {"lr": 1e30}})
     assert run_trial(trial, store, lambda _: None).status is TrialStatus.FAILED
     experiments = scan_experiments([store.root], datetime.now(UTC))
     assert [found.name for found in experiments] == ["small"]
-    clean(experiments, [TrialStatus.FAILED], [store.root])
+    (carried,) = (store.root / "targets").glob("*.ply")
+    size = carried.stat().st_size
+    assert clean(experiments, [TrialStatus.FAILED], [store.root], dry_run=True).targets == {carried: size}
+    assert carried.is_file()
+    assert clean(experiments, [TrialStatus.FAILED], [store.root]).targets == {carried: size}
     assert not folder.exists()
-    assert list((store.root / "targets").glob("*.ply"))
+    assert not (store.root / "targets").exists()
+
+
+def test_those_of_complete_trials_stay_and_so_do_all_while_one_is_hidden_or_running(tmp_path):
+    trial, store, folder = prepared(tmp_path, fit={"steps": 1})
+    run_trial(trial, store, lambda _: None)
+    (carried,) = (store.root / "targets").glob("*.ply")
+    unused = carried.with_name(f"{'f' * 64}.ply")
+    unused.write_text("of no trial")
+    more = folder.with_name("seed-9-0123456789")
+
+    def cleaned():
+        scanned = scan_experiments([store.root], datetime.now(UTC))
+        return list(clean(scanned, [TrialStatus.INTERRUPTED], [store.root / "small"]).targets)
+
+    more.mkdir()
+    (more / "result.json").write_text("{")
+    assert cleaned() == []
+    (more / "result.json").unlink()
+    with FileLock(more / ".lock"):
+        assert cleaned() == []
+    (store.root / "link").symlink_to(tmp_path)
+    assert cleaned() == []
+    (store.root / "link").unlink()
+    assert cleaned() == [unused]
+    assert [path.name for path in carried.parent.glob("*.ply")] == [carried.name]
 
 
 def test_a_worker_with_a_directory_of_its_own_does_not_carry(tmp_path):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+import meshfit
 from meshfit.errors import TrialError
 from meshfit.fitting import first_order
 from meshfit.fitting.problem import COLUMNS, Diverged
@@ -47,6 +48,13 @@ def diverged(**changes):
 )
 def test_a_huge_learning_rate_diverges(optimizer, dtype, lr):
     assert diverged(optimizer={"name": optimizer, "lr": lr}, dtype=dtype).step >= 1
+
+
+def test_the_last_good_mesh_has_the_polygons_of_the_source():
+    quads = meshfit.subdivide("cube", "catmull-clark", 1)
+    with pytest.raises(Diverged) as caught:
+        meshfit.fit(quads, icosahedron(), steps=9, samples=40, optimizer={"lr": 1e30}, device="cpu")
+    np.testing.assert_array_equal(caught.value.last_good.corners, quads.corners)
 
 
 @pytest.mark.parametrize("name", TERMS)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from meshfit.errors import ConfigError, MeasureError
+from meshfit.measuring.deviation import deviation
 from meshfit.measuring.measure import measure
 from meshfit.measuring.metrics import MEASURED, METRICS, require_metric
 from meshfit.measuring.proximity import point_distances
@@ -39,6 +40,14 @@ def test_the_table_names_every_figure_and_can_print_it():
     for name, metric in MEASURED.items():
         assert format(found[name], metric.format)
     assert len({metric.title for metric in METRICS.values()}) == len(METRICS)
+
+
+def test_a_target_that_is_inside_out_is_measured_to_as_its_turned_twin():
+    small = octahedron().with_verts(octahedron().verts / 2)
+    inverted = Mesh(cube().verts, cube().faces[:, ::-1])
+    assert measure(small, inverted, FEW) == measure(small, cube(), FEW)
+    assert (deviation(small, inverted).verts == deviation(small, cube()).verts).all()
+    assert measure(Mesh(small.verts, small.faces[:, ::-1]), cube(), FEW).normal_consistency.signed < 0
 
 
 def test_settings_are_no_metrics():

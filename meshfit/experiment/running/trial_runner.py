@@ -45,7 +45,7 @@ from meshfit.fitting.problem import Checkpoint, Diverged, Problem, Trace
 from meshfit.fitting.settings import FirstOrderSettings, FitSettings
 from meshfit.measuring.measure import measure
 from meshfit.mesh.alignment import align, boxes_are_disjoint
-from meshfit.mesh.cleaning import INSIDE_OUT, has_negative_volume
+from meshfit.mesh.cleaning import INSIDE_OUT, outward
 from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.geometry import bounding_box_diagonal, face_areas
 from meshfit.mesh.io.files import encode_mesh
@@ -97,7 +97,7 @@ class TrialRunner:
             name = self.trial.current_path(self.trial.target)
             carried = carried_path(self.trial, self.store)
             target = _load_target(name, inputs.get("target"), settings.normalise, settings.cleaning, carried)
-            carry(carried, lambda: load_target(name, settings.cleaning))  # removed since it was loaded
+            carry(carried, lambda: outward(load_target(name, settings.cleaning)))  # removed since it was loaded
             self._frame, self._target = target.frame, target.mesh
             source_settings = relocated(settings.source, self.trial.current_path)
             for role, name in source_files(source_settings).items():
@@ -133,6 +133,8 @@ class TrialRunner:
 
     def finish(self, fitted: FitResult) -> None:
         """Measure the fit, and write it and the result."""
+        name, cleaning = self.trial.current_path(self.trial.target), self.trial.settings.cleaning
+        carry(carried_path(self.trial, self.store), lambda: outward(load_target(name, cleaning)))  # removed since
         seconds = {"fit": self._seconds()}
         self._write_mesh("result.ply", fitted.polygons or fitted.mesh)
         if fitted.control is not None:
@@ -242,14 +244,14 @@ def _load_target(
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", MeshfitWarning)
         mesh = load_target(name, cleaning)
-    carry(carried, lambda: mesh)
-    frame, texts = frame_of(mesh.verts, normalise), _texts(caught)
-    if Topology.of(mesh).is_watertight and has_negative_volume(mesh):
+    turned, texts = outward(mesh), _texts(caught)
+    if turned is not mesh:
         # Fits match normals, and would turn the source inside out.
-        mesh = Mesh(mesh.verts, mesh.faces[:, ::-1])
         texts = [text for text in texts if not text.endswith(INSIDE_OUT)]
         texts.append(f"{name}: {INSIDE_OUT}; its faces are turned for the fit")
-    return _Target(frame, frame.normalise(mesh), tuple(texts))
+    carry(carried, lambda: turned)
+    frame = frame_of(mesh.verts, normalise)
+    return _Target(frame, frame.normalise(turned), tuple(texts))
 
 
 def _check_unchanged(name: str, sha256: str | None) -> None:

@@ -1,12 +1,13 @@
-"""Remove failed and interrupted trials, and half-written files, from a run directory."""
+"""Remove failed and interrupted trials, half-written files and unused targets from a run directory."""
 
 import os
 import re
 import shutil
 import stat
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -17,10 +18,13 @@ from meshfit.experiment.status.scan import (
     ScannedTrial,
     TrialFolder,
     absolute,
+    scan,
     status_at_rest,
+    status_of,
     trial_folder,
 )
-from meshfit.experiment.storage.run_directory import LOCK
+from meshfit.experiment.storage.run_directory import LOCK, TARGETS, Result, read_result
+from meshfit.experiment.storage.targets import remove_targets, unused_targets
 from meshfit.experiment.trial_status import TrialStatus
 
 # The temporary names that `write_atomically` uses.
@@ -44,10 +48,17 @@ class Removed:
 
 @dataclass(frozen=True)
 class Cleaned:
-    """The outcome of a cleaning: what was removed, and the trials that were left because they are running."""
+    """The outcome of a cleaning: what was removed, and the trials that were left because they are running.
+
+    Attributes:
+        removed: trials, and half-written files of trials.
+        running: the trials that were left.
+        targets: carried targets that no complete trial uses, with their size in bytes.
+    """
 
     removed: tuple[Removed, ...]
     running: tuple[ScannedTrial, ...]
+    targets: Mapping[Path, int] = field(default_factory=dict)
 
 
 def is_half_written(name: str) -> bool:
@@ -66,7 +77,8 @@ def clean(
 
     With interrupted trials, half-written files in the folders of complete trials are removed too. A trial's lock is
     held while something in its folder is removed, and its status is checked again under the lock. Links are not
-    followed.
+    followed. Carried targets that no complete trial of the run directory uses are removed too, unless a trial is
+    running, or one's result or a link hides which it uses; trials that are not complete carry theirs again.
 
     Args:
         experiments: the experiments to clean.
@@ -87,9 +99,31 @@ def clean(
                 removed += [removable] if dry_run else _remove(trial, statuses)
             except Timeout:
                 running.append(trial)
+    gone = {absolute(removal.trial.path) for removal in removed if not removal.names}
     if not dry_run:
-        _remove_empty((removal.trial.path for removal in removed if not removal.names), roots)
-    return Cleaned(tuple(removed), tuple(running))
+        _remove_empty(gone, roots)
+    targets = dict[Path, int]()
+    for root in sorted({experiment.folder.parent for experiment in experiments}):
+        unused = _unused_targets(root, gone)
+        targets |= {path: _size(path) for path in unused}
+        if unused and not dry_run:
+            remove_targets(root, unused)
+    return Cleaned(tuple(removed), tuple(running), targets)
+
+
+def _unused_targets(root: Path, gone: Collection[Path]) -> list[Path]:
+    """Return the carried targets that no complete trial uses; none where that is not certain."""
+    if not (root / TARGETS).is_dir() or any(path.is_symlink() for path in root.iterdir()):
+        return []
+    records = list[Result]()
+    now = datetime.now(UTC)
+    for folder in scan(root).trials:
+        status = TrialStatus.WAITING if absolute(folder.path) in gone else status_of(folder, now)
+        if status in (TrialStatus.RUNNING, TrialStatus.DAMAGED):
+            return []
+        if status is TrialStatus.COMPLETE and (record := read_result(folder.path)) is not None:
+            records.append(record)
+    return unused_targets(root, records)
 
 
 def _removable(trial: ScannedTrial, folder: TrialFolder, statuses: Collection[TrialStatus]) -> Removed | None:

@@ -1,19 +1,20 @@
 """Carried targets: copies of the targets of trials in the run directory, which make it complete without other files.
 
-`targets/HASH.ply` is the target as it was loaded, cleaned and in its own coordinates, in double precision; the hash is
-that of the original file, as in the identity of a trial.
+`targets/HASH.ply` is the target as it was fitted to: cleaned, turned if it was inside out, in its own coordinates and
+double precision; the hash is that of the original file, as in the identity of a trial.
 """
 
 import os
+import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from filelock import FileLock
 
-from meshfit.errors import MeshError, MeshfitWarning
+from meshfit.errors import MeshError, MeshfitWarning, StoreError
 from meshfit.experiment.storage.run_directory import LOCK, TARGETS, Result, RunDirectory, make_folder, write_atomically
 from meshfit.mesh.cleaning_options import CleaningOptions
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from meshfit.mesh.mesh import Mesh
     from meshfit.mesh.polygons import PolygonMesh
 
+_CARRIED = re.compile(r"[0-9a-f]{64}")
 _LEVELS = 4
 """The number of folders from that of a trial up to the run directory."""
 
@@ -65,6 +67,7 @@ def carry_for_remote(trial: "Trial", store: RunDirectory) -> None:
     Raises:
         StoreError: it cannot be written.
     """
+    from meshfit.mesh.cleaning import outward
     from meshfit.mesh.targets import file_sha256, load_target, target_path
 
     path = carried_path(trial, store)
@@ -72,7 +75,7 @@ def carry_for_remote(trial: "Trial", store: RunDirectory) -> None:
         return
     with suppress(MeshError):  # the trial reports it
         if file_sha256(target_path(trial.target)) == dict(trial.inputs)["target"]:
-            carry(path, lambda: load_target(trial.target, trial.settings.cleaning))
+            carry(path, lambda: outward(load_target(trial.target, trial.settings.cleaning)))
 
 
 def find_carried(folder: Path, record: Result) -> Path | None:
@@ -88,8 +91,40 @@ def find_carried(folder: Path, record: Result) -> Path | None:
     return None
 
 
+def unused_targets(root: Path, records: Iterable[Result]) -> list[Path]:
+    """Return the carried targets of a run directory that none of its trials, by their records, was fitted to."""
+    used = {
+        _name(record.get("inputs", {}).get("target", ""), CleaningOptions.of(record.get("settings", {})))
+        for record in records
+    }
+    return [
+        path for path in sorted((root / TARGETS).glob("*.ply")) if _CARRIED.match(path.name) and path.name not in used
+    ]
+
+
+def remove_targets(root: Path, paths: Iterable[Path]) -> None:
+    """Remove carried targets of a run directory, and their folder if it becomes empty.
+
+    Raises:
+        StoreError: one cannot be removed.
+    """
+    folder = root / TARGETS
+    try:
+        with FileLock(folder / LOCK):
+            for path in paths:
+                path.unlink(missing_ok=True)
+            if not any(path.name != LOCK for path in folder.iterdir()):
+                (folder / LOCK).unlink(missing_ok=True)
+        with suppress(OSError):
+            folder.rmdir()
+    except OSError as error:
+        raise StoreError(f"{error.filename or folder}: cannot be removed: {error.strerror}") from error
+
+
 def read_target(folder: Path, record: Result) -> "Mesh":
     """Read the target of a trial in its own coordinates: the carried one, else its file if that has not changed.
+
+    One that is inside out is turned, as it was for the fit.
 
     Args:
         folder: the folder of the trial.
@@ -98,14 +133,16 @@ def read_target(folder: Path, record: Result) -> "Mesh":
     Raises:
         MeshError: neither can be read.
     """
+    from meshfit.mesh.cleaning import outward
+
     carried, damage = find_carried(folder, record), None
     if carried is not None:
         try:
-            return triangles(read_written_mesh(carried))
+            return outward(triangles(read_written_mesh(carried)))
         except MeshError as error:
             damage = error
     try:
-        return _original(record)
+        return outward(_original(record))
     except MeshError as error:
         if damage is not None:
             raise damage from None

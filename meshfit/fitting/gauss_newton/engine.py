@@ -106,16 +106,11 @@ class GaussNewton(Engine):
 
     def mesh(self, member: int) -> Mesh:
         """Return the current surface, in float64."""
-        shape = self._states[member].shape
-        return shape.connectivity.mesh(shape.verts)
+        return _mesh_at(self._states[member])
 
     def polygons(self, member: int) -> PolygonMesh | None:
         """Return the polygons that the current surface was triangulated from, if it has not been remeshed since."""
-        state = self._states[member]
-        polygons = state.polygons if state.controlled is None else state.controlled.polygons
-        if polygons is None:
-            return None
-        return PolygonMesh(self.mesh(member).verts, polygons.corners, polygons.sizes)
+        return _polygons_at(self._states[member])
 
     def control(self, member: int) -> Mesh | PolygonMesh | None:
         """Return the current control mesh, if one is solved for; its levels by the scheme are the current surface."""
@@ -187,7 +182,7 @@ class GaussNewton(Engine):
         report = before.step(target, fairness, point_weight, self._generators[member])
         distance, matched, after = report.pairs.distance, report.pairs.matched, report.state
         if not bool(after.verts.isfinite().all()):
-            last_good = before.shape.connectivity.mesh(before.shape.verts)
+            last_good = _polygons_at(before) or _mesh_at(before)
             self.failed[member] = Diverged(self.done, "the step", last_good, self.traces[member], _REMEDY)
             return distance
         self._states[member] = after
@@ -228,6 +223,15 @@ class GaussNewton(Engine):
         if self.settings.variables == "control":
             return float(self.settings.verts)
         return self.settings.verts / growth(resolve(problem.scheme), self.settings.levels)
+
+
+def _mesh_at(state: FitState) -> Mesh:
+    return state.shape.connectivity.mesh(state.shape.verts)
+
+
+def _polygons_at(state: FitState) -> PolygonMesh | None:
+    polygons = state.polygons if state.controlled is None else state.controlled.polygons
+    return None if polygons is None else PolygonMesh(_mesh_at(state).verts, polygons.corners, polygons.sizes)
 
 
 def _polygons_of(problem: Problem) -> PolygonTopology | None:
