@@ -332,7 +332,9 @@ class _Fitting:
                 warn_once(text)
         name = "standard output" if job.output in STDOUT_PATHS else path_text(job.output)
         verdict = verdict_of(job.target, name, folder, record)
-        console = err if job.output in STDOUT_PATHS else out
+        # Lines of stderr go above the bars that are shown there.
+        above_bars = many and err.is_terminal and out.is_terminal
+        console = err if job.output in STDOUT_PATHS or above_bars else out
         if not self.run_options.as_json:
             for line in [verdict.line] if many else verdict.lines:
                 console.print(line, soft_wrap=True, markup=False)

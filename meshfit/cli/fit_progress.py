@@ -5,12 +5,15 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from rich.progress import BarColumn, Progress, TextColumn
+from rich.table import Column
 
 from meshfit.cli.console import err
 from meshfit.cli.progress import Lines
+from meshfit.experiment.plan import checked_target
+from meshfit.experiment.source import build_source
 from meshfit.experiment.trial_status import Outcome, TrialStatus
 from meshfit.fitting.gauss_newton.schedule import stage_at
-from meshfit.fitting.progress import Course
+from meshfit.fitting.progress import Course, measuring_cost
 from meshfit.fitting.settings import GaussNewtonSettings
 from meshfit.units import duration_text
 
@@ -20,7 +23,9 @@ if TYPE_CHECKING:
     from meshfit.experiment.running.scheduler import Watcher
 
 _SECONDS_BETWEEN_LINES = 5.0
-_BAR = 24
+_BAR, _NARROW_BAR, _WIDE = 24, 5, 90
+# Samples on each surface that the cost of measuring is known for.
+_SAMPLES = 200_000
 
 
 @contextmanager
@@ -30,7 +35,7 @@ def show_fit(trial: "Trial", *, quiet: bool) -> Iterator["Watcher"]:
         yield lambda *_: None
         return
     fit = _Fit(trial)
-    if not err.is_terminal:
+    if not err.is_terminal or err.is_dumb_terminal:
         lines = Lines()
 
         def print_line(progress: "ProgressReader", _: Mapping[int, Outcome]) -> None:
@@ -42,8 +47,8 @@ def show_fit(trial: "Trial", *, quiet: bool) -> Iterator["Watcher"]:
         return
     columns = (
         TextColumn("fit"),
-        BarColumn(bar_width=_BAR),
-        TextColumn("{task.percentage:3.0f} %  {task.fields[state]}"),
+        BarColumn(bar_width=_BAR if err.width >= _WIDE else _NARROW_BAR),
+        TextColumn("{task.percentage:3.0f} %  {task.fields[state]}", table_column=Column(no_wrap=True)),
     )
     with Progress(*columns, console=err, transient=True) as bars:
         task = bars.add_task("", total=1.0, state="loading")
@@ -56,11 +61,15 @@ def show_fit(trial: "Trial", *, quiet: bool) -> Iterator["Watcher"]:
 
 
 class _Fit:
-    """The state of a fit in words; its steps are weighed by their cost."""
+    """The state of a fit in words; its steps, and measuring after them, are weighed by their cost."""
 
     def __init__(self, trial: "Trial") -> None:
-        self._settings = trial.settings.fit
-        self._course = Course(self._settings)
+        settings, scheme = trial.settings, trial.named_scheme.resolve()
+        self._settings = settings.fit
+        faces = checked_target(trial.target, settings.cleaning).faces
+        self._after = measuring_cost(self._settings, faces) * settings.measure.samples / _SAMPLES
+        source_verts = build_source(settings.source, scheme).num_verts
+        self._course = Course(self._settings, source_verts=source_verts, scheme=scheme, after=self._after)
 
     @property
     def share(self) -> float:
@@ -68,16 +77,16 @@ class _Fit:
 
     def update(self, progress: "ProgressReader") -> str:
         status, step, course = progress[0].status, progress[0].step, self._course
-        if status is TrialStatus.MEASURING:
-            return "measuring"
-        if not step.done:
-            return "loading"
-        if course.step is None or course.step.done != step.done:
+        if status is not TrialStatus.MEASURING and not step.done:
+            return "loading" if course.step is None else "writing"
+        if step.done and (course.step is None or course.step.done != step.done):
             course.update(step)
+        left = course.seconds_left
+        if status is TrialStatus.MEASURING:
+            return "measuring" + (f", about {duration_text(left)} left" if left else "")
         words = [f"step {step.done:,} of {step.steps:,}"]
         if isinstance(self._settings, GaussNewtonSettings):
             words.insert(0, stage_at(self._settings, step.done).name.replace("last", "last steps"))
-        left = course.seconds_left
-        if left is not None and step.done < step.steps:
-            words.append(f"about {duration_text(left)} left, then measuring")
+        if left:
+            words.insert(0, f"about {duration_text(left)} left")
         return ", ".join(words)

@@ -32,7 +32,7 @@ def show_progress(trials: Sequence["Trial"], *, quiet: bool) -> Iterator["Watche
     """Show the progress of trials within a `with` block."""
     if quiet:
         yield lambda *_: None
-    elif err.is_terminal:
+    elif err.is_terminal and not err.is_dumb_terminal:
         columns = (
             TextColumn("{task.description}", table_column=Column(no_wrap=True, ratio=1)),
             BarColumn(bar_width=10),
@@ -51,7 +51,7 @@ def show_parts(*, quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
     """Show the progress of work that has parts: called with a part's name, the steps done, and the steps in all."""
     if quiet:
         yield lambda *_: None
-    elif err.is_terminal:
+    elif err.is_terminal and not err.is_dumb_terminal:
         with Progress(
             TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), console=err, transient=True
         ) as bars:

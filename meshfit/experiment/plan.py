@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from meshfit.config.experiment import NO_EFFECT_ON_RESULTS, ExperimentSettings, SourceSettings
 from meshfit.config.loading import Experiment
@@ -178,16 +178,23 @@ def _check_inputs(
         source = _check_source(settings.source, schemes)
     for target in settings.targets:
         with faults.collected():
-            targets[target] = _check_target(target, settings.cleaning)
+            targets[target] = checked_target(target, settings.cleaning).sha256
     faults.raise_any()
     return source, targets
 
 
+class CheckedTarget(NamedTuple):
+    """A target that can be loaded: the SHA-256 of its file, and its number of faces."""
+
+    sha256: str
+    faces: int
+
+
 @cache
-def _check_target(target: str, cleaning: CleaningOptions) -> str:
-    """Load a target, and return the SHA-256 of its file."""
-    load_target(target, cleaning)
-    return file_sha256(target_path(target))
+def checked_target(target: str, cleaning: CleaningOptions) -> CheckedTarget:
+    """Load a target, once in this process, and return what a plan needs to know of it."""
+    faces = load_target(target, cleaning).num_faces
+    return CheckedTarget(file_sha256(target_path(target)), faces)
 
 
 @cache

@@ -183,7 +183,8 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     goal = outward(target_mesh if normalise == "none" else frame.normalise(target_mesh))
     start = _placed_source(source, frame, goal, settings, scheme, _require_one_of("align", align, get_args(Placement)))
     restored = _Restored(None if normalise == "none" else frame, on_snapshot)
-    with shown_progress(settings, on_step) if progress else nullcontext(on_step) as step_made:
+    shown = shown_progress(settings, on_step, source_verts=start.num_verts, scheme=scheme)
+    with shown if progress else nullcontext(on_step) as step_made:
         problem = Problem(start, goal, seed, step_made, resume, save, scheme, restored.snapshot)
         (outcome,) = fit_batch([problem], settings, device=device, dtype=dtype, threads=threads)
     if isinstance(outcome, Diverged):

@@ -1,5 +1,7 @@
 """Progress of one fit for `progress=True`: a bar on a terminal, one line in a notebook, plain lines elsewhere."""
 
+import math
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -7,60 +9,142 @@ from contextlib import contextmanager
 from typing import Any
 
 from meshfit.fitting.callbacks import Step
-from meshfit.fitting.gauss_newton.schedule import schedule, stage_at
+from meshfit.fitting.gauss_newton.schedule import rough_verts, schedule, stage_at
 from meshfit.fitting.settings import FitSettings, GaussNewtonSettings
+from meshfit.subdivision.refine import growth
+from meshfit.subdivision.registry import Scheme, resolve
 from meshfit.units import duration_text
 
-# Cost of a step relative to one of level 0: of the search for the rough shape, and of each further level.
-_ROUGH, _PER_LEVEL = 0.6, 2.5
+# Seconds of a Gauss–Newton step of n vertices on one core, which sets up and factorises a sparse system, as factors of
+# 1, n and n^1.5; of a remesh, without and with a map to the sphere, and of placing faces by that map, of 1 and n. Only
+# their ratios matter once steps have been timed.
+_STEP = (0.05, 1.5e-5, 3.8e-7)
+_REMESH, _MAPPED, _PLACE = (0.22, 8e-5), (0.5, 1e-4), (0.5, 1e-3)
+# Weight that the time of a step keeps when the next one has been timed.
+_KEPT = 0.95
+# Share of its expected time below which a step of a further search has been left out.
+_LEFT_OUT = 0.2
 _SECONDS_BETWEEN_LINES = 5.0
 _SECONDS_BETWEEN_UPDATES = 0.2
 _BAR = 24
 
 
-def step_costs(settings: FitSettings, tries: int | None = None) -> list[float]:
-    """Return the relative cost of each step, for an estimate of the remaining time: finer levels take longer.
+def step_costs(
+    settings: FitSettings, tries: int | None = None, *, source_verts: int = 642, scheme: str | Scheme = "loop"
+) -> list[float]:
+    """Return the relative cost of each step, by its number of vertices and the remesh that it begins with.
 
-    Steps of searches for the rough shape after the first `tries` cost nothing: most fits leave them out.
+    Args:
+        settings: settings of the fit.
+        tries: number of searches for the rough shape; steps of further ones cost nothing. None for all.
+        source_verts: number of vertices of the source.
+        scheme: the scheme of the levels.
     """
     if not isinstance(settings, GaussNewtonSettings):
         return [1.0] * settings.steps
-    costs, level = list[float](), 0
+    per_level = growth(resolve(scheme), 1)
+    rough = rough_verts(settings, source_verts, growth(resolve(scheme), settings.levels))
+    costs, verts = list[float](), float(source_verts)
     for stage in schedule(settings):
-        level += stage.change in ("refine", "control")
-        cost = _ROUGH if stage.attempt is not None else _PER_LEVEL**level
-        if tries is not None and stage.attempt is not None and stage.attempt >= tries:
-            cost = 0.0
-        costs += [cost] * len(stage.weights)
+        wanted = rough * stage.share * per_level**stage.refined
+        if stage.change == "start":
+            verts = min(float(source_verts), wanted)
+        elif stage.change == "remesh":
+            verts = wanted
+        elif stage.change == "place":
+            verts = float(source_verts)
+        elif stage.change == "refine":
+            verts *= per_level
+        elif stage.change == "control":
+            verts *= per_level**settings.levels
+        step = _STEP[0] + _STEP[1] * verts + _STEP[2] * verts**1.5
+        skipped = tries is not None and stage.attempt is not None and stage.attempt >= tries
+        part = [0.0 if skipped else step] * len(stage.weights)
+        if part and stage.change in ("remesh", "place") and not skipped:
+            mapped = settings.connectivity == "fixed"
+            fixed, per_vert = _PLACE if stage.change == "place" else _MAPPED if mapped else _REMESH
+            part[0] += fixed + per_vert * verts
+        costs += part
     return costs
+
+
+def measuring_cost(settings: FitSettings, target_faces: int) -> float:
+    """Return the cost of measuring a result against a target, in the unit of `step_costs`."""
+    verts = settings.verts if isinstance(settings, GaussNewtonSettings) else 2562
+    return 0.8 + 5e-5 * verts + 3.5e-7 * target_faces * math.sqrt(verts)
 
 
 class Course:
     """The share of a fit's work that is done, and the seconds that remain.
+
+    Costs of steps are known in advance up to a factor, the pace, which is that of the latest steps.
+
+    Args:
+        settings: settings of the fit.
+        clock: returns seconds.
+        source_verts: number of vertices of the source.
+        scheme: the scheme of the levels.
+        after: cost of what follows the last step, in seconds where steps go at the expected pace.
 
     Attributes:
         step: the last step reported; None before the first.
         share: share of the work that is done, from 0 to 1.
     """
 
-    def __init__(self, settings: FitSettings, clock: Callable[[], float] = time.monotonic) -> None:
-        self._clock, self._start, self._costs = clock, clock(), step_costs(settings, 1)
-        self._settings, self._tries = settings, 1
-        self._first: tuple[float, float] | None = None
+    def __init__(
+        self,
+        settings: FitSettings,
+        clock: Callable[[], float] = time.monotonic,
+        *,
+        source_verts: int = 642,
+        scheme: str | Scheme = "loop",
+        after: float = 0.0,
+    ) -> None:
+        self._clock, self._start, self._settings = clock, clock(), settings
+        self._source_verts, self._scheme, self._after = source_verts, scheme, after
+        self._tries = 1
+        self._costs = self._all_costs()
+        self._last: tuple[int, float] | None = None
+        self._timed = self._expected = 0.0
         self.step: Step | None = None
         self.share = 0.0
 
+    def _all_costs(self) -> list[float]:
+        return step_costs(self._settings, self._tries, source_verts=self._source_verts, scheme=self._scheme)
+
     def update(self, step: Step) -> None:
         """Take note of a step."""
-        if isinstance(self._settings, GaussNewtonSettings) and step.done:
-            attempt = stage_at(self._settings, step.done - 1).attempt
-            if attempt is not None and attempt >= self._tries:  # a further search has begun
-                self._tries = attempt + 1
-                self._costs = step_costs(self._settings, self._tries)
-        total = sum(self._costs) or 1.0
-        self.step, self.share = step, sum(self._costs[: step.done]) / total
-        if self._first is None:  # the first step prepares what the others use
-            self._first = self.share, self._clock()
+        now, self.step = self._clock(), step
+        if self._last is None:  # the first step prepares what the others use
+            self._last = step.done, now
+        elif step.done > self._last[0]:
+            done, before = self._last
+            self._search_again(done, step.done, now - before)
+            kept = _KEPT ** (step.done - done)
+            cost = sum(self._costs[done : step.done])
+            if cost:
+                self._timed, self._expected = kept * self._timed + now - before, kept * self._expected + cost
+            self._last = step.done, now
+        total = sum(self._costs) + self._after or 1.0
+        self.share = max(self.share, sum(self._costs[: step.done]) / total)
+
+    def _search_again(self, done: int, now_done: int, seconds: float) -> None:
+        """Add the costs of a further search if steps of one have taken time."""
+        if not isinstance(self._settings, GaussNewtonSettings):
+            return
+        attempt = stage_at(self._settings, now_done - 1).attempt
+        if attempt is None or attempt < self._tries:
+            return
+        tried, self._tries = self._tries, attempt + 1
+        costs = self._all_costs()
+        if seconds < _LEFT_OUT * self._pace * sum(costs[done:now_done]):
+            self._tries = tried
+        else:
+            self._costs = costs
+
+    @property
+    def _pace(self) -> float:
+        return self._timed / self._expected if self._expected else 1.0
 
     @property
     def seconds(self) -> float:
@@ -70,10 +154,10 @@ class Course:
     @property
     def seconds_left(self) -> float | None:
         """Estimated seconds until the end; None where nothing is known."""
-        if self._first is None or self.share <= self._first[0]:
+        if self.step is None or self._last is None or not self._expected:
             return None
-        share, since = self._first
-        return (self._clock() - since) / (self.share - share) * (1 - self.share)
+        left = self._pace * (sum(self._costs[self.step.done :]) + self._after)
+        return max(0.0, left - (self._clock() - self._last[1]))
 
     @property
     def text(self) -> str:
@@ -95,9 +179,15 @@ class Course:
 
 
 @contextmanager
-def shown_progress(settings: FitSettings, on_step: Callable[[Step], None] | None) -> Iterator[Callable[[Step], None]]:
+def shown_progress(
+    settings: FitSettings,
+    on_step: Callable[[Step], None] | None,
+    *,
+    source_verts: int = 642,
+    scheme: str | Scheme = "loop",
+) -> Iterator[Callable[[Step], None]]:
     """Show the progress of a fit within a `with` block; yield a callback that also calls the caller's own."""
-    course = Course(settings)
+    course = Course(settings, source_verts=source_verts, scheme=scheme)
     with _display(course) as show:
 
         def step_made(step: Step) -> None:
@@ -115,7 +205,7 @@ def _display(course: Course) -> Iterator[Callable[[], None]]:
     if display is not None:
         with _notebook_line(course, display) as show:
             yield show
-    elif sys.stderr is not None and sys.stderr.isatty():
+    elif sys.stderr is not None and sys.stderr.isatty() and os.environ.get("TERM") != "dumb":
         with _bar(course) as show:
             yield show
     else:

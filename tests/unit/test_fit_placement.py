@@ -178,15 +178,30 @@ def test_the_remaining_time_weighs_steps_by_their_cost():
     settings = meshfit.GaussNewtonSettings(coarse_steps=10, tries=1, level_steps=4, last_steps=2, levels=1)
     costs = step_costs(settings)
     assert len(costs) == settings.steps == 20
-    assert costs == sorted(costs)
-    now = [0.0]
-    course = Course(settings, lambda: now[0])
-    for done, cost in enumerate(costs, 1):  # a clock that goes by the costs makes the estimate exact
-        now[0] += cost
-        course.update(meshfit.Step(done, settings.steps, 1.0, "level 0"))
-        if done > 1:
-            assert course.seconds_left == pytest.approx(sum(costs) - now[0])
-    assert course.share == pytest.approx(1.0)
+    assert costs[14] > 2 * costs[11]  # a step of level 1, with four times as many vertices, and one of level 0
+    assert costs[10] > costs[11]  # the remesh that level 0 begins with
+    for pace, after in ((1.0, 0.0), (3.0, 2.0)):  # a clock that goes by the costs makes the estimate exact
+        now = [0.0]
+        course = Course(settings, lambda now=now: now[0], after=after)
+        for done, cost in enumerate(costs, 1):
+            now[0] += pace * cost
+            course.update(meshfit.Step(done, settings.steps, 1.0, "level 0"))
+            if done > 1:
+                assert course.seconds_left == pytest.approx(pace * (sum(costs) + after) - now[0])
+        assert course.share == pytest.approx(sum(costs) / (sum(costs) + after))
+
+
+def test_the_remaining_time_follows_the_pace_and_counts_a_further_search_only_if_it_takes_time():
+    settings = meshfit.GaussNewtonSettings(coarse_steps=10, tries=2, level_steps=40, last_steps=2, levels=0)
+    costs, now = step_costs(settings), [0.0]
+    for searched in (False, True):
+        course = Course(settings, lambda now=now: now[0])
+        for done, cost in enumerate(costs[:60], 1):
+            now[0] += cost * (2.0 if done > 30 else 1.0) if searched or not 10 < done <= 20 else 0.0
+            course.update(meshfit.Step(done, settings.steps, 1.0, "level 0"))
+            if done == 15:
+                assert course.seconds_left == pytest.approx(sum(costs[15 if searched else 20 :]))
+        assert course.seconds_left == pytest.approx(2.0 * sum(costs[60:]), rel=0.15)
 
 
 def test_traces_become_tables_and_pictures():

@@ -11,7 +11,7 @@ from torch import Generator, Tensor
 from meshfit.errors import ConfigError
 from meshfit.fitting.gauss_newton.fit_state import FitState
 from meshfit.fitting.gauss_newton.refinement import control_mesh, refine_state, with_control_mesh
-from meshfit.fitting.gauss_newton.schedule import Stage, schedule
+from meshfit.fitting.gauss_newton.schedule import Stage, rough_verts, schedule
 from meshfit.fitting.gauss_newton.sphere_map import initial_sphere_map
 from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.fitting.loop import Engine
@@ -217,12 +217,8 @@ class GaussNewton(Engine):
 
     def _rough_verts(self, problem: Problem) -> float:
         """Return the number of vertices at the end of the rough shape."""
-        if self.settings.connectivity == "fixed":
-            # A coarse source is no reason to miss thin parts.
-            return max(float(problem.source.num_verts), self.settings.verts / 4.0)
-        if self.settings.variables == "control":
-            return float(self.settings.verts)
-        return self.settings.verts / growth(resolve(problem.scheme), self.settings.levels)
+        factor = growth(resolve(problem.scheme), self.settings.levels)
+        return rough_verts(self.settings, problem.source.num_verts, factor)
 
 
 def _mesh_at(state: FitState) -> Mesh:

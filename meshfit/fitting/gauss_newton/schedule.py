@@ -59,6 +59,20 @@ def schedule(settings: GaussNewtonSettings) -> list[Stage]:
     return stages
 
 
+def rough_verts(settings: GaussNewtonSettings, source_verts: int, growth: float) -> float:
+    """Return the number of vertices at the end of the rough shape.
+
+    Args:
+        settings: settings of the fit.
+        source_verts: number of vertices of the source.
+        growth: factor by which all levels of the scheme multiply vertices.
+    """
+    if settings.connectivity == "fixed":
+        # A coarse source is no reason to miss thin parts.
+        return max(float(source_verts), settings.verts / 4.0)
+    return settings.verts / (1.0 if settings.variables == "control" else growth)
+
+
 def stage_at(settings: GaussNewtonSettings, done: int) -> Stage:
     """Return the stage of the step after `done` steps."""
     plan = [stage for stage in schedule(settings) for _ in stage.weights]
