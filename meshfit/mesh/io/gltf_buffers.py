@@ -22,7 +22,7 @@ MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 WITHOUT_COMPRESSION = "export the file without mesh compression"
 
 _DTYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _INDEX_DTYPES = {number: name for number, name in _DTYPES.items() if "u" in name}
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 # An accessor without data has zeros, and a compressed one can be long: both may announce this much for nothing.
@@ -69,25 +69,27 @@ class Document:
             raise MeshError(f"{place} refers to {kind}[{index}], but the file has {len(items)} {kind}")
         return items[index]
 
-    def accessor(self, index: int, place: str, kind: str) -> Numbers:
+    def accessor(self, index: int, place: str, *kinds: str, raw: bool = False) -> Numbers:
         """Return (N, C) the elements of an accessor, float64 where it is normalized, else in the type of the file.
 
         Args:
             index: of the accessor.
             place: that refers to it.
-            kind: SCALAR, VEC3, …, that the accessor has to be of.
+            kinds: SCALAR, VEC3, …, of which the accessor has to be one.
+            raw: leave normalized numbers in the type of the file too.
 
         Raises:
             MeshError: another kind, no data, or data that reaches out of its buffer.
         """
         accessor = self.item("accessors", index, place)
         found = accessor.text("type")
-        if found != kind:
+        if found not in kinds:
+            expected = " or ".join(kinds)
             raise MeshError(
-                f"{place}: expected an accessor of type {kind}, got accessors[{index}] of type {found[:20]}"
+                f"{place}: expected an accessor of type {expected}, got accessors[{index}] of type {found[:20]}"
             )
         dtype = _dtype(accessor, _DTYPES)
-        count, components = accessor.integer("count", least=1), _COMPONENTS[kind]
+        count, components = accessor.integer("count", least=1), COMPONENTS[found]
         sparse = accessor.member("sparse")
         if "bufferView" in accessor:
             values = self._elements(accessor, count, components, dtype)
@@ -98,13 +100,23 @@ class Document:
             values = np.zeros((count, components), dtype)
         if sparse is not None:
             values = self._with_sparse(values, sparse)
-        return dequantized(values) if accessor.flag("normalized") else values
+        return dequantized(values) if accessor.flag("normalized") and not raw else values
 
     def view(self, index: int, place: str) -> tuple[Bytes, int]:
         """Return the bytes of a buffer view and its stride, 0 for none; decode a compressed one."""
         if index not in self._views:
             self._views[index] = self._read_view(self.item("bufferViews", index, place))
         return self._views[index]
+
+    def uri_content(self, uri: str, place: str) -> tuple[bytes, str]:
+        """Return the bytes that a URI of a buffer or an image stands for, and their source in words."""
+        if uri.startswith("data:"):
+            return _data_uri(uri, place), "its data URI"
+        path = buffer_path(uri, self._folder, place)
+        try:
+            return path.read_bytes(), f"'{path.name}'"
+        except OSError as error:
+            raise MeshError(f"{place}: {path} cannot be read: {error.strerror}") from None
 
     def _elements(self, owner: JsonObject, count: int, components: int, dtype: np.dtype[Any]) -> Numbers:
         index = owner.integer("bufferView")
@@ -167,21 +179,14 @@ class Document:
 
     def _content(self, buffer: JsonObject, index: int) -> tuple[bytes, str]:
         if "uri" in buffer:
-            uri = buffer.text("uri")
-            if uri.startswith("data:"):
-                return _data_uri(uri, buffer.place), "its data URI"
-            path = buffer_path(uri, self._folder, buffer.place)
-            try:
-                return path.read_bytes(), f"'{path.name}'"
-            except OSError as error:
-                raise MeshError(f"{buffer.place}: {path} cannot be read: {error.strerror}") from None
+            return self.uri_content(buffer.text("uri"), buffer.place)
         if index == 0 and self.binary is not None:
             return self.binary, "the BIN chunk"
         raise MeshError(f"{buffer.place} has no data: no 'uri', and no BIN chunk of a GLB file")
 
 
 def buffer_path(uri: str, folder: Path | None, place: str) -> Path:
-    """Return the path of a buffer's file, which is in the folder of the glTF file or below it.
+    """Return the path of the file of a buffer or an image, which is in the folder of the glTF file or below it.
 
     Raises:
         MeshError: another place, no folder, or no such file.
@@ -192,7 +197,7 @@ def buffer_path(uri: str, folder: Path | None, place: str) -> Path:
     if _SCHEME.match(name) or not parts[0] or ".." in parts or "\0" in name:
         raise MeshError(f"{place}.uri: expected a file in the folder of the mesh, got {shown}")
     if folder is None:
-        raise MeshError(f"{place}.uri: the buffer {shown} is in the folder of the mesh, which is not known here")
+        raise MeshError(f"{place}.uri: the file {shown} is in the folder of the mesh, which is not known here")
     for path in (folder / name, folder / uri):
         try:
             if path.is_file():
@@ -269,7 +274,7 @@ def _unfiltered(content: Bytes, view: JsonObject) -> Bytes:
         return numbers.view(np.uint8)
     if kind != "NONE":
         raise MeshError(
-            f"{view.place}: positions with the filter {kind[:20]!r} are not supported; {WITHOUT_COMPRESSION}"
+            f"{view.place}: data with the filter {kind[:20]!r} is not supported; {WITHOUT_COMPRESSION}"
         )
     return content
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshfit.errors import MeshError, MeshfitWarning
-from meshfit.mesh.io.gltf_buffers import DRACO, Document, Numbers, decoded_draco, dequantized
+from meshfit.mesh.io.gltf_buffers import COMPONENTS, DRACO, Document, Numbers, decoded_draco, dequantized
 from meshfit.mesh.io.json_objects import JsonObject
 from meshfit.units import count_text
 
@@ -31,18 +31,34 @@ class Primitive:
             numbers = {name: ids.integer(name) for name in ids.names() if name in self._attributes}
             self._decoded, self._decoded_triangles = decoded_draco(content, numbers, self._place)
 
-    def attribute(self, name: str, kind: str) -> Numbers | None:
-        """Return (N, C) an attribute of type VEC3 or VEC4, None if there is none."""
+    @property
+    def place(self) -> str:
+        """Its place in the file."""
+        return self._place
+
+    def names(self) -> list[str]:
+        """Return the names of its attributes."""
+        return self._attributes.names()
+
+    def attribute(self, name: str, *kinds: str, raw: bool = False) -> Numbers | None:
+        """Return (N, C) an attribute of one of some types, such as VEC3, None if there is none.
+
+        Args:
+            name: of the attribute.
+            kinds: the types.
+            raw: leave normalized numbers in the type of the file.
+        """
         if name not in self._attributes:
             return None
         index = self._attributes.integer(name)
         accessor = self._document.item("accessors", index, self._attributes.place)
         if name not in self._decoded:
-            return self._document.accessor(index, f"{self._attributes.place}.{name}", kind)
+            return self._document.accessor(index, f"{self._attributes.place}.{name}", *kinds, raw=raw)
         values = self._decoded[name]
-        if values.ndim != 2 or values.shape[1] != int(kind[-1]):
-            raise MeshError(f"{self._place}: expected a {name} of {kind[-1]} components in its {DRACO} data")
-        return dequantized(values) if accessor.flag("normalized") else values
+        if values.ndim != 2 or values.shape[1] not in [COMPONENTS[kind] for kind in kinds]:
+            widths = " or ".join(str(COMPONENTS[kind]) for kind in kinds)
+            raise MeshError(f"{self._place}: expected a {name} of {widths} components in its {DRACO} data")
+        return dequantized(values) if accessor.flag("normalized") and not raw else values
 
     def vertex_key(self) -> object:
         """Return a key that is equal for primitives with the same vertices."""

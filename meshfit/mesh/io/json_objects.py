@@ -1,5 +1,6 @@
 """JSON objects of a file, whose members are checked when they are read, so that an error names the member."""
 
+import copy
 import json
 import math
 from typing import Any, NoReturn
@@ -42,6 +43,10 @@ class JsonObject:
     def names(self) -> list[str]:
         """Return the names of the members."""
         return list(self._members)
+
+    def plain(self) -> dict[str, Any]:
+        """Return a copy of the members, whatever they are."""
+        return copy.deepcopy(self._members)
 
     def integer(self, key: str, default: int | None = None, least: int = 0) -> int:
         """Return an integer of at least `least`; the default, if there is one, in the place of a missing member."""
