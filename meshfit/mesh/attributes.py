@@ -123,6 +123,11 @@ class Attributes:
         """Return whether there is anything."""
         return bool(self.vertex or self.face or self.corner)
 
+    @property
+    def num_values(self) -> int:
+        """The number of numbers in all arrays."""
+        return sum(values.size for rows in (self.vertex, self.face, self.corner) for values in rows.values())
+
     def described(self) -> list[str]:
         """Return what there is in words: `texture coordinates`, `colours`, `2 materials`.
 

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -30,16 +31,39 @@ def united(pieces: Sequence[PolygonSoup]) -> Attributes:
             name: stacked(name, [part.face.get(name) for part in parts], num_faces)
             for name in _names([part.face for part in parts])
         },
-        corner={name: stacked(name, [corner_data(piece, name) for piece in pieces], num_corners) for name in of_corners},
+        corner={
+            name: stacked(name, [corner_data(piece, name) for piece in pieces], num_corners) for name in of_corners
+        },
     )
 
 
 def lacking(pieces: Sequence[PolygonSoup]) -> list[str]:
     """Return names of the data that only some of the pieces have, materials and groups apart."""
-    held = [{*piece.attributes.vertex, *piece.attributes.face, *piece.attributes.corner} for piece in pieces]
+    held: list[set[str]] = [
+        {*piece.attributes.vertex, *piece.attributes.face, *piece.attributes.corner} for piece in pieces
+    ]
     if not held:
         return []
-    return sorted(set.union(*held) - set.intersection(*held) - {MATERIAL, GROUP})
+    return sorted(set().union(*held) - held[0].intersection(*held) - {MATERIAL, GROUP})
+
+
+def over_shared_verts(first: PolygonSoup, second: PolygonSoup) -> Attributes:
+    """Return the attributes of the faces of two pieces, which have the same vertices.
+
+    Data of vertices that is not equal in both becomes data of corners.
+    """
+    one, other = first.attributes.vertex, second.attributes.vertex
+    same = [name for name in one if name in other and np.array_equal(one[name], other[name])]
+    pieces = [_over_corners(piece, without=same) for piece in (first, second)]
+    return replace(united(pieces), vertex={name: one[name] for name in same})
+
+
+def _over_corners(piece: PolygonSoup, *, without: Sequence[str]) -> PolygonSoup:
+    """Return a piece with the data of its vertices moved to corners, and without vertices."""
+    given = piece.attributes
+    moved = {name: values[piece.corners] for name, values in given.vertex.items() if name not in without}
+    attributes = Attributes(face=given.face, corner={**moved, **given.corner})
+    return piece._replace(verts=piece.verts[:0], attributes=attributes)
 
 
 def corner_data(piece: PolygonSoup, name: str) -> Values | None:

@@ -19,6 +19,7 @@ from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.curves import Chains, Curves, Segments, join_segments
 from meshfit.mesh.faceless import no_faces_message
 from meshfit.mesh.io import collada, gltf, las, obj, off, pcd, ply, stl, threemf, vtk_legacy, xyz
+from meshfit.mesh.io.gltf_writing import gltf_losses
 from meshfit.mesh.io.mesh_file import MeshFile, output_suffix, read_file, replace_file, write_file, wrong_format
 from meshfit.mesh.io.mtl import has_look, library_beside
 from meshfit.mesh.io.recognition import format_name
@@ -77,6 +78,7 @@ class CurveFormat(NamedTuple):
     elements: str
 
 
+_GLTF = Format(gltf.read_gltf, gltf.write_glb, double=False, folder=True, attributes=True, left_out=gltf_losses)
 FORMATS = {
     ".obj": Format(
         obj.read_obj, obj.write_obj, normals=True, folder=True, attributes=True, left_out=obj.left_out_of_obj
@@ -84,8 +86,8 @@ FORMATS = {
     ".ply": Format(ply.read_ply, ply.write_ply, normals=True),
     ".stl": Format(stl.read_stl, stl.write_stl, double=False),
     ".off": Format(off.read_off, off.write_off),
-    ".glb": Format(gltf.read_gltf, gltf.write_glb, double=False, folder=True),
-    ".gltf": Format(gltf.read_gltf, gltf.write_gltf, double=False, folder=True),
+    ".glb": _GLTF,
+    ".gltf": _GLTF._replace(write=gltf.write_gltf),
 }
 READ_ONLY_FORMATS = {
     ".3mf": ReadOnlyFormat(threemf.read_3mf),

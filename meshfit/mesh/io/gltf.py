@@ -5,11 +5,11 @@ import json
 import struct
 import warnings
 from pathlib import Path
-from typing import Any
 
 from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.io.gltf_buffers import DRACO, MESHOPT, WITHOUT_COMPRESSION, Document, buffer_path
 from meshfit.mesh.io.gltf_scene import INSTANCING, Scene
+from meshfit.mesh.io.gltf_writing import gltf_document
 from meshfit.mesh.io.json_objects import JsonObject
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
@@ -36,7 +36,7 @@ _NEUTRAL_PREFIXES = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "KHR_audio
                      "EXT_materials_", "MSFT_texture_", "MSFT_packing_", "VRMC_materials_")  # fmt: skip
 
 
-def read_gltf(content: bytes, folder: Path | None = None) -> PolygonSoup:
+def read_gltf(content: bytes, folder: Path | None = None, *, attributes: bool = False) -> PolygonSoup:
     """Read the triangles of the default scene of a glTF file, text or binary, all meshes where their nodes put them.
 
     Without a default scene, the first one is read; without scenes, all nodes; without nodes, each mesh once. Skins and
@@ -44,18 +44,21 @@ def read_gltf(content: bytes, folder: Path | None = None) -> PolygonSoup:
 
     Args:
         content: of the file.
-        folder: of the file, where its buffers are.
+        folder: of the file, where its buffers and images are.
+        attributes: read texture coordinates, colours, custom data, materials with their images, and skins too; the
+            names of nodes, or of meshes, become groups.
 
     Raises:
         MeshError: a damaged or invalid file, a missing buffer, or a required extension that is not supported.
 
     Warns:
-        MeshfitWarning: with the number of primitives, nodes, meshes and scenes that are passed over.
+        MeshfitWarning: with the number of primitives, nodes, meshes and scenes that are passed over; with attributes,
+            also with those that are damaged, that only some primitives have, or that a mesh cannot carry.
     """
     root, binary = _split(content)
     _require_version(root)
     _require_extensions(root)
-    return Scene(Document(root, binary, folder)).read()
+    return Scene(Document(root, binary, folder), attributes=attributes).read()
 
 
 def gltf_files(content: bytes, folder: Path) -> list[Path]:
@@ -70,8 +73,11 @@ def gltf_files(content: bytes, folder: Path) -> list[Path]:
 
 
 def write_glb(mesh: Mesh | PolygonMesh) -> bytes:
-    """Return the bytes of a GLB file of the triangles, in single precision; the same mesh gives the same bytes."""
-    document, binary = _document(mesh)
+    """Return the bytes of a GLB file of the triangles, in single precision, with what the mesh carries.
+
+    The same mesh gives the same bytes.
+    """
+    document, binary = gltf_document(mesh)
     text = json.dumps(document, separators=(",", ":")).encode()
     chunks = [(_JSON, text + b" " * (-len(text) % 4)), (_BIN, binary + b"\0" * (-len(binary) % 4))]
     body = b"".join(struct.pack("<I", len(data)) + kind + data for kind, data in chunks if data)
@@ -80,49 +86,10 @@ def write_glb(mesh: Mesh | PolygonMesh) -> bytes:
 
 def write_gltf(mesh: Mesh | PolygonMesh) -> bytes:
     """Return the bytes of a text glTF file that holds all its data, otherwise as `write_glb`."""
-    document, binary = _document(mesh)
+    document, binary = gltf_document(mesh)
     for buffer in document.get("buffers", []):
         buffer["uri"] = f"data:application/octet-stream;base64,{base64.b64encode(binary).decode()}"
     return json.dumps(document, indent=1).encode()
-
-
-def _document(mesh: Mesh | PolygonMesh) -> tuple[dict[str, Any], bytes]:
-    """Return the JSON and the buffer of a file with the triangles of a mesh."""
-    triangles = PolygonMesh.of(mesh).triangulated()
-    document: dict[str, Any] = {"asset": {"version": "2.0", "generator": "meshfit"}}
-    if not triangles.num_faces:
-        return document, b""
-    verts = triangles.verts.astype("<f4")
-    # The largest 16-bit number restarts a strip, and may not be an index.
-    indices = triangles.faces.astype("<u2" if len(verts) < 2**16 else "<u4")
-    pieces = [verts.tobytes(), indices.tobytes()]
-    return document | {
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
-        "accessors": [
-            {
-                "bufferView": 0,
-                "componentType": 5126,
-                "count": len(verts),
-                "type": "VEC3",
-                "min": verts.min(axis=0).astype(float).tolist(),
-                "max": verts.max(axis=0).astype(float).tolist(),
-            },
-            {
-                "bufferView": 1,
-                "componentType": 5123 if indices.itemsize == 2 else 5125,
-                "count": indices.size,
-                "type": "SCALAR",
-            },
-        ],
-        "bufferViews": [
-            {"buffer": 0, "byteLength": len(pieces[0]), "target": 34962},
-            {"buffer": 0, "byteOffset": len(pieces[0]), "byteLength": len(pieces[1]), "target": 34963},
-        ],
-        "buffers": [{"byteLength": sum(map(len, pieces))}],
-    }, b"".join(pieces)
 
 
 def _split(content: bytes) -> tuple[JsonObject, bytes | None]:

@@ -47,7 +47,9 @@ def with_v_turned(values: Values) -> Values:
     return turned
 
 
-def read_attributes(primitive: Primitive, num_verts: int, num_faces: int, material: int) -> tuple[Attributes, list[str]]:
+def read_attributes(
+    primitive: Primitive, num_verts: int, num_faces: int, material: int
+) -> tuple[Attributes, list[str]]:
     """Return what the vertices and faces of a primitive carry, and the faults for which some of it is left out.
 
     Args:
@@ -63,20 +65,19 @@ def read_attributes(primitive: Primitive, num_verts: int, num_faces: int, materi
         if name is None:
             continue
         try:
-            values = _values(primitive, semantic)
-            if len(values) != num_verts:
-                raise MeshError(f"{primitive.place}.attributes.{semantic}: {len(values)} rows for {num_verts} vertices")
-            vertex[name] = values
+            vertex[name] = _values(primitive, semantic, num_verts)
         except MeshError as fault:
             faults.append(str(fault))
     return Attributes(vertex=vertex, face={MATERIAL: np.full(num_faces, material)}), faults
 
 
-def _values(primitive: Primitive, semantic: str) -> Values:
+def _values(primitive: Primitive, semantic: str, num_verts: int) -> Values:
     kind = semantic.partition("_")[0]
     values = primitive.attribute(semantic, *_KINDS.get(kind, _ANY), raw=kind == "COLOR")
     if values is None:
         raise MeshError(f"{primitive.place}.attributes.{semantic}: expected an accessor")
+    if len(values) != num_verts:
+        raise MeshError(f"{primitive.place}.attributes.{semantic}: {len(values)} rows for {num_verts} vertices")
     if kind == "TEXCOORD":
         return with_v_turned(values)
     if kind == "COLOR":

@@ -50,7 +50,10 @@ class BufferWriter:
             members = {"byteStride": content.shape[1], **members}
         extra: dict[str, Any] = {"normalized": True} if normalized else {}
         if box:
-            extra |= {"min": values.min(axis=0).astype(float).tolist(), "max": values.max(axis=0).astype(float).tolist()}
+            extra |= {
+                "min": values.min(axis=0).astype(float).tolist(),
+                "max": values.max(axis=0).astype(float).tolist(),
+            }
         return self._accessor(values, self.view(content.tobytes(), **members), **extra)
 
     def index_accessor(self, indices: NDArray[Any]) -> int:

@@ -273,9 +273,7 @@ def _unfiltered(content: Bytes, view: JsonObject) -> Bytes:
         numbers: Numbers = np.ldexp(((words << 8) >> 8).astype(np.float64), words >> 24).astype("<f4")
         return numbers.view(np.uint8)
     if kind != "NONE":
-        raise MeshError(
-            f"{view.place}: data with the filter {kind[:20]!r} is not supported; {WITHOUT_COMPRESSION}"
-        )
+        raise MeshError(f"{view.place}: data with the filter {kind[:20]!r} is not supported; {WITHOUT_COMPRESSION}")
     return content
 
 

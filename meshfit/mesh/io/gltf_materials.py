@@ -45,17 +45,15 @@ class MaterialReader:
         self.faults: list[str] = []
 
     def read(self, index: int) -> Material:
-        """Return a material; one without a look if it is damaged."""
-        name = ""
+        """Return a material that the file has; one without a look if it is damaged."""
+        entry = self._document.items("materials")[index]
         try:
-            entry = self._document.item("materials", index, "a primitive")
-            name = entry.text("name", "")
-            return self._read(entry, name)
+            return self._read(entry)
         except MeshError as fault:
             self.faults.append(str(fault))
-            return Material(name)
+            return Material(entry.name())
 
-    def _read(self, entry: JsonObject, name: str) -> Material:
+    def _read(self, entry: JsonObject) -> Material:
         if (base := entry.member(_PBR)) is not None:
             base.numbers("baseColorFactor", 4)
         material = entry.plain()
@@ -85,7 +83,7 @@ class MaterialReader:
         }
         definition = MaterialDefinition(SUFFIX, content, tuple(self._images[index] for index in images))
         color, texture_image = _base(definition)
-        return Material(name, color, texture_image, definition)
+        return Material(entry.name(), color, texture_image, definition)
 
     def _texture(self, index: Any, images: list[int], place: str) -> _Json:  # noqa: ANN401  of a file
         """Return a texture with its sampler in place; append the images that it refers to."""
@@ -113,7 +111,7 @@ class MaterialReader:
         if index in self._images:
             return
         image = self._document.item("images", index, place)
-        name = image.text("name", "")
+        name = image.name()
         if "bufferView" in image:
             content = self._document.view(image.integer("bufferView"), image.place)[0].tobytes()
         else:
@@ -146,7 +144,7 @@ class MaterialWriter:
         """Add a material, and return its index."""
         definition = material.definition
         entry: _Json
-        if definition is not None and definition.suffix == SUFFIX:
+        if definition is not None and is_gltf(material):
             entry = copy.deepcopy(definition.content["material"])
             textures = definition.content["textures"]
             for _, _, reference in _texture_references(entry):
@@ -210,6 +208,11 @@ class MaterialWriter:
         entries: list[_Json] = self._sections.setdefault(section, [])
         entries.append(entry)
         return len(entries) - 1
+
+
+def is_gltf(material: Material) -> bool:
+    """Return whether a material has the definition of a glTF file."""
+    return material.definition is not None and material.definition.suffix == SUFFIX
 
 
 def image_kind(image: Image) -> str:

@@ -8,7 +8,10 @@ from jaxtyping import Float64, Int64
 from numpy.typing import NDArray
 
 from meshfit.errors import MeshError, MeshfitWarning
+from meshfit.mesh.attributes import NO_ATTRIBUTES, Attributes
+from meshfit.mesh.io.attribute_union import over_shared_verts
 from meshfit.mesh.io.gltf_buffers import Document
+from meshfit.mesh.io.gltf_carried import CarriedData
 from meshfit.mesh.io.gltf_primitives import FAN, TRIANGLES, Primitive
 from meshfit.mesh.io.json_objects import JsonObject
 from meshfit.mesh.io.placement import PlacedMeshes
@@ -21,19 +24,30 @@ INSTANCING = "EXT_mesh_gpu_instancing"
 
 
 class _Part(NamedTuple):
-    """Primitives of a mesh that share their vertices: positions, triangles, and the joints that move them, if any."""
+    """Primitives of a mesh that share their vertices: positions, triangles, joints that move them, attributes."""
 
     verts: Float64[np.ndarray, "V 3"]
     triangles: Int64[np.ndarray, "T 3"]
     joints: Int64[np.ndarray, "V J"] | None
     weights: Float64[np.ndarray, "V J"] | None
+    attributes: Attributes
+
+    def soup(self) -> PolygonSoup:
+        """Return its triangles."""
+        return PolygonSoup.of_triangles(self.verts, self.triangles)._replace(attributes=self.attributes)
 
 
 class Scene:
-    """The nodes of a file, their transforms, and the triangles that they place."""
+    """The nodes of a file, their transforms, and the triangles that they place.
 
-    def __init__(self, document: Document) -> None:
+    Args:
+        document: the file.
+        attributes: read what the meshes carry too.
+    """
+
+    def __init__(self, document: Document, *, attributes: bool = False) -> None:
         self._document = document
+        self._carried = CarriedData(document) if attributes else None
         self._nodes = document.items("nodes")
         self._meshes: dict[tuple[int, tuple[float, ...], bool], list[_Part]] = {}
         self._passed_over = 0
@@ -54,12 +68,14 @@ class Scene:
             self._warn_of_the_rest(with_mesh, set(shown))
         else:
             for number in range(len(self._document.items("meshes"))):
-                self._place(self._parts(number, "the file", None, skinned=False), np.eye(4)[None])
+                name = self._mesh_name(number)
+                self._place(self._parts(number, "the file", None, skinned=False), np.eye(4)[None], name)
         if self._passed_over:
             _warn(f"passed over {count_text(self._passed_over, 'primitive')} of points and lines")
         for note in self._notes:
             _warn(note)
-        return self._placed.soup()
+        soup = self._placed.soup()
+        return soup if self._carried is None else self._carried.completed(soup, self._placed.pieces, parents, worlds)
 
     def _forest(self) -> tuple[list[list[int]], list[int | None]]:
         """Return the children and the parent of each node; every node has one parent at most, and none is its own."""
@@ -116,25 +132,36 @@ class Scene:
         """Place the mesh of a node, once or as often as the node repeats it."""
         node = self._nodes[number]
         parts = self._parts(node.integer("mesh"), node.place, node.numbers("weights"), skinned="skin" in node)
+        name = self._mesh_name(node.integer("mesh"), node)
         extensions = node.member("extensions")
         instancing = extensions.member(INSTANCING) if extensions else None
         skin = self._document.item("skins", node.integer("skin"), node.place) if "skin" in node else None
         if skin is not None:
-            self._place([part for part in parts if part.joints is None], worlds[number][None])
-            self._place_skinned([part for part in parts if part.joints is not None], skin, worlds)
+            self._place([part for part in parts if part.joints is None], worlds[number][None], name)
+            self._place_skinned([part for part in parts if part.joints is not None], skin, worlds, name)
         elif instancing is not None:
-            self._place(parts, worlds[number] @ self._instances(instancing))
+            self._place(parts, worlds[number] @ self._instances(instancing), name)
         else:
-            self._place(parts, worlds[number][None])
+            self._place(parts, worlds[number][None], name)
 
-    def _place(self, parts: list[_Part], transforms: Matrices) -> None:
-        """Place the parts under each transform."""
+    def _mesh_name(self, mesh: int, node: JsonObject | None = None) -> str:
+        """Return the name of a node, or else that of its mesh; an empty one where they do not matter."""
+        if self._carried is None:
+            return ""
+        owners = [self._document.items("meshes")[mesh], *([node] if node else [])]
+        return next((name for owner in reversed(owners) if (name := owner.name())), "")
+
+    def _place(self, parts: list[_Part], transforms: Matrices, name: str) -> None:
+        """Place the parts under each transform, in the group of a name."""
+        soups = [self._grouped(part.soup(), name) for part in parts]
         for transform in transforms:
-            for part in parts:
-                soup = PolygonSoup.of_triangles(part.verts, part.triangles)
+            for soup in soups:
                 self._placed.place(soup, transform, self._document.num_bytes)
 
-    def _place_skinned(self, parts: list[_Part], skin: JsonObject, worlds: Matrices) -> None:
+    def _grouped(self, soup: PolygonSoup, name: str) -> PolygonSoup:
+        return soup if self._carried is None else self._carried.grouped(soup, name)
+
+    def _place_skinned(self, parts: list[_Part], skin: JsonObject, worlds: Matrices, name: str) -> None:
         """Append the parts in the pose of the joints; the node of the mesh itself moves nothing."""
         self._notes["a skin bends the mesh; reading it in the pose of the file's nodes"] = None
         joints = skin.integers("joints")
@@ -151,13 +178,17 @@ class Scene:
                 continue
             if part.joints.max(initial=-1) >= len(joints):
                 raise MeshError(f"{skin.place} has {len(joints)} joints, but a vertex names joint {part.joints.max()}")
-            self._placed.spend(16 * len(part.verts) + 3 * len(part.triangles), self._document.num_bytes)
+            elements = 16 * len(part.verts) + 3 * len(part.triangles) + part.attributes.num_values
+            self._placed.spend(elements, self._document.num_bytes)
             blended = np.zeros((len(part.verts), 4, 4))
             for joint, weight in zip(part.joints.T, part.weights.T, strict=True):
                 blended += weight[:, None, None] * pose[joint]
             verts = np.einsum("vij,vj->vi", blended[:, :3, :3], part.verts) + blended[:, :3, 3]
             mirrored = bool(np.median(np.sign(np.linalg.det(blended[:, :3, :3]))) < 0)
-            self._placed.append(PolygonSoup.of_triangles(verts, part.triangles), mirrored=mirrored)
+            soup = self._grouped(part.soup()._replace(verts=verts), name)
+            if self._carried is not None:
+                soup = self._carried.skinned(soup, joints, part.joints, part.weights)
+            self._placed.append(soup, mirrored=mirrored)
 
     def _instances(self, instancing: JsonObject) -> Matrices:
         """Return the transforms of a mesh that one node repeats."""
@@ -199,7 +230,9 @@ class Scene:
                 points.append(part)
             elif key in parts:
                 first = parts[key]
-                parts[key] = first._replace(triangles=np.concatenate([first.triangles, part.triangles]))
+                triangles = np.concatenate([first.triangles, part.triangles])
+                joined = over_shared_verts(first.soup(), part.soup()) if self._carried else NO_ATTRIBUTES
+                parts[key] = first._replace(triangles=triangles, attributes=joined)
             else:
                 parts[key] = part
         return [*parts.values(), *points]
@@ -223,7 +256,10 @@ class Scene:
                 verts += weight * moved
         triangles = reader.triangles(mode, len(verts)) if mode >= TRIANGLES else np.empty((0, 3), np.int64)
         joints, joint_weights = reader.joints(len(verts)) if skinned else (None, None)
-        return reader.vertex_key(), _Part(verts, triangles, joints, joint_weights)
+        attributes = NO_ATTRIBUTES
+        if self._carried is not None:
+            attributes = self._carried.of_primitive(reader, primitive, len(verts), len(triangles))
+        return reader.vertex_key(), _Part(verts, triangles, joints, joint_weights, attributes)
 
 
 def _descendants(roots: list[int], children: list[list[int]]) -> list[int]:

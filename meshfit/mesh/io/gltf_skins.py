@@ -46,7 +46,7 @@ def skin_of(
     numbers = {node: number for number, node in enumerate(sorted(kept))}
     entries = []
     for node in numbers:
-        entry: dict[str, Any] = {"name": nodes[node].text("name")} if "name" in nodes[node] else {}
+        entry: dict[str, Any] = {"name": name} if (name := nodes[node].name()) else {}
         for key in ("translation", "rotation", "scale", "matrix"):
             if (values := nodes[node].numbers(key)) is not None:
                 entry[key] = values
@@ -94,7 +94,7 @@ class SkinWriter:
 
     def attributes(self) -> dict[str, NDArray[Any]]:
         """Return the vertex data of the file, by name."""
-        rows = {}
+        rows: dict[str, NDArray[Any]] = {}
         for number, start in enumerate(range(0, self._indices.shape[1], _JOINTS_PER_SET)):
             chosen = slice(start, start + _JOINTS_PER_SET)
             rows |= {f"JOINTS_{number}": self._indices[:, chosen], f"WEIGHTS_{number}": self._shares[:, chosen]}

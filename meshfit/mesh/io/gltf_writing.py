@@ -6,18 +6,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshfit.mesh.attributes import COLOR, GROUP, JOINTS, MATERIAL, WEIGHTS, Attributes, Values, is_uv
+from meshfit.mesh.attributes import GROUP, JOINTS, MATERIAL, WEIGHTS, Attributes, Values, is_uv
 from meshfit.mesh.io.attribute_union import is_color
 from meshfit.mesh.io.gltf_attributes import semantic_of, with_v_turned
 from meshfit.mesh.io.gltf_buffer_writer import BufferWriter
-from meshfit.mesh.io.gltf_materials import SUFFIX, MaterialWriter, image_kind
-from meshfit.mesh.io.gltf_skins import SkinWriter
+from meshfit.mesh.io.gltf_materials import MaterialWriter, image_kind, is_gltf
+from meshfit.mesh.io.gltf_skins import SUFFIX, SkinWriter
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.welding import first_equal
 
 _MOST_COMPONENTS = 4
-_CUSTOM_DTYPES = ("i1", "u1", "i2", "u2", "f4")
+_ALLOWED = ("i1", "u1", "i2", "u2", "f4")
 
 
 class _Piece(NamedTuple):
@@ -46,22 +46,14 @@ def gltf_document(mesh: Mesh | PolygonMesh) -> tuple[dict[str, Any], bytes]:
     skin = _skin_writer(carried)
     materials = MaterialWriter(buffer, looks)
     document |= {"scene": 0, "scenes": [{"nodes": []}], "nodes": [], "meshes": []}
-    pieces = list(_pieces(triangles, skin))
-    for piece in pieces:
-        node: dict[str, Any] = {"mesh": len(document["meshes"])}
-        node |= {"name": piece.name} if piece.name else {}
-        node |= {"skin": 0} if skin else {}
+    for piece in _pieces(triangles, skin):
+        named = {"name": piece.name} if piece.name else {}
+        node = {"mesh": len(document["meshes"]), **named, **({"skin": 0} if skin else {})}
         document["scenes"][0]["nodes"].append(len(document["nodes"]))
         document["nodes"].append(node)
-        document["meshes"].append(({"name": piece.name} if piece.name else {}) | {"primitives": _primitives(piece, buffer)})
-    numbers: dict[int, int] = {}
-    for mesh_entry in document["meshes"]:
-        for primitive in mesh_entry["primitives"]:
-            if "material" in primitive:
-                given = primitive["material"]
-                if given not in numbers:
-                    numbers[given] = materials.write(carried.materials[given])
-                primitive["material"] = numbers[given]
+        document["meshes"].append(named | {"primitives": _primitives(piece, buffer)})
+    for material in carried.materials:
+        materials.write(material)
     if skin:
         skin.write(buffer, document)
     materials.finish()
@@ -74,36 +66,35 @@ def gltf_losses(mesh: Mesh | PolygonMesh) -> list[str]:
     """Return what a mesh carries that a glTF file does not hold, in words."""
     carried = mesh.attributes
     losses = [f"face data '{name}'" for name in carried.face if name not in (MATERIAL, GROUP) and not is_color(name)]
-    for name in {**carried.vertex, **carried.corner}:
-        places = [rows[name] for rows in (carried.corner, carried.vertex) if name in rows]
-        if name in (JOINTS, WEIGHTS):
-            continue
-        if len(places) > 1:
-            losses.append(f"vertex data '{name}' besides that of corners")
-        if _encoded(name, places[0]) is None:
-            losses.append(f"'{name}' of {places[0].dtype} in rows of {places[0].shape[1:] or 1}")
-    for name in carried.face:
-        if is_color(name) and (name in carried.vertex or name in carried.corner):
-            losses.append(f"face data '{name}' besides that of vertices or corners")
-    if carried.skin is not None and carried.skin.suffix != SUFFIX:
-        losses.append("the skin")
-    elif (JOINTS in carried.vertex or WEIGHTS in carried.vertex) and _skin_writer(carried) is None:
-        losses.append("joints and weights without a skin")
-    foreign = [material for material in carried.materials if material.definition and material.definition.suffix != SUFFIX]
-    if foreign:
+    held = {**carried.vertex, **carried.corner}
+    data = {name: values for name, values in held.items() if name not in (JOINTS, WEIGHTS)}
+    losses += [_data_text(name, values) for name, values in data.items() if _encoded(name, values) is None]
+    losses += [f"vertex data '{name}' besides that of corners" for name in carried.vertex if name in carried.corner]
+    losses += [f"face data '{name}' besides that of vertices or corners" for name in carried.face if name in held]
+    if (carried.skin or held.keys() & {JOINTS, WEIGHTS}) and _skin_writer(carried) is None:
+        losses.append("the skin" if carried.skin else "joints and weights without a skin")
+    foreign = [material for material in carried.materials if not is_gltf(material)]
+    if any(material.definition is not None for material in foreign):
         losses.append("settings of materials other than colour and texture")
-    for material in carried.materials:
-        plain = material.definition is None or material.definition.suffix != SUFFIX
-        if plain and material.texture is not None and not image_kind(material.texture):
-            losses.append(f"the texture '{material.texture.name}', which is neither PNG nor JPEG")
+    textures = [material.texture for material in foreign if material.texture and not image_kind(material.texture)]
+    losses += [f"the texture '{texture.name}', which is neither PNG nor JPEG" for texture in textures]
     return list(dict.fromkeys(losses))
+
+
+def _data_text(name: str, values: Values) -> str:
+    columns = f" in rows of {values.shape[1]}" if values.ndim == 2 else ""
+    return f"'{name}' ({values.dtype}{columns})"
 
 
 def _skin_writer(carried: Attributes) -> SkinWriter | None:
     joints, weights = (carried.vertex.get(name) for name in (JOINTS, WEIGHTS))
     if carried.skin is None or carried.skin.suffix != SUFFIX or joints is None or weights is None:
         return None
-    if joints.ndim != 2 or joints.shape != weights.shape or joints.max(initial=0) >= len(carried.skin.content["joints"]):
+    if (
+        joints.ndim != 2
+        or joints.shape != weights.shape
+        or joints.max(initial=0) >= len(carried.skin.content["joints"])
+    ):
         return None
     return SkinWriter(carried.skin, joints, weights)
 
@@ -125,9 +116,8 @@ def _primitives(piece: _Piece, buffer: BufferWriter) -> list[dict[str, Any]]:
 def _pieces(mesh: Mesh, skin: SkinWriter | None) -> Iterator[_Piece]:
     """Yield the faces of each group, those of none last."""
     carried = mesh.attributes
-    none = np.full(mesh.num_faces, -1)
-    material = np.where(np.isin(carried.face.get(MATERIAL, none), range(len(carried.materials))), carried.face.get(MATERIAL, none), -1)
-    group = np.where(np.isin(carried.face.get(GROUP, none), range(len(carried.groups))), carried.face.get(GROUP, none), -1)
+    material = _numbers(mesh, MATERIAL, len(carried.materials))
+    group = _numbers(mesh, GROUP, len(carried.groups))
     of_verts = {name: rows for name, values in carried.vertex.items() if (rows := _encoded(name, values)) is not None}
     of_corners = {name: rows for name, values in carried.corner.items() if (rows := _encoded(name, values)) is not None}
     for name, values in carried.face.items():
@@ -141,16 +131,23 @@ def _pieces(mesh: Mesh, skin: SkinWriter | None) -> Iterator[_Piece]:
     for number in [*(number for number in groups if number >= 0), *(number for number in groups if number < 0)]:
         faces = np.flatnonzero(group == number)
         corners = mesh.faces[faces].reshape(-1)
-        rows = {name: values.reshape(mesh.num_faces, 3, -1)[faces].reshape(len(corners), *values.shape[1:]) for name, values in corner.items()}
-        split, origins, from_corner = _split(corners, rows, mesh.num_verts, keep_all=len(groups) == 1)
+        places = (3 * faces[:, None] + np.arange(3)).reshape(-1)
+        at_corners = {name: values[places] for name, values in corner.items()}
+        split, origins, from_corner = _split(corners, at_corners, mesh.num_verts, keep_all=len(groups) == 1)
         data = {name: values[origins] for name, values in vertex.items()}
-        for name, values in rows.items():
+        for name, values in at_corners.items():
             data[name] = np.zeros((len(origins), *values.shape[1:]), values.dtype)
             data[name][from_corner >= 0] = values[from_corner[from_corner >= 0]]
         triangles, chosen = split.reshape(-1, 3), material[faces]
         by_material = {int(index): triangles[chosen == index] for index in _in_order(chosen)}
         name = carried.groups[number] if number >= 0 else ""
         yield _Piece(name, verts[origins], dict(sorted(data.items(), key=_order)), by_material)
+
+
+def _numbers(mesh: Mesh, name: str, count: int) -> NDArray[np.int64]:
+    """Return the material or group of each face; -1 for none, and for one that does not exist."""
+    numbers = np.asarray(mesh.attributes.face.get(name, np.full(mesh.num_faces, -1)), dtype=np.int64)
+    return np.where((numbers >= 0) & (numbers < count), numbers, -1)
 
 
 def _split(
@@ -211,21 +208,21 @@ def _order(item: tuple[str, object]) -> tuple[int, str]:
 def _encoded(name: str, values: Values) -> NDArray[Any] | None:
     """Return data in a type that glTF allows; None if there is none for it."""
     columns = values.shape[1] if values.ndim > 1 else 1
-    if values.ndim > 2 or name in (JOINTS, WEIGHTS) or values.dtype.kind not in "biuf":
+    kind = values.dtype.kind
+    if values.ndim > 2 or name in (JOINTS, WEIGHTS) or kind not in "biuf":
         return None
     if is_uv(name):
         return with_v_turned(values[:, :2]).astype("<f4") if columns >= 2 else None
-    if is_color(name):
-        if columns not in (3, 4) or (values.dtype.kind != "f" and values.dtype not in (np.uint8, np.uint16)):
-            return None
-        return values.astype("<f4" if values.dtype.kind == "f" else values.dtype.newbyteorder("<"))
-    if not 1 <= columns <= _MOST_COMPONENTS:
+    if is_color(name) and (columns not in (3, 4) or (kind != "f" and values.dtype not in (np.uint8, np.uint16))):
         return None
+    return _in_allowed_type(values) if 1 <= columns <= _MOST_COMPONENTS else None
+
+
+def _in_allowed_type(values: Values) -> NDArray[Any] | None:
     if values.dtype == np.bool_:
         return values.astype("u1")
-    if values.dtype.str[1:] in _CUSTOM_DTYPES:
+    if values.dtype.str[1:] in _ALLOWED:
         return values.astype(values.dtype.newbyteorder("<"))
     single = values.astype("<f4")
-    if values.dtype.kind in "iu" and not np.array_equal(single.astype(np.float64), values.astype(np.float64)):
-        return None
-    return single
+    exact = values.dtype.kind == "f" or np.array_equal(single.astype(np.float64), values.astype(np.float64))
+    return single if exact else None

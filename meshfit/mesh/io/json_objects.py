@@ -80,6 +80,11 @@ class JsonObject:
             self._fail(key, "a text", value)
         return value
 
+    def name(self) -> str:
+        """Return the member `name`, empty where it is missing or is not a text."""
+        value = self._members.get("name")
+        return value if isinstance(value, str) else ""
+
     def texts(self, key: str) -> list[str]:
         """Return a list of texts; an empty one in the place of a missing member."""
         values = self._list(key)

@@ -1,11 +1,13 @@
 """Meshes of a scene put where their transforms place them, into one polygon soup."""
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float64
-from numpy.typing import NDArray
 
 from meshfit.errors import MeshError
-from meshfit.mesh.polygons import Corners, PolygonSoup, Sizes
+from meshfit.mesh.io.attribute_union import united
+from meshfit.mesh.polygons import PolygonSoup
 
 Matrix = Float64[np.ndarray, "4 4"]
 
@@ -33,16 +35,15 @@ class PlacedMeshes:
         Raises:
             MeshError: the pieces are far more than a file of this size plausibly holds.
         """
-        self.spend(len(piece.verts) + len(piece.corners), num_bytes)
+        self.spend(len(piece.verts) + len(piece.corners) + piece.attributes.num_values, num_bytes)
         with np.errstate(all="ignore"):  # coordinates that overflow are refused later, with their vertex
             verts = piece.verts @ transform[:3, :3].T + transform[:3, 3]
             mirrored = bool(np.linalg.det(transform[:3, :3]) < 0)
-        self.append(PolygonSoup(verts, piece.corners, piece.sizes), mirrored=mirrored)
+        self.append(piece._replace(verts=verts), mirrored=mirrored)
 
     def append(self, piece: PolygonSoup, *, mirrored: bool) -> None:
         """Append a piece as it is, turned if it is mirrored."""
-        corners = reversed_corners(piece.corners, piece.sizes) if mirrored else piece.corners
-        self._pieces.append(PolygonSoup(piece.verts, corners, piece.sizes))
+        self._pieces.append(_reversed(piece) if mirrored else piece)
 
     def spend(self, elements: int, num_bytes: int) -> None:
         """Count elements of a piece, and refuse too many for a file of this size."""
@@ -52,18 +53,26 @@ class PlacedMeshes:
 
     def soup(self) -> PolygonSoup:
         """Return all pieces that have faces; those without any where none has."""
-        pieces = [piece for piece in self._pieces if len(piece.sizes)] or self._pieces
+        pieces = self.pieces
         starts = np.cumsum([0, *(len(piece.verts) for piece in pieces)])
         corners = [piece.corners + start for piece, start in zip(pieces, starts, strict=False)]
         return PolygonSoup(
             np.concatenate([np.empty((0, 3)), *(piece.verts for piece in pieces)]),
             np.concatenate([np.empty(0, np.int64), *corners]),
             np.concatenate([np.empty(0, np.int64), *(piece.sizes for piece in pieces)]),
+            united(pieces),
         )
 
+    @property
+    def pieces(self) -> list[PolygonSoup]:
+        """The pieces that have faces; those without any where none has."""
+        return [piece for piece in self._pieces if len(piece.sizes)] or self._pieces
 
-def reversed_corners(corners: Corners, sizes: Sizes) -> NDArray[np.int64]:
-    """Return the corners of each polygon in reverse order."""
-    ends = np.cumsum(sizes)
-    mirror = np.repeat(2 * ends - sizes - 1, sizes)
-    return np.asarray(corners[mirror - np.arange(len(corners))])
+
+def _reversed(piece: PolygonSoup) -> PolygonSoup:
+    """Return a piece with the corners of each polygon in reverse order."""
+    ends = np.cumsum(piece.sizes)
+    order = np.repeat(2 * ends - piece.sizes - 1, piece.sizes) - np.arange(len(piece.corners))
+    given = piece.attributes
+    corner = {name: values[order] for name, values in given.corner.items()}
+    return piece._replace(corners=piece.corners[order], attributes=replace(given, corner=corner) if corner else given)
