@@ -123,6 +123,10 @@ class Attributes:
         """Return whether there is anything."""
         return bool(self.vertex or self.face or self.corner)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how to make the attributes again in another process; a read-only mapping cannot be sent."""
+        return Attributes, (*map(dict, (self.vertex, self.face, self.corner)), self.materials, self.groups, self.skin)
+
     @property
     def num_values(self) -> int:
         """The number of numbers in all arrays."""

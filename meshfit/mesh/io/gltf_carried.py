@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.attributes import GROUP, JOINTS, MATERIAL, WEIGHTS, Attributes, Skin, Values, is_uv
-from meshfit.mesh.io.attribute_union import is_color, lacking
+from meshfit.mesh.io.attribute_union import is_color, lacking, over_shared_verts
 from meshfit.mesh.io.gltf_attributes import read_attributes
 from meshfit.mesh.io.gltf_buffers import Document
 from meshfit.mesh.io.gltf_materials import MaterialReader
@@ -36,6 +36,7 @@ class CarriedData:
         self._groups: dict[str, int] = {}
         self._joints: dict[int, int] = {}
         self._faults: dict[str, None] = {}
+        self._lacking: dict[str, None] = {}
         self._has_morph_targets = False
 
     def of_primitive(self, reader: Primitive, primitive: JsonObject, num_verts: int, num_faces: int) -> Attributes:
@@ -52,6 +53,11 @@ class CarriedData:
         attributes, faults = read_attributes(reader, num_verts, num_faces, material)
         self._faults |= dict.fromkeys(faults)
         return attributes
+
+    def joined(self, first: PolygonSoup, second: PolygonSoup) -> Attributes:
+        """Return the attributes of the faces of two primitives, which have the same vertices."""
+        self._lacking |= dict.fromkeys(lacking([first, second]))
+        return over_shared_verts(first, second)
 
     def grouped(self, soup: PolygonSoup, name: str) -> PolygonSoup:
         """Return the soup with its faces in the group of a name, or in none if the name is empty."""
@@ -100,7 +106,8 @@ class CarriedData:
             tuple(self._groups),
             self._skin(vertex, parents, worlds),
         )
-        self._warn([*self._faults, *materials.faults], [_noun(name) for name in lacking(pieces)])
+        self._lacking |= dict.fromkeys(lacking(pieces))
+        self._warn([*self._faults, *materials.faults])
         return soup._replace(attributes=attributes)
 
     def _skin(
@@ -115,12 +122,12 @@ class CarriedData:
             self._faults["a joint of its skin has no size"] = None
         return skin
 
-    def _warn(self, faults: list[str], lacking_some: list[str]) -> None:
+    def _warn(self, faults: list[str]) -> None:
         if faults:
             others = f", and {len(faults) - 1} more" if len(faults) > 1 else ""
             _warn(f"left out damaged attributes: {faults[0]}{others}")
-        if lacking_some:
-            nouns = ", ".join(dict.fromkeys(lacking_some))
+        if self._lacking:
+            nouns = ", ".join(dict.fromkeys(_noun(name) for name in sorted(self._lacking)))
             _warn(f"only some of its primitives have {nouns}; the others get white, or 0")
         root = self._document.root
         extensions = root.member("extensions")

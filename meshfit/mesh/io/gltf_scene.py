@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.attributes import NO_ATTRIBUTES, Attributes
-from meshfit.mesh.io.attribute_union import over_shared_verts
 from meshfit.mesh.io.gltf_buffers import Document
 from meshfit.mesh.io.gltf_carried import CarriedData
 from meshfit.mesh.io.gltf_primitives import FAN, TRIANGLES, Primitive
@@ -231,7 +230,7 @@ class Scene:
             elif key in parts:
                 first = parts[key]
                 triangles = np.concatenate([first.triangles, part.triangles])
-                joined = over_shared_verts(first.soup(), part.soup()) if self._carried else NO_ATTRIBUTES
+                joined = self._carried.joined(first.soup(), part.soup()) if self._carried else NO_ATTRIBUTES
                 parts[key] = first._replace(triangles=triangles, attributes=joined)
             else:
                 parts[key] = part
