@@ -38,6 +38,9 @@ def picture(kind="PNG", size=8, shift=0):
 PNG, OTHER_PNG, JPEG = picture(), picture(shift=40), picture("JPEG")
 
 
+TGA = Image("a.tga", b"-")
+
+
 def unrolled():
     """A cube of six charts, a square for each face, and the number of vertices that it needs."""
     cube = quad_cube()
@@ -189,14 +192,14 @@ def test_what_the_format_cannot_hold_is_named_in_one_line(tmp_path):
         Attributes(
             vertex={"frame": np.zeros((12, 9)), "joints": np.zeros((12, 4), "u1"), "id": np.arange(12) + 2**40 + 1},
             face={"quality": np.arange(20), "material": np.zeros(20, int)},
-            materials=(Material("a", definition=MaterialDefinition(".obj", "Ks 1 1 1"), texture=Image("a.tga", b"-")),),
+            materials=(Material("a", definition=MaterialDefinition(".obj", "", (TGA, TGA)), texture=TGA),),
         )
     )
     with heard() as texts:
         found = there_and_back(mesh, tmp_path)
     assert texts == [
         f"{tmp_path / 'a.glb'}: GLB cannot hold face data 'quality', 'frame' (float64 in rows of 9), 'id' (int64), "
-        "joints and weights without a skin, settings of materials other than colour and texture, the texture 'a.tga', "
+        "joints and weights without a skin, further images of 1 material, the texture 'a.tga', "
         "which is neither PNG nor JPEG; they are left out"
     ]
     assert not found.attributes.vertex

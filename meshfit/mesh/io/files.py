@@ -19,7 +19,7 @@ from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.curves import Chains, Curves, Segments, join_segments
 from meshfit.mesh.faceless import no_faces_message
 from meshfit.mesh.io import collada, gltf, las, obj, off, pcd, ply, stl, threemf, vtk_legacy, xyz
-from meshfit.mesh.io.gltf_writing import gltf_losses
+from meshfit.mesh.io.gltf_writing import left_out_of_gltf
 from meshfit.mesh.io.mesh_file import MeshFile, output_suffix, read_file, replace_file, write_file, wrong_format
 from meshfit.mesh.io.mtl import has_look, library_beside
 from meshfit.mesh.io.recognition import format_name
@@ -78,7 +78,7 @@ class CurveFormat(NamedTuple):
     elements: str
 
 
-_GLTF = Format(gltf.read_gltf, gltf.write_glb, double=False, folder=True, attributes=True, left_out=gltf_losses)
+_GLTF = Format(gltf.read_gltf, gltf.write_glb, double=False, folder=True, attributes=True, left_out=left_out_of_gltf)
 FORMATS = {
     ".obj": Format(
         obj.read_obj, obj.write_obj, normals=True, folder=True, attributes=True, left_out=obj.left_out_of_obj

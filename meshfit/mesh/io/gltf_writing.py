@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshfit.mesh.attributes import GROUP, JOINTS, MATERIAL, WEIGHTS, Attributes, Values, is_uv
+from meshfit.mesh.attributes import GROUP, JOINTS, MATERIAL, WEIGHTS, Attributes, Material, Values, is_uv
 from meshfit.mesh.io.attribute_union import is_color
 from meshfit.mesh.io.gltf_attributes import semantic_of, with_v_turned
 from meshfit.mesh.io.gltf_buffer_writer import BufferWriter
@@ -15,6 +15,7 @@ from meshfit.mesh.io.gltf_skins import SUFFIX, SkinWriter
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.welding import first_equal
+from meshfit.units import count_text
 
 _MOST_COMPONENTS = 4
 _ALLOWED = ("i1", "u1", "i2", "u2", "f4")
@@ -62,7 +63,7 @@ def gltf_document(mesh: Mesh | PolygonMesh) -> tuple[dict[str, Any], bytes]:
     return document | looks, content
 
 
-def gltf_losses(mesh: Mesh | PolygonMesh) -> list[str]:
+def left_out_of_gltf(mesh: Mesh | PolygonMesh) -> list[str]:
     """Return what a mesh carries that a glTF file does not hold, in words."""
     carried = mesh.attributes
     losses = [f"face data '{name}'" for name in carried.face if name not in (MATERIAL, GROUP) and not is_color(name)]
@@ -74,11 +75,18 @@ def gltf_losses(mesh: Mesh | PolygonMesh) -> list[str]:
     if (carried.skin or held.keys() & {JOINTS, WEIGHTS}) and _skin_writer(carried) is None:
         losses.append("the skin" if carried.skin else "joints and weights without a skin")
     foreign = [material for material in carried.materials if not is_gltf(material)]
-    if any(material.definition is not None for material in foreign):
-        losses.append("settings of materials other than colour and texture")
+    others = [material for material in foreign if _further_images(material)]
+    if others:
+        losses.append(f"further images of {count_text(len(others), 'material')}")
     textures = [material.texture for material in foreign if material.texture and not image_kind(material.texture)]
     losses += [f"the texture '{texture.name}', which is neither PNG nor JPEG" for texture in textures]
     return list(dict.fromkeys(losses))
+
+
+def _further_images(material: Material) -> bool:
+    """Return whether the definition of a material has images besides that of its base colour."""
+    images = material.definition.images if material.definition else ()
+    return len(images) > (material.texture is not None)
 
 
 def _data_text(name: str, values: Values) -> str:
