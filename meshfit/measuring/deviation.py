@@ -7,12 +7,12 @@ import numpy as np
 from jaxtyping import Float64
 
 from meshfit.doors import no_type_check
-from meshfit.measuring.proximity import is_inside, point_distances
 from meshfit.measuring.surface import as_target, as_triangles, require_surface
 from meshfit.mesh.any_mesh import MeshLike
 from meshfit.mesh.io.ply import write_ply_values
 from meshfit.mesh.io.vtk_xml import write_vtp_values
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.proximity import is_inside, point_distances
 from meshfit.mesh.topology import Topology
 from meshfit.units import count_text
 

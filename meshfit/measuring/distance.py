@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from meshfit.measuring.proximity import nearest_on_surface
 from meshfit.measuring.surface import require_surface
 from meshfit.mesh.geometry import bounding_box_diagonal, face_normals
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.proximity import nearest_on_surface
 from meshfit.mesh.sampling import SurfacePoints, sample_surface
 from meshfit.mesh.topology import Topology
 

@@ -12,10 +12,10 @@ import numpy as np
 from jaxtyping import Float64
 
 from meshfit.measuring.distance import angles_between
-from meshfit.measuring.proximity import segment_distances
 from meshfit.measuring.surface import require_surface
 from meshfit.mesh.geometry import face_normals
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.proximity import segment_distances
 from meshfit.mesh.topology import Topology
 
 Segments = Float64[np.ndarray, "S 2 3"]

@@ -22,6 +22,7 @@ from meshfit.mesh.interpolation import Operators, interpolated_rows
 from meshfit.mesh.manifold import graph_components
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh
+from meshfit.mesh.seams import at_verts, joined_edges
 from meshfit.mesh.topology import NONE, Indices, Mask, PolygonTopology, Topology
 from meshfit.subdivision.creases import Creases
 from meshfit.subdivision.polygons.assemble import assemble_polygons
@@ -66,7 +67,7 @@ def refined_attributes(
         else:
             corner[name] = fine
     if lost:
-        warn_of_seams(lost)
+        _warn_of_seams(Attributes(corner={name: attributes.corner[name] for name in lost}))
     parents = levels.parents
     return replace(
         attributes,
@@ -76,9 +77,9 @@ def refined_attributes(
     )
 
 
-def warn_of_seams(names: list[str]) -> None:
+def _warn_of_seams(lost: Attributes) -> None:
     """Warn that corner data are left out, since faces lie across their seams."""
-    text = f"left out {', '.join(names)}: this scheme makes faces across the seams"
+    text = f"left out {', '.join(lost.described())}: this scheme makes faces across seams"
     remedy = "schemes that split each face by itself, such as loop or catmull-clark, keep them"
     warnings.warn(f"{text}; {remedy}", MeshfitWarning, stacklevel=2)
 
@@ -155,22 +156,6 @@ class Chart:
         return Creases(sharpness, creases.corners[self.origin])
 
 
-def joined_edges(topology: SurfaceTopology, values: Values) -> Mask:
-    """(C,) half-edges with a twin at whose ends both sides have equal values."""
-    rows = values.reshape(len(values), -1)
-    inner = np.flatnonzero(topology.twin != NONE)
-    twin = topology.twin[inner]
-    joined = np.zeros(len(topology.tail), dtype=bool)
-    joined[inner] = _equal(rows[inner], rows[topology.following(twin)])
-    joined[inner] &= _equal(rows[topology.following(inner)], rows[twin])
-    return joined
-
-
-def _equal(first: Values, second: Values) -> Mask:
-    both_nan = (np.isnan(first) & np.isnan(second)) if np.issubdtype(first.dtype, np.floating) else False
-    return np.asarray(((first == second) | both_nan).all(axis=1))
-
-
 def _refined_corners(name: str, values: Values, levels: _Levels, operators: Operators) -> Values | None:
     """Return the values at the finest corners; None where faces lie across seams."""
     chart = Chart.of(levels.coarsest, values)
@@ -181,13 +166,6 @@ def _refined_corners(name: str, values: Values, levels: _Levels, operators: Oper
         return None
     rows = interpolated_rows({name: values[chart.first]}, _on_chart(chart, levels))[name]
     return np.asarray(rows[_finest_chart(chart, levels).tail])
-
-
-def at_verts(topology: SurfaceTopology, values: Values) -> Values:
-    """Return one row for each vertex, of corner data without seams; 0 where a vertex has no face."""
-    rows = np.zeros((topology.num_verts, *values.shape[1:]), dtype=values.dtype)
-    rows[topology.tail] = values
-    return rows
 
 
 def _finest_chart(chart: Chart, levels: _Levels) -> SurfaceTopology:

@@ -21,8 +21,9 @@ from meshfit.mesh.geometry import corner_angles, face_normals, unit_vectors
 from meshfit.mesh.interpolation import interpolated, interpolated_rows
 from meshfit.mesh.manifold import require_manifold
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.seams import at_verts
 from meshfit.mesh.topology import NONE, Indices, Mask, Topology
-from meshfit.subdivision.attributes import Chart, at_verts
+from meshfit.subdivision.attributes import Chart
 from meshfit.subdivision.creases import Creases, require_matching_creases
 from meshfit.subdivision.registry import Scheme, resolve
 from meshfit.subdivision.triangles.assemble import ring_weights

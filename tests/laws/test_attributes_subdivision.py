@@ -194,7 +194,7 @@ def test_schemes_that_cut_across_seams_say_so(name):
     corners = corners_of(mesh)
     uv = random_rows(len(corners), 2)
     dressed = carrying(mesh, vertex={"heat": mesh.verts[:, :1]}, corner={"uv": uv})
-    with pytest.warns(MeshfitWarning, match="left out uv: this scheme makes faces across the seams"):
+    with pytest.warns(MeshfitWarning, match="left out texture coordinates: this scheme makes faces across seams"):
         fine = subdivide(dressed, name)
     assert not fine.attributes.corner
     assert set(fine.attributes.vertex) == {"heat"}

@@ -4,8 +4,8 @@ import numpy as np
 import pymeshlab
 import pytest
 
-from meshfit.measuring.proximity import point_distances
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.proximity import point_distances
 from meshfit.mesh.solids import icosahedron, octahedron
 from meshfit.subdivision.refine import subdivide
 from tests.loops import over

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from meshfit.measuring.proximity import is_inside, nearest_on_surface, point_distances, segment_distances
 from meshfit.mesh.geometry import bounding_box_diagonal
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.proximity import is_inside, nearest_on_surface, point_distances, segment_distances
 from meshfit.mesh.solids import cube, icosahedron
 from tests.loops import over
 

@@ -12,9 +12,9 @@ from meshfit.errors import ConfigError, MeasureError
 from meshfit.measuring.deviation import deviation
 from meshfit.measuring.measure import measure
 from meshfit.measuring.metrics import MEASURED, METRICS, require_metric
-from meshfit.measuring.proximity import point_distances
 from meshfit.measuring.settings import MeasureSettings
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.proximity import point_distances
 from meshfit.mesh.solids import cube, octahedron
 from tests.loops import over
 

@@ -10,12 +10,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from meshfit.errors import MeshError
-from meshfit.measuring.proximity import point_distances
 from meshfit.measuring.quality import degenerate_faces, flipped_faces, mesh_quality
 from meshfit.mesh.geometry import bounding_box_diagonal, corner_angles, face_areas
 from meshfit.mesh.manifold import euler_number, num_components, require_manifold
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.meshlab import decimate
+from meshfit.mesh.proximity import point_distances
 from meshfit.mesh.solids import icosahedron, tetrahedron
 from meshfit.mesh.targets import load_target
 from meshfit.mesh.topology import Topology

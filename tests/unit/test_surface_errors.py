@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from meshfit.errors import MeasureError
-from meshfit.measuring.proximity import nearest_on_surface
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.proximity import nearest_on_surface
 from meshfit.mesh.solids import icosahedron
 from meshfit.mesh.targets import load_target
 from meshfit.report.figures.trial_meshes import distances_to, distinct_meshes, worst_vertex

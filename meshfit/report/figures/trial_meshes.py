@@ -12,11 +12,11 @@ from meshfit.errors import MeasureError, StoreError
 from meshfit.experiment.storage.frame import frame_of, written_frame
 from meshfit.experiment.storage.run_directory import RESULT, Result, read_json
 from meshfit.experiment.storage.targets import read_target
-from meshfit.measuring.proximity import point_distances
 from meshfit.mesh.geometry import bounding_box_diagonal
 from meshfit.mesh.io.files import load_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.normalisation import Frame
+from meshfit.mesh.proximity import point_distances
 
 SOURCE, FITTED = "source.ply", "result.ply"
 
