@@ -77,6 +77,16 @@ class Engine(ABC):
         """Return the seconds that a fit has taken: its share of those of the batch, in all attempts."""
         return self._before[member] + (time.perf_counter() - self._since) / len(self.problems)
 
+    def with_attributes(self, member: int, surface: Mesh | PolygonMesh) -> Mesh | PolygonMesh:
+        """Return the surface at the end with the attributes of the source, whose faces it has."""
+        problem = self.problems[member]
+        source = problem.polygons if isinstance(surface, PolygonMesh) and problem.polygons else problem.source
+        return surface.with_attributes(source.attributes) if source.attributes else surface
+
+    def control_with_attributes(self, member: int) -> Mesh | PolygonMesh | None:
+        """Return the control mesh at the end, if one is solved for, with the attributes of the source."""
+        return self.control(member)
+
     @abstractmethod
     def step(self) -> list[float]:
         """Make one step, update `failed`, and return the loss of each problem before the step."""
@@ -198,9 +208,10 @@ def run(engine: Engine, *, save_end: bool = False, snapshots: int | None = None)
 
 
 def _result(engine: Engine, member: int) -> FitResult:
-    polygons = engine.polygons(member)
-    mesh = engine.mesh(member) if polygons is None else polygons.triangulated()
-    return FitResult(mesh, engine.traces[member], str(engine.device), engine.control(member), polygons)
+    surface = engine.with_attributes(member, engine.polygons(member) or engine.mesh(member))
+    polygons = surface if isinstance(surface, PolygonMesh) else None
+    mesh = surface.triangulated() if isinstance(surface, PolygonMesh) else surface
+    return FitResult(mesh, engine.traces[member], str(engine.device), engine.control_with_attributes(member), polygons)
 
 
 def _running(engine: Engine) -> Iterator[tuple[int, Problem]]:

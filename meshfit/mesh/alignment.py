@@ -42,13 +42,13 @@ def align(source: Mesh, target: Mesh, how: Alignment) -> Mesh:
     p, q = _sampled(source, "source"), _sampled(target, "target")
     centre, goal = p.mean(0), q.mean(0)
     if how == "center":
-        return Mesh(source.verts - centre + goal, source.faces)
+        return source.with_verts(source.verts - centre + goal)
     scale = float(np.sqrt((q - goal).var(0).sum() / (p - centre).var(0).sum()))
     rotation = _rotation_of_axes((p - centre) * scale, q - goal)
     verts, points = ((points - centre) @ rotation.T * scale + goal for points in (source.verts, p))
     if how == "icp":
         verts = _iterate_closest_points(verts, points, q)
-    return Mesh(verts, source.faces)
+    return source.with_verts(verts)
 
 
 def boxes_are_disjoint(source: Mesh | PolygonMesh, target: Mesh | PolygonMesh) -> bool:

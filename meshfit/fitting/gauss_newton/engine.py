@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
 from torch import Generator, Tensor
 
 from meshfit.errors import ConfigError
+from meshfit.fitting.gauss_newton.attributes import carried_attributes, initial_rest
 from meshfit.fitting.gauss_newton.fit_state import FitState
 from meshfit.fitting.gauss_newton.refinement import control_mesh, refine_state, with_control_mesh
 from meshfit.fitting.gauss_newton.schedule import Stage, rough_verts, schedule
@@ -117,6 +118,21 @@ class GaussNewton(Engine):
         state = self._states[member]
         return None if state.controlled is None else control_mesh(state, self.problems[member].scheme)
 
+    def with_attributes(self, member: int, surface: Mesh | PolygonMesh) -> Mesh | PolygonMesh:
+        """Return the surface at the end with the attributes of the source: refined, or projected if it was remeshed."""
+        problem = self.problems[member]
+        if not problem.source.attributes:
+            return surface
+        state, levels = self._states[member], self.settings.levels
+        return surface.with_attributes(carried_attributes(surface, problem, self.settings, state, levels=levels))
+
+    def control_with_attributes(self, member: int) -> Mesh | PolygonMesh | None:
+        """Return the control mesh at the end, if one is solved for, with the attributes of the source."""
+        control, problem, state = self.control(member), self.problems[member], self._states[member]
+        if control is None or not problem.source.attributes:
+            return control
+        return control.with_attributes(carried_attributes(control, problem, self.settings, state, levels=0))
+
     @torch.no_grad()
     def step(self) -> list[float]:
         """Make one step, update `failed`, and return the distance of each problem before the step."""
@@ -148,7 +164,8 @@ class GaussNewton(Engine):
             raise ConfigError("limit: limit surfaces are fitted with variables: control and the scheme loop")
         verts = torch.tensor(problem.source.verts, dtype=self.dtype, device=self.device)
         on_sphere = self._sphere_map(problem) if self.settings.connectivity == "fixed" else None
-        return FitState.of(verts, self._faces(problem), on_sphere, _polygons_of(problem))
+        state = FitState.of(verts, self._faces(problem), on_sphere, _polygons_of(problem))
+        return replace(state, rest=initial_rest(problem, self.settings))
 
     def _faces(self, problem: Problem) -> Tensor:
         return torch.tensor(problem.source.faces, device=self.device)

@@ -14,6 +14,7 @@ from meshfit.fitting.gauss_newton.sphere_map import SphereMap
 from meshfit.fitting.gauss_newton.step_limiting import limit_step, unsound_faces, untangle
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
+from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import PolygonTopology
 from meshfit.remeshing.remesh import remesh_state
 from meshfit.remeshing.state import RemeshState
@@ -54,6 +55,7 @@ class FitState:
         on_sphere: (V, 3) its positions on the sphere, if it has a sphere map.
         controlled: the surface, if the mesh that is solved for is its control mesh.
         polygons: the polygons that the mesh was triangulated from, if any.
+        rest: (V, 3) its places on the source, if the source has attributes that have to be projected in the end.
     """
 
     pattern: SparsityPattern
@@ -62,6 +64,7 @@ class FitState:
     on_sphere: Float64[Tensor, "V 3"] | None = None
     controlled: ControlledSurface | None = None
     polygons: PolygonTopology | None = None
+    rest: Float64[Tensor, "V 3"] | None = None
 
     @classmethod
     def of(
@@ -86,7 +89,7 @@ class FitState:
             polygons = PolygonTopology(len(verts), corners.numpy(), sizes.numpy())
         on_sphere = None if on_sphere is None else on_sphere.to(device)
         state = cls.of(verts.to(device, dtype), faces.to(device), on_sphere, polygons)
-        return replace(state, stiffness=stiffness.to(device, dtype))
+        return replace(state, stiffness=stiffness.to(device, dtype), rest=saved.get("rest"))
 
     def saved(self) -> dict[str, Tensor | None]:
         """Return the state as tensors on the CPU, for `restored`."""
@@ -100,6 +103,7 @@ class FitState:
             "corners": None if polygons is None else torch.tensor(polygons.corners),
             "sizes": None if polygons is None else torch.tensor(polygons.sizes),
             "triangles": triangles,
+            "rest": self.rest,
         }
 
     @property
@@ -149,7 +153,16 @@ class FitState:
     def _remeshed_once(self, num_verts: float, target: TargetCloud | None) -> "FitState":
         lengths, faces = lengths_for(self.shape, num_verts, target), self.pattern.connectivity.faces
         mesh = remesh_state(RemeshState(self.verts, faces, lengths, on_sphere=self.on_sphere), _REMESH_ROUNDS)
-        return FitState.of(mesh.verts, mesh.faces, mesh.on_sphere).untangled()
+        state = FitState.of(mesh.verts, mesh.faces, mesh.on_sphere).untangled()
+        return state if self.rest is None else replace(state, rest=self._rest_at(mesh.verts))
+
+    def _rest_at(self, verts: Tensor) -> Tensor:
+        """Return the places on the source of vertices on this surface."""
+        from meshfit.mesh.projection import carried_places  # brings libigl
+
+        assert self.rest is not None  # noqa: S101  the caller has checked it
+        before = Mesh(self.verts.cpu().double().numpy(), self.pattern.connectivity.faces.cpu().numpy())
+        return torch.tensor(carried_places(before, self.rest.numpy(), verts.cpu().double().numpy()))
 
     def with_better_map(self, steps: int, target: TargetCloud | None = None) -> "FitState":
         """Return the state with less distortion of its sphere map, if it has one.

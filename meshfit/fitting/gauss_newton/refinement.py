@@ -40,7 +40,7 @@ def with_control_mesh(
         triangles: (T, 3) the triangles of the last level's polygons, if they have been chosen already.
     """
     masks = resolve(scheme)
-    refinement = refine(_topology_for(state, masks), masks, levels)
+    refinement = refine(topology_for(state, masks), masks, levels)
     matrix = refinement.matrix
     faces, polygons = _finest_triangles(refinement, matrix @ _positions(state))
     if triangles is not None:
@@ -60,7 +60,7 @@ def with_control_mesh(
 
 def control_mesh(state: FitState, scheme: str | Scheme) -> Mesh | PolygonMesh:
     """Return the mesh that a scheme refines: of polygons where the scheme is on polygons and the state has any."""
-    topology, verts = _topology_for(state, resolve(scheme)), _positions(state)
+    topology, verts = topology_for(state, resolve(scheme)), _positions(state)
     if isinstance(topology, Topology):
         return Mesh(verts, topology.faces)
     return PolygonMesh(verts, topology.corners, topology.sizes)
@@ -73,12 +73,15 @@ def refine_state(state: FitState, scheme: str | Scheme) -> FitState:
     for others they nearly always exist. A scheme on polygons continues from those of the last level.
     """
     masks, device = resolve(scheme), state.verts.device
-    topology = _topology_for(state, masks)
+    topology = topology_for(state, masks)
     refinement, verts = refine(topology, masks), _positions(state)
     fine = refinement(verts)
     faces, polygons = _finest_triangles(refinement, fine)
     finer = FitState.of(torch.as_tensor(fine).to(state.verts), torch.tensor(faces, device=device), polygons=polygons)
     linear = linear_scheme(masks)
+    if state.rest is not None:
+        flat = refinement if linear is None else refine(topology, linear)
+        finer = replace(finer, rest=flat(state.rest))
     if linear is None:
         return finer.untangled()
     between = refine(topology, linear)
@@ -101,7 +104,8 @@ def _positions(state: FitState) -> Verts:
     return np.asarray(state.verts.cpu().double().numpy())
 
 
-def _topology_for(state: FitState, scheme: Scheme) -> Topology | PolygonTopology:
+def topology_for(state: FitState, scheme: Scheme) -> Topology | PolygonTopology:
+    """Return the connectivity that a scheme refines: polygons where it is on polygons and the state has any."""
     if state.polygons is not None and isinstance(scheme, PolygonScheme):
         return state.polygons
     return Topology(len(state.verts), state.pattern.connectivity.faces.cpu().numpy())
