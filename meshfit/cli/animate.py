@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 import typer
 
 from meshfit.cli.console import err, out
-from meshfit.cli.options import DEFAULT_RUNS, Runs, TrialName
+from meshfit.cli.options import DEFAULT_RUNS, Runs, TrialName, UpAxis, say_turned
 from meshfit.errors import ConfigError
 from meshfit.paths import shell_path
 
@@ -37,6 +37,7 @@ def animate(
             show_default="if the faces change, except in the result",
         ),
     ] = None,
+    up: UpAxis = None,
     runs: Runs = DEFAULT_RUNS,
 ) -> int:
     """Write a video of a fit, from source to result.
@@ -57,9 +58,10 @@ def animate(
     require_video_suffix(output)
     _, scanned = find_trial(trial, runs, datetime.now(UTC))
     _require_snapshots(scanned)
-    animation = read_animation(scanned.path)
+    animation = read_animation(scanned.path, up)
     images = draw_animation(animation, size=size, fps=fps, edges=edges)
     count = write_video(_with_progress(images, len(animation.frames)), output, fps)
+    say_turned([scanned.label] if animation.is_turned else [])
     length = f"{count} frames, {count / fps:.1f} s, {size_text(output.stat().st_size)}"
     out.print(f"wrote {output}: {length}", soft_wrap=True, markup=False)
     return 0
@@ -67,6 +69,7 @@ def animate(
 
 def _require_snapshots(trial: "ScannedTrial") -> None:
     from meshfit.experiment.storage.checkpoint import snapshots_in
+    from meshfit.experiment.storage.plan_file import planned_up
     from meshfit.experiment.storage.run_directory import CONFIG, RESULT, read_json
     from meshfit.experiment.trial_status import TrialStatus
 
@@ -82,6 +85,8 @@ def _require_snapshots(trial: "ScannedTrial") -> None:
     root = Path(os.path.abspath(trial.path)).parents[3]  # noqa: PTH100  a run directory may be a link
     runs = shell_path(os.path.relpath(root))
     command = f"meshfit run {place}/{CONFIG} --name {name} --runs {runs} --set fit.snapshots={every} --force"
+    if (up := planned_up(trial.path)) != "auto":
+        command += f" --set view.up={up}"
     raise ConfigError(f"{trial.label}: no snapshots; to take some: {command}")
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from meshfit.cli.console import out
-from meshfit.cli.options import Metric, RunDirs
+from meshfit.cli.options import Labels, Metric, RunDirs
 from meshfit.measuring.metrics import DEFAULT_METRIC
 
 if TYPE_CHECKING:
@@ -18,6 +18,7 @@ def chart(
     runs: RunDirs,
     output: Annotated[Path, typer.Option("--output", "-o", help="Chart to write: .pdf, .svg or .png.", metavar="FILE")],
     metric: Metric = DEFAULT_METRIC,
+    labels: Labels = None,
 ) -> int:
     """Draw the results of some runs as a chart, and print the means.
 
@@ -28,16 +29,19 @@ def chart(
     Examples:
         meshfit chart runs/zoo -o zoo.pdf
         meshfit chart runs/zoo -o mean.png --metric distance.mean
+        meshfit chart runs/zoo -o zoo.pdf --label interp-loop="Interp. Loop"
     """
     from meshfit.experiment.storage.plan_file import in_planned_order
     from meshfit.experiment.storage.result import read_results
     from meshfit.report.figures.chart import write_chart
     from meshfit.report.figures.layout import require_suffix
     from meshfit.report.tables.grouping import distinguish_definitions
-    from meshfit.report.tables.table import build_tables
+    from meshfit.report.tables.style import Style
+    from meshfit.report.tables.table import build_tables, styled
 
     require_suffix(output)
     tables = build_tables(distinguish_definitions(in_planned_order(read_results(runs))), metric)
+    tables = styled(tables, Style(), labels or ())
     write_chart(tables, output)
     _print_means(tables)
     out.print(f"wrote {output}", soft_wrap=True, markup=False)
@@ -47,19 +51,23 @@ def chart(
 def _print_means(tables: "Sequence[Table]") -> None:
     """Print the geometric means that the bars show."""
     from rich.table import Table as Grid
+    from rich.text import Text
 
-    from meshfit.measuring.metrics import METRICS
     from meshfit.report.figures.chart import geometric_means
 
-    columns = [(table.variations[0].variant or table.title, geometric_means(table)) for table in tables]
+    columns = [
+        (table.style.label(table.variations[0].variant) or table.title, geometric_means(table)) for table in tables
+    ]
     schemes = list(dict.fromkeys(scheme for _, means in columns for scheme in means))
     if not schemes:
         return
     grid = Grid(box=None, pad_edge=False)
     grid.add_column("scheme")
     for name, _ in columns:
-        grid.add_column(name, justify="right")
+        grid.add_column(Text(name), justify="right")
     for scheme in schemes:
-        grid.add_row(scheme, *(f"{means[scheme]:.4g}" if scheme in means else "" for _, means in columns))
-    out.print(f"{METRICS[tables[0].metrics[0]].title}: geometric means over the targets")
+        cells = (f"{means[scheme]:.4g}" if scheme in means else "" for _, means in columns)
+        grid.add_row(Text(tables[0].scheme_title(scheme)), *cells)
+    title = tables[0].metric_title(tables[0].metrics[0])
+    out.print(f"{title}: geometric means over the targets", markup=False)
     out.print(grid)

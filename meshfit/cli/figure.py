@@ -104,7 +104,6 @@ def figure(
     about = "\n".join(details(figure_targets, metric, style))
     write_atomically(written[1], f"{plain_caption(figure_targets, metric, style)}\n{about}\n")
     write_atomically(written[2], latex_figure(figure_targets, metric, output.name, style))
-    if up is None:
-        say_turned(turned_targets(figure_targets))
+    say_turned(turned_targets(figure_targets))
     out.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, markup=False)
     return 0

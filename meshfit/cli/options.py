@@ -157,11 +157,11 @@ Labels = Annotated[
     ),
 ]
 UpAxis = Annotated[
-    Literal["y", "z"] | None,
+    Literal["auto", "x", "y", "z"] | None,
     typer.Option(
         "--up",
-        help="The axis that points up.",
-        show_default="y, or z where the mesh stands on a base along z",
+        help="The axis that points up: x, y or z; auto is y, or z where the mesh stands on a base along z.",
+        show_default="view.up of the experiment, or auto",
         metavar="AXIS",
         rich_help_panel=OUTPUT,
     ),
@@ -267,7 +267,8 @@ def say_turned(titles: Sequence[str]) -> None:
     """Say which meshes are drawn with z up because they seem to stand that way."""
     if titles:
         names = ", ".join(dict.fromkeys(titles))
-        err.print(f"z up, guessed by the base: {names}; to change it: --up y", soft_wrap=True, markup=False)
+        remedy = "to change it: --up y, or view.up in the config"
+        err.print(f"z up, guessed by the base: {names}; {remedy}", soft_wrap=True, markup=False)
 
 
 @contextmanager

@@ -89,7 +89,6 @@ def render(
     style = RenderStyle(edges, pixels, columns, view, up, parse_background(background))
     meshes, label = collect_meshes(meshes_or_trials, against)
     write_render(meshes, output, style=style, label=label)
-    if up is None:
-        say_turned(turned_meshes(meshes))
+    say_turned(turned_meshes(meshes, up))
     out.print(f"wrote {output}", soft_wrap=True, markup=False)
     return 0

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from meshfit.cli.console import out
-from meshfit.cli.options import Baseline, Metrics, Quiet, RunDirs
+from meshfit.cli.options import Baseline, Labels, Metrics, Quiet, RunDirs, UpAxis, say_turned
 from meshfit.cli.progress import show_parts
 from meshfit.measuring.metrics import DEFAULT_METRIC
 
@@ -17,6 +17,8 @@ def report(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write index.html into.", metavar="DIR")],
     metrics: Metrics = None,
     baseline: Baseline = None,
+    labels: Labels = None,
+    up: UpAxis = None,
     quiet: Quiet = False,
 ) -> int:
     """Write some runs as one self-contained HTML page.
@@ -27,18 +29,21 @@ def report(
     Examples:
         meshfit report runs/table1 -o report
         meshfit report runs -o report --metric distance.mean
+        meshfit report runs/table1 -o report --label interp-loop="Interp. Loop"
     """
     from meshfit.experiment.storage.run_directory import make_folder, write_atomically
-    from meshfit.report.html.page import read_report, render_page, require_extra
+    from meshfit.report.html.page import read_page_sections, read_report, render_page, require_extra
     from meshfit.units import size_text
 
     require_extra()
     now = datetime.now(UTC)
     with show_parts(quiet=quiet) as progress:
         progress("reading results", 0, 1)
-        data = read_report(runs, metrics or [DEFAULT_METRIC], baseline, now)
+        data = read_report(runs, metrics or [DEFAULT_METRIC], baseline, now, labels or ())
         make_folder(output)
-        text = render_page(data, now, progress).encode()
+        sections = read_page_sections(data, progress, up)
+        text = render_page(data, sections, now, progress).encode()
     write_atomically(output / "index.html", text)
+    say_turned([section.title for section in sections if section.is_turned])
     out.print(f"wrote {output / 'index.html'}: {size_text(len(text))}", soft_wrap=True, markup=False)
     return 0

@@ -28,7 +28,7 @@ MAX_LEVELS = 8
 SOURCE_FILE_KEYS = (("source", "mesh"), ("source", "creases", "file"), ("source", "alpha", "file"))
 """Settings of the source that may be paths of files."""
 NO_EFFECT_ON_RESULTS: dict[str, Any] = {
-    **dict.fromkeys(("write_frame", "jobs", "threads", "retries", "sweep"), True),
+    **dict.fromkeys(("write_frame", "view", "jobs", "threads", "retries", "sweep"), True),
     "fit": {"snapshots"},
 }
 """Settings that control only how trials are run or written, or that are resolved when trials are planned."""
@@ -160,6 +160,14 @@ class SourceSettings(Settings):
         return CleaningOptions(self.weld or 0.0, self.repair)
 
 
+class ViewSettings(Settings):
+    """The view of pictures."""
+
+    up: Literal["auto", "x", "y", "z"] = "auto"
+    """Axis that points up in pictures: `x`, `y` or `z`; `auto` takes z where a target stands on a base along z, else y.
+    Without effect on results; the next `meshfit run` brings it to the pictures of complete trials."""
+
+
 class ExperimentSettings(Settings):
     """An experiment: every target with every scheme and every seed."""
 
@@ -194,6 +202,8 @@ class ExperimentSettings(Settings):
     """The fit: its engine, losses and length."""
     measure: MeasureSettings = MeasureSettings()
     """The measurement of results."""
+    view: ViewSettings = ViewSettings()
+    """The view of pictures."""
     device: str = "auto"
     """Device of the fit: `auto` (CUDA if there is one, else the CPU), `cpu`, `cuda`, `cuda:N` or `mps`."""
     dtype: Dtype = "float32"
@@ -248,7 +258,7 @@ def default_settings(method: str = "first-order") -> dict[str, Any]:
     Args:
         method: the engine of the fit.
     """
-    plain = ExperimentSettings().model_dump(mode="json", exclude={"jobs", "threads"})
+    plain = ExperimentSettings().model_dump(mode="json", exclude={"jobs", "threads", "view"})
     fit = METHODS.get(method)
     return plain | ({"fit": fit().model_dump(mode="json")} if fit else {})
 

@@ -35,6 +35,7 @@ RANGES = {
     "seeds": (["[0, 1]", "[4294967295]"], ["[]", "[-1]", "[4294967296]", "[0, 0]", "0", "[1.0]"]),
     "normalise": (["tutorial", "box", "none"], ["Box", "null"]),
     "write_frame": (["normalised", "target"], ["own"]),
+    "view.up": (["auto", "x", "y", "z"], ["Z", "-z", "null"]),
     "dtype": (["float32", "float64"], ["float16"]),
     "jobs": (["auto", "1", "64"], ["0", "-1", "many", "2.5", "null"]),
     "threads": (["auto", "2"], ["0", "all"]),

@@ -1,11 +1,13 @@
 """`plan.json`: the trials of an experiment, as its latest run planned them, and the order of its tables."""
 
+import json
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
 from meshfit.errors import StoreError
 from meshfit.experiment.storage.run_directory import (
@@ -24,6 +26,9 @@ if TYPE_CHECKING:
     from meshfit.experiment.plan import Trial
 
 PLAN_FILE_VERSION = 1
+
+UpChoice = Literal["auto", "x", "y", "z"]
+"""The axis that points up in pictures; `auto` leaves it to a guess."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +56,7 @@ class PlanFile:
         targets: the targets in the order of the config, those of earlier plans among them.
         schemes: the schemes, as the targets.
         variants: the variants, as the targets.
+        up: the axis that points up in pictures, or `auto`.
     """
 
     written: str
@@ -59,6 +65,7 @@ class PlanFile:
     targets: tuple[str, ...]
     schemes: tuple[str, ...]
     variants: tuple[str, ...]
+    up: UpChoice = "auto"
 
     @cached_property
     def numbers(self) -> dict[Path, int]:
@@ -103,6 +110,7 @@ def write_plan(trials: Sequence["Trial"], store: RunDirectory, workers: int) -> 
                     "written": now(),
                     "workers": workers,
                     **_order(planned, _previous(store.root / experiment)),
+                    "view": _view(planned),
                     "trials": list(map(_entry, planned)),
                 }
             ),
@@ -121,9 +129,28 @@ def update_order(trials: Sequence["Trial"], store: RunDirectory) -> None:
         if previous is not None and names <= {(trial.folder, trial.variant) for trial in previous.trials}:
             order = _order(planned, previous)
             if all(list(getattr(previous, key)) == order[key] for key in order):
+                if previous.up != _view(planned)["up"]:
+                    _update_view(store.root / experiment / PLAN, _view(planned))
                 continue
         with suppress(StoreError):  # a run directory of someone else, say
             write_plan(planned, store, previous.workers if previous else 1)
+
+
+def _view(trials: Sequence["Trial"]) -> dict[str, Any]:
+    return trials[0].settings.view.model_dump(mode="json")
+
+
+def _update_view(path: Path, view: dict[str, Any]) -> None:
+    """Replace the view alone, in a plan that may hold further trials."""
+    with suppress(StoreError):  # a run directory of someone else, say
+        write_atomically(path, json_text(read_json(path) | {"view": view}))
+
+
+def planned_up(folder: Path) -> UpChoice:
+    """Return the axis that points up in pictures of a trial, by its folder: that of its plan, or `auto` without one."""
+    place = Path(os.path.abspath(folder))  # noqa: PTH100  a run directory may be a link
+    plan = _previous(place.parents[2]) if len(place.parents) > 2 else None
+    return "auto" if plan is None else plan.up
 
 
 def _previous(experiment: Path) -> PlanFile | None:
@@ -178,8 +205,8 @@ def read_plan(experiment: Path) -> PlanFile | None:
         targets = content.get("targets", dict.fromkeys(trial.target for trial in trials))
         schemes = content.get("schemes", dict.fromkeys(trial.scheme for trial in trials))
         variants = content.get("variants", dict.fromkeys(trial.variant for trial in trials))
-        order = (tuple(map(str, names)) for names in (targets, schemes, variants))
-        return PlanFile(str(content["written"]), max(1, int(content["workers"])), trials, *order)
+        order = (tuple(map(str, targets)), tuple(map(str, schemes)), tuple(map(str, variants)))
+        return PlanFile(str(content["written"]), max(1, int(content["workers"])), trials, *order, _planned_up(content))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         reason = f"no {error}" if isinstance(error, KeyError) else str(error)
         raise StoreError(f"{path}: not a plan: {reason}; the next `meshfit run` rewrites it") from None
@@ -221,6 +248,14 @@ def _entry(trial: "Trial") -> dict[str, Any]:
         **trial.names,
         "steps": trial.settings.fit.steps,
     }
+
+
+def _planned_up(content: Mapping[str, Any]) -> UpChoice:
+    up = content.get("view", {}).get("up", "auto")  # plans of older versions hold none
+    for choice in get_args(UpChoice):
+        if up == choice:
+            return cast("UpChoice", choice)
+    raise ValueError(f"view.up is {json.dumps(up)}")
 
 
 def _planned_trial(entry: Mapping[str, Any]) -> PlannedTrial:

@@ -12,6 +12,7 @@ import numpy as np
 
 from meshfit.errors import ConfigError, MeshfitWarning, StoreError
 from meshfit.experiment.storage.checkpoint import snapshots_in
+from meshfit.experiment.storage.plan_file import UpChoice, planned_up
 from meshfit.experiment.storage.run_directory import Result
 from meshfit.fitting.gauss_newton.schedule import stage_at
 from meshfit.fitting.settings import METHODS, GaussNewtonSettings
@@ -19,7 +20,7 @@ from meshfit.measuring.metrics import METRICS
 from meshfit.mesh.mesh import Mesh
 from meshfit.optional import import_optional
 from meshfit.paths import write_error_message
-from meshfit.report.figures.camera import camera_of
+from meshfit.report.figures.camera import camera_of, is_turned
 from meshfit.report.figures.colours import INK
 from meshfit.report.figures.drawing import Image, draw
 from meshfit.report.figures.trial_meshes import TrialMeshes, read_normalised, read_trial_meshes
@@ -52,10 +53,17 @@ class Animation:
     Attributes:
         target: the target.
         frames: the source, the snapshots and the result, in the target's normalised frame.
+        up: the axis that points up.
     """
 
     target: Mesh
     frames: tuple[AnimationFrame, ...]
+    up: UpChoice = "auto"
+
+    @property
+    def is_turned(self) -> bool:
+        """Whether z is up because the target seems to stand that way."""
+        return is_turned(self.target, self.up)
 
     @property
     def changes_faces(self) -> bool:
@@ -63,8 +71,12 @@ class Animation:
         return len({frame.mesh.num_faces for frame in self.frames}) > 1
 
 
-def read_animation(folder: Path) -> Animation:
+def read_animation(folder: Path, up: UpChoice | None = None) -> Animation:
     """Read the animation of a complete trial; consecutive equal surfaces give one frame.
+
+    Args:
+        folder: the folder of the trial.
+        up: the axis that points up; by default that of its experiment.
 
     Raises:
         StoreError: a file cannot be read.
@@ -76,7 +88,8 @@ def read_animation(folder: Path) -> Animation:
         caption = _captions(trial.facts, folder)
         frames = [AnimationFrame(mesh, caption(step, mesh)) for step, mesh in _surfaces(trial, folder)]
     moved = [frames[0], *(after for before, after in pairwise(frames) if not _equal(before.mesh, after.mesh))]
-    return Animation(trial.target, (*moved, AnimationFrame(trial.result, _last_caption(trial.facts, trial.result))))
+    last = AnimationFrame(trial.result, _last_caption(trial.facts, trial.result))
+    return Animation(trial.target, (*moved, last), up or planned_up(folder))
 
 
 def _surfaces(trial: TrialMeshes, folder: Path) -> Iterator[tuple[int, Mesh]]:
@@ -154,7 +167,7 @@ def draw_animation(animation: Animation, *, size: int, fps: int, edges: bool | N
         ConfigError: pyvista or pillow is not installed.
     """
     frames = animation.frames
-    camera = camera_of(animation.target).containing(*(frame.mesh for frame in frames))
+    camera = camera_of(animation.target, animation.up).containing(*(frame.mesh for frame in frames))
     last, longest = len(frames) - 1, max((frame.caption for frame in frames), key=len)
     for place, frame in enumerate(frames):
         with_edges = edges if edges is not None else animation.changes_faces and place < last

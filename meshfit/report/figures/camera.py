@@ -9,14 +9,16 @@ import numpy as np
 from jaxtyping import Float64
 
 from meshfit.errors import ConfigError, MeshError
+from meshfit.experiment.storage.plan_file import UpChoice
 from meshfit.mesh.geometry import area_vectors, unit_vectors
 from meshfit.mesh.mesh import Mesh, Verts
 
 Vector = tuple[float, float, float]
 
-Up = Literal["y", "z"]
+Up = Literal["x", "y", "z"]
 """The axis that points up in a picture."""
 
+_AXES: tuple[Up, ...] = ("x", "y", "z")
 UP = (0.0, 1.0, 0.0)
 MARGIN = 0.04
 """Free margin on each side of the framed meshes, as a share of half the picture."""
@@ -115,12 +117,12 @@ class Camera:
         return replace(camera, scale=max(camera.scale, self.scale))
 
 
-def camera_of(mesh: Mesh, up: Up | None = None, view: str = "best") -> Camera:
+def camera_of(mesh: Mesh, up: UpChoice = "auto", view: str = "best") -> Camera:
     """Return a view of a mesh upright, all of it in the picture.
 
     Args:
         mesh: usually the target, whose camera also serves for its sources and results.
-        up: the axis that points up; by default `guess_up`.
+        up: the axis that points up; `auto` guesses it.
         view: `best` for a three-quarter view, one of `VIEWS`, or `AZIMUTH,ELEVATION` in degrees.
 
     Raises:
@@ -129,15 +131,19 @@ def camera_of(mesh: Mesh, up: Up | None = None, view: str = "best") -> Camera:
     """
     if not mesh.num_faces:
         raise MeshError("a mesh without faces cannot be drawn")
-    up = up or guess_up(mesh)
-    standing = mesh if up == "y" else Mesh(_stood_up(mesh.verts), mesh.faces)
+    axis = guess_up(mesh) if up == "auto" else up
+    standing = mesh if axis == "y" else Mesh(_stood_up(mesh.verts, axis), mesh.faces)
     direction = best_direction(standing) if view == "best" else _direction(*_angles(view))
     camera = camera_from(standing, direction)
-    if up == "y":
+    if axis == "y":
         return camera
-    return replace(
-        camera, focal=_laid_down(camera.focal), direction=_laid_down(camera.direction), up=_laid_down(camera.up)
-    )
+    focal, direction, upright = (_laid_down(vector, axis) for vector in (camera.focal, camera.direction, camera.up))
+    return replace(camera, focal=focal, direction=direction, up=upright)
+
+
+def is_turned(mesh: Mesh, up: UpChoice) -> bool:
+    """Return whether a mesh is drawn with z up because it seems to stand that way."""
+    return up == "auto" and mesh.num_faces > 0 and guess_up(mesh) == "z"
 
 
 def guess_up(mesh: Mesh) -> Up:
@@ -177,14 +183,16 @@ def _angles(view: str) -> tuple[float, float]:
     return max(-89.9, min(89.9, elevation)), azimuth
 
 
-def _stood_up(verts: Verts) -> Verts:
-    """Turn z to y."""
-    return np.stack([verts[:, 0], verts[:, 2], -verts[:, 1]], axis=1)
+def _stood_up(verts: Verts, axis: Up) -> Verts:
+    """Turn an axis to y."""
+    x, y, z = verts.T
+    return np.stack({"x": (-y, x, z), "y": (x, y, z), "z": (x, z, -y)}[axis], axis=1)
 
 
-def _laid_down(vector: Vector) -> Vector:
-    """Turn y back to z."""
-    return vector[0], -vector[2], vector[1]
+def _laid_down(vector: Vector, axis: Up) -> Vector:
+    """Turn y back to an axis."""
+    x, y, z = vector
+    return {"x": (y, -x, z), "y": (x, y, z), "z": (x, -z, y)}[axis]
 
 
 def camera_from(mesh: Mesh, direction: Vector, upright: Vector = UP) -> Camera:
@@ -319,10 +327,10 @@ def _turned(mesh: Mesh, vert: int, near: Camera) -> Iterator[Camera]:
     """Cameras on rings around a vertex, those closest to its normal first."""
     normal = _vertex_normal(mesh, vert)
     angles = [2 * math.pi * step / _AROUND for step in range(_AROUND)]
-    on_z = abs(near.up[2]) > abs(near.up[1])
-    upright = _laid_down(UP) if on_z else UP
+    axis = _AXES[int(np.argmax(np.abs(near.up)))]
+    upright = _laid_down(UP, axis)
     around = [(math.cos(a), height, math.sin(a)) for height in _HEIGHTS for a in angles]
-    sides = [np.array(_laid_down(side) if on_z else side) for side in around]
+    sides = [np.array(_laid_down(side, axis)) for side in around]
     for side in sorted(sides, key=lambda side: -float(normal @ side) / float(np.linalg.norm(side))):
         yield replace(camera_from(mesh, _vector(side), upright), focal=near.focal, scale=near.scale)
 

@@ -9,7 +9,6 @@ from statistics import fmean
 from typing import Any
 
 from meshfit.errors import ConfigError
-from meshfit.measuring.metrics import METRICS
 from meshfit.optional import import_optional
 from meshfit.report.figures.colours import INK
 from meshfit.report.figures.layout import DPI, STYLE, set_log_ticks, write_drawing
@@ -87,7 +86,8 @@ def _lines(tables: Sequence[Table]) -> list[_Line]:
     lines = []
     for kind in ("approximating", "interpolatory", "custom"):
         members = [scheme for scheme in schemes if _kind(scheme) == kind]
-        lines += [_Line(kind, None), *(_Line(scheme, scheme) for scheme in members)] if members else []
+        if members:
+            lines += [_Line(kind, None), *(_Line(tables[0].scheme_title(scheme), scheme) for scheme in members)]
     return lines
 
 
@@ -128,8 +128,8 @@ def _draw_panel(axes: Any, table: Table, lines: Sequence[_Line], *, names: bool)
         label.set_fontstyle("normal" if line.scheme else "italic")
     axes.tick_params(axis="y", length=0)
     axes.tick_params(axis="x", which="both", labelsize=_FONT, length=2, width=0.5, colors=INK)
-    axes.set_xlabel(METRICS[table.metrics[0]].title, fontsize=_FONT, color=INK, labelpad=2)
-    axes.set_title(table.variations[0].variant or table.title, fontsize=_FONT + 1, color=INK, pad=4)
+    axes.set_xlabel(table.metric_title(table.metrics[0]), fontsize=_FONT, color=INK, labelpad=2)
+    axes.set_title(table.style.label(table.variations[0].variant) or table.title, fontsize=_FONT + 1, color=INK, pad=4)
     for side in ("top", "right", "left"):
         axes.spines[side].set_visible(False)
 

@@ -5,10 +5,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+from meshfit.experiment.storage.plan_file import UpChoice, planned_up
 from meshfit.measuring.metrics import METRICS
 from meshfit.mesh.mesh import Mesh
 from meshfit.printable import printable
-from meshfit.report.figures.camera import Camera, Up, camera_of, guess_up
+from meshfit.report.figures.camera import Camera, camera_of, is_turned
 from meshfit.report.figures.colours import shared_limit
 from meshfit.report.figures.figure_layout import Block, BlockShape, arrange, write_blocks
 from meshfit.report.figures.layout import DPI, ColourBar, Panel, distance_panel, mesh_panel
@@ -64,6 +65,7 @@ class FigureTarget:
         sources: the distinct sources, each with the indices of the trials that start from it.
         camera: the view of all its meshes.
         aspect: width by height of a picture.
+        turned: whether z is up because the target seems to stand that way.
     """
 
     selected: TargetTrials
@@ -71,14 +73,15 @@ class FigureTarget:
     sources: tuple[tuple[tuple[int, ...], Mesh], ...]
     camera: Camera
     aspect: float
+    turned: bool
 
 
-def read_figure_targets(selection: Iterable[TargetTrials], up: Up | None = None) -> tuple[FigureTarget, ...]:
+def read_figure_targets(selection: Iterable[TargetTrials], up: UpChoice | None = None) -> tuple[FigureTarget, ...]:
     """Read the meshes of a figure, and frame the view of each target.
 
     Args:
         selection: the trials of each target.
-        up: the axis that points up; by default guessed for each target.
+        up: the axis that points up; by default that of each experiment.
 
     Raises:
         StoreError, MeshError: a result or a mesh cannot be read.
@@ -87,16 +90,17 @@ def read_figure_targets(selection: Iterable[TargetTrials], up: Up | None = None)
     targets = []
     for group, meshes in read:
         same = [trial for other, trials in read if other.target == group.target for trial in trials]
-        camera, aspect = camera_of(meshes[0].target, up).framing(meshes[0].target, *(trial.result for trial in same))
+        target, axis = meshes[0].target, up or planned_up(group.trials[0].folder)
+        camera, aspect = camera_of(target, axis).framing(target, *(trial.result for trial in same))
         groups = distinct_meshes([(place, trial.source) for place, trial in enumerate(meshes)])
         sources = tuple((tuple(places), mesh) for places, mesh in groups)
-        targets.append(FigureTarget(group, meshes, sources, camera, aspect))
+        targets.append(FigureTarget(group, meshes, sources, camera, aspect, is_turned(target, axis)))
     return tuple(targets)
 
 
 def turned_targets(targets: Sequence[FigureTarget]) -> list[str]:
     """Return the titles of targets that are taken to stand along z."""
-    return [target.selected.title for target in targets if guess_up(target.meshes[0].target) == "z"]
+    return [target.selected.title for target in targets if target.turned]
 
 
 def write_figure(targets: Sequence[FigureTarget], path: Path, metric: str, style: FigureStyle) -> None:

@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from meshfit.errors import ConfigError, StoreError
+from meshfit.experiment.storage.plan_file import UpChoice, planned_up
 from meshfit.experiment.storage.run_directory import RESULT
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.normalisation import frame_of
 from meshfit.mesh.targets import NAMED_TARGETS, load_target, target_title
 from meshfit.paths import is_folder, is_regular_file, path_text
-from meshfit.report.figures.camera import Camera, Up, camera_of, guess_up
+from meshfit.report.figures.camera import Camera, camera_of, is_turned
 from meshfit.report.figures.colours import shared_limit
 from meshfit.report.figures.layout import DPI, ColourBar, PanelRow, distance_panel, mesh_panel, write_rows
 from meshfit.report.figures.trial_meshes import distances_to, read_trial_meshes
@@ -34,12 +35,14 @@ class RenderedMesh:
         mesh: the mesh.
         viewed_like: the mesh whose camera it is seen from, its target; meshes with the same one share a camera.
         against: the mesh that its distances are measured to; None for a single colour.
+        up: the axis that points up, of the experiment that it is from.
     """
 
     title: str
     mesh: Mesh
     viewed_like: Mesh
     against: Mesh | None = None
+    up: UpChoice = "auto"
 
 
 def collect_meshes(names: Sequence[str], against: str | None = None) -> tuple[list[RenderedMesh], str]:
@@ -89,7 +92,7 @@ class RenderStyle:
         size: width and height of each picture in pixels; None for a square of 2.6 inches.
         columns: pictures side by side; None for up to four.
         view: as for `camera_of`.
-        up: the axis that points up; None to guess it.
+        up: the axis that points up; None for that of each experiment, or a guess.
         background: as `#rrggbb`; None for a transparent one.
     """
 
@@ -97,7 +100,7 @@ class RenderStyle:
     size: tuple[int, int] | None = None
     columns: int | None = None
     view: str = "best"
-    up: Up | None = None
+    up: UpChoice | None = None
     background: str | None = "#ffffff"
 
 
@@ -145,9 +148,9 @@ def columns_for(count: int, wanted: int | None = None) -> int:
     return min(count, wanted or math.ceil(count / math.ceil(count / _MOST_COLUMNS)))
 
 
-def turned_meshes(meshes: Sequence[RenderedMesh]) -> list[str]:
-    """Return the titles of meshes that are taken to stand along z."""
-    return [shown.title for shown in meshes if shown.viewed_like.num_faces and guess_up(shown.viewed_like) == "z"]
+def turned_meshes(meshes: Sequence[RenderedMesh], up: UpChoice | None = None) -> list[str]:
+    """Return the titles of meshes that are taken to stand along z; `up` is that of their style."""
+    return [shown.title for shown in meshes if is_turned(shown.viewed_like, up or shown.up)]
 
 
 def parse_size(text: str) -> tuple[int, int]:
@@ -168,17 +171,19 @@ def parse_size(text: str) -> tuple[int, int]:
 def cameras_of(meshes: Sequence[RenderedMesh], style: RenderStyle | None = None) -> list[Camera]:
     """Return the camera of each mesh; those that share one are zoomed out until all of them fit."""
     style = style or RenderStyle()
-    groups: list[tuple[Mesh, list[Mesh]]] = []
+    groups: list[tuple[RenderedMesh, list[Mesh]]] = []
     places = []
     for shown in meshes:
-        place = next((i for i, (target, _) in enumerate(groups) if same_mesh(target, shown.viewed_like)), len(groups))
+        places_like = (i for i, (first, _) in enumerate(groups) if same_mesh(first.viewed_like, shown.viewed_like))
+        place = next(places_like, len(groups))
         if place == len(groups):
-            groups.append((shown.viewed_like, []))
+            groups.append((shown, []))
         groups[place][1].append(shown.mesh)
         places.append(place)
     cameras = []
-    for target, members in groups:
-        camera = camera_of(target, style.up, style.view).containing(*members)
+    for first, members in groups:
+        target = first.viewed_like
+        camera = camera_of(target, style.up or first.up, style.view).containing(*members)
         # Into a picture that is not square, the meshes are fitted by its aspect.
         if style.size is not None and style.size[0] != style.size[1]:
             camera, _ = camera.framing(target, *members, aspect=style.size[0] / style.size[1])
@@ -220,9 +225,11 @@ def _trial(folder: Path, title: str, against: str | None) -> tuple[list[Rendered
     if against is not None:
         own = _is_target(against, settings["targets"][0])
         measured_to = trial.target if own else trial.frame.normalise(load_target(against))
-    meshes = [
-        RenderedMesh(f"source, {name}", trial.source, trial.target),
-        RenderedMesh(f"result, {name}", trial.result, trial.target, measured_to),
-        RenderedMesh(trial.facts["target_title"], trial.target, trial.target),
-    ]
+    shown = (
+        (f"source, {name}", trial.source, None),
+        (f"result, {name}", trial.result, measured_to),
+        (trial.facts["target_title"], trial.target, None),
+    )
+    up = planned_up(folder)
+    meshes = [RenderedMesh(text, mesh, trial.target, measured, up) for text, mesh, measured in shown]
     return meshes, settings.get("normalise", "tutorial")

@@ -84,7 +84,7 @@ def _framed(section: TargetSection) -> tuple[Camera, float]:
     """The camera that frames target and results, and width by height of its pictures, which are not too tall."""
     meshes = [trial.mesh for trial in section.trials]
     meshes = meshes if section.target is None else [section.target, *meshes]
-    camera, aspect = camera_of(meshes[0]).framing(*meshes)
+    camera, aspect = camera_of(meshes[0], section.up).framing(*meshes)
     return camera.framing(*meshes, aspect=_SMALLEST_ASPECT) if aspect < _SMALLEST_ASPECT else (camera, aspect)
 
 

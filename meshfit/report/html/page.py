@@ -3,12 +3,13 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from meshfit.experiment.status.scan import ScannedExperiment, scan_experiments
-from meshfit.experiment.storage.plan_file import in_planned_order
+from meshfit.experiment.storage.plan_file import UpChoice, in_planned_order
 from meshfit.experiment.storage.result import read_result_or_warn
 from meshfit.experiment.storage.run_directory import Result
 from meshfit.experiment.trial_status import TrialStatus
@@ -20,7 +21,8 @@ from meshfit.report.html.images import draw_distances, draw_pictures, num_pictur
 from meshfit.report.html.target_section import TargetSection, read_sections, short_titles
 from meshfit.report.html.viewer import MOST_FACES, compress, viewer_meshes, viewer_scene
 from meshfit.report.tables.grouping import distinguish_definitions
-from meshfit.report.tables.table import Table, build_tables, merge_tables
+from meshfit.report.tables.style import Style
+from meshfit.report.tables.table import Table, build_tables, merge_tables, styled
 
 MOST_TRIALS = 40
 """Largest number of drawn trials; a page with more pictures would be too large to mail."""
@@ -54,12 +56,21 @@ def require_extra() -> None:
         import_optional(module)
 
 
-def read_report(roots: Sequence[Path], metrics: Sequence[str], baseline: str | None, now: datetime) -> ReportData:
+def read_report(
+    roots: Sequence[Path], metrics: Sequence[str], baseline: str | None, now: datetime, labels: Sequence[str] = ()
+) -> ReportData:
     """Read everything in some run directories except meshes and traces.
+
+    Args:
+        roots: the run directories.
+        metrics: names of metrics; pictures and curves are of the first.
+        baseline: the scheme that others are compared with; by default the first.
+        now: the time, for how long trials have been running.
+        labels: names to print, each as NAME=LABEL.
 
     Raises:
         StoreError: there is no trial in them, or a file cannot be read.
-        ConfigError: there is no such metric, or the baseline has no results.
+        ConfigError: there is no such metric, or the baseline or something labelled has no results.
         SchemeError: the baseline is not a scheme.
     """
     experiments = scan_experiments(roots, now)
@@ -71,16 +82,22 @@ def read_report(roots: Sequence[Path], metrics: Sequence[str], baseline: str | N
         and (result := read_result_or_warn(trial.path)) is not None
     ]
     results = distinguish_definitions(in_planned_order(complete))
-    return ReportData(experiments, results, merge_tables(build_tables(results, *metrics, baseline=baseline)))
+    tables = merge_tables(build_tables(results, *metrics, baseline=baseline))
+    return ReportData(experiments, results, styled(tables, Style(), labels))
 
 
-def render_page(data: ReportData, now: datetime, progress: Progress) -> str:
-    """Return the HTML of the page.
+def read_page_sections(data: ReportData, progress: Progress, up: UpChoice | None = None) -> list[TargetSection]:
+    """Read the meshes of a page; `up` is the axis that points up, by default that of each experiment."""
+    reading = partial(progress, "reading meshes")
+    return read_sections(data.tables, data.results, MOST_TRIALS, reading, up)
+
+
+def render_page(data: ReportData, sections: Sequence[TargetSection], now: datetime, progress: Progress) -> str:
+    """Return the HTML of the page, from what `read_report` and `read_page_sections` have read.
 
     Raises:
         ConfigError: a library of the extra `report` is missing.
     """
-    sections = read_sections(data.tables, data.results, MOST_TRIALS, lambda *done: progress("reading meshes", *done))
     count, done = sum(map(_num_drawn, sections)), 0
 
     def tick() -> None:

@@ -104,7 +104,7 @@ def differing_settings(tables: Sequence[Table]) -> Grid:
     """Return the settings in which results differ, by variation of each table; no rows if all are equal."""
     settings = [variation.settings for table in tables for variation in table.variations]
     names = [
-        " · ".join(filter(None, (title if len(tables) > 1 else "", variation.name)))
+        " · ".join(filter(None, (title if len(tables) > 1 else "", table.style.label(variation.name))))
         for table, title in zip(tables, short_titles(tables), strict=True)
         for variation in table.variations
     ]
@@ -129,7 +129,7 @@ def definitions_grid(results: Sequence[Result]) -> Grid:
 def trials_grid(tables: Sequence[Table], results: Sequence[Result]) -> Grid:
     """Return every value of every trial, by table, target, row and seed."""
     index = TrialIndex(results)
-    metrics = dict.fromkeys(metric for table in tables for metric in table.metrics)
+    metrics = {metric: table.metric_title(metric) for table in tables for metric in table.metrics}
     rows = [
         (
             table.targets[target],
@@ -144,8 +144,7 @@ def trials_grid(tables: Sequence[Table], results: Sequence[Result]) -> Grid:
         for place, by_seed in trials_by_row(table, target, index).items()
         for seed, result in by_seed.items()
     ]
-    titles = [METRICS[metric].title for metric in metrics]
-    return Grid(("target", "row", "seed", *titles, "seconds of the fit", "folder"), tuple(rows))
+    return Grid(("target", "row", "seed", *metrics.values(), "seconds of the fit", "folder"), tuple(rows))
 
 
 def failures_grid(experiments: Sequence[ScannedExperiment]) -> Grid:

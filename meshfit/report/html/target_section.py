@@ -9,10 +9,12 @@ from jaxtyping import Float64
 
 from meshfit.errors import MeshError, MeshfitError
 from meshfit.experiment.storage.frame import frame_of
+from meshfit.experiment.storage.plan_file import UpChoice, planned_up
 from meshfit.experiment.storage.run_directory import Result
 from meshfit.experiment.storage.targets import read_target
 from meshfit.measuring.metrics import METRICS
 from meshfit.mesh.mesh import Mesh
+from meshfit.report.figures.camera import is_turned
 from meshfit.report.figures.colours import shared_limit
 from meshfit.report.figures.representative_trial import RepresentativeTrial, TrialIndex, representative
 from meshfit.report.figures.trial_meshes import (
@@ -72,6 +74,7 @@ class TargetSection:
         trials: the loaded trials, one per row that can be read.
         left_out: labels of the rows that there is no room for.
         problems: messages about files that could not be read.
+        up: the axis that points up.
     """
 
     key: str
@@ -85,6 +88,7 @@ class TargetSection:
     trials: Sequence[LoadedTrial]
     left_out: Sequence[str]
     problems: Sequence[str]
+    up: UpChoice = "auto"
 
     @cached_property
     def sources(self) -> list[tuple[str, Mesh]]:
@@ -106,13 +110,29 @@ class TargetSection:
         return shared_limit(self.distances)
 
     @property
+    def first_mesh(self) -> Mesh | None:
+        """The mesh that sets the view: the target, or a result without it; None where nothing is shown."""
+        if self.target is None:
+            return self.trials[0].mesh if self.trials else None
+        return self.target
+
+    @property
+    def is_turned(self) -> bool:
+        """Whether z is up because the target seems to stand that way."""
+        return self.first_mesh is not None and is_turned(self.first_mesh, self.up)
+
+    @property
     def exceeds_limit(self) -> bool:
         """Whether some distance is beyond the end of the colour scale."""
         return any(float(values.max(initial=0.0)) > self.limit for values in self.distances)
 
 
 def read_sections(
-    tables: Sequence[Table], results: Sequence[Result], most: int, progress: Callable[[int, int], None]
+    tables: Sequence[Table],
+    results: Sequence[Result],
+    most: int,
+    progress: Callable[[int, int], None],
+    up: UpChoice | None = None,
 ) -> list[TargetSection]:
     """Read the sections of all targets of all tables; files that cannot be read become problems of their section.
 
@@ -121,6 +141,7 @@ def read_sections(
         results: results with their `folder`.
         most: largest number of loaded trials on the page; each section has at least one.
         progress: called with the number of sections read, and of all.
+        up: the axis that points up; by default that of each experiment.
     """
     index = TrialIndex(results)
     targets = [
@@ -134,7 +155,7 @@ def read_sections(
     for place, ((table, title, target, trials), rows) in enumerate(zip(targets, room, strict=True)):
         progress(place, len(targets))
         name = table.targets[target] if len(tables) == 1 else f"{table.targets[target]} · {title}"
-        sections.append(_read_section(f"target-{place}", name, table, target, trials, rows))
+        sections.append(_read_section(f"target-{place}", name, table, target, trials, rows, up))
     return sections
 
 
@@ -166,7 +187,9 @@ def shares_of(wanted: Sequence[int], most: int) -> list[int]:
     return [min(count, share) for count in wanted]
 
 
-def _read_section(key: str, title: str, table: Table, target: str, trials: TrialsByRow, most: int) -> TargetSection:
+def _read_section(
+    key: str, title: str, table: Table, target: str, trials: TrialsByRow, most: int, up: UpChoice | None
+) -> TargetSection:
     metric, titles = table.metrics[0], [row_title(table, row) for row in table.rows]
     values = {place: table.samples.get((metric, target, table.rows[place]), {}) for place in trials}
     chosen = {place: representative(by_seed, values[place]) for place, by_seed in trials.items()}
@@ -174,11 +197,12 @@ def _read_section(key: str, title: str, table: Table, target: str, trials: Trial
     problems: list[str] = []
     mesh = _read_target(chosen[shown[0]], problems)
     whole = METRICS[metric].format == "d"
-    loaded = [_load(chosen[row], row, titles[row], mesh, problems, whole=whole) for row in shown]
+    schemes = {row: table.scheme_title(chosen[row].scheme) for row in shown}
+    loaded = [_load(chosen[row], row, (titles[row], schemes[row]), mesh, problems, whole=whole) for row in shown]
     return TargetSection(
         key=key,
         title=title,
-        metric=METRICS[metric].title,
+        metric=table.metric_title(metric),
         unit=FRAMES.get(str(table.settings.get("normalise")), "normalised units"),
         rows=titles,
         trials_by_row=trials,
@@ -187,6 +211,7 @@ def _read_section(key: str, title: str, table: Table, target: str, trials: Trial
         trials=[trial for trial in loaded if trial is not None],
         left_out=[titles[row] for row in list(chosen)[most:]],
         problems=problems,
+        up=up or planned_up(chosen[shown[0]].folder),
     )
 
 
@@ -199,9 +224,16 @@ def _read_target(trial: RepresentativeTrial, problems: list[str]) -> Mesh | None
 
 
 def _load(
-    trial: RepresentativeTrial, row: int, label: str, target: Mesh | None, problems: list[str], *, whole: bool
+    trial: RepresentativeTrial,
+    row: int,
+    names: tuple[str, str],
+    target: Mesh | None,
+    problems: list[str],
+    *,
+    whole: bool,
 ) -> LoadedTrial | None:
-    """Load the meshes of a trial; if they cannot be read, add a problem and return None."""
+    """Load the meshes of a trial, by the names of row and scheme; if they cannot be read, add a problem."""
+    label, scheme = names
     try:
         source, mesh = (_read_surface(trial, name) for name in (SOURCE, FITTED))
         distances = distances_to(mesh, target) if target is not None else None
@@ -209,7 +241,7 @@ def _load(
         problems.append(f"{label}, seed {trial.seed}, is not shown: {error}")
         return None
     value = "" if trial.value is None else format_number(trial.value, whole=whole)
-    return LoadedTrial(label, trial.seed, value, trial.scheme, row, source, mesh, distances)
+    return LoadedTrial(label, trial.seed, value, scheme, row, source, mesh, distances)
 
 
 def _read_surface(trial: RepresentativeTrial, name: str) -> Mesh:

@@ -8,12 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from meshfit.experiment.storage.plan_file import UpChoice
 from meshfit.experiment.storage.run_directory import RESULT
 from meshfit.measuring.metrics import DEFAULT_METRIC
 from meshfit.mesh.geometry import bounding_box
 from meshfit.optional import import_optional
 from meshfit.paths import is_folder
-from meshfit.report.figures.camera import Up, camera_of, guess_up
+from meshfit.report.figures.camera import camera_of, is_turned
 from meshfit.report.figures.colours import DISTANCES, shared_limit
 from meshfit.report.figures.render import RenderedMesh, collect_meshes, same_mesh
 from meshfit.report.figures.trial_meshes import distances_to
@@ -23,7 +24,6 @@ from meshfit.report.html.viewer import (
     MOST_FACES,
     ViewerMesh,
     compress,
-    first_mesh,
     pack_scene,
     viewer_mesh,
     viewer_meshes,
@@ -48,13 +48,13 @@ class Scene:
     turned: str = ""
 
 
-def collect_scenes(names: Sequence[str], against: str | None = None, up: Up | None = None) -> list[Scene]:
+def collect_scenes(names: Sequence[str], against: str | None = None, up: UpChoice | None = None) -> list[Scene]:
     """Read the scenes of a page.
 
     Args:
         names: run directories, which give a scene for each target, and then what `collect_meshes` takes.
         against: the target that distances of meshes are measured to.
-        up: the axis that points up; by default guessed.
+        up: the axis that points up; by default that of each experiment, or a guess.
 
     Raises:
         ConfigError: the distances would be in different units.
@@ -66,23 +66,18 @@ def collect_scenes(names: Sequence[str], against: str | None = None, up: Up | No
     return scenes + (_scenes_of_meshes(collect_meshes(others, against)[0], up) if others else [])
 
 
-def _scenes_of_runs(runs: Sequence[Path], up: Up | None) -> list[Scene]:
+def _scenes_of_runs(runs: Sequence[Path], up: UpChoice | None) -> list[Scene]:
     data = read_report(runs, [DEFAULT_METRIC], None, datetime.now(UTC))
-    sections = read_sections(data.tables, data.results, MOST_TRIALS, lambda *_: None)
+    sections = read_sections(data.tables, data.results, MOST_TRIALS, lambda *_: None, up)
     read = [(section, tuple(viewer_meshes(section))) for section in sections]
     return [
-        Scene(
-            section.title,
-            meshes,
-            viewer_scene(section, meshes, up),
-            section.title if up is None and guess_up(first_mesh(section)) == "z" else "",
-        )
+        Scene(section.title, meshes, viewer_scene(section, meshes), section.title if section.is_turned else "")
         for section, meshes in read
         if meshes
     ]
 
 
-def _scenes_of_meshes(shown: Sequence[RenderedMesh], up: Up | None) -> list[Scene]:
+def _scenes_of_meshes(shown: Sequence[RenderedMesh], up: UpChoice | None) -> list[Scene]:
     """A scene for all meshes that are viewed like the same one."""
     groups: list[list[RenderedMesh]] = []
     for each in shown:
@@ -94,8 +89,9 @@ def _scenes_of_meshes(shown: Sequence[RenderedMesh], up: Up | None) -> list[Scen
     return [_scene(group, up) for group in groups]
 
 
-def _scene(shown: Sequence[RenderedMesh], up: Up | None) -> Scene:
-    camera = camera_of(shown[0].viewed_like, up)
+def _scene(shown: Sequence[RenderedMesh], up: UpChoice | None) -> Scene:
+    axis = up or shown[0].up
+    camera = camera_of(shown[0].viewed_like, axis)
     distances = [None if each.against is None else distances_to(each.mesh, each.against) for each in shown]
     limit = shared_limit([values for values in distances if values is not None])
     meshes = tuple(
@@ -107,7 +103,7 @@ def _scene(shown: Sequence[RenderedMesh], up: Up | None) -> Scene:
     axes = (camera.right, camera.up, camera.direction)
     radius = float(np.linalg.norm(verts - centre, axis=1).max()) or 1.0
     packed = pack_scene(meshes, axes, (float(centre[0]), float(centre[1]), float(centre[2])), radius)
-    turned = shown[0].title if up is None and guess_up(shown[0].viewed_like) == "z" else ""
+    turned = shown[0].title if is_turned(shown[0].viewed_like, axis) else ""
     return Scene("", meshes, packed, turned)
 
 

@@ -13,7 +13,7 @@ from jaxtyping import Float64
 from meshfit.mesh.geometry import bounding_box
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.meshlab import decimate
-from meshfit.report.figures.camera import Up, Vector, camera_of
+from meshfit.report.figures.camera import Vector, camera_of
 from meshfit.report.figures.trial_meshes import distances_to
 from meshfit.report.html.target_section import TargetSection
 
@@ -62,22 +62,18 @@ def viewer_mesh(
     return quantise(small, distances, limit, title, note)
 
 
-def viewer_scene(section: TargetSection, meshes: Sequence[ViewerMesh], up: Up | None = None) -> bytes:
+def viewer_scene(section: TargetSection, meshes: Sequence[ViewerMesh]) -> bytes:
     """Pack the meshes of a section, which has at least one, with the view that they share."""
-    first = first_mesh(section)
+    first = section.first_mesh
+    assert first is not None  # noqa: S101  the section has meshes
     verts = np.concatenate([first.verts, *(trial.mesh.verts for trial in section.trials)])
-    centre, camera = np.mean(bounding_box(verts), axis=0), camera_of(first, up)
+    centre, camera = np.mean(bounding_box(verts), axis=0), camera_of(first, section.up)
     return pack_scene(
         meshes,
         axes=(camera.right, camera.up, camera.direction),
         centre=(float(centre[0]), float(centre[1]), float(centre[2])),
         radius=float(np.linalg.norm(verts - centre, axis=1).max()) or 1.0,
     )
-
-
-def first_mesh(section: TargetSection) -> Mesh:
-    """Return the mesh of a section that sets its view: the target, or a result without it."""
-    return section.target if section.target is not None else section.trials[0].mesh
 
 
 def pack_scene(

@@ -264,7 +264,7 @@ def styled(tables: Sequence[Table], style: Style, labels: Iterable[str] = ()) ->
             *table.schemes,
             *table.targets,
             *table.metrics,
-            *(variation.name for variation in table.variations if variation.name),
+            *filter(None, (variation.name or variation.variant for variation in table.variations)),
         )
     ]
     style = replace(style, labels={**style.labels, **parse_labels(labels, known)})

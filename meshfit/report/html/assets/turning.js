@@ -54,8 +54,12 @@ class Views {
     if (this.pending) return;
     this.pending = requestAnimationFrame(() => {
       this.pending = 0;
-      this.canvases.forEach((canvas, place) => this.draw(canvas, this.scene.meshes[place]));
+      this.drawAll();
     });
+  }
+
+  drawAll() {
+    this.canvases.forEach((canvas, place) => this.draw(canvas, this.scene.meshes[place]));
   }
 
   draw(canvas, mesh) {
@@ -156,12 +160,40 @@ function start() {
     redraw();
   });
   document.addEventListener("themechange", redraw);
-  for (const figure of document.querySelectorAll("[data-scene]")) {
-    whenNear(figure, () => {
-      unpack(`data-${figure.dataset.scene}`)
+  // Scenes that nobody has come near to are unpacked when there is nothing else to do, so that they print.
+  const waiting = [...document.querySelectorAll("[data-scene]")].map((figure) => {
+    let begun;
+    const begin = () => {
+      begun = begun || unpack(`data-${figure.dataset.scene}`)
         .then((bytes) => all.push(new Views(figure, painter, readScene(bytes), look)))
         .catch(refuse);
-    });
+      return begun;
+    };
+    whenNear(figure, begin);
+    return begin;
+  });
+  const idly = window.requestIdleCallback || ((action) => setTimeout(action, 200));
+  const next = () => {
+    const begin = waiting.shift();
+    if (begin) begin().then(() => idly(next));
+  };
+  idly(next);
+  addEventListener("beforeprint", () => all.forEach((views) => views.drawAll()));
+}
+
+// Views that could not be drawn print as the pictures of the same meshes, which the page may have.
+function drawStills() {
+  for (const canvas of document.querySelectorAll("canvas:not([data-drawn])")) {
+    const scene = canvas.closest("[data-scene]").dataset.scene;
+    const titles = [...document.querySelectorAll(`#pictures-${scene} .picture`)];
+    const picture = titles.find((shown) => shown.querySelector("b").textContent === canvas.dataset.title);
+    const image = picture && picture.querySelector("img");
+    if (!image || !image.complete) continue;
+    const side = Math.max(image.naturalWidth, image.naturalHeight);
+    canvas.width = canvas.height = side;
+    const [left, top] = [(side - image.naturalWidth) / 2, (side - image.naturalHeight) / 2];
+    canvas.getContext("2d").drawImage(image, left, top);
   }
 }
 start();
+addEventListener("beforeprint", drawStills);
