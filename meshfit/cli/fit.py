@@ -4,16 +4,17 @@ import json
 import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, TemporaryFile
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from meshfit.cli import completions
 from meshfit.cli.console import EXIT_FAILED, EXIT_INTERRUPTED, err, out, print_error, warn_once
+from meshfit.cli.fit_command import is_config_name
 from meshfit.cli.fit_plan import FitOptions, plan_fit
 from meshfit.cli.options import (
     EXECUTION,
@@ -29,7 +30,18 @@ from meshfit.cli.options import (
     suggest_option,
 )
 from meshfit.errors import ConfigError, MeshError, MeshfitError
-from meshfit.paths import STDOUT_PATHS, STREAM, file_stem, is_folder, is_pipe, path_text
+from meshfit.paths import (
+    MESH_SUFFIXES,
+    STDOUT_PATHS,
+    STREAM,
+    file_stem,
+    format_suffix,
+    is_folder,
+    is_pipe,
+    path_text,
+    shell_path,
+)
+from meshfit.units import count_text
 
 if TYPE_CHECKING:
     from meshfit.cli.verdict import Verdict
@@ -189,6 +201,7 @@ def fit(
     from meshfit.mesh.cleaning_options import CleaningOptions
 
     many = len(targets) > 1 or (output not in STDOUT_PATHS and (is_folder(output) or output.endswith(("/", os.sep))))
+    _check_targets(targets)
     outputs = _outputs_of_many(targets, output, output_format) if many else [output]
     if not many:
         with suggest_option("--output-format"):
@@ -204,7 +217,8 @@ def fit(
     try:
         with _folder(keep) as folder:
             fitting = _Fitting(options, folder, run_options, output_format, kept=keep is not None)
-            jobs_of = fitting.plan(targets, outputs, input_format, many=many)
+            with err.status(f"reading {count_text(len(targets), 'mesh')}") if err.is_terminal else nullcontext():
+                jobs_of = fitting.plan(targets, outputs, input_format, many=many)
             verdicts = fitting.run(jobs_of, many=many)
     except KeyboardInterrupt:
         if keep is not None:  # the same command resumes it
@@ -220,7 +234,20 @@ def fit(
 
         for verdict, _ in verdicts:
             print_metrics([verdict.output, verdict.target], weld=weld, repair=repair)
+    if many and len(verdicts) < len(targets):
+        err.print(f"fitted {len(verdicts)} of {count_text(len(targets), 'target')}", soft_wrap=True, markup=False)
     return 0 if len(verdicts) == len(targets) else EXIT_FAILED
+
+
+def _check_targets(targets: Sequence[str]) -> None:
+    """Refuse what is no mesh but something else of meshfit, and name the command for it."""
+    for target in targets:
+        if is_config_name(target):
+            command = f"meshfit run {shell_path(target)}"
+            raise ConfigError(f"{path_text(target)} is a config, not a mesh; to run it: {command}")
+        if is_folder(target):
+            command = f"meshfit fit {shell_path(target.rstrip('/'))}/* -o fitted/"
+            raise ConfigError(f"{path_text(target)} is a folder, not a mesh; to fit the meshes in it: {command}")
 
 
 @dataclass(frozen=True)
@@ -385,6 +412,11 @@ def _check_output(output: str, output_format: str | None) -> None:
         return  # such as /dev/null
     if not os.access(folder, os.W_OK | os.X_OK) or (path.exists() and not os.access(path, os.W_OK)):
         raise MeshError(f"{path_text(output)}: cannot be written: no permission; give another place")
+    try:
+        with TemporaryFile(dir=os.path.realpath(folder)):
+            pass
+    except OSError as error:
+        raise MeshError(f"{path_text(output)}: cannot be written: {error.strerror}; give another place") from None
 
 
 def _outputs_of_many(targets: Sequence[str], output: str, output_format: str | None) -> list[str]:
@@ -394,6 +426,8 @@ def _outputs_of_many(targets: Sequence[str], output: str, output_format: str | N
 
     if output in STDOUT_PATHS or (os.path.lexists(output) and not is_folder(output)):
         raise ConfigError(f"-o {path_text(output)}: several targets need a folder; give the path of one")
+    if format_suffix(output) in MESH_SUFFIXES and not os.path.lexists(output) and not output.endswith(("/", os.sep)):
+        raise ConfigError(f"-o {path_text(output)}: several targets need a folder, got a file; give -o fitted/")
     suffix = mesh_output_suffix("result", output_format or _FORMAT_OF_MANY)
     folder = Path(output)
     stems = ["standard-input" if target == STREAM else file_stem(target) for target in targets]

@@ -10,6 +10,11 @@ def is_mesh_name(name: str) -> bool:
     return format_suffix(name) in MESH_SUFFIXES and is_regular_file(name)
 
 
+def is_config_name(word: str) -> bool:
+    """Whether a word is the path of a config that exists."""
+    return word.endswith((".yaml", ".yml")) and is_regular_file(word)
+
+
 def fit_command(words: Sequence[str]) -> str:
     """Return a command that can be pasted into a shell, for the meshes among some words, or else the bunny."""
     meshes = [word for word in words if is_mesh_name(word)]

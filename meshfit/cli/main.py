@@ -4,6 +4,7 @@ import inspect
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from importlib import import_module
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -12,10 +13,10 @@ from typer.core import TyperCommand, TyperGroup
 from typer.exceptions import TyperException
 
 from meshfit.cli.console import EXIT_INTERRUPTED, EXIT_USAGE, exit_code_of, out, print_error
-from meshfit.cli.fit_command import fit_command, is_mesh_name
+from meshfit.cli.fit_command import fit_command, is_config_name, is_mesh_name
 from meshfit.cli.options import DEFAULT_RUNS
 from meshfit.errors import ConfigError
-from meshfit.paths import path_text
+from meshfit.paths import is_folder, path_text, shell_path
 
 COMMANDS = {
     "Experiments": {
@@ -135,6 +136,11 @@ class Group(TyperGroup):
         if name not in _PANELS:
             if is_mesh_name(name):
                 raise ConfigError(f"{path_text(name)} is a mesh, not a command; to fit it: {fit_command(args)}")
+            if is_config_name(name):
+                command = f"meshfit run {shell_path(name)}"
+                raise ConfigError(f"{path_text(name)} is a config, not a command; to run it: {command}")
+            if is_folder(name):
+                raise ConfigError(f"{path_text(name)} is a folder, not a command; {_for_folder(name)}")
             if name.lower() in _WORDS_FOR_FIT:
                 raise ConfigError(f"no command '{name}'; to fit a mesh: {fit_command(args[1:])}")
         return super().resolve_command(ctx, args)
@@ -168,6 +174,21 @@ class Commands(Mapping[str, Any]):
 
     def __len__(self) -> int:
         return len(_PANELS)
+
+
+def _for_folder(name: str) -> str:
+    if any(is_mesh_name(str(path)) for path in Path(name).iterdir()):
+        return f"to fit its meshes: meshfit fit {shell_path(name.rstrip('/'))}/* -o fitted/"
+    return f"to show its trials: meshfit status {shell_path(name)}"
+
+
+def _finding(command: str, message: str) -> str:
+    """Return the message of a usage error; one of `fit` without its mesh or file names the whole command to type."""
+    if command.endswith(" fit") and message.startswith(("Missing argument", "Missing option")):
+        words = sys.argv[sys.argv.index("fit") + 1 :] if "fit" in sys.argv else []
+        missing = "give the mesh to fit" if message.startswith("Missing argument") else "give the file to write"
+        return f"{missing}: {fit_command([word for word in words if not word.startswith('-')])}."
+    return f"{message}{'' if message.endswith(('.', '?')) else '.'}"
 
 
 def help_text(command: Callable[..., int]) -> str:
@@ -208,7 +229,7 @@ def run_app() -> int:
         context = getattr(error, "ctx", None)
         command = context.command_path if context is not None else "meshfit"
         message = " ".join(error.format_message().replace("Value error, ", "").split())
-        print_error(f"{message}{'' if message.endswith(('.', '?')) else '.'} See '{command} --help'.")
+        print_error(f"{_finding(command, message)} See '{command} --help'.")
         return EXIT_USAGE
     except typer.Abort:
         return EXIT_INTERRUPTED

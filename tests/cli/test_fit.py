@@ -11,7 +11,8 @@ from meshfit.mesh.solids import octahedron
 from meshfit.subdivision.refine import subdivide
 from tests.cli import invoke, refused, trials_in_this_process
 
-QUICK = ("--verts", "100", "--set", "fit.coarse_steps=5", "--set", "measure={samples: 500, points: 500}")
+FEW = ("--set", "fit={coarse_steps: 3, tries: 1, level_steps: 2, last_steps: 1}")
+QUICK = ("--verts", "100", *FEW, "--set", "measure={samples: 500, points: 500}")
 
 
 @pytest.fixture(autouse=True)
@@ -71,12 +72,13 @@ def test_of_many_a_broken_one_is_named_and_the_others_go_on(tmp_path):
     assert "broken.ply" in ran.err
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["scan-2.off", "scan.off"]
     assert len(ran.out.splitlines()) == 2
+    assert ran.err.splitlines()[-1] == "fitted 2 of 3 targets"
 
 
 def test_a_source_from_the_target_and_fixed_faces():
     bumpy("scan.ply")
     assert invoke("fit", "scan.ply", "-o", "a.ply", "--source", "target", *QUICK).code == 0
-    faces = ("--connectivity", "fixed", "--set", "fit.coarse_steps=5", "--set", "measure={samples: 500, points: 500}")
+    faces = ("--connectivity", "fixed", *QUICK[2:])
     assert invoke("fit", "scan.ply", "-o", "b.ply", "--source", "scan.ply", *faces).code == 0
     np.testing.assert_array_equal(load_mesh("b.ply").faces, load_mesh("scan.ply").faces)
 
@@ -95,6 +97,19 @@ def test_other_ways_lead_to_the_command():
     for line in (["my scan.ply"], ["run", "my scan.ply"], ["wrap", "my scan.ply"]):
         assert command in refused(*line)
     assert "meshfit fit bunny -o bunny-fitted.ply" in refused("fti")
+
+
+def test_what_is_no_mesh_is_told_its_own_command(tmp_path):
+    bumpy("scan.ply")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "own.yaml").write_text("targets: [cow]\n")
+    for words in (["own.yaml"], ["fit", "own.yaml", "-o", "out.ply"]):
+        assert "own.yaml is a config, " in refused(*words)
+        assert refused(*words).rstrip().endswith("; to run it: meshfit run own.yaml")
+    assert refused("fit", "folder", "-o", "out.ply").rstrip().endswith("meshfit fit folder/* -o fitted/")
+    assert refused("folder").rstrip().endswith("to show its trials: meshfit status folder")
+    assert "several targets need a folder" in refused("fit", "scan.ply", "cow", "-o", "out.ply")
+    assert not (tmp_path / "out.ply").exists()
 
 
 @pytest.mark.slow

@@ -134,7 +134,7 @@ def bounds(origin, destination, eps):
 @over("name", PAIRS)
 def test_largest_distance_lies_within_the_exact_bounds(name):
     result, goal = pair(name)
-    eps = bounding_box_diagonal(goal.verts) / 400
+    eps = bounding_box_diagonal(goal.verts) / 200
     found, _, _, _ = measured(name)
     for figure, (low, high) in (
         (found.forward, bounds(result, goal, eps)),

@@ -45,7 +45,8 @@ def test_work_grows_with_steps_samples_and_verts(tmp_path):
         assert _work(more) > 1.3 * _work(base)
 
 
-def test_without_complete_trials_one_is_probed(tmp_path):
+def test_without_complete_trials_one_is_probed(tmp_path, monkeypatch):
+    monkeypatch.setattr(ProcessPool, "submit", lambda _pool, _device, fn, *arguments: Inline().submit(fn, *arguments))
     trials = plan([experiment(tmp_path, seeds=[0, 1, 2], jobs=1)])
     found = estimate(trials, [])
     assert found.basis == "a probe of 1 trial"
