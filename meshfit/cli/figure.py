@@ -55,7 +55,7 @@ def figure(
         Literal["none", "once", "all"],
         typer.Option(
             "--sources",
-            help="Show the sources `once`, with the first target, with `all` targets, or `none`.",
+            help="Show the sources `once`, with the first target that starts from them, with `all` targets, or `none`.",
             metavar="SOURCES",
             rich_help_panel=OUTPUT,
         ),

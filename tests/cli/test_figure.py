@@ -1,4 +1,5 @@
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -6,7 +7,7 @@ import pytest
 from meshfit.mesh.io.files import save_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron
-from meshfit.report.figures.figure import WIDTHS
+from meshfit.report.figures.figure import WIDTHS, shows_sources
 from meshfit.report.figures.layout import DPI
 from tests.cli import answered, refused
 from tests.runs import complete
@@ -99,3 +100,13 @@ def test_a_result_whose_mesh_is_gone_is_told_in_one_line(tmp_path):
     (folder / "result.ply").unlink()
     save_mesh(icosahedron(), folder / "source.ply")
     assert "result.ply: no such file" in refused("figure", tmp_path, "-o", tmp_path / "x.pdf")
+
+
+def test_sources_are_shown_once_for_each_setting_of_the_source():
+    def target(mesh):
+        return SimpleNamespace(selected=SimpleNamespace(settings={"source.mesh": mesh, "fit.steps": 3}))
+
+    targets = [target("icosahedron"), target("icosahedron"), target("cube")]
+    assert shows_sources(targets, "once") == [True, False, True]
+    assert shows_sources(targets, "all") == [True, True, True]
+    assert shows_sources(targets, "none") == [False, False, False]

@@ -37,7 +37,7 @@ class FigureStyle:
     Attributes:
         width: of the figure.
         columns: targets side by side; None for as many as make pictures largest.
-        sources: whether the sources are shown, with the first target or with each.
+        sources: whether the sources are shown, with the first target that has them or with each.
         labels: names to print in place of those of schemes, targets and metrics.
     """
 
@@ -116,7 +116,7 @@ def write_figure(targets: Sequence[FigureTarget], path: Path, metric: str, style
         ConfigError: a library is not installed, or the file cannot be written.
     """
     width, font, dpi = WIDTHS[style.width], FONTS[style.width], DPI[path.suffix.lower()]
-    shown = [style.sources == "all" or (style.sources == "once" and place == 0) for place in range(len(targets))]
+    shown = shows_sources(targets, style.sources)
     parts = list(zip(targets, shown, strict=True))
     # With a single scheme, all pictures of a target may be side by side.
     alternatives = (False, True) if all(len(target.meshes) == 1 for target in targets) else (False,)
@@ -132,6 +132,17 @@ def write_figure(targets: Sequence[FigureTarget], path: Path, metric: str, style
         rows, bar = _rows(target, metric, style, size, sources=sources)
         blocks.append(Block((_in_line(rows, sources=any(shown)),) if in_line else rows, bar, shape))
     write_blocks(blocks, arrangement, path, width=width, font=font, dpi=dpi)
+
+
+def shows_sources(targets: Sequence[FigureTarget], sources: Sources) -> list[bool]:
+    """Return for each target whether its sources are shown; `once` is once for each setting of the source."""
+    if sources != "once":
+        return [sources == "all"] * len(targets)
+    of_source = [
+        {key: value for key, value in target.selected.settings.items() if key.startswith("source.")}
+        for target in targets
+    ]
+    return [settings not in of_source[:place] for place, settings in enumerate(of_source)]
 
 
 def _shape(target: FigureTarget, metric: str, style: FigureStyle, *, sources: bool, in_line: bool) -> BlockShape:
