@@ -177,6 +177,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     """
     given = {key: value for key, value in locals().items() if key in ENGINE_KEYS and value is not None} | unknown
     settings = _settings(settings, given)
+    _require_whole("seed", seed, 0)
     target_mesh = as_mesh(target, "target", triangles=True)
     _require_surface(target_mesh, "target")
     frame = frame_of(target_mesh.verts, _require_one_of("normalise", normalise, get_args(Normalisation)))
@@ -236,10 +237,10 @@ def fit_batch(
         ConfigError, DeviceError, MeshError: as `fit`, before the first step.
     """
     settings = _settings(settings, overrides)
-    if dtype not in get_args(Dtype):
-        raise ConfigError(f'dtype: got "{dtype}"; {suggest(str(dtype), get_args(Dtype))}')
-    if threads < 1:
-        raise ConfigError(f"threads: expected at least 1, got {threads}")
+    _require_one_of("dtype", dtype, get_args(Dtype))
+    _require_whole("threads", threads, 1)
+    if not isinstance(device, str):
+        raise ConfigError(f"device: expected the name of one, such as 'cpu', got {device!r:.60}")
     for number, problem in enumerate(problems):
         prefix = f"problem {number}: " if len(problems) > 1 else ""
         _require_surface(problem.source, f"{prefix}source")
@@ -266,7 +267,7 @@ def _settings(settings: FitSettings | None, overrides: Mapping[str, Any]) -> Fit
     if settings is not None and not isinstance(settings, tuple(METHODS.values())):
         raise ConfigError(f"settings: expected FirstOrderSettings or GaussNewtonSettings, got {settings!r:.60}")
     method = changes.get("method", "first-order" if settings is None else settings.method)
-    if method not in METHODS:
+    if not isinstance(method, str) or method not in METHODS:
         raise ConfigError(f'method: got "{method}"; {suggest(str(method), METHODS)}')
     _require_keys(changes, method)
     if settings is None or settings.method != method:
@@ -289,9 +290,15 @@ def _require_keys(changes: Mapping[str, Any], method: str) -> None:
 
 
 def _require_one_of(key: str, value: str, allowed: Sequence[str]) -> Any:  # noqa: ANN401  one of several literals
-    if value not in allowed:
+    if not isinstance(value, str) or value not in allowed:
         raise ConfigError(f'{key}: got "{value}"; {suggest(str(value), allowed)}')
     return value
+
+
+@no_type_check
+def _require_whole(key: str, value: int, least: int) -> None:
+    if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < least:
+        raise ConfigError(f"{key}: expected a whole number of at least {least}, got {value!r:.60}")
 
 
 @no_type_check

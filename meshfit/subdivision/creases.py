@@ -230,6 +230,9 @@ def creases_by_angle(mesh: "MeshLike", degrees: int | float, sharpness: int | fl
     Raises:
         SchemeError: an angle out of range, or a sharpness below 0.
     """
+    for name, value in (("degrees", degrees), ("sharpness", sharpness)):
+        if not isinstance(value, int | float | np.number):
+            raise SchemeError(f"{name}: expected a number, got {value!r:.60}")
     if not 0 < degrees <= 180:
         raise SchemeError(f"a crease angle of {degrees:g} degrees is not allowed: expected more than 0, up to 180")
     mesh = mesh if isinstance(mesh, Mesh) else as_mesh(mesh, triangles=True)

@@ -266,3 +266,24 @@ def test_nothing_warns_where_all_is_well():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         meshfit.fit("sphere", moved(cube()), **FIT)
+
+
+WRONG = [None, 1.5, ["a", "b"], np.zeros(3), object(), {}, b"x", ("a",)]
+
+
+@over("name", ["seed", "device", "dtype", "threads", "method", "normalise", "align", "source", "target"])
+def test_a_value_of_a_wrong_type_is_refused_by_name(name):
+    for value in WRONG:
+        if value is None and name == "method":
+            continue  # the default
+        given = {"source": "icosahedron", "target": "cube", **FIT, name: value}
+        with pytest.raises(meshfit.MeshfitError, match=rf"^{name}: ") as caught:
+            meshfit.fit(**given)
+        assert "\n" not in str(caught.value)
+
+
+def test_an_angle_that_is_no_number_is_refused_by_name():
+    for value in WRONG:
+        if not isinstance(value, float):
+            with pytest.raises(meshfit.MeshfitError, match=r"^degrees: expected a number"):
+                meshfit.creases_by_angle("cube", value)
