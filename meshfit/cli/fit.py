@@ -342,6 +342,7 @@ class _Fitting:
     def _write(self, job: _Job, store: "RunDirectory", *, many: bool) -> tuple["Verdict", dict[str, object]]:
         """Write the result of a complete trial, and print the verdict on it."""
         from meshfit.cli.verdict import verdict_of
+        from meshfit.experiment.storage.attributes import with_attributes
         from meshfit.experiment.storage.frame import frame_of, written_frame
         from meshfit.experiment.storage.targets import read_written_mesh
         from meshfit.measuring.metrics import MEASURED
@@ -349,7 +350,8 @@ class _Fitting:
         folder, record = store.folder(job.trial), store.result(job.trial)
         if record is None:
             raise MeshError(f"{path_text(job.target)}: its trial in {folder} has no result")
-        mesh = read_written_mesh(folder / "result.ply")
+        path = folder / "result.ply"
+        mesh = with_attributes(read_written_mesh(path), path, record)
         if written_frame(record) == "normalised":
             mesh = frame_of(record).restore(mesh)
         _save(mesh, job.output, _FORMAT_OF_MANY if many and self.output_format is None else self.output_format)

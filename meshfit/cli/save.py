@@ -112,6 +112,7 @@ def _read(
     trial: "ScannedTrial", record: "Result", what: str, frame: Literal["target", "normalised"]
 ) -> "Mesh | PolygonMesh":
     """Read a mesh of a trial, in one of its frames."""
+    from meshfit.experiment.storage.attributes import with_attributes
     from meshfit.experiment.storage.frame import frame_of, written_frame
     from meshfit.experiment.storage.run_directory import RESULT
     from meshfit.experiment.storage.targets import read_target, read_written_mesh
@@ -128,7 +129,7 @@ def _read(
         if what == "control" and not path.is_file():
             remedy = "fits with fit.variables: control write one"
             raise ConfigError(f"{trial.label}: no control mesh was fitted; {remedy}")
-        mesh = read_written_mesh(path)
+        mesh = with_attributes(read_written_mesh(path), path, record)
     if found == frame:
         return mesh
     return map_of_trial.restore(mesh) if frame == "target" else map_of_trial.normalise(mesh)

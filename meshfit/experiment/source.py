@@ -97,9 +97,19 @@ def _control_mesh(settings: SourceSettings, *, polygons: bool) -> tuple[AnyMesh,
     mesh, vertex_map = _load(settings.mesh, settings.cleaning, polygons=polygons)
     triangles = mesh.triangulated() if isinstance(mesh, PolygonMesh) else mesh
     if settings.decimate is not None and settings.decimate < triangles.num_faces:
-        triangles = decimate(triangles, settings.decimate)
+        triangles = _decimated(triangles, settings.decimate)
         mesh, vertex_map = PolygonMesh.of(triangles) if polygons else triangles, None
     return mesh.with_verts(_placed(mesh.verts, settings)), vertex_map
+
+
+def _decimated(mesh: Mesh, num_faces: int) -> Mesh:
+    """Decimate a mesh, and project its attributes."""
+    fewer = decimate(mesh, num_faces)
+    if not mesh.attributes:
+        return fewer
+    from meshfit.mesh.projection import projected_attributes  # brings libigl
+
+    return fewer.with_attributes(projected_attributes(fewer, fewer.verts, mesh))
 
 
 def _load(name: str, cleaning: CleaningOptions, *, polygons: bool) -> tuple[AnyMesh, VertexMap]:

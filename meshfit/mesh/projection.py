@@ -3,7 +3,7 @@
 Vertex data are interpolated within the face of the surface that is nearest to the place of the vertex. A face takes the
 data of the face nearest to its middle. Corner data with seams, such as texture coordinates, are found by walking on the
 surface from the middle of the face towards each of its corners; a walk ends where it meets a seam, so that no face has
-coordinates from both sides of one.
+coordinates from both sides of one. It crosses edges that are joined at one end, at poles and where seams end.
 """
 
 from dataclasses import dataclass, replace
@@ -76,10 +76,10 @@ def projected_attributes(mesh: Mesh | PolygonMesh, places: Points, surface: Mesh
     topology = Topology.of(surface)
     corner = {}
     for name, values in attributes.corner.items():
-        joined = joined_edges(topology, values)
-        if joined[topology.twin != NONE].all():
+        if joined_edges(topology, values)[topology.twin != NONE].all():
             corner[name] = interpolated(name, at_verts(topology, values), [operator])[polygons.corners]
         else:
+            joined = joined_edges(topology, values, at_one_end=True)
             starts = middle[np.repeat(np.arange(polygons.num_faces), polygons.sizes)]
             ends = _Walk(surface, topology, joined).to(starts, at[polygons.corners])
             corner[name] = _equal_at_verts(_at_corners(name, values, ends), polygons.corners)

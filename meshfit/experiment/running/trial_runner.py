@@ -15,6 +15,7 @@ from meshfit.config.strict_yaml import dump
 from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.experiment.plan import Trial
 from meshfit.experiment.source import build_source, relocated, source_files
+from meshfit.experiment.storage.attributes import attributes_file, encode_attributes
 from meshfit.experiment.storage.checkpoint import (
     keep_snapshots,
     read_checkpoint,
@@ -212,6 +213,10 @@ class TrialRunner:
         self.store.write(self.trial, TIMES, trace.times_to_csv())
 
     def _write_mesh(self, name: str, mesh: Mesh | PolygonMesh) -> None:
+        if mesh.attributes:
+            self.store.write(self.trial, attributes_file(name), encode_attributes(mesh.attributes))
+        else:  # of an earlier attempt
+            self.store.remove(self.trial, attributes_file(name))
         self.store.write(self.trial, name, self._encoded(mesh))
 
     def _encoded(self, mesh: Mesh | PolygonMesh) -> bytes:
