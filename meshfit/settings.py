@@ -169,7 +169,7 @@ def _are_of_one_kind(value: Any, change: Any) -> bool:  # noqa: ANN401  any YAML
 
 
 def _to_plain(value: Any) -> Any:  # noqa: ANN401  numpy scalars and paths, from Python callers
-    return value.item() if hasattr(value, "item") else str(value)
+    return value.item() if hasattr(value, "item") and getattr(value, "shape", ()) == () else str(value)
 
 
 def _reported(errors: list[ErrorDetails]) -> list[ErrorDetails]:

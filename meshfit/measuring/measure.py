@@ -4,6 +4,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from meshfit.doors import no_type_check
+from meshfit.errors import ConfigError
 from meshfit.measuring.distance import Distance, Farthest, Hausdorff, NormalAngle, surface_distances
 from meshfit.measuring.edges import Edges, edge_scores
 from meshfit.measuring.metrics import MEASURED
@@ -151,6 +152,8 @@ def measure(  # noqa: PLR0913  the settings, by name
     """
     given = {"samples": samples, "points": points, "f_score_tau": f_score_tau, "crease_angle": crease_angle}
     changes = {key: value for key, value in (given | {"seed": seed}).items() if value is not None} | unknown
+    if settings is not None and not isinstance(settings, MeasureSettings):
+        raise ConfigError(f"settings: expected MeasureSettings, got {settings!r:.60}")
     settings = override(settings or MeasureSettings(), changes)
     result, target = as_triangles(result, "result"), as_target(target)
     hausdorff, distance, normal_angle, farthest = surface_distances(result, target, settings.samples, settings.seed)

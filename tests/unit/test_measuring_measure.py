@@ -50,6 +50,13 @@ def test_a_target_that_is_inside_out_is_measured_to_as_its_turned_twin():
     assert measure(Mesh(small.verts, small.faces[:, ::-1]), cube(), FEW).normal_consistency.signed < 0
 
 
+def test_settings_of_a_wrong_type_are_refused():
+    for name in ("settings", "samples", "points", "f_score_tau", "crease_angle", "seed"):
+        for value in (["a"], np.zeros(3), object(), {"a": 1}):
+            with pytest.raises(ConfigError, match=name):
+                measure(octahedron(), cube(), **{name: value})
+
+
 def test_settings_are_no_metrics():
     found = flat(measure(octahedron(), cube(), FEW))
     for name, setting in (
