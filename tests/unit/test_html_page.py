@@ -155,7 +155,11 @@ def test_the_nearness_is_drawn_over_recorded_seconds(tmp_path):
 def test_a_page_prints_all_its_pictures():
     folder = resources.files("meshfit.report.html")
     assert "lazy" not in (folder / "templates" / "targets.html").read_text()
-    assert "beforeprint" in (folder / "assets" / "charts.js").read_text()
+    for script in ("charts.js", "turning.js"):
+        assert "beforeprint" in (folder / "assets" / script).read_text()
+    style = (folder / "assets" / "page.css").read_text()
+    assert "#scenes" not in style.partition("@media print")[2]
+    assert "@media (prefers-color-scheme: dark)" not in style  # a dark page prints on white
 
 
 def test_many_curves_are_thinned_and_damaged_ones_are_reported(tmp_path):
