@@ -65,7 +65,7 @@ class MaterialReader:
         numbers: dict[int, int] = {}
         for owner, key, reference in list(_texture_references(material)):
             try:
-                index = reference["index"]
+                index = _number(reference, "index", f"{entry.place}.{key}")
                 if index not in numbers:
                     texture = self._texture(index, images, f"{entry.place}.{key}")
                     numbers[index] = len(textures)
@@ -85,19 +85,15 @@ class MaterialReader:
         color, texture_image = _base(definition)
         return Material(entry.name(), color, texture_image, definition)
 
-    def _texture(self, index: Any, images: list[int], place: str) -> _Json:  # noqa: ANN401  of a file
+    def _texture(self, index: int, images: list[int], place: str) -> _Json:
         """Return a texture with its sampler in place; append the images that it refers to."""
-        if not isinstance(index, int) or isinstance(index, bool) or index < 0:
-            raise MeshError(f"{place}.index: expected an integer of at least 0")
         entry = self._document.item("textures", index, place)
         texture = entry.plain()
         if "sampler" in entry:
             texture["sampler"] = self._document.item("samplers", entry.integer("sampler"), entry.place).plain()
         found = 0
         for owner in _image_owners(texture):
-            source = owner["source"]
-            if not isinstance(source, int) or source < 0:
-                raise MeshError(f"{entry.place}.source: expected an integer of at least 0")
+            source = _number(owner, "source", entry.place)
             self._read_image(source, entry.place)
             if source not in images:
                 images.append(source)
@@ -256,6 +252,10 @@ def _texture_references(entry: _Json) -> Iterator[tuple[_Json, str, _Json]]:
             if key.lower().endswith("texture") and "index" in value:
                 yield entry, key, value
             yield from _texture_references(value)
+
+
+def _number(owner: _Json, key: str, place: str) -> int:
+    return JsonObject(owner, place).integer(key)
 
 
 def _image_owners(texture: _Json) -> Iterator[_Json]:

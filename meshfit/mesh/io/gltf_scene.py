@@ -20,6 +20,8 @@ from meshfit.units import count_text
 Matrices = Float64[np.ndarray, "N 4 4"]
 
 INSTANCING = "EXT_mesh_gpu_instancing"
+# Single precision, in which a file has its matrices, moves a vertex by no more, relative to the size of all.
+_ROUNDING = 2e-6
 
 
 class _Part(NamedTuple):
@@ -162,7 +164,6 @@ class Scene:
 
     def _place_skinned(self, parts: list[_Part], skin: JsonObject, worlds: Matrices, name: str) -> None:
         """Append the parts in the pose of the joints; the node of the mesh itself moves nothing."""
-        self._notes["a skin bends the mesh; reading it in the pose of the file's nodes"] = None
         joints = skin.integers("joints")
         for joint in joints:
             self._document.item("nodes", joint, f"{skin.place}.joints")
@@ -179,11 +180,10 @@ class Scene:
                 raise MeshError(f"{skin.place} has {len(joints)} joints, but a vertex names joint {part.joints.max()}")
             elements = 16 * len(part.verts) + 3 * len(part.triangles) + part.attributes.num_values
             self._placed.spend(elements, self._document.num_bytes)
-            blended = np.zeros((len(part.verts), 4, 4))
-            for joint, weight in zip(part.joints.T, part.weights.T, strict=True):
-                blended += weight[:, None, None] * pose[joint]
-            verts = np.einsum("vij,vj->vi", blended[:, :3, :3], part.verts) + blended[:, :3, 3]
-            mirrored = bool(np.median(np.sign(np.linalg.det(blended[:, :3, :3]))) < 0)
+            verts, mirrored = part.verts, False
+            if _moves(pose, worlds[joints], verts):
+                self._notes["a skin bends the mesh; reading it in the pose of the file's nodes"] = None
+                verts, mirrored = _posed(verts, part.joints, part.weights, pose)
             soup = self._grouped(part.soup()._replace(verts=verts), name)
             if self._carried is not None:
                 soup = self._carried.skinned(soup, joints, part.joints, part.weights)
@@ -259,6 +259,28 @@ class Scene:
         if self._carried is not None:
             attributes = self._carried.of_primitive(reader, primitive, len(verts), len(triangles))
         return reader.vertex_key(), _Part(verts, triangles, joints, joint_weights, attributes)
+
+
+def _moves(pose: Matrices, worlds: Matrices, verts: Float64[np.ndarray, "V 3"]) -> bool:
+    """Return whether joints in a pose move vertices by more than the rounding of the file's matrices."""
+    reach = np.abs(verts).max(axis=0, initial=0.0)
+    shift = np.abs(pose[:, :3, :3] - np.eye(3)) @ reach + np.abs(pose[:, :3, 3])
+    size = reach.max() + np.abs(worlds[:, :3, 3]).max(initial=0.0)
+    return bool(shift.max(initial=0.0) > _ROUNDING * size)
+
+
+def _posed(
+    verts: Float64[np.ndarray, "V 3"],
+    joints: Int64[np.ndarray, "V J"],
+    weights: Float64[np.ndarray, "V J"],
+    pose: Matrices,
+) -> tuple[Float64[np.ndarray, "V 3"], bool]:
+    """Return vertices that joints have moved, and whether most of them are mirrored."""
+    blended = np.zeros((len(verts), 4, 4))
+    for joint, weight in zip(joints.T, weights.T, strict=True):
+        blended += weight[:, None, None] * pose[joint]
+    moved = np.einsum("vij,vj->vi", blended[:, :3, :3], verts) + blended[:, :3, 3]
+    return moved, bool(np.median(np.sign(np.linalg.det(blended[:, :3, :3]))) < 0)
 
 
 def _descendants(roots: list[int], children: list[list[int]]) -> list[int]:
