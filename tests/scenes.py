@@ -41,7 +41,7 @@ def las():
 
 
 def glb():
-    """Return a binary glTF file with a skin, a morph target, a sparse accessor and a strip under two nodes."""
+    """Return a binary glTF file with a skin, a morph target, a sparse accessor, a strip and a texture, at two nodes."""
     file = GltfFile()
     primitive = file.primitive(CUBE, np.arange(8, dtype="<u2"), mode=5)
     rows = np.array([1, 2], "<u2")
@@ -54,7 +54,15 @@ def glb():
     primitive["attributes"] |= {
         "JOINTS_0": file.accessor(np.zeros((8, 4), "u1")),
         "WEIGHTS_0": file.accessor(np.full((8, 4), 63, "u1"), normalized=True),
+        "TEXCOORD_0": file.accessor(CUBE[:, :2].copy()),
+        "COLOR_0": file.accessor(np.full((8, 4), 63, "u1"), normalized=True),
+        "_HEAT": file.accessor(CUBE[:, 0].copy()),
     }
+    primitive["material"] = 0
+    file.json["images"] = [{"bufferView": file.view(b"\x89PNG\r\n\x1a\n"), "mimeType": "image/png"}]
+    file.json["textures"] = [{"source": 0, "sampler": 0}]
+    file.json["samplers"] = [{"wrapS": 33071}]
+    file.json["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]
     file.mesh(primitive)
     file.json["meshes"][0]["weights"] = [0.5]
     file.json["skins"] = [{"joints": [1], "inverseBindMatrices": file.accessor(np.eye(4, dtype="<f4").reshape(1, 16))}]

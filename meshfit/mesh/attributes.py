@@ -44,7 +44,7 @@ class Image:
     """
 
     name: str
-    content: bytes
+    content: bytes = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)

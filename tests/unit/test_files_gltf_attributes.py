@@ -145,7 +145,10 @@ def carrying(mesh):
             },
             face={"material": material, "group": (mesh.verts[mesh.faces].mean(axis=1)[:, 2] > 0).astype(int)},
             corner={"uv": rng.random((3 * mesh.num_faces, 2)), "uv1": rng.random((3 * mesh.num_faces, 2))},
-            materials=(Material("skin", (1, 0.5, 0.25, 1)), Material("glass", (0, 0, 1, 0.5), Image("a.png", PNG))),
+            materials=(
+                Material("skin", (1.0, 0.5, 0.25, 1.0)),
+                Material("glass", (0.0, 0.0, 1.0, 0.5), Image("a.png", PNG)),
+            ),
             groups=("lower half", "upper half"),
         )
     )
@@ -276,7 +279,7 @@ def test_a_changed_colour_and_texture_are_written():
     file, _ = textured_file()
     mesh = read_gltf(file.glb(), attributes=True)
     old = mesh.attributes.materials[0]
-    changed = Material("new", (0, 1, 0, 1), Image("b.png", OTHER_PNG), old.definition)
+    changed = Material("new", (0.0, 1.0, 0.0, 1.0), Image("b.png", OTHER_PNG), old.definition)
     attributes = Attributes(mesh.attributes.vertex, mesh.attributes.face, materials=(changed,))
     soup = read_gltf(encode_mesh(Mesh(mesh.verts, mesh.corners.reshape(-1, 3), attributes), ".glb"), attributes=True)
     found = soup.attributes.materials[0]
@@ -354,6 +357,28 @@ def test_texture_coordinates_in_every_form(form):
     attributes["TEXCOORD_0"] = accessor
     soup = read_gltf(file.glb(), attributes=True)
     assert np.allclose(soup.attributes.vertex["uv"], expected * [1, -1] + [0, 1], rtol=0, atol=1e-15)
+
+
+def test_texture_coordinates_and_colours_of_draco():
+    draco = pytest.importorskip("DracoPy")
+    solid, rng = icosahedron(), np.random.default_rng(1)
+    uv, color = rng.random((12, 2)), rng.integers(0, 256, (12, 3)).astype("u1")
+    exact = {"quantization_bits": 0, "preserve_order": True}
+    content = draco.encode(solid.verts.astype("f4"), solid.faces.astype("u4"), tex_coord=uv, colors=color, **exact)
+    ids = {entry["attribute_type"]: entry["unique_id"] for entry in draco.decode(content).attributes}
+    file = GltfFile()
+    compressed = {"bufferView": file.view(content)}
+    compressed["attributes"] = {"POSITION": ids[0], "TEXCOORD_0": ids[3], "COLOR_0": ids[2]}
+    file.json["accessors"] = [
+        {"componentType": 5126, "count": 12, "type": "VEC3"},
+        {"componentType": 5126, "count": 12, "type": "VEC2"},
+        {"componentType": 5121, "count": 12, "type": "VEC3", "normalized": True},
+    ]
+    attributes = {"POSITION": 0, "TEXCOORD_0": 1, "COLOR_0": 2}
+    file.node(mesh=file.mesh({"attributes": attributes, "extensions": {"KHR_draco_mesh_compression": compressed}}))
+    found = read_gltf(file.glb(), attributes=True).attributes.vertex
+    assert np.allclose(found["uv"], uv * [1, -1] + [0, 1], atol=1e-3)
+    assert np.array_equal(found["color"], color)
 
 
 def test_several_meshes_give_the_union_with_neutral_values():
@@ -641,6 +666,23 @@ def test_vtk_reads_what_is_written(tmp_path):
 def flipped(mesh):
     uv = mesh.attributes.corner["uv"] * [1, -1] + [0, 1]
     return mesh.with_attributes(Attributes(corner={"uv": uv}))
+
+
+def test_vtk_sees_a_skin_at_rest_where_the_mesh_is(tmp_path):
+    geometry = pytest.importorskip("vtkmodules.vtkIOGeometry")
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    file, _, _ = arm(bent=True)
+    with heard():
+        mesh = load_mesh(file.write(tmp_path, "given.glb"))
+    save_mesh(mesh, tmp_path / "a.glb")
+    reader = geometry.vtkGLTFReader()
+    reader.SetFileName(str(tmp_path / "a.glb"))
+    reader.Update()
+    surface = reader.GetOutput()
+    while hasattr(surface, "GetNumberOfBlocks"):
+        surface = surface.GetBlock(0)
+    assert np.allclose(vtk_to_numpy(surface.GetPoints().GetData()), mesh.verts, atol=1e-6)
 
 
 def test_a_file_of_trimesh_is_read(tmp_path):
