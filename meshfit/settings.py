@@ -51,6 +51,11 @@ class Settings(BaseModel):
     )
 
     @classmethod
+    def with_dependent_defaults(cls, data: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return plain data with the defaults that depend on other values; `build` adds them."""
+        return data
+
+    @classmethod
     def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
         """Describe the settings by the text of their docstring, without its example."""
         described = handler.resolve_ref_schema(handler(schema))
@@ -76,7 +81,8 @@ def build(model: type[Model], data: Mapping[str, Any], where: Callable[[KeyPath]
     """
     try:
         # Through JSON, where strict validation takes a list for a tuple and 1 for 1.0, but neither "1" nor true.
-        return model.model_validate_json(json.dumps(data, default=_to_plain))
+        complete = model.with_dependent_defaults(data)
+        return model.model_validate_json(json.dumps(complete, default=_to_plain))
     except ValidationError as error:
         faults: dict[KeyPath, str] = {}
         listed: set[KeyPath] = set()

@@ -27,6 +27,14 @@ MAX_LEVELS = 8
 """The most subdivision levels that a source may have."""
 SOURCE_FILE_KEYS = (("source", "mesh"), ("source", "creases", "file"), ("source", "alpha", "file"))
 """Settings of the source that may be paths of files."""
+MADE_FROM_TARGET = ("target", "wrap", "auto")
+"""Values of `source.mesh` that stand for control meshes made from the trial's target."""
+_OF_TARGET = {"levels": 0, "wanted_verts": 2562, "radius": None, "centre": None}
+_SOURCE_DEFAULTS: dict[str, dict[str, Any]] = {
+    **dict.fromkeys(MADE_FROM_TARGET, _OF_TARGET),
+    "sphere": {"levels": 3, "radius": 0.3, "project": "sphere"},
+}
+"""Defaults of the source's other settings that depend on its mesh."""
 NO_EFFECT_ON_RESULTS: dict[str, Any] = {
     **dict.fromkeys(("write_frame", "view", "jobs", "threads", "retries", "sweep"), True),
     "fit": {"snapshots"},
@@ -117,14 +125,29 @@ class AlphaSettings(Settings):
         return self
 
 
+class WrapSettings(Settings):
+    """The alpha wrap that a source is made from, with lengths in the normalised frame."""
+
+    alpha: Annotated[float, Field(gt=0)] | None = None
+    """Length (above 0) below which gaps are closed; null chooses one, from the spacing of the points of a cloud, and by
+    comparing the distance and the genus of three wraps."""
+    offset: Annotated[float, Field(gt=0)] | None = None
+    """Distance (above 0) of the wrap from the target; null means a thirtieth of alpha."""
+
+
 class SourceSettings(Settings):
     """The source: a control mesh, its preparation, and its refinement by the scheme."""
 
     mesh: str = "icosahedron"
-    """Control mesh: `icosahedron`, `octahedron`, `tetrahedron`, `cube`, `icosphere` or `icosphere:level=N`, the name of
-    a target, or the path of a mesh file."""
+    """Control mesh: `target`, the trial's target with few faces; `wrap`, one closed surface around it; `auto`, the
+    target, or a wrap where it is a cloud or a soup that crosses itself; `sphere`, a small one inside the target;
+    `icosahedron`, `octahedron`, `tetrahedron`, `cube`, `icosphere` or `icosphere:level=N`; the name of a target, or the
+    path of a mesh file."""
     decimate: Annotated[int, Field(ge=4)] | None = None
-    """Number of faces, 4 or more, to which the control mesh is reduced first; null keeps all."""
+    """Number of faces, 4 or more, to which the control mesh is reduced first; null keeps all. Of a source made from the
+    target, `wanted_verts` chooses it."""
+    wrap: WrapSettings | None = None
+    """Lengths of the wrap where `mesh` is `wrap` or `auto`: `{alpha: LENGTH, offset: LENGTH}`; null chooses both."""
     weld: Annotated[float, Field(gt=0)] | None = None
     """Distance, in the unit of the control mesh's file, up to which boundary vertices are joined; null joins equal
     positions only."""
@@ -132,16 +155,18 @@ class SourceSettings(Settings):
     """Treatment of vertices and edges where the mesh is not manifold: `split` separates the faces; `refuse` leaves
     them, so that subdivision and the Gauss–Newton engine refuse the mesh."""
     levels: Annotated[int, Field(ge=0, le=MAX_LEVELS)] = 4
-    """Number of subdivision levels, from 0 to 8."""
+    """Number of subdivision levels, from 0 to 8; 4 unless given, but 0 for a source made from the target, and 3 for
+    `sphere`."""
     wanted_verts: Annotated[int, Field(ge=4)] | None = None
     """Wanted number of vertices, 4 or more: each scheme gets the number of levels that comes nearest to it, in place of
-    `levels`; null uses `levels`."""
+    `levels`; null uses `levels`. The control mesh of a source made from the target is decimated so that `levels` levels
+    of splits in four reach it, 2,562 unless given; it is the same for all schemes."""
     radius: Annotated[float, Field(gt=0)] | None = 1.0
     """Distance of the control mesh's farthest vertex from the mean of its vertices after scaling; null keeps its
-    size."""
+    size, as all sources made from the target do."""
     centre: tuple[float, float, float] | None = (0.0, 0.0, 0.0)
-    """Position of the mean of the control mesh's vertices in the normalised frame; null keeps its place. Also accepted
-    as `center`."""
+    """Position of the mean of the control mesh's vertices in the normalised frame; null keeps its place, as all sources
+    made from the target do. Also accepted as `center`."""
     align: Align = "none"
     """Alignment of the refined source with the target: `none`; `center` or `centre`, by centroids; `pca`, by
     principal axes and size as well; `icp`, by iterated closest points after `pca`."""
@@ -158,6 +183,26 @@ class SourceSettings(Settings):
     def cleaning(self) -> CleaningOptions:
         """The options for cleaning the control mesh's file."""
         return CleaningOptions(self.weld or 0.0, self.repair)
+
+    @property
+    def is_made_from_target(self) -> bool:
+        """Whether the control mesh depends on the target."""
+        return self.mesh in MADE_FROM_TARGET
+
+    @classmethod
+    def with_dependent_defaults(cls, data: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return plain data with the defaults that depend on the mesh."""
+        mesh = data.get("mesh")
+        defaults = _SOURCE_DEFAULTS.get(mesh, {}) if isinstance(mesh, str) else {}
+        if data.get("decimate") is not None:
+            defaults = {key: value for key, value in defaults.items() if key != "wanted_verts"}
+        return {**defaults, **data}
+
+    @model_validator(mode="after")
+    def _wrap_needs_a_mesh(self) -> "SourceSettings":
+        if self.wrap is not None and self.mesh not in ("wrap", "auto"):
+            raise ValueError(f"wrap: has no effect with mesh: {self.mesh}; set mesh: wrap, or remove it")
+        return self
 
 
 class ViewSettings(Settings):
@@ -219,6 +264,14 @@ class ExperimentSettings(Settings):
     sweep: dict[str, Any] = Field(default_factory=dict)
     """Settings to vary, one table row per combination: `fit.losses.edge: [0.1, 1.0]` for a grid, lists under `zip` to
     vary in step, and names under `variants` with the settings that each changes."""
+
+    @classmethod
+    def with_dependent_defaults(cls, data: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return plain data with the defaults of the source that depend on its mesh."""
+        source = data.get("source")
+        if not isinstance(source, Mapping):
+            return data
+        return {**data, "source": SourceSettings.with_dependent_defaults(source)}
 
     @property
     def cleaning(self) -> CleaningOptions:

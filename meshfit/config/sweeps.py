@@ -52,7 +52,8 @@ def variants_of(settings: ExperimentSettings, where: Callable[[], str] = lambda:
         axes = _axes(settings.sweep)
     except ConfigError as error:
         raise ConfigError(f"{where()}{error}") from None
-    base = settings.model_dump(mode="json") | {"sweep": {}}
+    # Defaults may depend on a setting that is varied.
+    base = settings.model_dump(mode="json", exclude_unset=True) | {"sweep": {}}
     variants: dict[str, Variant] = {}
     for points in product(*axes):
         changes: dict[str, Any] = {}

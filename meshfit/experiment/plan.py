@@ -13,7 +13,7 @@ from meshfit.config.experiment import NO_EFFECT_ON_RESULTS, ExperimentSettings, 
 from meshfit.config.loading import Experiment
 from meshfit.config.sweeps import Variant, variants_of
 from meshfit.errors import Faults
-from meshfit.experiment.source import build_source, source_files
+from meshfit.experiment.source import build_source, source_files, stand_in
 from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path, target_title
 from meshfit.paths import file_stem
@@ -28,7 +28,7 @@ It is the `schema_version` of a `result.json`, and part of each trial's identity
 """
 
 _KEYS_WITH_FILES = ("creases", "alpha")
-_KEYS_OMITTED_IF_NULL = (*_KEYS_WITH_FILES, "wanted_verts")
+_KEYS_OMITTED_IF_NULL = (*_KEYS_WITH_FILES, "wanted_verts", "wrap")
 
 
 @dataclass(frozen=True)
@@ -88,8 +88,8 @@ class Trial:
     def plain_settings(self) -> dict[str, Any]:
         """The settings as plain data, without those that have no effect on results.
 
-        Definitions, creases, alphas and `wanted_verts` are left out where they are not set, so that trials of older
-        versions, which did not have them, keep their identities.
+        Definitions, creases, alphas, `wanted_verts` and `wrap` are left out where they are not set, so that trials of
+        older versions, which did not have them, keep their identities.
         """
         unset = {key for key in _KEYS_OMITTED_IF_NULL if getattr(self.settings.source, key) is None}
         plain = self.settings.model_dump(mode="json", exclude=NO_EFFECT_ON_RESULTS | {"source": unset})
@@ -199,11 +199,14 @@ def checked_target(target: str, cleaning: CleaningOptions) -> CheckedTarget:
 
 @cache
 def _check_source(settings: SourceSettings, schemes: tuple[NamedScheme, ...]) -> tuple[tuple[str, str], ...]:
-    """Build the first level of a source with each scheme, and return the SHA-256 of its files, by role."""
+    """Build the first level of a source with each scheme, and return the SHA-256 of its files, by role.
+
+    A control mesh that will be made from a target is not made yet, as this takes seconds for each.
+    """
     files = source_files(settings)
     for scheme in schemes:
         short = settings.model_copy(update={"levels": min(settings.levels, 1), "wanted_verts": None})
-        build_source(short, scheme.resolve(), scheme.spec)
+        build_source(stand_in(short), scheme.resolve(), scheme.spec)
     return tuple((role, file_sha256(target_path(name))) for role, name in files.items())
 
 

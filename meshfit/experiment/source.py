@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from meshfit.config.experiment import MAX_LEVELS, SourceSettings
+from meshfit.config.experiment import MADE_FROM_TARGET, MAX_LEVELS, SourceSettings
 from meshfit.errors import ConfigError, MeshError, MeshfitError
 from meshfit.mesh.cleaning import VertexMap
 from meshfit.mesh.cleaning_options import CleaningOptions
+from meshfit.mesh.control_mesh import ORIGINS, ControlMesh, Wrap, control_mesh_of
 from meshfit.mesh.io.vertex_values import read_vertex_property, read_vertex_values
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.meshlab import decimate
@@ -29,11 +30,15 @@ from meshfit.subdivision.registry import Scheme, resolve
 from meshfit.subdivision.sphere import MAX_LEVEL, icosphere, refined_on_sphere
 
 _ICOSPHERE_LEVEL = 2
+_SPHERE = "sphere"
+_USUAL_VERTS = 2562
 
 AnyMesh = Mesh | PolygonMesh
 
 
-def build_source(settings: SourceSettings, scheme: str | Scheme, name: str = "this scheme") -> AnyMesh:
+def build_source(
+    settings: SourceSettings, scheme: str | Scheme, name: str = "this scheme", target: Mesh | None = None
+) -> AnyMesh:
     """Build the mesh that a fit starts from: polygons if the scheme refines polygons, else triangles.
 
     Each polygon begins at the corner from which its fan has the shortest diagonals, so that every reader of the mesh
@@ -43,17 +48,18 @@ def build_source(settings: SourceSettings, scheme: str | Scheme, name: str = "th
         settings: the control mesh, its placement, creases and alphas, and the number of levels.
         scheme: the scheme that refines it, or its spec.
         name: the scheme's name in messages; its spec if that is given.
+        target: the trial's target in its normalised frame, which some control meshes are made from.
 
     Raises:
-        ConfigError: the control mesh is neither built in, nor a target, nor a file; or it is decimated, but a file of
-            creases or alphas refers to its original vertices.
+        ConfigError: the control mesh is neither built in, nor a target, nor a file; or it is decimated or made from the
+            trial's target, but a file of creases or alphas refers to its original vertices.
         MeshError: the control mesh, or a file of creases or alphas, cannot be used.
         SchemeError: the scheme does not exist, takes no creases or has no alpha.
     """
     if isinstance(scheme, str):
         name = scheme
     scheme = resolve(scheme)
-    mesh, vertex_map = _control_mesh(settings, polygons=isinstance(scheme, PolygonScheme))
+    mesh, vertex_map = _control_mesh(settings, target, polygons=isinstance(scheme, PolygonScheme))
     creases = _creases(settings, scheme, name, mesh, vertex_map)
     scheme = _with_alphas(settings, scheme, name, vertex_map)
     try:
@@ -86,14 +92,60 @@ def relocated(settings: SourceSettings, where: Callable[[str], str]) -> SourceSe
     return settings.model_copy(update=changes)
 
 
-def _control_mesh(settings: SourceSettings, *, polygons: bool) -> tuple[AnyMesh, VertexMap | None]:
+def made_from_target(settings: SourceSettings, target: Mesh) -> ControlMesh | None:
+    """Return the control mesh that a source is made from with a trial's target; None if it is made without.
+
+    Raises:
+        MeshError: the target has nothing to make it from.
+    """
+    origin = next((origin for origin in ORIGINS if origin == settings.mesh), None)
+    if origin is None:
+        return None
+    wanted = settings.wanted_verts or _USUAL_VERTS
+    verts = max(4, round(wanted / 4**settings.levels)) if settings.decimate is None else None
+    wrap = None if settings.wrap is None else Wrap(settings.wrap.alpha, settings.wrap.offset)
+    with _error_prefix("source.mesh"):
+        return control_mesh_of(target, origin, verts=verts, faces=settings.decimate, wrap=wrap)
+
+
+def stand_in(settings: SourceSettings) -> SourceSettings:
+    """Return settings of a source without a trial's target, to be checked or counted before the target is loaded.
+
+    Raises:
+        ConfigError: a file refers to the vertices of a mesh that has yet to be made.
+    """
+    if not settings.is_made_from_target:
+        return settings
+    for key, options in (("creases", settings.creases), ("alpha", settings.alpha)):
+        if options is not None and (key == "alpha" or options.file is not None):
+            with _error_prefix(f"source.{key}"):
+                _undecimated(settings, None)
+    return settings.model_copy(update={"mesh": "icosahedron", "wrap": None, "decimate": None})
+
+
+def describe_source(settings: SourceSettings, target: Mesh) -> dict[str, object]:
+    """Return what a source is made from, and why, for the records of a trial."""
+    made = made_from_target(settings, target)
+    if made is not None:
+        return made.record
+    kind = "sphere" if settings.project == "sphere" else "solid"
+    return {"made_from": "file" if _control_mesh_path(settings.mesh) is not None else kind, "reason": "as set"}
+
+
+def _control_mesh(settings: SourceSettings, target: Mesh | None, *, polygons: bool) -> tuple[AnyMesh, VertexMap | None]:
     """Load, decimate and place the control mesh.
 
     Returns:
-        The mesh, and the vertices of it that those of its file became; None if it was decimated.
+        The mesh, and the vertices of it that those of its file became; None if it was decimated, or has no file.
     """
     mesh: AnyMesh
     vertex_map: VertexMap | None
+    if settings.is_made_from_target:
+        if target is None:
+            raise MeshError(f"source.mesh: {settings.mesh}: made from the target of a trial, and there is none")
+        made = made_from_target(settings, target)
+        assert made is not None  # noqa: S101  as it is made from the target
+        return PolygonMesh.of(made.mesh) if polygons else made.mesh, None
     mesh, vertex_map = _load(settings.mesh, settings.cleaning, polygons=polygons)
     triangles = mesh.triangulated() if isinstance(mesh, PolygonMesh) else mesh
     if settings.decimate is not None and settings.decimate < triangles.num_faces:
@@ -116,6 +168,8 @@ def _load(name: str, cleaning: CleaningOptions, *, polygons: bool) -> tuple[AnyM
     if _control_mesh_path(name) is not None:
         return load_target_with_vertex_map(name, cleaning, polygons=polygons)
     mesh: AnyMesh
+    if name == _SPHERE:
+        name = "icosahedron"
     if polygons and name in POLYGON_SOLIDS:
         mesh = POLYGON_SOLIDS[name]()
     else:
@@ -126,14 +180,14 @@ def _load(name: str, cleaning: CleaningOptions, *, polygons: bool) -> tuple[AnyM
 
 def _control_mesh_path(name: str) -> Path | None:
     """The file of a control mesh; None for a built-in one."""
-    if name in SOLIDS or name.partition(":")[0] == "icosphere":
+    if name in SOLIDS or name in (_SPHERE, *MADE_FROM_TARGET) or name.partition(":")[0] == "icosphere":
         return None
     if name in NAMED_TARGETS or is_regular_file(name):
         return target_path(name)
     if name == STREAM or looks_like_path(name) or os.path.lexists(name):
         with _error_prefix("source.mesh"):
             return target_path(name)
-    allowed = [*SOLIDS, "icosphere", *NAMED_TARGETS]
+    allowed = [*MADE_FROM_TARGET, _SPHERE, *SOLIDS, "icosphere", *NAMED_TARGETS]
     raise ConfigError(f"source.mesh: '{name}': {suggest(name, allowed)}, or the path of a mesh file")
 
 
@@ -160,7 +214,8 @@ def _refined(mesh: AnyMesh, settings: SourceSettings, scheme: Scheme, creases: C
         refinement = refine(topology, scheme, settings.levels, creases)
     else:
         refinement = _nearest_in_size(topology, scheme, settings.wanted_verts, creases)
-    verts = None if settings.project == "none" else refined_on_sphere(mesh.verts, refinement.operators)
+    on_sphere = settings.project == "sphere" and not settings.is_made_from_target
+    verts = refined_on_sphere(mesh.verts, refinement.operators) if on_sphere else None
     return refined_mesh(mesh, scheme, refinement, creases, verts)
 
 
@@ -223,6 +278,9 @@ def _error_prefix(key: str) -> Iterator[None]:
 
 def _undecimated(settings: SourceSettings, vertex_map: VertexMap | None) -> VertexMap:
     if vertex_map is None:
+        if settings.is_made_from_target:
+            text = f"refers to the vertices of a file, and source.mesh: {settings.mesh} has none"
+            raise ConfigError(f"{text}; use creases.angle, or another mesh")
         raise ConfigError(
             f"refers to the vertices of {settings.mesh}, which source.decimate replaces; set source.decimate to null"
         )

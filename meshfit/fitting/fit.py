@@ -94,6 +94,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     tries: int | None = None,
     level_steps: int | None = None,
     last_steps: int | None = None,
+    start_fairness: float | None = None,
     fairness: float | None = None,
     last_fairness: float | None = None,
     # the computation
@@ -145,6 +146,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         tries: gauss-newton: largest number of these searches.
         level_steps: gauss-newton: number of steps at each level.
         last_steps: gauss-newton: number of final steps.
+        start_fairness: gauss-newton: weight of smoothness at the start of each level.
         fairness: gauss-newton: weight of smoothness at the end of each level.
         last_fairness: gauss-newton: weight of smoothness at the end of the last steps.
         device: `auto`, `cpu`, `cuda`, `cuda:N` or `mps`.
@@ -173,7 +175,8 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         Diverged: a step was not finite.
 
     Warns:
-        MeshfitWarning: the source was moved and scaled to the target.
+        MeshfitWarning: the source was moved and scaled to the target; or the fit has a shortfall, such as an end that
+            is farther from the target than its source.
     """
     given = {key: value for key, value in locals().items() if key in ENGINE_KEYS and value is not None} | unknown
     settings = _settings(settings, given)
@@ -194,6 +197,8 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     polygons = None if outcome.polygons is None else restored.mesh(outcome.polygons)
     control = None if outcome.control is None else restored.mesh(outcome.control)
     mesh = restored.mesh(outcome.mesh)
+    for text in outcome.shortfalls:
+        warnings.warn(text, MeshfitWarning, stacklevel=2)
     return replace(outcome, mesh=mesh, control=control, polygons=polygons, frame=frame, target=target_mesh)
 
 

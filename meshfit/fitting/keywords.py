@@ -51,5 +51,6 @@ class FitKeys(TypedDict, total=False):
     tries: int | None
     level_steps: int | None
     last_steps: int | None
+    start_fairness: float | None
     fairness: float | None
     last_fairness: float | None

@@ -69,6 +69,10 @@ class Engine(ABC):
     def polygons(self, member: int) -> PolygonMesh | None:
         """Return the polygons that the current surface was triangulated from, if any."""
 
+    def shortfalls(self, _member: int) -> Sequence[str]:
+        """Return what the fit did not reach, in words, once it has ended."""
+        return ()
+
     def control(self, _member: int) -> Mesh | PolygonMesh | None:
         """Return the current control mesh, if one is solved for."""
         return None
@@ -130,6 +134,7 @@ class FitResult:
         polygons: the polygons of which `mesh` is the triangulation, if any.
         frame: the frame of all lengths in the trace; that of no change for a result of `fit_batch`.
         target: the target, in its own coordinates as the meshes above; None for a result of `fit_batch`.
+        shortfalls: what the fit did not reach, in words; empty for most.
 
     Example:
         >>> import meshfit
@@ -146,6 +151,7 @@ class FitResult:
     polygons: PolygonMesh | None = None
     frame: Frame = IDENTITY
     target: Mesh | None = None
+    shortfalls: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """Return the mesh, the number of steps and the last value of the objective."""
@@ -211,7 +217,9 @@ def _result(engine: Engine, member: int) -> FitResult:
     surface = engine.with_attributes(member, engine.polygons(member) or engine.mesh(member))
     polygons = surface if isinstance(surface, PolygonMesh) else None
     mesh = surface.triangulated() if isinstance(surface, PolygonMesh) else surface
-    return FitResult(mesh, engine.traces[member], str(engine.device), engine.control_with_attributes(member), polygons)
+    trace, shortfalls = engine.traces[member], tuple(engine.shortfalls(member))
+    control = engine.control_with_attributes(member)
+    return FitResult(mesh, trace, str(engine.device), control, polygons, shortfalls=shortfalls)
 
 
 def _running(engine: Engine) -> Iterator[tuple[int, Problem]]:

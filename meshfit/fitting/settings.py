@@ -8,6 +8,7 @@ from meshfit.settings import DEFAULT_KIND, KIND_KEY, Settings
 
 Every = Annotated[int, Field(ge=1)]
 Weight = Annotated[float, Field(ge=0)]
+Fairness = Annotated[float, Field(gt=0)]
 Dtype = Literal["float32", "float64"]
 
 
@@ -109,15 +110,18 @@ class GaussNewtonSettings(Settings):
     """Number of steps (0 or more) of each search for the rough shape."""
     tries: Annotated[int, Field(ge=1, le=10)] = 2
     """Largest number of searches (1 to 10) for the rough shape; each restarts from the source, and only while parts of
-    the surface stay off the target."""
+    the surface stay off the target. A source that is near to the target needs none."""
     level_steps: Annotated[int, Field(ge=1)] = 8
     """Number of steps (1 or more) at each level."""
     last_steps: Annotated[int, Field(ge=0)] = 5
     """Number of final steps (0 or more) on the finest level."""
-    fairness: Annotated[float, Field(gt=0)] = 0.1
-    """Weight of smoothness (above 0) at the end of each level."""
-    last_fairness: Annotated[float, Field(gt=0)] = 0.02
-    """Weight of smoothness (above 0) at the end of the last steps."""
+    start_fairness: Fairness | None = None
+    """Weight of smoothness (above 0) at the start of each level; null means 0.2, or 0.05 for a source that is near to
+    the target."""
+    fairness: Fairness | None = None
+    """Weight of smoothness (above 0) at the end of each level; null means 0.1, or 0.02 for a near source."""
+    last_fairness: Fairness | None = None
+    """Weight of smoothness (above 0) at the end of the last steps; null means 0.02, or 0.005 for a near source."""
     trace_every: Every = 1
     """Number of steps (1 or more) from one row of `trace.csv` to the next; the first and last steps always have one."""
     snapshots: Every | None = None

@@ -5,7 +5,7 @@ import re
 import sys
 import warnings
 from types import SimpleNamespace
-from typing import get_type_hints
+from typing import get_args, get_type_hints
 
 import numpy as np
 import pytest
@@ -110,7 +110,8 @@ def test_keywords_are_the_keys_of_both_engines_with_their_types():
     for key in ENGINE_KEYS - {"losses", "optimizer"}:
         assert parameters[key].annotation == keys[key], key
         fields = [model.model_fields[key].annotation for model in models if key in model.model_fields]
-        names = [getattr(field, "__name__", str(field)).removesuffix(" | None") for field in fields]
+        plain = [getattr(get_args(field)[0], "__origin__", field) if get_args(field) else field for field in fields]
+        names = [getattr(field, "__name__", str(field)).removesuffix(" | None") for field in plain]
         assert key in ("method", "snapshots") or any(name in str(keys[key]) for name in names), key
     for typed, model in ((Losses, LossWeights), (OptimizerKeys, OptimizerSettings), (ScheduleKeys, Schedule)):
         assert set(typed.__annotations__) == set(model.model_fields)

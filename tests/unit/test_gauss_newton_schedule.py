@@ -67,10 +67,15 @@ def test_every_search_for_the_rough_shape_starts_from_the_source():
         assert all(stage.attempt is None for stage in schedule(settings) if stage.name != "rough shape")
 
 
-def test_long_stages_end_at_the_fairness_that_is_set():
-    settings = GaussNewtonSettings(coarse_steps=40, level_steps=20, last_steps=20, levels=2)
-    for stage in schedule(settings)[-4:]:
-        assert stage.weights[-1][0] == (settings.last_fairness if stage.name == "last" else settings.fairness)
+@pytest.mark.parametrize(("near", "usual"), [(False, (0.2, 0.1, 0.02)), (True, (0.05, 0.02, 0.005))])
+@pytest.mark.parametrize("given", [{}, {"start_fairness": 0.3, "fairness": 0.15, "last_fairness": 0.03}])
+def test_long_stages_fall_from_the_fairness_that_is_set_or_usual(near, usual, given):
+    settings = GaussNewtonSettings(coarse_steps=40, level_steps=20, last_steps=20, levels=2, **given)
+    start, level, last = given.values() or usual
+    *levels, end = schedule(settings, near=near)[-4:]
+    for stage in levels:
+        assert (stage.weights[0][0], stage.weights[-1][0]) == (start, level)
+    assert end.weights[-1][0] == last
 
 
 def test_levels_come_in_order_and_refine_as_often_as_is_asked_for():

@@ -14,7 +14,7 @@ import numpy as np
 from meshfit.config.strict_yaml import dump
 from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.experiment.plan import Trial
-from meshfit.experiment.source import build_source, relocated, source_files
+from meshfit.experiment.source import build_source, describe_source, made_from_target, relocated, source_files
 from meshfit.experiment.storage.attributes import attributes_file, encode_attributes
 from meshfit.experiment.storage.checkpoint import (
     keep_snapshots,
@@ -103,11 +103,15 @@ class TrialRunner:
             source_settings = relocated(settings.source, self.trial.current_path)
             for role, name in source_files(source_settings).items():
                 _check_unchanged(name, inputs.get(role))
-            built = build_source(source_settings, scheme)
+            built = build_source(source_settings, scheme, target=self._target)
+            made = made_from_target(source_settings, self._target)
+            self._source_record = describe_source(source_settings, self._target)
             triangles = built.triangulated() if isinstance(built, PolygonMesh) else built
-            self._source = align(triangles, self._target, settings.source.align)
+            self._source = align(triangles, self._target, "none" if made is not None else settings.source.align)
             _warn_of_differences(self._source, self._target)
         self._warnings = [*target.warnings, *_texts(caught)]
+        if made is not None:
+            self._log.note(made.line)
         for text in self._warnings:
             self._log.note(f"warning: {text}")
         self.store.write(self.trial, CONFIG, dump(self.trial.plain_settings))
@@ -143,11 +147,13 @@ class TrialRunner:
         self._write_trace(fitted.trace)
         self._report(TrialStatus.MEASURING)
         start = time.perf_counter()
+        for text in fitted.shortfalls:
+            self.warn(text)
         with self.warnings_recorded():
             measured = measure(fitted.mesh, self._target, self.trial.settings.measure)
             _warn_if_farther(self._source, fitted.mesh, self._target, self.trial.settings.fit)
         seconds["measure"] = time.perf_counter() - start
-        source = {"area": float(face_areas(self._source).sum())}
+        source = self._source_record | {"area": float(face_areas(self._source).sum())}
         source |= {"verts": self._source.num_verts, "faces": self._source.num_faces}
         work = {"source": source, "seconds": seconds, "peak_memory_mb": peak_memory_mb(), "warnings": self._warnings}
         result = result_record(self.trial, self._frame_record, fitted, measured, work)

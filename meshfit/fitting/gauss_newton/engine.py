@@ -10,10 +10,12 @@ from torch import Generator, Tensor
 
 from meshfit.errors import ConfigError
 from meshfit.fitting.gauss_newton.attributes import carried_attributes, initial_rest
+from meshfit.fitting.gauss_newton.closeness import Closeness, is_near
 from meshfit.fitting.gauss_newton.fit_state import FitState
-from meshfit.fitting.gauss_newton.refinement import control_mesh, refine_state, with_control_mesh
+from meshfit.fitting.gauss_newton.refinement import control_mesh, linearly_refined, refine_state, with_control_mesh
 from meshfit.fitting.gauss_newton.schedule import Stage, rough_verts, schedule
 from meshfit.fitting.gauss_newton.sphere_map import initial_sphere_map
+from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.fitting.loop import Engine
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem
@@ -49,6 +51,11 @@ class Restarts:
     share: float = -1.0
     matched: float = 0.0
     distance: float = 0.0
+
+    @classmethod
+    def unneeded(cls, distance: float) -> "Restarts":
+        """Return no searches at all, for a source at this distance from the target, which is small."""
+        return cls(None, 1.0, 1.0, distance)
 
     @property
     def settled(self) -> bool:
@@ -95,15 +102,23 @@ class GaussNewton(Engine):
         clouds = {target: TargetCloud.of(target, dtype, device) for target in targets}
         self._targets = [clouds[problem.target] for problem in problems]
         self._generators = [Generator().manual_seed(problem.seed) for problem in problems]
-        self._plan = [(stage, k) for stage in schedule(settings) for k in range(len(stage.weights))]
+        for problem in problems:
+            self._check(problem)
+        pairs = zip(problems, self._targets, strict=True)
+        self._near = [is_near(self._shape(problem), target) for problem, target in pairs]
+        self._plans = {near: _steps_of(schedule(settings, near=near)) for near in (False, True)}
         self._sphere_maps = dict[Mesh, Tensor | None]()
-        self._states = [self._start(problem) for problem in problems]
-        self._restarts = [Restarts() for _ in problems]
+        self._states = [
+            self._start(problem, near=near) for problem, (near, _) in zip(problems, self._near, strict=True)
+        ]
+        self._restarts = [Restarts.unneeded(distance) if near else Restarts() for near, distance in self._near]
+        self._shortfalls: list[list[str]] = [[] for _ in problems]
 
     @property
     def stage(self) -> str:
         """Name of the next step's stage."""
-        return self._plan[min(self.done, self.steps - 1)][0].name if self._plan else ""
+        plan = self._plans[False]
+        return plan[min(self.done, self.steps - 1)][0].name if plan else ""
 
     def mesh(self, member: int) -> Mesh:
         """Return the current surface, in float64."""
@@ -136,15 +151,53 @@ class GaussNewton(Engine):
     @torch.no_grad()
     def step(self) -> list[float]:
         """Make one step, update `failed`, and return the distance of each problem before the step."""
-        stage, number = self._plan[self.done]
-        distances = [self._step(member, stage, number) for member in range(len(self.problems))]
+        distances = [self._step(member, *self._plans[near][self.done]) for member, (near, _) in enumerate(self._near)]
+        plan = self._plans[False]
+        stage, _ = plan[self.done]
         self.done += 1
-        if stage.attempt is not None and (self.done == self.steps or self._plan[self.done][0].attempt != stage.attempt):
+        if stage.attempt is not None and (self.done == self.steps or plan[self.done][0].attempt != stage.attempt):
             self._states = [past.end_search(state) for past, state in zip(self._restarts, self._states, strict=True)]
         if self.done == self.steps:
             # Steps make no sound face unsound; those left were so when they were put in place.
             self._states = [state.untangled() for state in self._states]
+            self._states = [self._not_worse(member, state) for member, state in enumerate(self._states)]
         return distances
+
+    def shortfalls(self, member: int) -> list[str]:
+        """Return what the fit did not reach, in words."""
+        return self._shortfalls[member]
+
+    def _not_worse(self, member: int, state: FitState) -> FitState:
+        """Return the state at the end, or the source's own surface where a fit from a near source has lost by it."""
+        problem, target = self.problems[member], self._targets[member]
+        near, _ = self._near[member]
+        if not near or not bool(state.verts.isfinite().all()):
+            return state
+        before = Closeness.of(self._shape(problem), target)
+        if not Closeness.of(state.shape, target).is_worse_than(before):
+            return state
+        kept = self._source_surface(problem)
+        words = "the fit ended farther from the target than its source was"
+        if kept is None or Closeness.of(kept.shape, target).is_worse_than(before):
+            self._shortfalls[member].append(words)
+            return state
+        self._shortfalls[member].append(f"{words}, so the result is the surface of the source")
+        return kept
+
+    def _source_surface(self, problem: Problem) -> FitState | None:
+        """Return the source with the faces of a result; None if a fit with these settings cannot have it."""
+        if self.settings.variables == "control":
+            return None
+        start = self._start(problem, near=True)
+        if self.settings.connectivity == "remeshed":
+            return start if len(start.verts) <= self.settings.verts else None
+        for _ in range(self.settings.levels):
+            start = linearly_refined(start, problem.scheme) or refine_state(start, problem.scheme)
+        return start
+
+    def _shape(self, problem: Problem) -> Shape:
+        verts = torch.tensor(problem.source.verts, dtype=self.dtype, device=self.device)
+        return Shape(Connectivity(self._faces(problem), len(verts), self.dtype), verts)
 
     def checkpoint(self, member: int) -> Checkpoint:
         """Return a copy of everything that the next step of one problem depends on."""
@@ -157,13 +210,15 @@ class GaussNewton(Engine):
         self._states = [self._restored(*pair) for pair in zip(checkpoints, self.problems, strict=True)]
         self._restarts = [Restarts.restored(saved["rough"], self.dtype, self.device) for saved in checkpoints]
 
-    def _start(self, problem: Problem) -> FitState:
+    def _check(self, problem: Problem) -> None:
         require_manifold(Topology.of(problem.source), "a Gauss–Newton fit")
         has_limit = has_loop_limit(resolve(problem.scheme))
         if self.settings.limit and (self.settings.variables != "control" or not has_limit):
             raise ConfigError("limit: limit surfaces are fitted with variables: control and the scheme loop")
+
+    def _start(self, problem: Problem, *, near: bool = False) -> FitState:
         verts = torch.tensor(problem.source.verts, dtype=self.dtype, device=self.device)
-        on_sphere = self._sphere_map(problem) if self.settings.connectivity == "fixed" else None
+        on_sphere = self._sphere_map(problem) if self.settings.connectivity == "fixed" and not near else None
         state = FitState.of(verts, self._faces(problem), on_sphere, _polygons_of(problem))
         return replace(state, rest=initial_rest(problem, self.settings))
 
@@ -179,7 +234,7 @@ class GaussNewton(Engine):
 
     def _restored(self, checkpoint: Checkpoint, problem: Problem) -> FitState:
         state = FitState.restored(checkpoint["surface"], self.dtype, self.device)
-        before = self._plan[checkpoint["done"] - 1][0] if checkpoint["done"] else None
+        before = self._plans[False][checkpoint["done"] - 1][0] if checkpoint["done"] else None
         if before is None or before.change != "control":
             return state
         return self._with_control_mesh(state, problem, checkpoint["surface"].get("triangles"))
@@ -245,6 +300,10 @@ def _mesh_at(state: FitState) -> Mesh:
 def _polygons_at(state: FitState) -> PolygonMesh | None:
     polygons = state.polygons if state.controlled is None else state.controlled.polygons
     return None if polygons is None else PolygonMesh(_mesh_at(state).verts, polygons.corners, polygons.sizes)
+
+
+def _steps_of(stages: Sequence[Stage]) -> list[tuple[Stage, int]]:
+    return [(stage, number) for stage in stages for number in range(len(stage.weights))]
 
 
 def _polygons_of(problem: Problem) -> PolygonTopology | None:

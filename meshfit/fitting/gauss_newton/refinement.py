@@ -91,6 +91,19 @@ def refine_state(state: FitState, scheme: str | Scheme) -> FitState:
     return replace(finer, verts=end, stiffness=stiffness).untangled()
 
 
+def linearly_refined(state: FitState, scheme: str | Scheme) -> FitState | None:
+    """Refine by one level in the way of a scheme, with the surface as it is; None if the scheme moves edges."""
+    masks = resolve(scheme)
+    linear = linear_scheme(masks)
+    if linear is None:
+        return None
+    refinement = refine(topology_for(state, masks), linear)
+    fine = refinement(_positions(state))
+    faces, polygons = _finest_triangles(refinement, fine)
+    verts, device = torch.as_tensor(fine).to(state.verts), state.verts.device
+    return FitState.of(verts, torch.tensor(faces, device=device), polygons=polygons)
+
+
 def _finest_triangles(
     refinement: Refinement | PolygonRefinement, verts: Verts
 ) -> tuple[Int64[np.ndarray, "G 3"], PolygonTopology | None]:

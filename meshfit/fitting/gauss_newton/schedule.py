@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from meshfit.fitting.settings import GaussNewtonSettings
 
@@ -11,13 +11,25 @@ Change = Literal["none", "start", "remesh", "place", "refine", "control"]
 _STEPS_BETWEEN_REMESHES = 5
 # Number of vertices during the search for the rough shape, relative to that at its end.
 _ROUGH_SHARE = 0.5
-# Fairness at the start of the coarse and the level stages, and its factor per step.
+# Fairness at the start of the coarse stages, and its factor per step; the factor in later stages.
 _COARSE, _COARSE_FACTOR = 10.0, 0.8
-_LEVEL, _LEVEL_FACTOR = 0.2, 0.7
+_LEVEL_FACTOR = 0.7
 # Weight of residuals along the target: at the start, its factor per step, and the least.
 _POINT, _LAST_POINT = (0.5, 0.85, 0.05), (0.05, 0.85, 0.01)
 
 Weights = tuple[tuple[float, float], ...]
+
+
+class LevelFairness(NamedTuple):
+    """Fairness at the start and at the end of a level, and at the end of the last steps."""
+
+    start: float
+    level: float
+    last: float
+
+
+_FAR, _NEAR = LevelFairness(0.2, 0.1, 0.02), LevelFairness(0.05, 0.02, 0.005)
+"""Defaults, for sources that are far from the target, and for those that are near and have little to lose."""
 
 
 @dataclass(frozen=True)
@@ -44,12 +56,25 @@ class Stage:
     refined: int = 0
 
 
-def schedule(settings: GaussNewtonSettings) -> list[Stage]:
-    """Return all stages of a fit, coarsest first."""
+def fairness_of(settings: GaussNewtonSettings, *, near: bool) -> LevelFairness:
+    """Return the weights of smoothness: those that are set, else the defaults for a far or a near source."""
+    given = (settings.start_fairness, settings.fairness, settings.last_fairness)
+    usual = _NEAR if near else _FAR
+    return LevelFairness(*(default if value is None else value for value, default in zip(given, usual, strict=True)))
+
+
+def schedule(settings: GaussNewtonSettings, *, near: bool = False) -> list[Stage]:
+    """Return all stages of a fit, coarsest first.
+
+    Args:
+        settings: of the fit.
+        near: whether the source is near to the target; the search for the rough shape is skipped then, but counted.
+    """
+    fairness = fairness_of(settings, near=near)
     stages = [stage for attempt in range(settings.tries) for stage in _coarse(settings, attempt)]
     remeshed = settings.connectivity == "remeshed"
-    weights = _weights((_LEVEL, _LEVEL_FACTOR, settings.fairness), _POINT, settings.level_steps)
-    last = _weights((settings.fairness / 2, _LEVEL_FACTOR, settings.last_fairness), _LAST_POINT, settings.last_steps)
+    weights = _weights((fairness.start, _LEVEL_FACTOR, fairness.level), _POINT, settings.level_steps)
+    last = _weights((fairness.level / 2, _LEVEL_FACTOR, fairness.last), _LAST_POINT, settings.last_steps)
     stages.append(Stage("level 0", "remesh" if remeshed else "place", 1.0, remeshed, weights))
     if settings.variables == "control":
         return [*stages, Stage("control mesh", "control", 1.0, sized=False, weights=weights + last)]
@@ -81,7 +106,7 @@ def stage_at(settings: GaussNewtonSettings, done: int) -> Stage:
 
 def _coarse(settings: GaussNewtonSettings, attempt: int) -> Iterator[Stage]:
     count = settings.coarse_steps
-    weights = _weights((_COARSE, _COARSE_FACTOR, settings.fairness), _POINT, count)
+    weights = _weights((_COARSE, _COARSE_FACTOR, fairness_of(settings, near=False).level), _POINT, count)
     for start in range(0, count, _STEPS_BETWEEN_REMESHES):
         sized = start > count // 2
         part = weights[start : start + _STEPS_BETWEEN_REMESHES]

@@ -1,0 +1,230 @@
+"""Control meshes that take their topology from a target: the target with few faces, or a wrap around it.
+
+A control mesh keeps the pieces, handles, cavities and openings of its target, which no fit from a sphere can make.
+"""
+
+import hashlib
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Literal
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from meshfit.errors import MeshError
+from meshfit.mesh.geometry import bounding_box_diagonal, face_areas, signed_volume
+from meshfit.mesh.manifold import describe_topology, euler_number
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.meshlab import alpha_wrap, decimate, refine_long_edges
+from meshfit.mesh.nearest import nearest_point_query
+from meshfit.mesh.pieces import crossing_faces, manifold_pieces, piece_of_face
+from meshfit.mesh.sampling import sample_surface
+from meshfit.mesh.topology import Topology
+from meshfit.units import count_text
+
+Origin = Literal["target", "wrap", "auto"]
+ORIGINS: tuple[Origin, ...] = ("target", "wrap", "auto")
+"""Names of sources that are made from the target."""
+USUAL_VERTS = 2562
+"""Vertices of a control mesh where no number is set: a quarter of the usual result, less its rounding."""
+
+# A target is a soup, to be wrapped, if more than these shares of its faces cross others of their piece, or others at
+# all; or if more than this share of its area is in pieces of fewer faces.
+_CROSSING_WITHIN, _CROSSING = 0.05, 0.25
+_CRUMBS, _FEWEST_FACES = 0.25, 12
+# Crossings are counted on at most so many faces: those of the decimated target, if it has more.
+_COUNTED = 60_000
+# Edges longer than this many of the wanted ones are halved before decimation, so that flat parts get vertices too.
+_LONG_EDGE = 0.75
+# Attempts to get no more than the wanted number of vertices.
+_ATTEMPTS = 4
+# Wraps are tried with these multiples of the shortest alpha, which is this share of the diagonal; for a cloud, at least
+# so many times the median distance of a point from such a neighbour. The offset is this share of alpha.
+_MULTIPLES = (1.0, 2.0, 4.0)
+_LEAST_ALPHA, _REACHES, _NEIGHBOURS, _OFFSET = 0.01, 2.0, 6, 1 / 30
+# Wraps whose distance is at most so many times the least are equally near; a wrap that is thinner than so many offsets
+# has entered through a gap, and lies on both sides.
+_EQUALLY_NEAR, _THIN = 1.5, 4.0
+_SAMPLES = 5000
+
+
+@dataclass(frozen=True)
+class Wrap:
+    """Lengths of an alpha wrap, in the target's normalised frame; None chooses one.
+
+    Attributes:
+        alpha: gaps below it are closed.
+        offset: distance of the wrap from the target.
+    """
+
+    alpha: float | None = None
+    offset: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ControlMesh:
+    """A control mesh made from a target.
+
+    Attributes:
+        mesh: oriented manifold pieces.
+        made_from: `target` or `wrap`.
+        reason: why, in words.
+        wrap: alpha and offset of the wrap.
+    """
+
+    mesh: Mesh
+    made_from: Literal["target", "wrap"]
+    reason: str
+    wrap: Wrap | None = None
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """What is recorded of it, as plain data."""
+        record: dict[str, Any] = {"made_from": self.made_from, "reason": self.reason}
+        if self.wrap is not None:
+            record["wrap"] = {"alpha": self.wrap.alpha, "offset": self.wrap.offset}
+        return record | {"control_verts": self.mesh.num_verts, "control_faces": self.mesh.num_faces}
+
+    @property
+    def line(self) -> str:
+        """One line for the log."""
+        size = f"{count_text(self.mesh.num_verts, 'vertex')}, {count_text(self.mesh.num_faces, 'face')}"
+        wrap = "" if self.wrap is None else f", alpha {self.wrap.alpha:.3g}, offset {self.wrap.offset:.3g}"
+        topology = describe_topology(Topology.of(self.mesh))
+        return f"source: from the {self.made_from} ({self.reason}){wrap}: {size}; {topology}"
+
+
+def control_mesh_of(
+    target: Mesh,
+    origin: Origin = "auto",
+    *,
+    verts: int | None = None,
+    faces: int | None = None,
+    wrap: Wrap | None = None,
+) -> ControlMesh:
+    """Make a control mesh from a target; the same target and arguments give the same bytes in any process.
+
+    Args:
+        target: faces of any kind; a cloud of points if there are none.
+        origin: `target` decimates the target itself; `wrap` makes one closed surface around it, which is decimated;
+            `auto` takes the target unless it is a cloud, or a soup whose faces cross each other.
+        verts: about the largest number of vertices; more where topology needs them.
+        faces: number of faces instead; a target with fewer keeps its own.
+        wrap: lengths of the wrap.
+
+    Raises:
+        MeshError: nothing to make it from.
+    """
+    return _made(_Content(target), origin, verts, faces, wrap or Wrap())
+
+
+class _Content:
+    """A mesh that equals every mesh of the same content, as the key of a cache."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.mesh = mesh
+        self.digest = hashlib.sha256(mesh.verts.tobytes() + b"faces" + mesh.faces.tobytes()).digest()
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Content) and self.digest == other.digest
+
+
+@lru_cache(maxsize=8)  # the schemes and seeds of a target start from one control mesh
+def _made(content: _Content, origin: Origin, verts: int | None, faces: int | None, wrap: Wrap) -> ControlMesh:
+    target = content.mesh
+    if not target.num_verts:
+        raise MeshError("the target has no vertices")
+    if not target.num_faces and origin == "target":
+        raise MeshError("the target is a cloud of points, without faces to start from; use source.mesh: wrap or auto")
+    reason = "as set"
+    pieces = manifold_pieces(target) if target.num_faces else target
+    if origin == "auto":
+        origin, reason = _choice(pieces)
+    if origin == "target":
+        return ControlMesh(_reduced(pieces, verts, faces), "target", reason)
+    surface, lengths = _wrapped(target, wrap)
+    return ControlMesh(_reduced(surface, verts, faces), "wrap", reason, lengths)
+
+
+def _choice(pieces: Mesh) -> tuple[Literal["target", "wrap"], str]:
+    """Choose between the target and a wrap, with the reason."""
+    if not pieces.num_faces:
+        return "wrap", "a cloud of points"
+    count, piece = piece_of_face(pieces)
+    small = np.bincount(piece, minlength=count)[piece] < _FEWEST_FACES
+    areas = face_areas(pieces)
+    crumbs = float(areas[small].sum() / areas.sum())
+    # A box or a card has few faces, and is no crumb.
+    if crumbs > _CRUMBS and count > _FEWEST_FACES:
+        return "wrap", f"a soup: {crumbs:.0%} of the area is in pieces of fewer than {_FEWEST_FACES} faces"
+    probe = pieces if pieces.num_faces <= _COUNTED else manifold_pieces(decimate(pieces, _COUNTED))
+    crossing, within = (float(mask.mean()) for mask in crossing_faces(probe))
+    if within > _CROSSING_WITHIN:
+        return "wrap", f"a soup: {within:.1%} of the faces cross others of their own piece"
+    if crossing > _CROSSING:
+        return "wrap", f"a soup: {crossing:.0%} of the faces cross others"
+    if not crossing:
+        return "target", "sound: oriented manifold pieces without crossings"
+    where = "within pieces" if within else "between pieces only"
+    return "target", f"sound: oriented manifold pieces; {crossing:.1%} of the faces cross, {where}"
+
+
+def _reduced(mesh: Mesh, verts: int | None, faces: int | None) -> Mesh:
+    """Decimate oriented manifold pieces, and separate them again; with `verts`, coarse faces are refined first."""
+    if faces is not None:
+        return manifold_pieces(decimate(mesh, faces)) if faces < mesh.num_faces else mesh
+    wanted = USUAL_VERTS if verts is None else verts
+    # By Euler's formula; a piece with a border has fewer faces for its vertices.
+    count = max(4, 2 * (wanted - euler_number(Topology.of(mesh))))
+    edge = math.sqrt(4 * float(face_areas(mesh).sum()) / (math.sqrt(3) * count))
+    fine = manifold_pieces(refine_long_edges(mesh, _LONG_EDGE * edge)) if mesh.num_verts < 4 * wanted else mesh
+    result = fine
+    for _ in range(_ATTEMPTS):
+        if count >= result.num_faces or result.num_verts <= wanted:
+            break
+        result = manifold_pieces(decimate(fine, count))
+        count = max(4, count - 2 * max(result.num_verts - wanted, 0))
+    return result
+
+
+def _wrapped(target: Mesh, wrap: Wrap) -> tuple[Mesh, Wrap]:
+    """Wrap a target; of several alphas, take the wrap of least genus among the nearest, then the finest."""
+    if wrap.alpha is not None:
+        lengths = _lengths(wrap.alpha, wrap)
+        return manifold_pieces(alpha_wrap(target, *lengths)), Wrap(*lengths)
+    least = _least_alpha(target)
+    generator = np.random.default_rng(0)
+    points = sample_surface(target, _SAMPLES, generator).points if target.num_faces else target.verts
+    tried: list[tuple[float, int, bool, Mesh, Wrap]] = []
+    for multiple in _MULTIPLES:
+        alpha, offset = _lengths(multiple * least, wrap)
+        surface = manifold_pieces(alpha_wrap(target, alpha, offset))
+        samples = sample_surface(surface, 4 * _SAMPLES, generator).points
+        away = points - samples[nearest_point_query(samples)(points)]
+        distance = float(np.quantile(np.linalg.norm(away, axis=1), 0.9))
+        thin = signed_volume(surface) < _THIN * offset * float(face_areas(surface).sum()) / 2
+        tried.append((distance, -euler_number(Topology.of(surface)), thin, surface, Wrap(alpha, offset)))
+    solid = [entry for entry in tried if not entry[2]] or tried[-1:]
+    nearest = min(entry[0] for entry in solid)
+    near = [entry for entry in solid if entry[0] <= _EQUALLY_NEAR * nearest]
+    _, _, _, surface, lengths_of_best = min(near, key=lambda entry: entry[1])
+    return surface, lengths_of_best
+
+
+def _lengths(alpha: float, wrap: Wrap) -> tuple[float, float]:
+    return alpha, _OFFSET * alpha if wrap.offset is None else wrap.offset
+
+
+def _least_alpha(target: Mesh) -> float:
+    """Return the shortest alpha to try: for a cloud, no ball of this radius falls between neighbouring points."""
+    least = _LEAST_ALPHA * bounding_box_diagonal(target.verts)
+    if target.num_faces:
+        return least
+    points = np.unique(target.verts, axis=0)
+    some = points[:: max(1, len(points) // _SAMPLES)]
+    distances = np.asarray(cKDTree(points).query(some, k=min(_NEIGHBOURS + 1, len(points)))[0])
+    return max(least, _REACHES * float(np.median(distances[:, -1])))

@@ -1,0 +1,176 @@
+"""Control meshes made from a target: their topology, their size, their bytes, and what is chosen when."""
+
+import hashlib
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from meshfit.config.experiment import ExperimentSettings
+from meshfit.errors import ConfigError, MeshError
+from meshfit.experiment.source import build_source, describe_source, stand_in
+from meshfit.measuring.distance import surface_distances
+from meshfit.mesh.control_mesh import Wrap, control_mesh_of
+from meshfit.mesh.manifold import describe_topology, require_manifold
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.polygons import PolygonMesh
+from meshfit.mesh.sampling import sample_surface
+from meshfit.mesh.solids import cube, icosahedron
+from meshfit.mesh.topology import Topology
+from meshfit.settings import build
+from meshfit.subdivision.refine import subdivide
+from tests.loops import over
+from tests.shapes import torus
+
+
+def ball(levels=3, radius=1.0, centre=(0, 0, 0), *, inwards=False):
+    mesh = subdivide(icosahedron(), "loop", levels)
+    verts = radius * mesh.verts / np.linalg.norm(mesh.verts, axis=1, keepdims=True) + np.array(centre)
+    return Mesh(verts, mesh.faces[:, ::-1] if inwards else mesh.faces)
+
+
+def joined(*meshes):
+    offsets = np.cumsum([0, *(mesh.num_verts for mesh in meshes)])
+    faces = [mesh.faces + offset for mesh, offset in zip(meshes, offsets, strict=False)]
+    return Mesh(np.concatenate([mesh.verts for mesh in meshes]), np.concatenate(faces))
+
+
+def with_holes():
+    mesh = ball(4)
+    middles = mesh.verts[mesh.faces].mean(1)
+    kept = (middles[:, 2] > -0.4) & (np.linalg.norm(middles - [0, 0, 1], axis=1) > 0.35)
+    used, faces = np.unique(mesh.faces[kept], return_inverse=True)
+    return Mesh(mesh.verts[used], faces.reshape(-1, 3))
+
+
+TARGETS = {
+    "sphere": ball(),
+    "torus": torus(48, 32),
+    "two spheres": joined(ball(), ball(radius=0.4, centre=(3, 0, 0))),
+    "shells": joined(ball(), ball(radius=0.5, inwards=True)),
+    "open, with holes": with_holes(),
+    "box of 12 faces": cube(),
+    "crossing": joined(ball(), torus(24, 16)),
+}
+
+
+def topology(mesh):
+    return describe_topology(Topology.of(mesh))
+
+
+@over("name", TARGETS)
+def test_pieces_genus_and_openings_are_those_of_the_target(name):
+    target = TARGETS[name]
+    made = control_mesh_of(target, verts=200)
+    require_manifold(Topology.of(made.mesh), "this")
+    assert made.made_from == "target"
+    assert topology(made.mesh) == topology(target)
+    assert 150 <= made.mesh.num_verts <= 200
+    _, distance, *_ = surface_distances(made.mesh, target, 2000, 0)
+    assert distance.rms < 0.02 * np.linalg.norm(np.ptp(target.verts, axis=0))
+
+
+def test_a_number_of_faces_is_kept_to_and_small_targets_keep_their_own():
+    assert control_mesh_of(TARGETS["torus"], "target", faces=300).mesh.num_faces == 300
+    small = control_mesh_of(cube(), "target", faces=300).mesh
+    assert small.num_faces == 12
+
+
+def test_the_same_target_gives_the_same_bytes_in_any_process():
+    code = (
+        "import hashlib, numpy as np\n"
+        "from meshfit.mesh.control_mesh import control_mesh_of\n"
+        "from meshfit.mesh.mesh import Mesh\n"
+        "from tests.shapes import torus\n"
+        "points = Mesh(torus(24, 16).verts, [])\n"
+        "for target, verts in ((torus(24, 16), 100), (torus(48, 32), 300), (points, 200)):\n"
+        "    mesh = control_mesh_of(target, verts=verts).mesh\n"
+        "    print(hashlib.sha256(mesh.verts.tobytes() + mesh.faces.tobytes()).hexdigest())\n"
+    )
+    output = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, text=True).stdout
+    points = Mesh(torus(24, 16).verts, [])
+    # In this process other filters have run before, whose parameters MeshLab keeps.
+    for digest, (target, verts) in zip(
+        output.split(), ((torus(24, 16), 100), (torus(48, 32), 300), (points, 200)), strict=True
+    ):
+        mesh = control_mesh_of(target, verts=verts).mesh
+        assert digest == hashlib.sha256(mesh.verts.tobytes() + mesh.faces.tobytes()).hexdigest()
+
+
+def test_meshes_of_equal_content_share_a_control_mesh():
+    first, second = torus(24, 16), Mesh(torus(24, 16).verts, torus(24, 16).faces)
+    assert control_mesh_of(first, verts=90) is control_mesh_of(second, verts=90)
+
+
+def test_clouds_and_soups_are_wrapped_and_the_wrap_is_closed_and_near():
+    points = Mesh(sample_surface(torus(48, 32), 3000, np.random.default_rng(0)).points, [])
+    loose = torus(24, 16)
+    soup = Mesh(loose.verts[loose.faces].reshape(-1, 3), np.arange(3 * loose.num_faces).reshape(-1, 3))
+    for target, word in ((points, "a cloud of points"), (soup, "a soup")):
+        made = control_mesh_of(target, verts=400)
+        assert (made.made_from, made.reason.partition(":")[0]) == ("wrap", word)
+        assert topology(made.mesh) == "1 piece, closed, genus 1"
+        assert made.wrap is not None
+        assert 0 < made.wrap.offset < made.wrap.alpha < 1
+        assert surface_distances(made.mesh, torus(48, 32), 2000, 0)[0].symmetric < 0.5
+        assert f"alpha {made.wrap.alpha:.3g}" in made.line
+        assert made.record["wrap"]["alpha"] == made.wrap.alpha
+
+
+def test_a_wrap_has_the_lengths_that_are_set_and_closes_gaps_below_alpha():
+    target = joined(ball(), ball(radius=0.9, centre=(0.2, 0, 0)))
+    made = control_mesh_of(target, "wrap", wrap=Wrap(0.3, 0.02))
+    assert (made.wrap, made.reason) == (Wrap(0.3, 0.02), "as set")
+    assert topology(made.mesh) == "1 piece, closed, genus 0"
+    plugged = control_mesh_of(torus(24, 16), "wrap", wrap=Wrap(6.0)).mesh
+    assert topology(plugged) == "1 piece, closed, genus 0"
+
+
+def test_a_cloud_has_no_faces_to_decimate():
+    with pytest.raises(MeshError, match=r"cloud of points.*wrap or auto"):
+        control_mesh_of(Mesh(torus().verts, []), "target")
+
+
+def source_settings(**given):
+    return build(ExperimentSettings, {"source": given}).source
+
+
+@over("scheme", ["loop", "sqrt3", "catmull-clark"])
+def test_all_schemes_refine_the_same_control_mesh_to_about_the_wanted_size(scheme):
+    target = TARGETS["torus"]
+    settings = source_settings(mesh="target", levels=1, wanted_verts=800)
+    built = build_source(settings, scheme, target=target)
+    assert isinstance(built, PolygonMesh if scheme == "catmull-clark" else Mesh)
+    assert 400 <= built.num_verts <= 1600
+    record = describe_source(settings, target)
+    assert record["control_verts"] == 200
+    coarse = build_source(source_settings(mesh="target", wanted_verts=200), scheme, target=target)
+    assert coarse.num_verts == 200
+
+
+def test_defaults_of_a_source_from_the_target_keep_its_place_whatever_the_order_of_keys():
+    settings = source_settings(mesh="auto")
+    assert (settings.levels, settings.wanted_verts, settings.radius, settings.centre) == (0, 2562, None, None)
+    assert source_settings(decimate=500, mesh="target").wanted_verts is None
+    swept = {"source": {"levels": 2}, "sweep": {"source.mesh": ["target", "sphere", "cube"]}}
+    from meshfit.config.sweeps import variants_of
+
+    sources = [variant.settings.source for variant in variants_of(build(ExperimentSettings, swept))]
+    assert [source.radius for source in sources] == [None, 0.3, 1.0]
+    assert [source.wanted_verts for source in sources] == [2562, None, None]
+
+
+def test_a_sphere_is_the_projected_icosahedron_inside_the_target():
+    sphere = build_source(source_settings(mesh="sphere"), "loop")
+    plain = build_source(source_settings(mesh="icosahedron", levels=3, radius=0.3, project="sphere"), "loop")
+    np.testing.assert_array_equal(sphere.verts, plain.verts)
+
+
+def test_files_of_vertices_and_wraps_of_other_sources_are_refused():
+    with pytest.raises(ConfigError, match="source.creases: refers to the vertices of a file"):
+        stand_in(source_settings(mesh="target", creases={"file": "a.txt"}))
+    with pytest.raises(ConfigError, match="wrap: has no effect with mesh: target"):
+        source_settings(mesh="target", wrap={"alpha": 0.1})
+    with pytest.raises(MeshError, match="made from the target of a trial"):
+        build_source(source_settings(mesh="target"), "loop")

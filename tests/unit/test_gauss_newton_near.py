@@ -1,0 +1,111 @@
+"""Fits from sources that are near to their target: detected, short, and never worse than the source."""
+
+import numpy as np
+import pytest
+import torch
+
+from meshfit.fitting.gauss_newton import engine as gauss_newton
+from meshfit.fitting.gauss_newton.closeness import Closeness, is_near
+from meshfit.fitting.gauss_newton.engine import GaussNewton
+from meshfit.fitting.gauss_newton.fit_state import FitState
+from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
+from meshfit.fitting.gauss_newton.target import TargetCloud
+from meshfit.fitting.problem import Problem
+from meshfit.fitting.settings import GaussNewtonSettings
+from meshfit.mesh.manifold import describe_topology
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.meshlab import decimate
+from meshfit.mesh.solids import icosahedron
+from meshfit.mesh.topology import Topology
+from meshfit.subdivision.refine import subdivide
+from tests.shapes import torus
+
+pytestmark = pytest.mark.usefixtures("fewer_target_points")
+
+SETTINGS = GaussNewtonSettings(connectivity="fixed", coarse_steps=20, level_steps=3, last_steps=2)
+
+
+def shape(mesh):
+    return Shape(Connectivity(torch.tensor(mesh.faces), mesh.num_verts, torch.float64), torch.tensor(mesh.verts))
+
+
+def cloud(mesh):
+    return TargetCloud.of(mesh, torch.float64, torch.device("cpu"))
+
+
+def ball(levels, radius=1.0):
+    mesh = subdivide(icosahedron(), "loop", levels)
+    return Mesh(radius * mesh.verts / np.linalg.norm(mesh.verts, axis=1, keepdims=True), mesh.faces)
+
+
+def engine(source, goal, settings=SETTINGS):
+    return GaussNewton([Problem(source, goal, 0)], settings, torch.device("cpu"), torch.float32)
+
+
+def to_the_end(fit):
+    while fit.done < fit.steps:
+        fit.step()
+    return fit
+
+
+def test_decimated_targets_are_near_and_spheres_of_other_sizes_are_far():
+    for goal in (torus(24, 16), ball(3)):
+        for faces in (60, 200, 400):
+            assert is_near(shape(decimate(goal, faces)), cloud(goal))[0], faces
+        for levels, radius in ((0, 1.6), (2, 0.3), (3, 0.3), (3, 1.4)):
+            assert not is_near(shape(ball(levels, radius)), cloud(goal))[0], (levels, radius)
+
+
+def test_closeness_of_concentric_spheres_is_the_difference_of_their_radii():
+    goal, outer = ball(4), ball(4, 1.1)
+    found = Closeness.of(shape(outer), cloud(goal))
+    assert found.rms == pytest.approx(0.1, rel=0.05)
+    assert 0.09 < found.worst < 0.12
+
+
+def test_a_fit_from_a_near_source_skips_the_search_and_keeps_genus_and_detail():
+    goal = torus(24, 16)
+    source = decimate(goal, 200)
+    fit = to_the_end(engine(source, goal))
+    assert fit.traces[0].column("step")[0] == SETTINGS.tries * SETTINGS.coarse_steps
+    assert describe_topology(Topology.of(fit.mesh(0))) == describe_topology(Topology.of(goal))
+    before, after = (Closeness.of(shape(mesh), cloud(goal)) for mesh in (source, fit.mesh(0)))
+    assert after.rms < before.rms / 2
+    assert after.worst < before.worst
+    assert not fit.shortfalls(0)
+
+
+@pytest.mark.parametrize("connectivity", ["fixed", "remeshed"])
+def test_a_fit_that_would_end_worse_returns_the_surface_of_its_source_and_says_so(monkeypatch, connectivity):
+    goal = torus(24, 16)
+    source = decimate(goal, 200)
+    # A bug that shrinks the surface at every step.
+    step = FitState.step
+
+    def spoiled(self, *args):
+        report = step(self, *args)
+        return type(report)(
+            type(report.state)(self.pattern, 0.9 * self.verts, self.stiffness, polygons=self.polygons),
+            report.pairs,
+            0,
+        )
+
+    monkeypatch.setattr(gauss_newton.FitState, "step", spoiled)
+    fit = to_the_end(engine(source, goal, SETTINGS.model_copy(update={"connectivity": connectivity})))
+    (text,) = fit.shortfalls(0)
+    assert "farther from the target than its source" in text
+    before, after = (Closeness.of(shape(mesh), cloud(goal)) for mesh in (source, fit.mesh(0)))
+    assert not after.is_worse_than(before)
+
+
+def test_a_near_fit_is_resumed_to_the_byte():
+    goal = torus(24, 16)
+    source = decimate(goal, 200)
+    whole = to_the_end(engine(source, goal))
+    half = engine(source, goal)
+    while half.done < half.steps - 3:
+        half.step()
+    again = engine(source, goal)
+    again.restore([half.checkpoint(0)])
+    np.testing.assert_array_equal(to_the_end(again).mesh(0).verts, whole.mesh(0).verts)
+    assert again.traces[0].rows == whole.traces[0].rows
