@@ -168,7 +168,7 @@ def test_a_sphere_is_the_projected_icosahedron_inside_the_target():
 
 
 def test_files_of_vertices_and_wraps_of_other_sources_are_refused():
-    with pytest.raises(ConfigError, match="source.creases: refers to the vertices of a file"):
+    with pytest.raises(ConfigError, match=r"source\.creases: refers to the vertices of a file"):
         stand_in(source_settings(mesh="target", creases={"file": "a.txt"}))
     with pytest.raises(ConfigError, match="wrap: has no effect with mesh: target"):
         source_settings(mesh="target", wrap={"alpha": 0.1})
