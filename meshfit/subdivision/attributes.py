@@ -7,6 +7,9 @@ their seams, so that nothing crosses a seam. Inside a chart and at the boundary 
 hold; along a seam, values are interpolated linearly, so that both of its sides stay on their lines in the image.
 (DeRose, Kass and Truong, Subdivision surfaces in character animation, 1998, refine such data by the scheme; linear
 boundaries are one of OpenSubdiv's options for them.)
+
+Schemes that make faces across edges, such as √3, make faces across seams too. If there are seams, the coordinates are
+then linear on each coarse face, and a face across a seam has those of one side, up to the seam.
 """
 
 import warnings
@@ -53,21 +56,15 @@ def refined_attributes(
         creases: of the coarse mesh, if it has any.
 
     Warns:
-        MeshfitWarning: corner data with seams are left out, as the scheme makes faces across them.
+        MeshfitWarning: the scheme makes faces across seams.
     """
     attributes = mesh.attributes
     if not attributes or not operators:
         return attributes
     levels = _Levels(_topology(mesh, scheme), scheme, len(operators), creases)
-    corner, lost = dict[str, Values](), list[str]()
-    for name, values in attributes.corner.items():
-        fine = _refined_corners(name, values, levels, operators)
-        if fine is None:
-            lost.append(name)
-        else:
-            corner[name] = fine
-    if lost:
-        _warn_of_seams(Attributes(corner={name: attributes.corner[name] for name in lost}))
+    corner = {
+        name: _refined_corners(mesh, name, values, levels, operators) for name, values in attributes.corner.items()
+    }
     parents = levels.parents
     return replace(
         attributes,
@@ -75,13 +72,6 @@ def refined_attributes(
         face={name: values[parents] for name, values in attributes.face.items()},
         corner=corner,
     )
-
-
-def _warn_of_seams(lost: Attributes) -> None:
-    """Warn that corner data are left out, since faces lie across their seams."""
-    text = f"left out {', '.join(lost.described())}: this scheme makes faces across seams"
-    remedy = "schemes that split each face by itself, such as loop or catmull-clark, keep them"
-    warnings.warn(f"{text}; {remedy}", MeshfitWarning, stacklevel=2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +98,16 @@ class _Levels:
         for step, topology in enumerate(self.topologies[:-1]):
             parents = parents[_parents(topology, self.scheme, step)]
         return parents
+
+    @property
+    def flat_operators(self) -> list[csr_array]:
+        """The operator of each level by which the surface stays as it is; none where the split drops old vertices."""
+        if self.scheme.split is PolygonSplit.DUAL:
+            return []
+        return [
+            _linear(topology, self.scheme, _divided(topology, self.scheme, step))
+            for step, topology in enumerate(self.topologies[:-1])
+        ]
 
     @property
     def splits_within_faces(self) -> bool:
@@ -156,16 +156,43 @@ class Chart:
         return Creases(sharpness, creases.corners[self.origin])
 
 
-def _refined_corners(name: str, values: Values, levels: _Levels, operators: Operators) -> Values | None:
-    """Return the values at the finest corners; None where faces lie across seams."""
+def _refined_corners(
+    mesh: Mesh | PolygonMesh, name: str, values: Values, levels: _Levels, operators: Operators
+) -> Values:
+    """Return the values at the finest corners."""
     chart = Chart.of(levels.coarsest, values)
     if chart is None:
         fine = interpolated_rows({name: at_verts(levels.coarsest, values)}, operators)[name]
         return np.asarray(fine[levels.topologies[-1].tail])
     if not levels.splits_within_faces:
-        return None
+        return _projected_corners(mesh, name, values, levels, operators)
     rows = interpolated_rows({name: values[chart.first]}, _on_chart(chart, levels))[name]
     return np.asarray(rows[_finest_chart(chart, levels).tail])
+
+
+def _projected_corners(
+    mesh: Mesh | PolygonMesh, name: str, values: Values, levels: _Levels, operators: Operators
+) -> Values:
+    """Return the values at corners of faces that lie across seams, which end at the seam for such a face.
+
+    Warns:
+        MeshfitWarning: there are such faces, unless two √2 splits, which are one split of quads, have been made.
+    """
+    from meshfit.mesh.projection import projected_attributes  # brings libigl
+
+    flat = levels.flat_operators or operators
+    places = np.asarray(mesh.verts)
+    for operator in flat:
+        places = operator @ places
+    finest = PolygonTopology.of(fine) if isinstance(fine := levels.topologies[-1], Topology) else fine
+    surface = mesh.with_attributes(Attributes(corner={name: values}))
+    triangles = surface if isinstance(surface, Mesh) else surface.triangulated()
+    if levels.scheme.split is not PolygonSplit.SQRT2 or levels.count % 2:
+        (noun,) = surface.attributes.described()
+        text = f"{noun}: this scheme makes faces across seams, where they end at the seam, with a jagged edge"
+        warnings.warn(f"{text}; schemes such as loop or catmull-clark keep seams smooth", MeshfitWarning, stacklevel=2)
+    fine_mesh = PolygonMesh(places, finest.corners, finest.sizes)
+    return projected_attributes(fine_mesh, fine_mesh.verts, triangles).corner[name]
 
 
 def _finest_chart(chart: Chart, levels: _Levels) -> SurfaceTopology:
@@ -283,7 +310,7 @@ def _parents(topology: SurfaceTopology, scheme: SurfaceScheme, step: int) -> Ind
 
 
 def _linear(topology: SurfaceTopology, scheme: SurfaceScheme, division: Division | PolygonDivision) -> csr_array:
-    """Return the operator of linear interpolation, for splits within faces."""
+    """Return the operator of linear interpolation, for splits that keep old vertices."""
     if isinstance(topology, Topology):
         assert isinstance(division, Division)  # noqa: S101  of the same domain
         return linear_carry(topology, division)

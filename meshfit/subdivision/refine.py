@@ -413,9 +413,6 @@ def refined_mesh(
         refinement: of the mesh by the scheme.
         creases: of the mesh, if it has any.
         verts: the fine positions, if they are others than the scheme's.
-
-    Warns:
-        MeshfitWarning: attributes that cannot be kept, by name.
     """
     assert not isinstance(scheme, CurveScheme)  # noqa: S101  `refine` has refused it
     fine = refinement(mesh.verts) if verts is None else verts

@@ -1,6 +1,7 @@
 """Attributes through subdivision: constants, positions, linear functions, parents, labels, skins and seams."""
 
 import warnings
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -188,16 +189,29 @@ def test_a_seam_around_a_torus_keeps_texture_linear_across_it(name):
     assert np.allclose(size, part, atol=1e-9)  # all faces are one lattice cell divided evenly
 
 
+@pytest.mark.parametrize("levels", [1, 2])
 @over("name", sorted(CUTTING))
-def test_schemes_that_cut_across_seams_say_so(name):
-    mesh = coarse(name)
-    corners = corners_of(mesh)
-    uv = random_rows(len(corners), 2)
-    dressed = carrying(mesh, vertex={"heat": mesh.verts[:, :1]}, corner={"uv": uv})
-    with pytest.warns(MeshfitWarning, match="left out texture coordinates: this scheme makes faces across seams"):
-        fine = subdivide(dressed, name)
-    assert not fine.attributes.corner
-    assert set(fine.attributes.vertex) == {"heat"}
+def test_schemes_that_make_faces_across_seams_end_coordinates_at_the_seam(name, levels):
+    """On a flat patch with a jump of 10 in u at x = 2, each face has coordinates of one side, clamped there."""
+    mesh = coarse(name, closed=False)
+    polygons = PolygonMesh.of(mesh)
+    middle = np.add.reduceat(mesh.verts[polygons.corners, 0], polygons.starts) / polygons.sizes
+    right = np.repeat(middle > 2, polygons.sizes)
+    uv = mesh.verts[polygons.corners, :2] + np.array([10.0, 0.0]) * right[:, None]
+    silent = name.endswith("sqrt2") and levels == 2
+    with nullcontext() if silent else pytest.warns(MeshfitWarning, match="this scheme makes faces across seams"):
+        fine = PolygonMesh.of(subdivide(carrying(mesh, corner={"uv": uv}), name, levels))
+    u, v = fine.attributes.corner["uv"].T
+    x, y, _ = fine.verts[fine.corners].T
+    on_right = u > 7
+    face = np.repeat(np.arange(fine.num_faces), fine.sizes)
+    assert (np.bincount(face[on_right], minlength=fine.num_faces) % np.bincount(face) == 0).all()
+    assert u[~on_right].max() == 2
+    assert u[on_right].min() >= 12
+    inside = np.isin(face, np.flatnonzero(np.maximum.reduceat(np.abs(x - 2.5), fine.starts) < 1.5))
+    clamped = np.where(on_right, np.maximum(x, 2) + 10, np.minimum(x, 2))
+    assert np.abs(u - clamped)[inside].max() < 0.2
+    assert np.abs(v - y)[inside & (np.abs(y - 2) < 0.5)].max() < 0.2
 
 
 def test_a_dart_and_a_pole_stay_in_place():

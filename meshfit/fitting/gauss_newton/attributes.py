@@ -40,9 +40,6 @@ def carried_attributes(
         settings: of the fit.
         state: at its end.
         levels: number of levels between the mesh that is solved for, or the source, and the surface.
-
-    Warns:
-        MeshfitWarning: attributes that cannot be kept, by name.
     """
     if settings.connectivity == "fixed":
         return _refined(surface, problem, settings, levels)
