@@ -26,6 +26,11 @@ ASCII_PLY = (
     b"ply\nformat ascii 1.0\nelement vertex 4\n" + XYZ + b"element face 4\nproperty list uchar int vertex_indices\n"
     b"end_header\n" + POINTS + FACES
 )  # fmt: skip
+TEXTURED_PLY = ASCII_PLY.replace(XYZ, XYZ + b"property uchar red\nproperty uchar green\nproperty uchar blue\n").replace(
+    b"end_header", b"property list uchar float texcoord\nproperty int texnumber\ncomment TextureFile a.png\nend_header"
+).replace(POINTS, POINTS.replace(b"\n", b" 9 8 7\n")).replace(
+    FACES, FACES.replace(b"\n", b" 6 0 0 1 0 1 1 0\n")
+)  # fmt: skip
 PLY_HEAD = b"ply\r\nformat %s 1.0\r\ncomment end_header\r\nelement vertex 3\r\n%sproperty uchar a\r\n"
 STRIPS = b"element face 1\r\nproperty list uchar int vertex_index\r\nproperty list uchar short x\r\n" \
     b"element tristrips 2\r\nproperty list int int vertex_indices\r\nelement edge 1\r\nproperty int vertex1\r\n" \
@@ -54,6 +59,7 @@ PCD = (
 )
 VALID = {suffix: encode_mesh(octahedron(), suffix) for suffix in FORMATS} | {
     "ascii.ply": ASCII_PLY,
+    "textured.ply": TEXTURED_PLY,
     "strips.ply": BINARY_PLY,
     "ascii.stl": b"solid a\n" + FACET % 0 + FACET % 1 + b"endsolid a\n",
     "odd.stl": b"solid facet\r\n" + (FACET % 0).upper() + b"end solid\rsolid b\r" + FACET.replace(b"normal 0", b"") % 1,

@@ -222,7 +222,7 @@ def test_what_an_obj_file_cannot_hold_is_named_in_one_line(tmp_path):
     assert [str(warning.message).removeprefix(f"{tmp_path}/") for warning in caught] == [
         "a.obj: OBJ cannot hold colours of faces, 'quality', the opacity of vertices, further images of 1 material; "
         "they are left out",
-        "a.obj.gz: the looks of its materials take files beside an OBJ file; only their names are kept",
+        "a.obj.gz: the looks of its materials would be in files beside it; they are left out",
         "a.stl: STL cannot hold texture coordinates, colours, 2 materials, 3 groups; they are left out",
     ]
     assert {path.name for path in tmp_path.iterdir()} == {"a.obj", "a.mtl", "paint.png", "a.obj.gz", "a.stl"}

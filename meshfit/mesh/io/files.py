@@ -20,12 +20,13 @@ from meshfit.mesh.curves import Chains, Curves, Segments, join_segments
 from meshfit.mesh.faceless import no_faces_message
 from meshfit.mesh.io import collada, gltf, las, obj, off, pcd, ply, stl, threemf, vtk_legacy, xyz
 from meshfit.mesh.io.gltf_writing import left_out_of_gltf
+from meshfit.mesh.io.images import ImagesBeside
 from meshfit.mesh.io.mesh_file import MeshFile, output_suffix, read_file, replace_file, write_file, wrong_format
 from meshfit.mesh.io.mtl import has_look, library_beside
 from meshfit.mesh.io.recognition import format_name
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
-from meshfit.paths import STDOUT_PATHS, compression_suffix, format_suffix, is_regular_file, path_text
+from meshfit.paths import STDOUT_PATHS, compression_suffix, file_stem, format_suffix, is_regular_file, path_text
 from meshfit.units import count_text
 
 Normals = Float64[np.ndarray, "V 3"]
@@ -83,7 +84,9 @@ FORMATS = {
     ".obj": Format(
         obj.read_obj, obj.write_obj, normals=True, folder=True, attributes=True, left_out=obj.left_out_of_obj
     ),
-    ".ply": Format(ply.read_ply, ply.write_ply, normals=True),
+    ".ply": Format(
+        ply.read_ply, ply.write_ply, normals=True, folder=True, attributes=True, left_out=ply.left_out_of_ply
+    ),
     ".stl": Format(stl.read_stl, stl.write_stl, double=False),
     ".off": Format(off.read_off, off.write_off),
     ".glb": _GLTF,
@@ -274,28 +277,38 @@ def save_mesh(
         pronoun = "they are" if len(left_out) > 1 or left_out[0].endswith("s") else "it is"
         text = f"{name}: {format_name(suffix)} cannot hold {', '.join(left_out)}; {pronoun} left out"
         warnings.warn(text, MeshfitWarning, stacklevel=2)
-    library = _write_library(mesh, path) if suffix == ".obj" else ""
-    write_file(path, obj.write_obj(mesh, normals, library=library) if library else encode_mesh(mesh, suffix, normals))
+    options = _write_beside(mesh, suffix, path)
+    if normals is not None:
+        options["normals"] = normals
+    write_file(path, FORMATS[suffix].write(mesh, **options))
 
 
-def _write_library(mesh: Mesh | PolygonMesh, path: str | Path) -> str:
-    """Write the materials of an OBJ file beside it, and return the name of their file; empty if it has none.
+def _write_beside(mesh: Mesh | PolygonMesh, suffix: str, path: str | Path) -> dict[str, Any]:
+    """Write the files beside a mesh file, its materials and textures, and return what its writer needs to name them.
 
     Warns:
         MeshfitWarning: where they cannot be written, beside standard output or a compressed file.
     """
     materials = mesh.attributes.materials if MATERIAL in mesh.attributes.face else ()
-    if not any(map(has_look, materials)):
-        return ""
+    images = ply.textures_of(mesh)[0] if suffix == ".ply" else []
+    if not images and not (suffix == ".obj" and any(map(has_look, materials))):
+        return {}
     if path in STDOUT_PATHS or compression_suffix(path) or not (is_regular_file(path) or not os.path.lexists(path)):
         name = "standard output" if path in STDOUT_PATHS else path_text(path)
-        text = "the looks of its materials take files beside an OBJ file; only their names are kept"
-        warnings.warn(f"{name}: {text}", MeshfitWarning, stacklevel=3)
-        return ""
-    library = library_beside(materials, Path(path))
-    for file, content in library.files.items():
+        what = "its textures" if images else "the looks of its materials"
+        warnings.warn(f"{name}: {what} would be in files beside it; they are left out", MeshfitWarning, stacklevel=3)
+        return {}
+    options: dict[str, Any]
+    if suffix == ".obj":
+        library = library_beside(materials, Path(path))
+        options, files = {"library": library.name}, library.files
+    else:
+        beside = ImagesBeside(Path(path).parent)
+        options = {"textures": [beside.place(image, file_stem(path)) for image in images]}
+        files = beside.files
+    for file, content in files.items():
         replace_file(file, content)
-    return library.name
+    return options
 
 
 @no_type_check

@@ -1,14 +1,13 @@
 """MTL files: the materials of an OBJ file, with their images, in the folder of the file."""
 
-import os
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path, PurePosixPath
+from dataclasses import dataclass
+from pathlib import Path
 
 from meshfit.mesh.attributes import Image, Material, MaterialDefinition
+from meshfit.mesh.io.images import FolderFiles, ImagesBeside, fault_text, first_free, is_free_path, listed
 from meshfit.mesh.io.text import BYTE_ORDER_MARK, parse_float
-from meshfit.paths import is_regular_file, quoted_path
 
 NO_MATERIAL = "(null)"
 """The name in `usemtl` that ends the use of a material."""
@@ -24,44 +23,6 @@ _SIGNATURES = {b"\x89PNG": ".png", b"\xff\xd8": ".jpg", b"RIFF": ".webp", b"\xab
 _SHOWN = 4
 
 
-@dataclass
-class _Folder:
-    """The files of a folder that a mesh file refers to; images that are missing are noted."""
-
-    path: Path
-    images: dict[str, Image | None] = field(default_factory=dict)
-    missing: list[str] = field(default_factory=list)
-
-    def find(self, name: str) -> Path | None:
-        """Return a file in the folder or below it, or None.
-
-        Of a path to another place, such as that of another computer, the last part is looked for.
-        """
-        parts = PurePosixPath(name.replace("\\", "/")).parts
-        if not parts or "\0" in name:
-            return None
-        inside = parts[0] != "/" and ".." not in parts and not _PLACE.match(name)
-        path = self.path.joinpath(*(parts if inside else parts[-1:]))
-        return path if parts[-1] not in ("/", "..") and is_regular_file(path) else None
-
-    def read(self, name: str) -> bytes | None:
-        """Return the content of a file; None if it is not there or cannot be read."""
-        path = self.find(name)
-        try:
-            return None if path is None else path.read_bytes()
-        except OSError:
-            return None
-
-    def image(self, name: str) -> Image | None:
-        """Return an image; None if it is missing."""
-        if name not in self.images:
-            content = self.read(name)
-            self.images[name] = None if content is None else Image(name, content)
-            if content is None:
-                self.missing.append(name)
-        return self.images[name]
-
-
 def read_materials(
     libraries: Iterable[str], names: Iterable[str], folder: Path | None
 ) -> tuple[tuple[Material, ...], str]:
@@ -74,9 +35,9 @@ def read_materials(
     """
     texts = list(dict.fromkeys(libraries))
     if folder is None:
-        reason = f"they are in {_listed(texts)}, in the folder of the file, which is not known here" if texts else ""
+        reason = f"they are in {listed(texts)}, in the folder of the file, which is not known here" if texts else ""
         return tuple(Material(name) for name in names), reason
-    files, absent, known = _Folder(folder), list[str](), dict[str, Material]()
+    files, absent, known = FolderFiles(folder), list[str](), dict[str, Material]()
     for text in texts:
         content = files.read(text)
         for library in [text] if content is not None else text.split():
@@ -88,20 +49,10 @@ def read_materials(
     found = tuple(known.get(name, Material(name)) for name in names)
     unknown = [] if absent or not texts else [material.name for material in found if material.name not in known]
     parts = [("library", absent, "missing"), ("image", files.missing, "missing"), ("material", unknown, "not defined")]
-    return found, "; ".join(_fault(noun, names, fault) for noun, names, fault in parts if names)
+    return found, "; ".join(fault_text(noun, names, fault) for noun, names, fault in parts if names)
 
 
-def _fault(noun: str, names: Sequence[str], fault: str) -> str:
-    plural = "libraries" if noun == "library" else f"{noun}s"
-    return f"{plural} {_listed(names)} are {fault}" if len(names) > 1 else f"{noun} {_listed(names)} is {fault}"
-
-
-def _listed(names: Sequence[str]) -> str:
-    shown = ", ".join(quoted_path(name) for name in names[:_SHOWN])
-    return f"{shown} and {len(names) - _SHOWN} more" if len(names) > _SHOWN else shown
-
-
-def _parse(content: bytes, folder: _Folder) -> dict[str, Material]:
+def _parse(content: bytes, folder: FolderFiles) -> dict[str, Material]:
     lines: dict[str, list[str]] = {}
     name = None
     for line in content.removeprefix(BYTE_ORDER_MARK).decode("utf-8", "surrogateescape").splitlines():
@@ -113,7 +64,7 @@ def _parse(content: bytes, folder: _Folder) -> dict[str, Material]:
     return {name: _material(name, rows, folder) for name, rows in lines.items()}
 
 
-def _material(name: str, lines: list[str], folder: _Folder) -> Material:
+def _material(name: str, lines: list[str], folder: FolderFiles) -> Material:
     values = {words[0].lower(): words[1:] for line in lines if (words := line.split())}
     images = {
         words[0].lower(): folder.image(image)
@@ -169,7 +120,7 @@ def material_names(materials: Sequence[Material]) -> list[str]:
     names = list[str]()
     for material in materials:
         name = "_".join(material.name.split()) or "material"
-        names.append(_free(name, "", lambda other: other not in names and other != NO_MATERIAL))
+        names.append(first_free(name, "", lambda other: other not in names and other != NO_MATERIAL))
     return names
 
 
@@ -188,7 +139,7 @@ def library_beside(materials: Sequence[Material], path: Path) -> Library:
         materials: of the mesh.
         path: of the OBJ file.
     """
-    images = _Images(path.parent)
+    images = ImagesBeside(path.parent)
     blocks = [
         "\n".join([f"newmtl {name}", *_lines(material, images.place), ""])
         for name, material in zip(material_names(materials), materials, strict=True)
@@ -197,43 +148,10 @@ def library_beside(materials: Sequence[Material], path: Path) -> Library:
     usual = f"{path.stem}.mtl"
 
     def is_free(name: str) -> bool:
-        return (name == usual and _refers(path, f"mtllib {name}")) or _is_free(path.parent / name, content)
+        return (name == usual and _refers(path, f"mtllib {name}")) or is_free_path(path.parent / name, content)
 
-    library = _free(path.stem, ".mtl", is_free)
+    library = first_free(path.stem, ".mtl", is_free)
     return Library(library, {**images.files, path.parent / library: content})
-
-
-@dataclass(frozen=True)
-class _Images:
-    """The images to write to a folder."""
-
-    folder: Path
-    files: dict[Path, bytes] = field(default_factory=dict)
-
-    def place(self, image: Image, otherwise: str) -> str:
-        """Return the name of an image in the folder: of a file that holds it, or of one to write.
-
-        Args:
-            image: the image.
-            otherwise: stem of the name of one without a name.
-        """
-        present = _Folder(self.folder).find(image.name)
-        if present is not None and _holds(present, image.content):
-            return present.relative_to(self.folder).as_posix()
-        planned = (path.name for path, content in self.files.items() if content == image.content)
-        if not image.name and (name := next(planned, "")):
-            return name
-        given = PurePosixPath(image.name.replace("\\", "/"))
-        starts = (suffix for start, suffix in _SIGNATURES.items() if image.content.startswith(start))
-        stem = "_".join((given.stem or otherwise).split())
-
-        def is_free(name: str) -> bool:
-            planned = self.files.get(self.folder / name)
-            return _is_free(self.folder / name, image.content) if planned is None else planned == image.content
-
-        name = _free(stem, given.suffix or next(starts, ".png"), is_free)
-        self.files[self.folder / name] = image.content
-        return name
 
 
 def _lines(material: Material, place: Callable[[Image, str], str]) -> list[str]:
@@ -254,27 +172,6 @@ def _lines(material: Material, place: Callable[[Image, str], str]) -> list[str]:
     if material.texture is not None:
         lines.append(f"map_Kd {place(material.texture, name)}")
     return lines
-
-
-def _free(stem: str, suffix: str, is_free: Callable[[str], bool]) -> str:
-    """Return the first free name of `stem`, `stem-1`, `stem-2` and so on."""
-    number, name = 0, f"{stem}{suffix}"
-    while not is_free(name):
-        number += 1
-        name = f"{stem}-{number}{suffix}"
-    return name
-
-
-def _is_free(path: Path, content: bytes) -> bool:
-    """Return whether there is no file at a path, or one of this content."""
-    return not os.path.lexists(path) or _holds(path, content)
-
-
-def _holds(path: Path, content: bytes) -> bool:
-    try:
-        return is_regular_file(path) and path.stat().st_size == len(content) and path.read_bytes() == content
-    except OSError:
-        return False
 
 
 def _refers(path: Path, line: str) -> bool:

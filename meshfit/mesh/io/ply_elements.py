@@ -113,6 +113,24 @@ class Rows:
         with np.errstate(invalid="ignore"):  # of signalling NaN
             return np.stack([self._values(column).astype(np.float64) for column in columns], axis=1)
 
+    def column(self, name: str) -> NDArray[Any]:
+        """Return (N,) the values of a property in its own type; those of a text that are out of its range, as float64.
+
+        Raises:
+            MeshError: a value is not a number.
+        """
+        column = self._column(name)
+        dtype = np.dtype(column.prop.code)
+        if not self.element.length:
+            return np.empty(0, dtype)
+        values = self._values(column)
+        if values.dtype.kind == dtype.kind:
+            with np.errstate(invalid="ignore", over="ignore"):
+                return values.astype(dtype)
+        limits = np.iinfo(dtype)
+        fits = ((values >= limits.min) & (values <= limits.max) & (values % 1 == 0)).all()
+        return values.astype(dtype) if fits else values.astype(np.float64)
+
     def lists(self, *names: str) -> tuple[NDArray[Any], NDArray[np.int64]]:
         """Return the entries of all lists in a row, and (N,) their lengths, of the first of the names that is there.
 
