@@ -2,12 +2,14 @@ from .errors import MeshfitError as MeshfitError
 from .errors import MeshfitWarning as MeshfitWarning
 from .fitting.callbacks import Interrupted as Interrupted
 from .fitting.callbacks import Step as Step
+from .fitting.external.tools import ToolError as ToolError
 from .fitting.fit import fit as fit
 from .fitting.fit import fit_batch as fit_batch
 from .fitting.loop import FitResult as FitResult
 from .fitting.problem import Diverged as Diverged
 from .fitting.problem import Problem as Problem
 from .fitting.problem import Trace as Trace
+from .fitting.settings import ExternalSettings as ExternalSettings
 from .fitting.settings import FirstOrderSettings as FirstOrderSettings
 from .fitting.settings import GaussNewtonSettings as GaussNewtonSettings
 from .measuring.deviation import Deviation as Deviation

@@ -79,6 +79,8 @@ def _require_snapshots(trial: "ScannedTrial") -> None:
     if snapshots_in(trial.path):
         return
     result = read_json(trial.path / RESULT)
+    if "tool" in result:
+        raise ConfigError(f"{trial.label}: a fit by another tool has no steps to animate")
     every = max(1, result["fit"]["steps"] // _SUGGESTED_SNAPSHOTS)
     # The config in the trial's folder is of this trial alone, whatever the command that ran it.
     name, place = shlex.quote(result["experiment"]), shell_path(trial.path)

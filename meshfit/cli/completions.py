@@ -100,11 +100,11 @@ def limits(incomplete: str) -> Completions:
 def settings(incomplete: str) -> Completions:
     """Keys of settings, up to the equals sign."""
     from meshfit.config.experiment import ExperimentSettings
-    from meshfit.fitting.settings import METHODS
+    from meshfit.fitting.settings import METHODS, default_fit
     from meshfit.report.tables.grouping import flatten
 
     plain = ExperimentSettings().model_dump(mode="json")
-    fits = [plain["fit"] | model().model_dump(mode="json") for model in reversed(METHODS.values())]
+    fits = [plain["fit"] | default_fit(method) for method in reversed(METHODS)]
     defaults = {key: value for fit in fits for key, value in flatten(plain | {"fit": fit}).items()}
     return _named({f"{key}=": f"default {value}" for key, value in defaults.items()}, incomplete)
 

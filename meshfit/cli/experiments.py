@@ -5,6 +5,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import typer
@@ -16,7 +17,7 @@ from meshfit.cli.progress import show_progress
 from meshfit.cli.table import check_display, show_tables
 from meshfit.errors import TrialError
 from meshfit.experiment.plan import Trial
-from meshfit.experiment.running.scheduler import Watcher, run_trials
+from meshfit.experiment.running.scheduler import Watcher, require_runnable, run_trials
 from meshfit.experiment.status.eta import Estimate, estimate
 from meshfit.experiment.storage.checkpoint import snapshots_in
 from meshfit.experiment.storage.copying import copy_complete, find_complete
@@ -50,6 +51,10 @@ def run_and_report(trials: Sequence[Trial], options: RunOptions) -> int:
     if options.dry_run:
         _print_plan(trials, store, options)
         return 0
+    external = [trial for trial in trials if trial.settings.fit.method == "external"]
+    complete = [None] * len(external) if options.force else find_complete(external, store)
+    to_run = [trial for trial, folder in zip(external, complete, strict=True) if folder is None]
+    require_runnable(to_run, allow_commands=options.allow_commands, here=options.cluster is None)
     if not options.force:
         _copy_complete(trials, store, quiet=options.quiet)
         _warn_of_missing_snapshots(trials, store)
@@ -84,7 +89,7 @@ def _print_plan(trials: Sequence[Trial], store: RunDirectory, options: RunOption
             | {"identity": trial.identity, "folder": str(folder or store.folder(trial)), "complete": folder is not None}
             for trial, folder in zip(trials, found, strict=True)
         ]
-        plain_time = None if time is None else {"seconds": time.seconds, "workers": time.workers, "basis": time.basis}
+        plain_time = None if time is None else asdict(time)
         counts = {"complete": sum(complete), "to_run": len(to_run), "estimate": plain_time}
         typer.echo(json.dumps({"trials": rows} | counts, indent=2))
         return
@@ -94,7 +99,9 @@ def _print_plan(trials: Sequence[Trial], store: RunDirectory, options: RunOption
     out.print(f"{len(trials)} trials: {sum(complete)} complete, {len(to_run)} to run")
     if time is not None:
         workers = count_text(time.workers, "worker")
-        out.print(f"about {duration_text(time.seconds)} on {workers}, estimated from {time.basis}")
+        runs = count_text(time.unknown, "run")
+        unknown = f"; {runs} of other tools not counted: their time is known after the first" if time.unknown else ""
+        out.print(f"about {duration_text(time.seconds)} on {workers}, estimated from {time.basis}{unknown}")
 
 
 def _estimate(
@@ -134,7 +141,15 @@ def run_trials_of(
 ) -> dict[int, Outcome]:
     """Run the trials that are not complete where the options say, and return the outcome of each."""
     with _remote(options) as remote:
-        return run_trials(trials, store, jobs=options.jobs, force=options.force, remote=remote, watch=watch)
+        return run_trials(
+            trials,
+            store,
+            jobs=options.jobs,
+            force=options.force,
+            remote=remote,
+            allow_commands=options.allow_commands,
+            watch=watch,
+        )
 
 
 @contextmanager

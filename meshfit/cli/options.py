@@ -257,6 +257,14 @@ class RunOptions:
             rich_help_panel=EXECUTION,
         ),
     ] = "auto"
+    allow_commands: Annotated[
+        bool,
+        typer.Option(
+            "--allow-commands",
+            help="Run the programs that the config names in fit.command. They may do what you may.",
+            rich_help_panel=EXECUTION,
+        ),
+    ] = False
     metrics: Metrics = None
     baseline: Baseline = None
     quiet: Quiet = False

@@ -13,7 +13,7 @@ from meshfit.cli.console import err
 from meshfit.experiment.trial_status import Outcome, TrialStatus
 from meshfit.fitting.callbacks import Step
 from meshfit.fitting.gauss_newton.schedule import stage_at
-from meshfit.fitting.settings import GaussNewtonSettings
+from meshfit.fitting.settings import ExternalSettings, GaussNewtonSettings
 from meshfit.units import duration_text
 
 if TYPE_CHECKING:
@@ -176,6 +176,8 @@ class TrialBars:
         if i not in self._tasks:
             self._tasks[i] = self._bars.add_task(escape(trial.label), total=steps, state="")
         fitting = f"{step.done}/{steps} {_stage_and_loss(trial, step)}" if step.done else "loading"
+        if isinstance(trial.settings.fit, ExternalSettings):
+            fitting = f"running {escape(trial.settings.fit.name)}" if step.steps else "loading"
         state = "measuring" if progress[i].status is TrialStatus.MEASURING else fitting
         self._bars.update(self._tasks[i], completed=step.done, state=state)
 

@@ -137,6 +137,8 @@ def _facts(experiment: ScannedExperiment, trial: ScannedTrial, result: Result | 
     parts = [str(machine.get("system", "")), f"device {device}" if device else ""]
     parts += [f"{name} {versions[name]}" for name in ("meshfit", "torch", "python") if name in versions]
     yield "ran on", ", ".join(filter(None, parts))
+    if tool := result.get("tool"):
+        yield "tool", ", version ".join(filter(None, (tool["name"], tool["version"])))
     if seconds := result.get("seconds"):
         yield "seconds", ", ".join(f"{name} {value:.3g}" for name, value in seconds.items())
     if memory := result.get("peak_memory_mb"):

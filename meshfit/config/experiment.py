@@ -17,7 +17,7 @@ from pydantic import (
 )
 
 from meshfit.errors import SchemeError
-from meshfit.fitting.settings import METHODS, Dtype, FirstOrderSettings, FitSettings
+from meshfit.fitting.settings import METHODS, Dtype, FirstOrderSettings, FitSettings, default_fit
 from meshfit.measuring.settings import MeasureSettings
 from meshfit.mesh.cleaning_options import CleaningOptions, Repair
 from meshfit.settings import DEFAULT_KIND, KIND_KEY, Settings
@@ -37,7 +37,7 @@ _SOURCE_DEFAULTS: dict[str, dict[str, Any]] = {
 """Defaults of the source's other settings that depend on its mesh."""
 NO_EFFECT_ON_RESULTS: dict[str, Any] = {
     **dict.fromkeys(("write_frame", "view", "jobs", "threads", "retries", "sweep"), True),
-    "fit": {"snapshots"},
+    "fit": {"snapshots", "time_limit", "memory_limit"},
 }
 """Settings that control only how trials are run or written, or that are resolved when trials are planned."""
 
@@ -312,8 +312,7 @@ def default_settings(method: str = "first-order") -> dict[str, Any]:
         method: the engine of the fit.
     """
     plain = ExperimentSettings().model_dump(mode="json", exclude={"jobs", "threads", "view"})
-    fit = METHODS.get(method)
-    return plain | ({"fit": fit().model_dump(mode="json")} if fit else {})
+    return plain | ({"fit": default_fit(method)} if method in METHODS else {})
 
 
 def non_default_settings(settings: Mapping[str, Any]) -> dict[str, Any]:

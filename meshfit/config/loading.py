@@ -31,6 +31,7 @@ from meshfit.specs import listed, suggest
 from meshfit.subdivision.custom.definitions import Definition
 
 _COMPARED = ("targets", "schemes", "sweep")
+_COMMAND_KEYS = (("fit", "command"), ("fit", "version_command"))
 _LONGEST_NAME, _LONGEST_FILE_NAME = 80, 200
 SHARED_PREFIX = "x-"
 """Beginning of the top-level keys of a config that hold no settings, but values for aliases."""
@@ -127,7 +128,8 @@ def _with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
         if isinstance(value, dict):
             return {name: absolute(inner, (*key, *str(name).split("."))) for name, inner in value.items()}
         if isinstance(value, list):
-            return [absolute(entry, key) for entry in value]
+            is_command = key[-2:] in _COMMAND_KEYS and value and isinstance(value[0], str)
+            return _absolute_command(value, folder) if is_command else [absolute(entry, key) for entry in value]
         if not isinstance(value, str):
             return value
         if key == ("schemes",) or (key[:1] == ("define",) and key[2:] == ("base",)):
@@ -137,6 +139,16 @@ def _with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
         return value
 
     return {key: absolute(value, (key,)) for key, value in data.items()}
+
+
+def _absolute_command(command: list[Any], folder: Path) -> list[Any]:
+    """Resolve the files among the arguments of a command; a program without a folder is looked for in the PATH."""
+
+    def is_file(number: int, part: Any) -> bool:  # noqa: ANN401  any YAML value
+        is_path = isinstance(part, str) and "{" not in part and (number > 0 or len(Path(part).parts) > 1)
+        return is_path and is_regular_file(folder / part)
+
+    return [absolute_path(part, folder) if is_file(*each) else part for each in enumerate(command) for part in each[1:]]
 
 
 def absolute_path(text: str, folder: Path = Path()) -> str:

@@ -14,9 +14,10 @@ from meshfit.config.loading import Experiment
 from meshfit.config.sweeps import Variant, variants_of
 from meshfit.errors import Faults
 from meshfit.experiment.source import build_source, source_files, stand_in
+from meshfit.fitting.settings import ExternalSettings, FitSettings
 from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path, target_title
-from meshfit.paths import file_stem
+from meshfit.paths import file_stem, is_regular_file
 from meshfit.printable import require_printable
 from meshfit.specs import spec_folder
 from meshfit.subdivision.registry import NamedScheme
@@ -72,13 +73,13 @@ class Trial:
 
     @property
     def files(self) -> dict[str, str]:
-        """The files of the user that it reads, by role."""
+        """The meshes and tables of the user that it reads, by role; files of a command stay where they are."""
         source = self.settings.source
         names = {"target": self.target, "source": source.mesh}
         for role, options in (("creases", source.creases), ("alpha", source.alpha)):
             if options is not None and options.file is not None:
                 names[role] = options.file
-        return {role: names[role] for role, _ in self.inputs if names[role] not in NAMED_TARGETS}
+        return {role: names[role] for role, _ in self.inputs if role in names and names[role] not in NAMED_TARGETS}
 
     def current_path(self, name: str) -> str:
         """The current path of a file that the settings name."""
@@ -157,8 +158,8 @@ def _trials_of(experiment: str, variant: Variant) -> Iterator[Trial]:
     schemes = tuple(NamedScheme.of(scheme, settings.define) for scheme in settings.schemes)
     source_inputs, targets = _check_inputs(settings, schemes)
     for target in settings.targets:
-        inputs = (("target", targets[target]), *source_inputs)
-        for scheme, seed in product(schemes, settings.seeds):
+        inputs = (("target", targets[target]), *source_inputs, *_command_inputs(settings.fit))
+        for scheme, seed in product(schemes, _seeds_with_effect(settings)):
             narrowed = {"targets": (target,), "schemes": (scheme.spec,), "seeds": (seed,), "define": dict(scheme.own)}
             yield Trial(experiment, settings.model_copy(update=narrowed), inputs, variant.name)
 
@@ -210,6 +211,25 @@ def _check_source(settings: SourceSettings, schemes: tuple[NamedScheme, ...]) ->
     return tuple((role, file_sha256(target_path(name))) for role, name in files.items())
 
 
+def command_files(fit: FitSettings) -> dict[str, str]:
+    """Return the files among the arguments of an external command, such as a script, by role."""
+    if not isinstance(fit, ExternalSettings) or fit.command is None:
+        return {}
+    paths = {f"command-{number}": part for number, part in enumerate(fit.command)}
+    return {role: part for role, part in paths.items() if Path(part).is_absolute() and is_regular_file(Path(part))}
+
+
+def _command_inputs(fit: FitSettings) -> tuple[tuple[str, str], ...]:
+    return tuple((role, file_sha256(Path(path))) for role, path in command_files(fit).items())
+
+
+def _seeds_with_effect(settings: ExperimentSettings) -> tuple[int, ...]:
+    """Return the seeds; only the first for a tool whose result does not depend on it."""
+    fit = settings.fit
+    deterministic = isinstance(fit, ExternalSettings) and not fit.depends_on_seed
+    return settings.seeds[:1] if deterministic else settings.seeds
+
+
 def _check_device(settings: ExperimentSettings) -> None:
     if settings.device not in ("auto", "cpu"):
         from meshfit.fitting.device import resolve_device  # loads torch, which other plans do without
@@ -222,4 +242,7 @@ def _without_paths(settings: dict[str, Any]) -> dict[str, Any]:
     for key in _KEYS_WITH_FILES:
         if source.get(key) and source[key]["file"]:
             source[key] = source[key] | {"file": Path(source[key]["file"]).stem}
+    if settings["fit"].get("command"):
+        names = [Path(part).name if Path(part).is_absolute() else part for part in settings["fit"]["command"]]
+        settings = settings | {"fit": settings["fit"] | {"command": names}}
     return settings | {"targets": [target_label(name) for name in settings["targets"]], "source": source}

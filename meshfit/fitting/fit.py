@@ -13,6 +13,7 @@ from meshfit.doors import no_type_check
 from meshfit.errors import ConfigError, DeviceError, MeshError, MeshfitWarning
 from meshfit.fitting.callbacks import Step
 from meshfit.fitting.device import resolve_device, single_thread
+from meshfit.fitting.external.engine import External
 from meshfit.fitting.first_order import FirstOrder
 from meshfit.fitting.gauss_newton.engine import GaussNewton
 from meshfit.fitting.keywords import FitKeys, Losses, OptimizerKeys
@@ -23,6 +24,7 @@ from meshfit.fitting.progress import shown_progress
 from meshfit.fitting.settings import (
     METHODS,
     Dtype,
+    ExternalSettings,
     FirstOrderSettings,
     FitSettings,
     GaussNewtonSettings,
@@ -55,10 +57,14 @@ _SHARE_OF_DEVICE = 0.5
 Placement = Literal["auto", "none", "sphere", "center", "pca", "icp"]
 _LARGEST_RATIO = 10.0
 # Radius of a source in the target's tutorial frame: around it, or inside it as the search for the rough shape needs.
-_RADIUS = {"first-order": 1.0, "gauss-newton": 0.3}
+_RADIUS = {"first-order": 1.0, "gauss-newton": 0.3, "external": 1.0}
 _ROUNDING = 1e-12
 
-ENGINES: dict[str, Callable[..., Engine]] = {"first-order": FirstOrder, "gauss-newton": GaussNewton}
+ENGINES: dict[str, Callable[..., Engine]] = {
+    "first-order": FirstOrder,
+    "gauss-newton": GaussNewton,
+    "external": External,
+}
 ENGINE_KEYS = frozenset(FitKeys.__annotations__)
 """Keywords of `fit` that are keys of the settings."""
 
@@ -105,6 +111,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     resume: "Checkpoint | None" = None,
     save: "Callable[[Checkpoint], None] | None" = None,
     on_snapshot: "Callable[[int, Mesh | PolygonMesh], None] | None" = None,
+    allow_commands: bool = False,
     **unknown: object,
 ) -> FitResult:
     """Deform a source mesh until it lies on a target.
@@ -118,7 +125,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
             placed around the target, or inside it for `gauss-newton`. Its faces are kept, refined or replaced, as the
             method has it. Polygons are triangulated; see `PolygonMesh.triangulated`.
         target: mesh to fit to, in any form that `as_mesh` takes. A closed one that is inside out is turned.
-        settings: settings of either engine; the defaults are those of PyTorch3D's tutorial.
+        settings: settings of either engine, or of another tool; the defaults are those of PyTorch3D's tutorial.
         method: engine: `first-order` (the default) or `gauss-newton`.
         seed: seed of the samples. The same seed, settings and machine give the same bytes on the CPU.
         scheme: subdivision scheme that carries a Gauss–Newton fit from level to level.
@@ -157,6 +164,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         resume: checkpoint of the same fit to continue from.
         save: called with a checkpoint every few seconds, and when `on_step` raises `Interrupted`.
         on_snapshot: called with the number of steps made and the surface every `snapshots` steps.
+        allow_commands: whether settings with a `command`, which may come from a file of someone else, may run it.
         **unknown: refused, with the names that are allowed.
 
     Example:
@@ -173,6 +181,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         DeviceError: the device is not available.
         MeshError: source or target is not a mesh, has no area, or has coordinates that are not finite.
         Diverged: a step was not finite.
+        ToolError: an external tool failed.
 
     Warns:
         MeshfitWarning: the source was moved and scaled to the target; or the fit has a shortfall, such as an end that
@@ -190,7 +199,9 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     shown = shown_progress(settings, on_step, source_verts=start.num_verts, scheme=scheme)
     with shown if progress else nullcontext(on_step) as step_made:
         problem = Problem(start, goal, seed, step_made, resume, save, scheme, restored.snapshot)
-        (outcome,) = fit_batch([problem], settings, device=device, dtype=dtype, threads=threads)
+        (outcome,) = fit_batch(
+            [problem], settings, device=device, dtype=dtype, threads=threads, allow_commands=allow_commands
+        )
     if isinstance(outcome, Diverged):
         outcome.last_good = restored.mesh(outcome.last_good)
         raise outcome
@@ -210,6 +221,7 @@ def fit_batch(
     device: str = "auto",
     dtype: str = "float32",
     threads: int = 1,
+    allow_commands: bool = False,
     **overrides: Unpack[FitKeys],
 ) -> list[FitResult | Diverged]:
     """Fit many problems of any sizes with the same settings, as many side by side as the device has memory for.
@@ -225,6 +237,7 @@ def fit_batch(
         device: as in `fit`.
         dtype: as in `fit`.
         threads: as in `fit`.
+        allow_commands: as in `fit`.
         **overrides: keys of the settings to replace, such as `steps=500, losses={"edge": 0.5}`, or
             `method="gauss-newton", connectivity="fixed"`.
 
@@ -242,6 +255,8 @@ def fit_batch(
         ConfigError, DeviceError, MeshError: as `fit`, before the first step.
     """
     settings = _settings(settings, overrides)
+    if isinstance(settings, ExternalSettings) and settings.command is not None and not allow_commands:
+        raise ConfigError(f"fit.command: {settings.name} is run only with allow_commands=True")
     _require_one_of("dtype", dtype, get_args(Dtype))
     _require_whole("threads", threads, 1)
     if not isinstance(device, str):
@@ -270,7 +285,8 @@ def fit_batch(
 def _settings(settings: FitSettings | None, overrides: Mapping[str, Any]) -> FitSettings:
     changes = {key: _plain(value) for key, value in overrides.items() if value is not None}
     if settings is not None and not isinstance(settings, tuple(METHODS.values())):
-        raise ConfigError(f"settings: expected FirstOrderSettings or GaussNewtonSettings, got {settings!r:.60}")
+        names = "FirstOrderSettings, GaussNewtonSettings or ExternalSettings"
+        raise ConfigError(f"settings: expected {names}, got {settings!r:.60}")
     method = changes.get("method", "first-order" if settings is None else settings.method)
     if not isinstance(method, str) or method not in METHODS:
         raise ConfigError(f'method: got "{method}"; {suggest(str(method), METHODS)}')
@@ -387,7 +403,9 @@ def batches(problems: Sequence[Problem], settings: FitSettings, device: torch.de
     Returns:
         Indices into `problems`, batch by batch.
     """
-    if isinstance(settings, GaussNewtonSettings):  # steps its problems one after the other in any case
+    if isinstance(
+        settings, GaussNewtonSettings | ExternalSettings
+    ):  # steps its problems one after the other in any case
         return [[index] for index in range(len(problems))]
     room, groups = _room(device), list[list[int]]()
     filled, last = room, -1

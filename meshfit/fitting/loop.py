@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import torch
 
 from meshfit.fitting.callbacks import Interrupted, Step
+from meshfit.fitting.external.tools import ToolRun
 from meshfit.fitting.problem import COLUMNS, Checkpoint, Diverged, Problem, Trace
 from meshfit.fitting.settings import FitSettings
 from meshfit.mesh.any_mesh import MeshLike
@@ -77,6 +78,10 @@ class Engine(ABC):
         """Return the current control mesh, if one is solved for."""
         return None
 
+    def tool(self, _member: int) -> ToolRun | None:
+        """Return the run of an external tool, if one made the surface."""
+        return None
+
     def seconds(self, member: int) -> float:
         """Return the seconds that a fit has taken: its share of those of the batch, in all attempts."""
         return self._before[member] + (time.perf_counter() - self._since) / len(self.problems)
@@ -135,6 +140,7 @@ class FitResult:
         frame: the frame of all lengths in the trace; that of no change for a result of `fit_batch`.
         target: the target, in its own coordinates as the meshes above; None for a result of `fit_batch`.
         shortfalls: what the fit did not reach, in words; empty for most.
+        tool: the run of the external tool that made the mesh, if one did; there is no trace then.
 
     Example:
         >>> import meshfit
@@ -152,6 +158,7 @@ class FitResult:
     frame: Frame = IDENTITY
     target: Mesh | None = None
     shortfalls: tuple[str, ...] = ()
+    tool: ToolRun | None = None
 
     def __repr__(self) -> str:
         """Return the mesh, the number of steps and the last value of the objective."""
@@ -219,7 +226,9 @@ def _result(engine: Engine, member: int) -> FitResult:
     mesh = surface.triangulated() if isinstance(surface, PolygonMesh) else surface
     trace, shortfalls = engine.traces[member], tuple(engine.shortfalls(member))
     control = engine.control_with_attributes(member)
-    return FitResult(mesh, trace, str(engine.device), control, polygons, shortfalls=shortfalls)
+    return FitResult(
+        mesh, trace, str(engine.device), control, polygons, shortfalls=shortfalls, tool=engine.tool(member)
+    )
 
 
 def _running(engine: Engine) -> Iterator[tuple[int, Problem]]:

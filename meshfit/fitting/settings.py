@@ -1,10 +1,17 @@
 """Settings of a fit. Importing them does not import torch, so that configs are read and checked quickly."""
 
+import re
+from collections.abc import Sequence
+from pathlib import PurePath
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Discriminator, Field, Tag
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 
-from meshfit.settings import DEFAULT_KIND, KIND_KEY, Settings
+from meshfit.errors import ConfigError
+from meshfit.fitting.external.tools import TOOLS, ToolName
+from meshfit.printable import printable
+from meshfit.settings import DEFAULT_KIND, KIND_KEY, Settings, build
+from meshfit.specs import suggest
 
 Every = Annotated[int, Field(ge=1)]
 Weight = Annotated[float, Field(ge=0)]
@@ -134,6 +141,124 @@ class GaussNewtonSettings(Settings):
         return self.tries * self.coarse_steps + levels * self.level_steps + self.last_steps
 
 
+def _plain_arguments(command: tuple[str, ...]) -> tuple[str, ...]:
+    """Refuse arguments that a log cannot show, and placeholders that do not exist."""
+    for part in command:
+        if printable(part) != part:
+            raise ValueError(f"control characters in {part!r}; remove them")
+        for name in re.findall(r"\{(\w+)\}", part):
+            if name not in PLACEHOLDERS:
+                raise ValueError(f"'{{{name}}}' in {part!r} stands for nothing: {suggest(name, PLACEHOLDERS)}")
+    if not command[0].strip():
+        raise ValueError("the program, which comes first, has no name")
+    return command
+
+
+PLACEHOLDERS = ("source", "target", "result", "folder", "seed", "threads")
+"""Names in braces that stand for paths and numbers in an external command."""
+
+_Command = Annotated[
+    tuple[str, ...],
+    Field(min_length=1, max_length=1000),
+    BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value),
+    AfterValidator(_plain_arguments),
+]
+
+
+class ExternalSettings(Settings):
+    """A fit by another tool: a command, or one of the ready entries. Lengths are in the target's normalised frame.
+
+    Example:
+        >>> import meshfit
+        >>> meshfit.ExternalSettings(tool="poisson", options={"depth": 6}).tool_options.depth
+        6
+    """
+
+    model_config = ConfigDict(json_schema_extra={"required": [KIND_KEY]})
+
+    method: Literal["external"] = "external"
+    """Engine: `external` runs another tool in a process of its own, and measures what it writes."""
+    tool: ToolName | None = None
+    """Ready entry: `poisson`, `alpha-wrap`, `quadric`, `nricp`, `pycpd`, `meshmonk` or `reach-for-the-spheres`."""
+    options: dict[str, bool | int | float | str | None] = Field(default_factory=dict)
+    """Options of the ready entry, such as `{depth: 9}`."""
+    command: _Command | None = None
+    """Program and arguments, run without a shell in an empty folder, with `{source}`, `{target}` and `{result}` for
+    the files to read and to write, and `{seed}`, `{threads}` and `{folder}`; requires `--allow-commands`."""
+    version_command: _Command | None = None
+    """Program and arguments that print the version of the command, whose first line is recorded; null for none."""
+    format: Literal["ply", "obj", "off", "stl"] = "ply"
+    """Format of the files that a command reads and writes."""
+    environment: tuple[str, ...] = ()
+    """Names of environment variables that a command gets besides PATH, HOME, language and number of threads."""
+    time_limit: Annotated[float, Field(gt=0)] = 3600.0
+    """Seconds (above 0) after which the tool is stopped and the trial has failed."""
+    memory_limit: Annotated[float, Field(gt=0)] | None = None
+    """Memory in MB (above 0) at which the tool is stopped and the trial has failed; null for no limit."""
+
+    @property
+    def steps(self) -> int:
+        """Total number of steps: the tool is one."""
+        return 1
+
+    @property
+    def snapshots(self) -> None:
+        """Number of steps between snapshots: there are none."""
+
+    @property
+    def name(self) -> str:
+        """The ready entry, or the name of the program, or of the script that an interpreter runs."""
+        return self.tool or command_name(self.command or ())
+
+    @property
+    def tool_options(self) -> Settings:
+        """The options of the ready entry.
+
+        Raises:
+            ConfigError: there is none.
+        """
+        if self.tool is None:
+            raise ConfigError("fit.options: a command has none; give them as arguments")
+        return build(TOOLS[self.tool].options, self.options)
+
+    @property
+    def depends_on_seed(self) -> bool:
+        """Whether another seed may give another result."""
+        if self.tool is not None:
+            return TOOLS[self.tool].seeded
+        return any("{seed}" in part for part in self.command or ())
+
+    @model_validator(mode="after")
+    def _either_tool_or_command(self) -> "ExternalSettings":
+        if (self.tool is None) == (self.command is None):
+            given = "neither" if self.tool is None else "both"
+            raise ValueError(f"expected either tool or command, got {given}; tools: {', '.join(TOOLS)}")
+        if self.tool is not None:
+            self._require_keys_of_tool()
+        elif self.options:
+            raise ValueError("options: a command has none; give them as arguments")
+        elif not any("{result" in part for part in self.command or ()):
+            raise ValueError("command: none of its arguments holds {result}, the file to write")
+        return self
+
+    def _require_keys_of_tool(self) -> None:
+        for key, default in (("version_command", None), ("format", "ply"), ("environment", ())):
+            if getattr(self, key) != default:
+                raise ValueError(f"{key}: only a command has it, and this is the tool {self.tool}")
+        try:
+            _ = self.tool_options
+        except ConfigError as error:
+            raise ValueError("; ".join(f"options.{fault}" for fault in error.faults)) from None
+
+
+def command_name(command: Sequence[str]) -> str:
+    """Return the name of a command in tables and logs: that of the program, or of the script that it interprets."""
+    names = [PurePath(part).name for part in command]
+    if len(names) > 1 and re.fullmatch(r"python[\d.]*|bash|sh|node|perl|ruby|julia|Rscript", names[0]):
+        return next((name for name in names[1:] if not name.startswith("-") and "{" not in name), names[0])
+    return names[0] if names else ""
+
+
 def _method(settings: Any) -> str:  # noqa: ANN401  settings, or a mapping to build them from
     if isinstance(settings, dict):
         return str(settings.get(KIND_KEY, DEFAULT_KIND))
@@ -141,12 +266,20 @@ def _method(settings: Any) -> str:  # noqa: ANN401  settings, or a mapping to bu
 
 
 FitSettings = Annotated[
-    Annotated[FirstOrderSettings, Tag("first-order")] | Annotated[GaussNewtonSettings, Tag("gauss-newton")],
+    Annotated[FirstOrderSettings, Tag("first-order")]
+    | Annotated[GaussNewtonSettings, Tag("gauss-newton")]
+    | Annotated[ExternalSettings, Tag("external")],
     Discriminator(_method),
 ]
-"""Settings of a fit by either engine, distinguished by `method`, which defaults to `first-order`."""
+"""Settings of a fit by any engine, distinguished by `method`, which defaults to `first-order`."""
 
-METHODS: dict[str, type[FirstOrderSettings] | type[GaussNewtonSettings]] = {
+METHODS: dict[str, type[FirstOrderSettings] | type[GaussNewtonSettings] | type[ExternalSettings]] = {
     "first-order": FirstOrderSettings,
     "gauss-newton": GaussNewtonSettings,
+    "external": ExternalSettings,
 }
+
+
+def default_fit(method: str) -> dict[str, Any]:
+    """Return the default of every setting of a method, as plain data."""
+    return METHODS[method].model_construct().model_dump(mode="json")

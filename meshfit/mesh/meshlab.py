@@ -1,4 +1,4 @@
-"""MeshLab filters: self-intersections, decimation, refinement, alpha wraps. The one module that imports pymeshlab.
+"""MeshLab filters, from self-intersections to Poisson surfaces. The one module that imports pymeshlab.
 
 MeshLab keeps the parameters of a filter's last call as its defaults within a process, so that every call spells out
 all of them.
@@ -6,7 +6,7 @@ all of them.
 
 import numpy as np
 import pymeshlab
-from jaxtyping import Bool
+from jaxtyping import Bool, Float64
 
 from meshfit.errors import MeshError
 from meshfit.mesh.mesh import Mesh, Verts
@@ -101,3 +101,38 @@ def _from_meshlab(mesh: pymeshlab.Mesh) -> Mesh:
 
 def _to_meshlab(mesh: Mesh) -> pymeshlab.Mesh:
     return pymeshlab.Mesh(np.array(mesh.verts), np.array(mesh.faces))
+
+
+def screened_poisson(
+    points: Float64[np.ndarray, "N 3"], normals: Float64[np.ndarray, "N 3"], depth: int, point_weight: float
+) -> Mesh:
+    """Return the screened Poisson surface (Kazhdan and Hoppe 2013) through points with normals.
+
+    Args:
+        points: (N, 3) positions.
+        normals: (N, 3) normals, outwards.
+        depth: of the octree.
+        point_weight: of interpolating the points.
+
+    Raises:
+        MeshError: it has no faces.
+    """
+    meshes = pymeshlab.MeshSet()
+    meshes.add_mesh(pymeshlab.Mesh(vertex_matrix=np.array(points), v_normals_matrix=np.array(normals)))
+    meshes.generate_surface_reconstruction_screened_poisson(
+        visiblelayer=False,
+        depth=depth,
+        fulldepth=5,
+        cgdepth=0,
+        scale=1.1,
+        samplespernode=1.5,
+        pointweight=point_weight,
+        iters=8,
+        confidence=False,
+        preclean=False,
+        threads=1,
+    )
+    surface = _from_meshlab(meshes.current_mesh())
+    if not surface.num_faces:
+        raise MeshError("the screened Poisson surface has no faces")
+    return surface

@@ -103,7 +103,7 @@ def test_snapshots_and_the_last_good_mesh_are_in_the_targets_coordinates():
 
 
 def test_keywords_are_the_keys_of_both_engines_with_their_types():
-    models = METHODS.values()
+    models = [METHODS[name] for name in ("first-order", "gauss-newton")]
     assert set().union(*(model.model_fields for model in models)) == ENGINE_KEYS
     assert set(inspect.signature(meshfit.fit).parameters) >= ENGINE_KEYS
     parameters, keys = inspect.signature(meshfit.fit).parameters, get_type_hints(FitKeys)
@@ -130,7 +130,7 @@ def test_keywords_are_the_keys_of_both_engines_with_their_types():
         ({"method": "newton"}, "method: got \"newton\"; did you mean 'gauss-newton'"),
         ({"normalise": "unit"}, 'normalise: got "unit"; allowed: tutorial, box, none'),
         ({"align": "centre"}, "align: got \"centre\"; did you mean 'center'"),
-        ({"settings": {"steps": 3}}, "settings: expected FirstOrderSettings or GaussNewtonSettings"),
+        ({"settings": {"steps": 3}}, "settings: expected FirstOrderSettings, GaussNewtonSettings or ExternalSettings"),
     ],
 )
 def test_a_wrong_keyword_or_value_names_what_is_allowed(changes, message):

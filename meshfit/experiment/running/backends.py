@@ -12,6 +12,7 @@ from typing import Any, Literal, Protocol
 
 from meshfit.errors import ClusterError, DeviceError
 from meshfit.experiment.plan import Trial
+from meshfit.experiment.running.commands import WORKER_VARIABLE, has_command, worker_allows_commands
 from meshfit.experiment.running.device_assignment import Batch, assign_devices, workers_and_threads
 from meshfit.experiment.running.process_pool import ProcessPool
 from meshfit.experiment.running.shared_progress import SharedProgress
@@ -73,15 +74,34 @@ class Backend(Protocol):
         """Wait for running batches to end."""
 
 
+@dataclass(frozen=True)
+class Options:
+    """Options of all jobs of a run: rerun complete trials, and run external commands."""
+
+    force: bool
+    allow_commands: bool
+
+    def job(
+        self,
+        trials: Mapping[int, Trial],
+        store: RunDirectory,
+        device: str,
+        threads: int,
+        remote: RemoteOptions | None = None,
+    ) -> Job:
+        """Return a job with these options."""
+        return Job(trials, store, device, threads, self.force, remote, self.allow_commands)
+
+
 class LocalBackend:
     """Processes of this machine: several on the CPU, one for each GPU."""
 
     is_local = True
 
     def __init__(
-        self, trials: Sequence[Trial], pending: Sequence[int], store: RunDirectory, jobs: int | None, *, force: bool
+        self, trials: Sequence[Trial], pending: Sequence[int], store: RunDirectory, jobs: int | None, options: "Options"
     ) -> None:
-        self._store, self._force = store, force
+        self._store, self._options = store, options
         self.workers, self._threads = workers_and_threads([trials[i] for i in pending], jobs)
         self.progress = SharedProgress.of(len(trials))
         self._pool = ProcessPool(self.workers, self.progress)
@@ -93,7 +113,7 @@ class LocalBackend:
 
     def submit(self, trials: Mapping[int, Trial], device: str) -> Future[JobResult]:
         """Hand a batch to a worker of its device."""
-        return self._pool.submit(device, run_job, Job(trials, self._store, device, self._threads, self._force))
+        return self._pool.submit(device, run_job, self._options.job(trials, self._store, device, self._threads))
 
     def cancel(self) -> None:
         """Ask workers to write checkpoints and stop."""
@@ -188,10 +208,11 @@ class RemoteBackend:
         trials: Sequence[Trial],
         store: RunDirectory,
         outcomes: Mapping[int, Outcome],
-        *,
-        force: bool,
+        options: "Options",
     ) -> None:
-        self._remote, self._force = remote, force
+        self._remote, self._options = remote, options
+        if any(has_command(trial) for i, trial in enumerate(trials) if i not in outcomes):
+            _require_worker_permission(remote)
         self.progress, self.workers = FileProgress(trials, store, outcomes), remote.workers
         self._shared = remote.shares(store.root)
         self._store = RunDirectory(store.root.resolve()) if self._shared else store
@@ -217,7 +238,7 @@ class RemoteBackend:
         inputs = None if self._shared else {i: self._packed(trial) for i, trial in trials.items()}
         threads_set = [trial.settings.threads for trial in trials.values() if trial.settings.threads != "auto"]
         threads = min(threads_set, default=1)
-        job = Job(trials, self._store, device, threads, self._force, RemoteOptions(self._cancellation, inputs))
+        job = self._options.job(trials, self._store, device, threads, RemoteOptions(self._cancellation, inputs))
         self._futures.append(self._remote.executor.submit(run_job, job))
         return self._futures[-1]
 
@@ -236,6 +257,13 @@ class RemoteBackend:
         wait(self._futures)
         with suppress(OSError, RuntimeError, TimeoutError):
             self._cancellation.clear()
+
+
+def _require_worker_permission(remote: Remote) -> None:
+    if not all(remote.on_workers(worker_allows_commands)):
+        raise ClusterError(
+            f"not every worker runs commands of configs; to allow them, start workers with {WORKER_VARIABLE}=1 set"
+        )
 
 
 class FileProgress:

@@ -8,6 +8,7 @@ from functools import partial
 
 from filelock import FileLock, Timeout
 
+from meshfit.config.experiment import ExperimentSettings
 from meshfit.errors import StoreError
 from meshfit.experiment.plan import Trial
 from meshfit.experiment.running.trial_runner import TrialRunner, recorded_warnings
@@ -15,6 +16,7 @@ from meshfit.experiment.storage.run_directory import CHECKPOINT, RESULT, RunDire
 from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
 from meshfit.fitting.callbacks import Interrupted
 from meshfit.fitting.fit import fit_batch
+from meshfit.fitting.loop import FitResult
 from meshfit.fitting.problem import Diverged, Problem
 
 _LOCK_SECONDS = 0.5
@@ -28,6 +30,7 @@ def run_batch(
     device: str | None = None,
     threads: int = 1,
     force: bool = False,
+    allow_commands: bool = False,
 ) -> list[Outcome]:
     """Run the trials of a batch that are not complete, from their last checkpoints if there are any.
 
@@ -41,6 +44,7 @@ def run_batch(
         device: the device in place of that of the settings.
         threads: as in `fit`.
         force: rerun complete trials, and ignore checkpoints.
+        allow_commands: run the external commands of trials.
 
     Returns:
         The outcome of each trial; a failure is recorded in the folder and returned, not raised.
@@ -58,7 +62,8 @@ def run_batch(
                     store.remove(runner.trial, RESULT, CHECKPOINT)
                 elif store.is_complete(runner.trial):
                     runner.outcome = Outcome(TrialStatus.COMPLETE)
-            _run_locked([runner for runner in runners if runner.outcome is None], device, threads)
+            fit = partial(_fit, device=device, threads=threads, allow_commands=allow_commands)
+            _run_locked([runner for runner in runners if runner.outcome is None], fit)
     except Interrupted:
         pass
     return [runner.outcome or Outcome(TrialStatus.INTERRUPTED) for runner in runners]
@@ -77,12 +82,28 @@ def _locked(lock: FileLock, on_progress: Callable[[Progress], None]) -> Iterator
         lock.release()
 
 
-def _run_locked(runners: Sequence[TrialRunner], device: str | None, threads: int) -> None:
+def _fit(
+    problems: Sequence[Problem], settings: ExperimentSettings, *, device: str | None, threads: int, allow_commands: bool
+) -> list[FitResult | Diverged]:
+    return fit_batch(
+        list(problems),
+        settings.fit,
+        device=device or settings.device,
+        dtype=settings.dtype,
+        threads=threads,
+        allow_commands=allow_commands,
+    )
+
+
+_Fit = Callable[[Sequence[Problem], ExperimentSettings], list[FitResult | Diverged]]
+
+
+def _run_locked(runners: Sequence[TrialRunner], fit: _Fit) -> None:
     """Run trials whose locks are held; interrupted ones close their logs while they still are."""
     try:
         for runner in runners:
             runner.start()
-        _run(runners, device, threads)
+        _run(runners, fit)
     except Interrupted:
         for runner in runners:
             if runner.outcome is None:
@@ -90,7 +111,7 @@ def _run_locked(runners: Sequence[TrialRunner], device: str | None, threads: int
         raise
 
 
-def _run(runners: Sequence[TrialRunner], device: str | None, threads: int) -> None:
+def _run(runners: Sequence[TrialRunner], fit: _Fit) -> None:
     clock, problems = _Clock(), dict[TrialRunner, Problem]()
     for runner in runners:
         with _failures_recorded(runner):
@@ -101,17 +122,11 @@ def _run(runners: Sequence[TrialRunner], device: str | None, threads: int) -> No
     clock.start(len(problems))
     try:
         with recorded_warnings() as texts:
-            outcomes = fit_batch(
-                list(problems.values()),
-                settings.fit,
-                device=device or settings.device,
-                dtype=settings.dtype,
-                threads=threads,
-            )
+            outcomes = fit(list(problems.values()), settings)
     except (Interrupted, StoreError):
         raise
     except Exception as error:  # noqa: BLE001  any error, of any trial of the batch
-        _run_singly(list(problems), error, device, threads)
+        _run_singly(list(problems), error, fit)
         return
     clock.stop()
     for runner, outcome in zip(problems, outcomes, strict=True):
@@ -123,13 +138,13 @@ def _run(runners: Sequence[TrialRunner], device: str | None, threads: int) -> No
             runner.finish(outcome)
 
 
-def _run_singly(runners: Sequence[TrialRunner], error: Exception, device: str | None, threads: int) -> None:
+def _run_singly(runners: Sequence[TrialRunner], error: Exception, fit: _Fit) -> None:
     """Rerun each trial of a failed batch by itself, so that those that did not cause the failure succeed."""
     if len(runners) == 1:
         runners[0].fail(error)
         return
     for runner in runners:
-        _run([runner], device, threads)
+        _run([runner], fit)
 
 
 @contextmanager

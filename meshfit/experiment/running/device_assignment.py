@@ -50,6 +50,8 @@ def assign_devices(trials: Mapping[int, Trial], gpus: Sequence[str]) -> list[Bat
 def _batch_key(trial: Trial, number: int, *, gpus: bool) -> tuple[str, ...]:
     settings = trial.settings
     device = settings.device if settings.device != "auto" else "cuda" if gpus else "cpu"
+    if settings.fit.method == "external":
+        device = "cpu"
     return (device, str(number)) if device == "cpu" else (device, settings.dtype, settings.fit.model_dump_json())
 
 

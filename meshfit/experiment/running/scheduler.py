@@ -7,7 +7,16 @@ from dataclasses import dataclass, field
 
 from meshfit.errors import ClusterError, MeshfitError, TrialError
 from meshfit.experiment.plan import Trial
-from meshfit.experiment.running.backends import Backend, LocalBackend, ProgressReader, Remote, RemoteBackend, is_death
+from meshfit.experiment.running.backends import (
+    Backend,
+    LocalBackend,
+    Options,
+    ProgressReader,
+    Remote,
+    RemoteBackend,
+    is_death,
+)
+from meshfit.experiment.running.commands import require_installed, require_permission
 from meshfit.experiment.running.process_pool import ONE_THREAD, environment
 from meshfit.experiment.running.worker import JobResult, store_outputs
 from meshfit.experiment.storage.failure import RETRIED, failed_attempts, killed_record
@@ -28,6 +37,7 @@ def run_trials(
     jobs: int | None = None,
     force: bool = False,
     remote: Remote | None = None,
+    allow_commands: bool = False,
     watch: Watcher = lambda *_: None,
 ) -> dict[int, Outcome]:
     """Run trials and wait for them: single trials side by side on the CPU, batches on other devices.
@@ -41,12 +51,14 @@ def run_trials(
         jobs: the number of processes on the CPU of this machine; None takes it from the settings.
         force: rerun complete trials.
         remote: remote workers, in place of processes of this machine.
+        allow_commands: run the external commands of trials.
         watch: called many times a second with the progress of all trials and the outcomes so far.
 
     Returns:
         The outcome of each trial, by its index in `trials`.
 
     Raises:
+        ConfigError: a trial has a command, and these are not allowed, or a tool that is not installed here.
         KeyboardInterrupt: after every running trial has written a checkpoint.
         StoreError: the run directory cannot be written to.
         DeviceError: no worker has the device of a trial.
@@ -61,15 +73,33 @@ def run_trials(
     if not pending:
         update_order(trials, store)
         return outcomes
+    require_runnable([trials[i] for i in pending], allow_commands=allow_commands, here=remote is None)
     backend: Backend
+    options = Options(force, allow_commands)
     with environment(ONE_THREAD):
         if remote is None:
-            backend = LocalBackend(trials, pending, store, jobs, force=force)
+            backend = LocalBackend(trials, pending, store, jobs, options)
         else:
-            backend = RemoteBackend(remote, trials, store, outcomes, force=force)
+            backend = RemoteBackend(remote, trials, store, outcomes, options)
         write_plan(trials, store, backend.workers)
         _Scheduler(trials, store, backend, outcomes, watch, force).run(pending)
     return outcomes
+
+
+def require_runnable(trials: Sequence[Trial], *, allow_commands: bool, here: bool) -> None:
+    """Refuse trials that cannot or may not be run.
+
+    Args:
+        trials: the trials to run.
+        allow_commands: run the external commands of trials.
+        here: whether this machine runs them.
+
+    Raises:
+        ConfigError: a trial has a command, and these are not allowed, or a tool that is not installed here.
+    """
+    require_permission(trials, allowed=allow_commands)
+    if here:
+        require_installed(trials)
 
 
 @dataclass

@@ -13,7 +13,7 @@ import numpy as np
 
 from meshfit.config.strict_yaml import dump
 from meshfit.errors import MeshError, MeshfitWarning
-from meshfit.experiment.plan import Trial
+from meshfit.experiment.plan import Trial, command_files
 from meshfit.experiment.source import build_source, describe_source, made_from_target, relocated, source_files
 from meshfit.experiment.storage.attributes import attributes_file, encode_attributes
 from meshfit.experiment.storage.checkpoint import (
@@ -41,6 +41,7 @@ from meshfit.experiment.storage.targets import carried_path, carry
 from meshfit.experiment.storage.trial_log import TrialLog
 from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
 from meshfit.fitting.callbacks import Step
+from meshfit.fitting.external.tools import ToolError, ToolRun
 from meshfit.fitting.loop import FitResult
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem, Trace
 from meshfit.fitting.settings import FirstOrderSettings, FitSettings
@@ -103,6 +104,8 @@ class TrialRunner:
             source_settings = relocated(settings.source, self.trial.current_path)
             for role, name in source_files(source_settings).items():
                 _check_unchanged(name, inputs.get(role))
+            for role, path in command_files(settings.fit).items():
+                _check_unchanged(path, inputs.get(role))
             built = build_source(source_settings, scheme, target=self._target)
             made = made_from_target(source_settings, self._target)
             self._source_record = describe_source(source_settings, self._target)
@@ -140,11 +143,15 @@ class TrialRunner:
         """Measure the fit, and write it and the result."""
         name, cleaning = self.trial.current_path(self.trial.target), self.trial.settings.cleaning
         carry(carried_path(self.trial, self.store), lambda: outward(load_target(name, cleaning)))  # removed since
-        seconds = {"fit": self._seconds()}
+        seconds, memory = {"fit": self._seconds()}, peak_memory_mb()
+        if fitted.tool is not None:
+            seconds, memory = {"fit": fitted.tool.seconds}, fitted.tool.peak_memory_mb
+            self._log_tool(fitted.tool)
         self._write_mesh("result.ply", fitted.polygons or fitted.mesh)
         if fitted.control is not None:
             self._write_mesh("control.ply", fitted.control)
-        self._write_trace(fitted.trace)
+        if fitted.tool is None:
+            self._write_trace(fitted.trace)
         self._report(TrialStatus.MEASURING)
         start = time.perf_counter()
         for text in fitted.shortfalls:
@@ -155,7 +162,7 @@ class TrialRunner:
         seconds["measure"] = time.perf_counter() - start
         source = self._source_record | {"area": float(face_areas(self._source).sum())}
         source |= {"verts": self._source.num_verts, "faces": self._source.num_faces}
-        work = {"source": source, "seconds": seconds, "peak_memory_mb": peak_memory_mb(), "warnings": self._warnings}
+        work = {"source": source, "seconds": seconds, "peak_memory_mb": memory, "warnings": self._warnings}
         result = result_record(self.trial, self._frame_record, fitted, measured, work)
         self.store.write(self.trial, RESULT, json_text(result))
         self.store.remove(self.trial, CHECKPOINT, FAILURE, LAST_GOOD)
@@ -164,6 +171,8 @@ class TrialRunner:
 
     def fail(self, error: Exception) -> None:
         """Record why the trial failed."""
+        if isinstance(error, ToolError):
+            self._log_output(error.output)
         if isinstance(error, Diverged):
             self._write_mesh(LAST_GOOD, error.last_good)
             self._write_trace(error.trace)
@@ -189,6 +198,17 @@ class TrialRunner:
             yield
         for text in texts:
             self.warn(text)
+
+    def _log_tool(self, tool: ToolRun) -> None:
+        version = f", version {tool.version}" if tool.version else ""
+        self._log.note(f"{tool.name}{version}: {tool.seconds:.1f} s")
+        self._log_output(tool.output)
+        for text in tool.warnings:
+            self.warn(text)
+
+    def _log_output(self, output: str) -> None:
+        if output.strip():
+            self._log.note("\n".join(["output of the tool:", *(f"  | {line}" for line in output.splitlines())]))
 
     def stop(self) -> None:
         """Stop, so that a later attempt resumes from the last checkpoint."""

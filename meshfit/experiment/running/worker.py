@@ -11,6 +11,7 @@ from typing import Protocol
 
 from meshfit.errors import ClusterError, StoreError
 from meshfit.experiment.plan import RESULTS_VERSION, Trial
+from meshfit.experiment.running.commands import has_command, require_permission, require_worker_permission
 from meshfit.experiment.running.process_pool import ONE_THREAD, worker_progress
 from meshfit.experiment.storage.checkpoint import SNAPSHOTS, keep_snapshots, snapshots_in
 from meshfit.experiment.storage.run_directory import (
@@ -74,6 +75,7 @@ class Job:
     threads: int
     force: bool
     remote: RemoteOptions | None = None
+    allow_commands: bool = False
 
 
 @dataclass(frozen=True)
@@ -88,14 +90,18 @@ def run_job(job: Job) -> JobResult:
     """Run a job in this process.
 
     Raises:
-        ClusterError: the worker has another version of meshfit than the sender of the job.
+        ClusterError: the worker has another version of meshfit than the sender of the job, or runs no commands.
+        ConfigError: the sender has not allowed the commands of the job.
         StoreError: the run directory cannot be written to.
     """
+    require_permission(job.trials.values(), allowed=job.allow_commands)
     if job.remote is None:
         shared = worker_progress()
         return JobResult(_run(job, shared.__setitem__, lambda: shared.cancelled))
     if job.remote.version != RESULTS_VERSION:
         raise ClusterError("a worker has another version of meshfit; install the same one everywhere")
+    if any(has_command(trial) for trial in job.trials.values()):
+        require_worker_permission()
     for name, value in ONE_THREAD.items():
         os.environ.setdefault(name, value)
     # The progress of remote trials is read from their files.
@@ -128,7 +134,15 @@ def _run(job: Job, report: Callable[[int, Progress], None], cancelled: Callable[
     for number in numbers:
         report(number, Progress(TrialStatus.FITTING))
     trials = list(job.trials.values())
-    outcomes = run_batch(trials, job.store, on_progress, device=job.device, threads=job.threads, force=job.force)
+    outcomes = run_batch(
+        trials,
+        job.store,
+        on_progress,
+        device=job.device,
+        threads=job.threads,
+        force=job.force,
+        allow_commands=job.allow_commands,
+    )
     for number, outcome in zip(numbers, outcomes, strict=True):
         report(number, Progress(outcome.status))
     return dict(zip(numbers, outcomes, strict=True))

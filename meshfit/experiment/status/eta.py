@@ -15,7 +15,7 @@ from meshfit.experiment.storage.run_directory import RESULT, Result, RunDirector
 from meshfit.experiment.storage.trial_log import LastProgress, read_progress
 from meshfit.experiment.trial_status import Progress, TrialStatus
 from meshfit.fitting.callbacks import Interrupted
-from meshfit.fitting.settings import FirstOrderSettings
+from meshfit.fitting.settings import ExternalSettings, FirstOrderSettings
 from meshfit.units import count_text
 
 if TYPE_CHECKING:  # `meshfit status` does not load what only `estimate` uses
@@ -24,9 +24,10 @@ if TYPE_CHECKING:  # `meshfit status` does not load what only `estimate` uses
     from meshfit.subdivision.registry import NamedScheme
 
 _Key = tuple[Path, str, int]
-"""Folder of target and scheme, variant, steps."""
+"""Folder of target and scheme, or none for all of them; variant; steps."""
 
-_ANY: _Key = (Path(), "", 0)
+_ANYWHERE = Path()
+_ANY: _Key = (_ANYWHERE, "", 0)
 _PROBE_SECONDS = {"first-order": 2.0, "gauss-newton": 8.0}
 _WARM_UP_STEPS = 3
 _START_SECONDS = 3.0
@@ -54,8 +55,9 @@ _Costs = dict[_Key, _Cost]
 def seconds_left(experiment: ScannedExperiment) -> float | None:
     """Estimate the seconds until every running or planned trial of an experiment is done; None if nothing is known.
 
-    A trial is assumed to cost as much as complete trials of the same target, scheme, variant and steps. Without these,
-    its cost per step is that of all complete trials; without any, that of the running ones.
+    A trial is assumed to cost as much as complete trials of the same target, scheme, variant and steps, or at least of
+    the same variant and steps. Without these, its cost per step is that of all complete trials; without any, that of
+    the running ones.
     """
     unfinished = _unfinished(experiment)
     if not unfinished:
@@ -84,7 +86,7 @@ def _costs_of_complete(experiment: ScannedExperiment) -> _Costs:
     costs: _Costs = {}
     for trial in [trial for trial in complete if trial.planned] or complete:
         if cost := _cost(trial):
-            _add(costs, cost, (trial.path.parent, trial.variant, cost.steps))
+            _add(costs, cost, (trial.path.parent, trial.variant, cost.steps), (_ANYWHERE, trial.variant, cost.steps))
     return costs
 
 
@@ -114,14 +116,18 @@ def _costs_of_running(running: Collection[LastProgress | None], workers: int) ->
 
 def _seconds_of(trial: ScannedTrial, progress: LastProgress | None, costs: _Costs) -> float:
     steps = trial.planned.steps if trial.planned else progress.step.steps if progress else None
-    same = costs.get((trial.path.parent, trial.variant, steps or 0))
+    keys = ((folder, trial.variant, steps or 0) for folder in (trial.path.parent, _ANYWHERE))
+    same = next((costs[key] for key in keys if key in costs), None)
     cost = same or costs[_ANY]
-    scale = 1.0 if same or steps is None or not cost.steps else steps * cost.trials / cost.steps
+    # A single step is the run of another tool, which is not that much shorter than a fit of many steps.
+    scale = 1.0 if same or steps in (None, 1) or not cost.steps else (steps or 1) * cost.trials / cost.steps
     fit, measure = scale * cost.fit / cost.trials, cost.measure / cost.trials
     if progress is None or not steps:
         return fit + measure
     if progress.status is TrialStatus.MEASURING:
         return measure
+    if steps == 1:
+        return measure + max(0.0, fit - progress.running_seconds)
     return measure + fit * (1 - min(progress.step.done / steps, 1.0))
 
 
@@ -133,11 +139,13 @@ class Estimate:
         seconds: until all trials are done.
         workers: the number of trials that run side by side.
         basis: the basis of the estimate, such as `12 complete trials` or `a probe of 1 trial`.
+        unknown: the number of trials that it leaves out: runs of other tools, whose time no probe can tell.
     """
 
     seconds: float
     workers: int
     basis: str
+    unknown: int = 0
 
 
 @dataclass(frozen=True)
@@ -159,7 +167,7 @@ def estimate(
         jobs: the number of processes; None takes it from the settings.
 
     Returns:
-        The estimate; None where there is nothing to run, or a trial may run on a GPU.
+        The estimate; None where there is nothing to run or nothing known, or a trial may run on a GPU.
 
     Raises:
         TrialError: the probed trial fails.
@@ -170,19 +178,23 @@ def estimate(
         return None
     workers, threads = workers_and_threads(trials, jobs)
     paces = _paces_of(results)
-    missing = dict.fromkeys(trial.settings.fit.method for trial in trials if trial.settings.fit.method not in paces)
+    known = [trial for trial in trials if trial.settings.fit.method != "external" or _pace_key(trial) in paces]
+    unknown, trials = len(trials) - len(known), known
+    if not trials:
+        return None
+    missing = dict.fromkeys(_pace_key(trial) for trial in trials if _pace_key(trial) not in paces)
     for method in missing:
-        by_work = sorted((trial for trial in trials if trial.settings.fit.method == method), key=_work)
+        by_work = sorted((trial for trial in trials if _pace_key(trial) == method), key=_work)
         pace = _probed_pace(by_work[len(by_work) // 2], threads)
         if pace is None:
             return None
         paces[method] = pace
-    pace_of_trial = [(paces[trial.settings.fit.method], trial) for trial in trials]
+    pace_of_trial = [(paces[_pace_key(trial)], trial) for trial in trials]
     seconds = [pace.overhead + pace.per_work * _work(trial) for pace, trial in pace_of_trial]
     total = max(sum(seconds) / workers, *seconds) + _START_SECONDS
     basis = [count_text(len(results), "complete trial")] if results else []
     basis += [f"a probe of {count_text(len(missing), 'trial')}"] if missing else []
-    return Estimate(total, workers, " and ".join(basis))
+    return Estimate(total, workers, " and ".join(basis), unknown)
 
 
 def _paces_of(results: Sequence[tuple["Trial", Result]]) -> dict[str, _Pace]:
@@ -190,18 +202,27 @@ def _paces_of(results: Sequence[tuple["Trial", Result]]) -> dict[str, _Pace]:
     for trial, result in results:
         seconds = result["seconds"]
         pace = _Pace(seconds["fit"] / max(_work(trial), 1.0), seconds["measure"])
-        paces.setdefault(trial.settings.fit.method, []).append(pace)
+        paces.setdefault(_pace_key(trial), []).append(pace)
     return {
         method: _Pace(median(pace.per_work for pace in of_method), median(pace.overhead for pace in of_method))
         for method, of_method in paces.items()
     }
 
 
+def _pace_key(trial: "Trial") -> str:
+    """The method of a trial, and for other tools the settings as well."""
+    fit = trial.settings.fit
+    return fit.model_dump_json() if isinstance(fit, ExternalSettings) else fit.method
+
+
 def _work(trial: "Trial") -> float:
-    """The work of a fit, to which its time is proportional."""
+    """The work of a fit, to which its time is proportional; the same for all runs of another tool."""
     from meshfit.subdivision.refine import growth
 
-    fit, verts = trial.settings.fit, _num_verts(trial.settings.source, trial.named_scheme)
+    fit = trial.settings.fit
+    if isinstance(fit, ExternalSettings):
+        return 1.0
+    verts = _num_verts(trial.settings.source, trial.named_scheme)
     if isinstance(fit, FirstOrderSettings):
         return fit.steps * (fit.samples + verts / _VERTS_PER_SAMPLE)
     if fit.connectivity == "remeshed":

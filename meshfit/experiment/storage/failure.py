@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from meshfit.errors import MeshfitError, StoreError
 from meshfit.experiment.storage.run_directory import FAILURE, LOG, Result, RunDirectory, now, read_json
+from meshfit.fitting.external.tools import ToolError
 
 if TYPE_CHECKING:
     from meshfit.experiment.plan import Trial
@@ -27,6 +28,12 @@ class FailureKind(StrEnum):
     """Memory could not be allocated."""
     KILLED = "killed"
     """The process was killed from outside."""
+    TOOL = "tool"
+    """An external tool failed, or wrote nothing that can be used."""
+    TIME_LIMIT = "time-limit"
+    """An external tool took longer than its settings allow."""
+    MEMORY_LIMIT = "memory-limit"
+    """An external tool took more memory than its settings allow."""
     INPUT = "input"
     """A mesh or a setting cannot be used."""
     ERROR = "error"
@@ -43,6 +50,8 @@ def failure_kind(error: Exception) -> FailureKind:
 
     if isinstance(error, Diverged):
         return FailureKind.DIVERGED
+    if isinstance(error, ToolError):
+        return FailureKind(error.kind)
     if isinstance(error, MeshfitError):
         return FailureKind.INPUT
     # torch raises a RuntimeError, with a class of its own on CUDA only.

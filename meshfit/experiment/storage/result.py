@@ -28,6 +28,7 @@ def result_record(trial: "Trial", frame: Result, fitted: "FitResult", measured: 
     from meshfit.experiment.plan import RESULTS_VERSION
 
     last = fitted.trace.rows[-1] if fitted.trace.rows else ()
+    tool = {} if fitted.tool is None else {"tool": fitted.tool.to_dict()}
     return {
         "schema_version": RESULTS_VERSION,
         "identity": trial.identity,
@@ -35,6 +36,7 @@ def result_record(trial: "Trial", frame: Result, fitted: "FitResult", measured: 
         **trial.names,
         **measured.to_dict(),
         "fit": {"steps": trial.settings.fit.steps, "device": fitted.device, "final_loss": last[1] if last else None},
+        **tool,
         "frame": frame,
         "inputs": dict(trial.inputs),
         "settings": trial.plain_settings,

@@ -107,7 +107,7 @@ def _captions(facts: Result, folder: Path) -> Callable[[int, Mesh], str]:
     """The captions of surfaces: the stage if the fit has several, step, traced value and number of vertices."""
     fit = facts["settings"]["fit"]
     settings = build(METHODS[fit.get("method", "first-order")], fit)
-    name, values = _read_trace(folder)
+    name, values = ("", {}) if settings.method == "external" else _read_trace(folder)
 
     def caption(step: int, mesh: Mesh) -> str:
         traced = max((row for row in values if row <= step), default=None)

@@ -95,6 +95,8 @@ def read_curves(trials: TrialsByRow) -> tuple[list[Curve], list[str]]:
     curves, problems = [], []
     for row, by_seed in trials.items():
         for result in list(by_seed.values())[:per_row]:
+            if "tool" in result:  # which leaves no trace
+                continue
             try:
                 curves.append(_read_trace(row, result))
             except (OSError, ValueError) as error:

@@ -16,7 +16,7 @@ from meshfit.experiment.storage.failure import read_failure
 from meshfit.experiment.storage.result import read_result_or_warn, read_settings
 from meshfit.experiment.storage.run_directory import Result, write_atomically
 from meshfit.experiment.trial_status import TrialStatus
-from meshfit.fitting.settings import METHODS
+from meshfit.fitting.settings import METHODS, default_fit
 from meshfit.measuring.metrics import METRICS
 from meshfit.printable import csv_cell
 from meshfit.report.tables.grouping import flatten
@@ -28,7 +28,7 @@ HEAD = ("experiment", "target", "target_title", "scheme", "seed", "variant", "st
 FAILURE_HEAD = ("failure.kind", "failure.message")
 
 # Order of the columns after metrics and settings, by prefix.
-_AFTER = ("fit.", "seconds.", "peak_memory_mb", "warnings", "frame.", "versions.", "platform.", "inputs.")
+_AFTER = ("fit.", "tool.", "seconds.", "peak_memory_mb", "warnings", "frame.", "versions.", "platform.", "inputs.")
 _OMITTED = {*HEAD, "settings", "traceback", "log"}
 _METRIC_TYPES = {"d": "int64", "": "bool"}
 _TYPES = {bool: "bool", int: "int64", float: "float64", str: "string"}
@@ -96,7 +96,7 @@ def _setting_keys() -> list[str]:
     """Return the keys of all settings, of every method, in the order of a config."""
     keys: dict[str, None] = {}
     for key, value in default_settings().items():
-        values = [model().model_dump(mode="json") for model in METHODS.values()] if key == "fit" else [value]
+        values = [default_fit(method) for method in METHODS] if key == "fit" else [value]
         for each in values:
             keys |= dict.fromkeys(flatten({key: each}))
     return list(keys)

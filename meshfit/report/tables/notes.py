@@ -78,7 +78,16 @@ def _fit(get: Callable[[str], str]) -> str:
         return "by several methods"
     if get("fit.method") == "gauss-newton":
         return f"gauss-newton, {count_text(get('fit.levels'), 'level')}, connectivity {get('fit.connectivity')}"
+    if get("fit.method") == "external":
+        return _tool(get)
     return f"{count_text(get('fit.steps'), 'step')} of {get('fit.optimizer.name')}, {get('fit.samples')} samples a step"
+
+
+def _tool(get: Callable[[str], str]) -> str:
+    if VARIED in (get("fit.tool"), get("fit.command")):
+        return "by several tools"
+    command = get("fit.command")
+    return get("fit.tool") if command == "?" else f"by the command {command}"
 
 
 def _source(settings: Mapping[str, Any], get: Callable[[str], str]) -> Iterator[str]:
