@@ -8,8 +8,10 @@ from meshfit.errors import MeshfitWarning
 from meshfit.mesh.attributes import Attributes, Material
 from meshfit.mesh.cleaning import clean
 from meshfit.mesh.cleaning_options import CleaningOptions
+from meshfit.mesh.io.files import load_mesh
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
 from meshfit.mesh.solids import icosahedron, quad_cube
+from tests import scenes
 from tests.loops import over
 from tests.quads import mixed, prism
 from tests.shapes import torus
@@ -45,7 +47,7 @@ def damaged(mesh, seed):
 )
 def test_each_element_keeps_the_row_of_the_one_it_came_from(mesh, seed, triangles):
     verts, rows = damaged(mesh, seed)
-    plain = PolygonSoup.of_rows(verts, rows)
+    plain = PolygonSoup.of_rows(verts.tolist(), rows)
     face = np.repeat(np.arange(len(rows)), plain.sizes)
     attributes = Attributes(
         vertex={"place": plain.verts, "number": np.arange(len(plain.verts))},
@@ -86,3 +88,21 @@ def test_texture_coordinates_go_to_corners_and_the_first_skin_weights_stay():
     assert np.array_equal(mesh.attributes.corner["uv"][:, 0], np.arange(6))
     assert mesh.attributes.vertex["joints"][:, 0].tolist() == [0, 1, 2, 5]
     assert np.isnan(mesh.attributes.vertex["nan"]).all()
+
+
+def test_attributes_that_a_read_only_format_has_are_named_in_one_line(tmp_path):
+    texts = {
+        "a.dae": (scenes.DAE.replace(b'semantic="POSITION"', b'semantic="POSITION" name="semantic=\'TEXCOORD\'"'),
+                  "texture coordinates are not read from DAE"),
+        "a.vtk": (b"# vtk DataFile Version 3.0\nx\nASCII\nDATASET POLYDATA\nPOINTS 4 float\n0 0 0 1 0 0 0 1 0 0 0 1\n"
+                  b"POLYGONS 4 16\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 2 0 3\nPOINT_DATA 4\nSCALARS a float 1\n"
+                  b"LOOKUP_TABLE default\n0 0 0 0\n", "data of points and cells are not read from VTK"),
+    }  # fmt: skip
+    for name, (content, expected) in texts.items():
+        (tmp_path / name).write_bytes(content)
+        for attributes in (True, False):
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                load_mesh(tmp_path / name, attributes=attributes)
+            found = [str(warning.message) for warning in caught if "are not read" in str(warning.message)]
+            assert found == ([f"{tmp_path / name}: {expected}"] if attributes else [])

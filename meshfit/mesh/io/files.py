@@ -1,10 +1,12 @@
 """Load and save meshes and curves: formats by suffix, cleaning, and errors that name the file."""
 
 import os
+import re
 import warnings
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
@@ -57,11 +59,15 @@ class Format(NamedTuple):
 
 
 class ReadOnlyFormat(NamedTuple):
-    """A mesh file format that is read, but not written."""
+    """A mesh file format that is read, but not written.
+
+    `unread` has attributes that are not read, in words, and a pattern that finds them in the bytes of a file.
+    """
 
     read: Callable[..., PolygonSoup]
     folder: bool = False
     attributes: bool = False
+    unread: Mapping[str, bytes] = MappingProxyType({})
 
 
 class PointFormat(NamedTuple):
@@ -92,12 +98,21 @@ FORMATS = {
     ".glb": _GLTF,
     ".gltf": _GLTF._replace(write=gltf.write_gltf),
 }
+_UNREAD_OF_COLLADA = {
+    "texture coordinates": rb"semantic\s*=\s*[\"']TEXCOORD[\"']",
+    "colours": rb"semantic\s*=\s*[\"']COLOR[\"']",
+    "skin weights": rb"semantic\s*=\s*[\"']WEIGHT[\"']",
+}
+_UNREAD_OF_VTK = {
+    "data of points and cells": rb"\n(?:SCALARS|COLOR_SCALARS|TEXTURE_COORDINATES|VECTORS|FIELD)[ \t]"
+    rb"|<(?:Point|Cell)Data[^>]*>\s*<DataArray(?![^>]*Name=\"Normals\")"
+}
 READ_ONLY_FORMATS = {
     ".3mf": ReadOnlyFormat(threemf.read_3mf),
-    ".dae": ReadOnlyFormat(collada.read_dae),
-    ".vtk": ReadOnlyFormat(vtk_legacy.read_vtk),
-    ".vtp": ReadOnlyFormat(vtk_legacy.read_vtk),
-    ".vtu": ReadOnlyFormat(vtk_legacy.read_vtk),
+    ".dae": ReadOnlyFormat(collada.read_dae, unread=_UNREAD_OF_COLLADA),
+    ".vtk": ReadOnlyFormat(vtk_legacy.read_vtk, unread=_UNREAD_OF_VTK),
+    ".vtp": ReadOnlyFormat(vtk_legacy.read_vtk, unread=_UNREAD_OF_VTK),
+    ".vtu": ReadOnlyFormat(vtk_legacy.read_vtk, unread=_UNREAD_OF_VTK),
 }
 READABLE_FORMATS: dict[str, Format | ReadOnlyFormat] = {**FORMATS, **READ_ONLY_FORMATS}
 POINT_FORMATS = {
@@ -375,6 +390,11 @@ def read_soup(file: MeshFile, *, attributes: bool = False) -> PolygonSoup:
     soup = parse_file(file, partial(form.read, **options), READABLE_FORMATS)
     if not len(soup.verts):
         raise _unreadable(file, "no vertices in it; another format, or cut short", READABLE_FORMATS)
+    if attributes and isinstance(form, ReadOnlyFormat):
+        unread = [words for words, pattern in form.unread.items() if re.search(pattern, file.content)]
+        if unread:
+            text = f"{', '.join(unread)} are not read from {format_name(file.suffix)}"
+            warnings.warn(f"{file.name}: {text}", MeshfitWarning, stacklevel=3)
     return soup
 
 

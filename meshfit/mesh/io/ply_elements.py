@@ -128,7 +128,8 @@ class Rows:
             with np.errstate(invalid="ignore", over="ignore"):
                 return values.astype(dtype)
         limits = np.iinfo(dtype)
-        fits = ((values >= limits.min) & (values <= limits.max) & (values % 1 == 0)).all()
+        with np.errstate(invalid="ignore"):  # of an infinite number
+            fits = ((values >= limits.min) & (values <= limits.max) & (values % 1 == 0)).all()
         return values.astype(dtype) if fits else values.astype(np.float64)
 
     def lists(self, *names: str) -> tuple[NDArray[Any], NDArray[np.int64]]:
