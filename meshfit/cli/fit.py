@@ -188,13 +188,16 @@ def fit(
     inside the target, coarse to fine, with vertices where they are needed. It ends with a verdict: distances,
     soundness, size and time.
 
+    Texture coordinates, colours, materials and skin weights of a --source file survive: as they are with its own faces
+    (--connectivity fixed), otherwise projected.
+
     Several targets are fitted side by side; one that fails is named, the others go on, and the exit code is 1.
 
     Examples:
         meshfit fit bunny -o fitted.obj
         meshfit fit scan.stl -o fitted.ply --verts 40000 --measure
         meshfit fit torus.obj -o fitted.glb --source target  # keeps its handle
-        meshfit fit scan.obj -o fitted.obj --source template.obj --connectivity fixed
+        meshfit fit scan.obj -o fitted.glb --source template.glb --connectivity fixed  # keeps its texture
         meshfit fit scans/*.obj -o fitted/ --output-format obj --jobs 4
         zcat scan.ply.gz | meshfit fit - --format ply -o fitted.ply
     """

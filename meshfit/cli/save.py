@@ -60,7 +60,8 @@ def save(
     """Write the result of a trial in any mesh format.
 
     It is in the frame of the target's file, so that it lies on the target and has its unit, whatever the frame of the
-    files in the trial's folder.
+    files in the trial's folder. It has the texture coordinates, colours and groups of the trial's source, and its
+    materials and skin, as long as the file of the source is there.
 
     Examples:
         meshfit save runs/table1/bunny/loop/seed-0-* -o bunny.obj

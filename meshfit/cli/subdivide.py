@@ -328,6 +328,8 @@ def subdivide(
 
     Schemes on polygons keep the faces of the file and write polygons; schemes on triangles triangulate them.
 
+    Texture coordinates, colours, materials and skin weights are refined too, with the seams of textures kept.
+
     Files may be compressed, as in head.ply.gz.
 
     Examples:

@@ -15,7 +15,7 @@ from jaxtyping import Float64, Int64
 from meshfit.mesh.attributes import NO_ATTRIBUTES, Attributes, Values
 from meshfit.mesh.interpolation import barycentric_operator, interpolated, interpolated_rows
 from meshfit.mesh.manifold import graph_components
-from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.proximity import Points, nearest_on_surface
 from meshfit.mesh.seams import at_verts, joined_edges
@@ -57,7 +57,7 @@ class Places:
         return Places(self.face[chosen], self.weights[chosen])
 
 
-def projected_attributes(mesh: Mesh | PolygonMesh, places: Points, surface: Mesh) -> Attributes:
+def projected_attributes(mesh: Mesh | PolygonMesh, places: Verts, surface: Mesh) -> Attributes:
     """Return the attributes that a mesh takes over from a surface.
 
     Args:
@@ -91,7 +91,7 @@ def projected_attributes(mesh: Mesh | PolygonMesh, places: Points, surface: Mesh
     )
 
 
-def carried_places(before: Mesh, places: Points, verts: Points) -> Points:
+def carried_places(before: Mesh, places: Verts, verts: Points) -> Points:
     """Return the places of other vertices on the same surface, interpolated where they are nearest to it.
 
     Args:

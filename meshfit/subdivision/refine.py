@@ -351,6 +351,9 @@ def subdivide(
 ) -> Mesh | PolygonMesh | Curves:
     """Refine a mesh, or curves, by some levels of a subdivision scheme.
 
+    The attributes of a mesh are refined with it: data of vertices by the scheme, faces as parts of theirs, and texture
+    coordinates within the charts that their seams separate.
+
     Args:
         mesh: an oriented manifold, closed or with boundary, in any form that `as_mesh` takes: of triangles, or of
             polygons for a scheme on polygons; a file or a name gives the kind that the scheme refines. Or curves, for a
