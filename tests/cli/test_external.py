@@ -127,8 +127,13 @@ def test_the_identity_depends_on_the_script_and_not_on_its_folder(here):
 def test_tools_without_random_numbers_run_once(here):
     (trial,) = plan([load_experiment(str(config(here, "ok")))])
     assert trial.seed == 0
-    with_seed = config(here, "'{seed}'")
-    assert [trial.seed for trial in plan([load_experiment(str(with_seed))])] == [0, 1]
+    both = config(here, "ok", "'{seed}'")
+    assert [trial.seed for trial in plan([load_experiment(str(both))])] == [0, 0, 1]
+    with trials_in_this_process():
+        ran = invoke("run", "tools.yaml", "--allow-commands")
+    assert ran.code == 0
+    assert "- Without random numbers, and so run once: ok\n" in ran.out
+    assert "Fewer seeds" not in ran.out
 
 
 def test_a_worker_runs_commands_only_if_it_was_started_to(here, monkeypatch):

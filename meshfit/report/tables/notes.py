@@ -9,7 +9,7 @@ from meshfit.measuring.metrics import METRICS
 from meshfit.report.tables.layout import columns_of
 from meshfit.report.tables.numbers import format_difference
 from meshfit.report.tables.paper_numbers import LIKELIER, OTHER, PAPER_METRIC, paper_value
-from meshfit.report.tables.table import VARIED, Comparison, Table
+from meshfit.report.tables.table import VARIED, Comparison, Row, Table
 from meshfit.statistics import MOST_SEEDS
 from meshfit.units import count_text
 
@@ -300,7 +300,11 @@ def notes(table: Table) -> list[str]:
 
 def _few_seeds(table: Table) -> Iterator[str]:
     few: dict[str, None] = {}
+    once: dict[str, None] = {}
     for row in table.rows:
+        if _runs_once(table, row):
+            once[table.variation_title(row) or table.scheme_title(row.scheme)] = None
+            continue
         variation, scheme = table.variation_title(row), table.scheme_title(row.scheme)
         for target, title in table.targets.items():
             for metric in table.metrics:
@@ -310,6 +314,15 @@ def _few_seeds(table: Table) -> Iterator[str]:
                     few[f"{name} on {title}: {count_text(len(seeds), 'seed')} ({_listed(seeds)})"] = None
     if few:
         yield f"Fewer seeds: {'; '.join(few)}"
+    if once and len(table.seeds) > 1:
+        yield f"Without random numbers, and so run once: {', '.join(once)}"
+
+
+def _runs_once(table: Table, row: Row) -> bool:
+    """Return whether another tool made a row, and only with the first seed, on which it does not depend."""
+    settings = table.variations[row.variation].settings
+    seeds = {seed for (_, _, of), by_seed in table.samples.items() if of == row for seed in by_seed}
+    return settings.get("fit.method") == "external" and seeds == set(table.seeds[:1])
 
 
 def _significance(table: Table) -> Iterator[str]:
