@@ -96,6 +96,14 @@ class Trial:
         plain = self.settings.model_dump(mode="json", exclude=NO_EFFECT_ON_RESULTS | {"source": unset})
         return plain if plain["define"] else {key: value for key, value in plain.items() if key != "define"}
 
+    @property
+    def config(self) -> dict[str, Any]:
+        """The settings as the config in its folder has them: the plain ones, and the limits of an external tool."""
+        plain, fit = self.plain_settings, self.settings.fit
+        if not isinstance(fit, ExternalSettings):
+            return plain
+        return plain | {"fit": plain["fit"] | {"time_limit": fit.time_limit, "memory_limit": fit.memory_limit}}
+
     @cached_property
     def identity(self) -> str:
         """SHA-256 over settings, inputs and `RESULTS_VERSION`; independent of the paths of files."""

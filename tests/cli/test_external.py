@@ -12,6 +12,7 @@ from meshfit.experiment.plan import plan
 from meshfit.experiment.running.backends import Remote
 from meshfit.experiment.running.scheduler import run_trials
 from meshfit.experiment.storage.run_directory import RunDirectory
+from meshfit.report.html.charts import read_curves
 from tests.cli import answered, invoke, refused, trials_in_this_process
 from tests.inline import Inline
 from tests.small import ellipsoid
@@ -88,6 +89,10 @@ def test_trials_of_tools_run_fail_and_are_shown(here):
     logs = [path.with_name("trial.log").read_text() for path in Path("runs").rglob("failure.json")]
     assert len(logs) == 2
     assert all("  | tool says " in log for log in logs)
+    assert read_curves({0: {0: result | {"folder": str(folder)}}}) == ([], [])  # a page has no curves of it
+    # The config of the trial alone repeats it, with its limits, and with permission.
+    assert load_experiment(str(folder / "config.yaml")).settings.fit.time_limit == 1
+    assert "--allow-commands" in refused("run", folder / "config.yaml", "--force")
     # Complete trials need no permission, and views cope without a trace.
     assert invoke("export", "runs", "-o", "all.csv").code == 0
     rows = list(csv.DictReader((here / "all.csv").read_text().splitlines()))

@@ -117,7 +117,7 @@ class TrialRunner:
             self._log.note(made.line)
         for text in self._warnings:
             self._log.note(f"warning: {text}")
-        self.store.write(self.trial, CONFIG, dump(self.trial.plain_settings))
+        self.store.write(self.trial, CONFIG, dump(self.trial.config))
         polygons = built.with_verts(self._source.verts) if isinstance(built, PolygonMesh) else None
         checkpoint = self._checkpoint()
         before = checkpoint.get("seconds", 0.0) if checkpoint is not None else 0.0
