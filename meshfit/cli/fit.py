@@ -120,12 +120,13 @@ def fit(
         str,
         typer.Option(
             "--source",
-            help="Mesh to start from: sphere, target (the target with few faces, and its handles) or a mesh file.",
-            metavar="sphere|target|FILE",
+            help="Mesh to start from: target, the target with few faces; wrap, one closed surface around it; auto, one "
+            "of these; sphere, a small one inside it; or a mesh file.",
+            metavar="auto|target|wrap|sphere|FILE",
             rich_help_panel=_FIT,
             autocompletion=completions.targets,
         ),
-    ] = "sphere",
+    ] = "auto",
     seed: Annotated[
         int, typer.Option("--seed", min=0, max=2**32 - 1, help="Seed.", metavar="N", rich_help_panel=_FIT)
     ] = 0,
@@ -184,9 +185,9 @@ def fit(
 ) -> int:
     """Fit a mesh to a target, from file to file.
 
-    The result lies on the target, in its frame and unit. The fit is that of the config `accurate`: from a small sphere
-    inside the target, coarse to fine, with vertices where they are needed. It ends with a verdict: distances,
-    soundness, size and time.
+    The result lies on the target, in its frame and unit. The fit is that of the config `accurate`: from the target
+    itself with few faces, so that its pieces, handles and openings are kept, or from a wrap around a soup of faces. It
+    ends with a verdict: distances, soundness, size and time.
 
     Texture coordinates, colours, materials and skin weights of a --source file survive: as they are with its own faces
     (--connectivity fixed), otherwise projected.
@@ -196,7 +197,8 @@ def fit(
     Examples:
         meshfit fit bunny -o fitted.obj
         meshfit fit scan.stl -o fitted.ply --verts 40000 --measure
-        meshfit fit torus.obj -o fitted.glb --source target  # keeps its handle
+        meshfit fit parts.obj -o skin.glb --source wrap  # one closed surface
+        meshfit fit head.obj -o head-fitted.obj --source sphere --connectivity fixed
         meshfit fit scan.obj -o fitted.glb --source template.glb --connectivity fixed  # keeps its texture
         meshfit fit scans/*.obj -o fitted/ --output-format obj --jobs 4
         zcat scan.ply.gz | meshfit fit - --format ply -o fitted.ply
@@ -360,7 +362,7 @@ class _Fitting:
         _save(mesh, job.output, _FORMAT_OF_MANY if many and self.output_format is None else self.output_format)
         for text in record["warnings"]:
             # The verdict says this itself.
-            if not text.startswith("source and target differ in topology"):
+            if not text.startswith("source and target differ in topology") and text not in record["shortfalls"]:
                 warn_once(text)
         name = "standard output" if job.output in STDOUT_PATHS else path_text(job.output)
         verdict = verdict_of(job.target, name, folder, record)

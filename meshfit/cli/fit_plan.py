@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
-from meshfit.errors import ConfigError, MeshError
+from meshfit.errors import ConfigError
 
 if TYPE_CHECKING:
     from meshfit.config.loading import Experiment
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 _NAME = "fit"
 _FIXED_VERTS = 10242
-# Faces of a control mesh decimated from the target; those of the sphere that `accurate` starts from.
-_CONTROL_FACES = 1280
+BUILT = ("auto", "target", "wrap", "sphere")
+"""Sources that are made, not read from a file."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def plan_fit(target: str, options: FitOptions) -> "Trial":
 
     plain = list(_plain(target, options))
     experiment = load_experiment("accurate", [*plain, *options.overrides])
-    if options.source != "sphere":
+    if options.source not in BUILT:
         placed = list(_placed(target, options, experiment))
         experiment = load_experiment("accurate", [*plain, *placed, *options.overrides])
     trials = plan([replace(experiment, name=_NAME)])
@@ -68,7 +68,7 @@ def _plain(target: str, options: FitOptions) -> Iterator[str]:
     yield _setting("repair", options.cleaning.repair)
     if options.device is not None:
         yield _setting("device", options.device)
-    own_faces = options.connectivity == "fixed" and options.source not in ("sphere", "target")
+    own_faces = options.connectivity == "fixed" and options.source not in BUILT
     levels = 0 if own_faces and options.levels is None else options.levels
     if levels is not None:
         yield _setting("fit.levels", levels)
@@ -77,14 +77,16 @@ def _plain(target: str, options: FitOptions) -> Iterator[str]:
             yield _setting("fit.verts", options.verts)
     elif own_faces and options.verts is not None:
         raise ConfigError("--verts: a fit with --connectivity fixed keeps the vertices of --source; use --levels")
-    elif options.source == "sphere":
-        yield _setting("source.wanted_verts", _control_verts(options))
+    if options.source in BUILT:
+        yield _setting("source.mesh", options.source)
+        if options.connectivity == "fixed":
+            yield _setting("source.wanted_verts", _control_verts(options))
 
 
 def _control_verts(options: FitOptions) -> int:
-    """Vertices of the source of a fixed fit, which each level then multiplies by 4."""
+    """Vertices of the source, which each level makes into 4 V - 6 on a sphere."""
     levels = 1 if options.levels is None else options.levels
-    return max(12, int((options.verts or _FIXED_VERTS) / 4**levels))
+    return max(12, int(((options.verts or _FIXED_VERTS) - 2) / 4**levels) + 2)
 
 
 def _placed(target: str, options: FitOptions, experiment: "Experiment") -> Iterator[str]:
@@ -92,36 +94,18 @@ def _placed(target: str, options: FitOptions, experiment: "Experiment") -> Itera
     import numpy as np
 
     from meshfit.mesh.alignment import describe_mismatch
-    from meshfit.mesh.mesh import Mesh
-    from meshfit.mesh.meshlab import decimate
     from meshfit.mesh.normalisation import frame_of
     from meshfit.mesh.targets import load_target
 
-    target_mesh = load_target(target, options.cleaning)
+    target_mesh, control = load_target(target, options.cleaning), load_target(options.source)
     frame = frame_of(target_mesh.verts, experiment.settings.normalise)
-    own = options.source == "target"
-    name = target if own else options.source
-    control = target_mesh if own else load_target(name)
-    yield _setting("source.mesh", _absolute(name))
+    yield _setting("source.mesh", _absolute(options.source))
     yield _setting("source.levels", 0)
     yield _setting("source.project", "none")
-    if own:
-        if options.cleaning.weld:
-            yield _setting("source.weld", options.cleaning.weld)
-        yield _setting("source.repair", options.cleaning.repair)
-        faces = _CONTROL_FACES
-        if options.connectivity == "fixed":
-            faces = 2 * _control_verts(options)
-        if faces < control.num_faces:
-            try:
-                control = decimate(control, faces)
-            except MeshError as error:
-                raise MeshError(f"--source target: {target}: {error}; use --source sphere") from None
-            yield _setting("source.decimate", faces)
-    elif describe_mismatch(control, target_mesh):
+    if describe_mismatch(control, target_mesh):
         yield _setting("source.align", "pca")
         return
-    placed: Mesh = frame.normalise(control)
+    placed = frame.normalise(control)
     mean = placed.verts.mean(axis=0)
     yield _setting("source.radius", float(np.linalg.norm(placed.verts - mean, axis=1).max()))
     yield _setting("source.centre", [float(value) for value in mean])

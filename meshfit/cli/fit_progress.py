@@ -10,7 +10,7 @@ from rich.table import Column
 from meshfit.cli.console import err
 from meshfit.cli.progress import Lines
 from meshfit.experiment.plan import checked_target
-from meshfit.experiment.source import build_source
+from meshfit.experiment.source import expected_verts
 from meshfit.experiment.trial_status import Outcome, TrialStatus
 from meshfit.fitting.gauss_newton.schedule import stage_at
 from meshfit.fitting.progress import Course, measuring_cost
@@ -68,7 +68,7 @@ class _Fit:
         self._settings = settings.fit
         faces = checked_target(trial.target, settings.cleaning).faces
         self._after = measuring_cost(self._settings, faces) * settings.measure.samples / _SAMPLES
-        source_verts = build_source(settings.source, scheme).num_verts
+        source_verts = expected_verts(settings.source, scheme)
         self._course = Course(self._settings, source_verts=source_verts, scheme=scheme, after=self._after)
 
     @property

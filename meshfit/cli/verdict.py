@@ -26,6 +26,9 @@ class Verdict:
         target_topology: those of the target.
         seconds: of fitting and measuring.
         output: the file that was written.
+        made_from: what the source was made from: `target`, `wrap`, `sphere`, `solid` or `file`.
+        reason: why.
+        shortfalls: what the result lacks of the target, in words.
     """
 
     target: str
@@ -43,6 +46,9 @@ class Verdict:
     verts: int
     faces: int
     seconds: float
+    made_from: str
+    reason: str
+    shortfalls: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values and the advice as plain data."""
@@ -73,15 +79,15 @@ class Verdict:
     @property
     def advice(self) -> Iterator[str]:
         """Advice on each shortfall: the finding, and what to try."""
-        if self.target_topology != self.result_topology:
-            yield (
-                "the result has not the pieces, openings and handles of the target; try --source target, which starts "
-                "from them"
-                if self.source_topology == self.result_topology
-                else "the result has neither the topology of the source nor that of the target"
-            )
+        if self.made_from == "wrap" and self.reason != "as set":
+            yield f"started from a wrap around the target: {self.reason}; --source target starts from the target itself"
+        own = self.made_from == "target"
+        for text in self.shortfalls:
+            from_target = "" if own else "; try --source target, which starts from all of them"
+            yield text + (from_target if text.startswith("topology") else "")
         if self.max_percent > _FAR_PERCENT:
-            yield f"worst distance above {_FAR_PERCENT:g} % of the diagonal; try more --verts or --source target"
+            also = "" if own else " or --source target"
+            yield f"worst distance above {_FAR_PERCENT:g} % of the diagonal; try more --verts{also}"
 
     @property
     def _size(self) -> str:
@@ -126,4 +132,7 @@ def verdict_of(target: str, output: str, folder: "Path", record: "Result") -> Ve
         verts=quality["verts"],
         faces=quality["faces"],
         seconds=record["seconds"]["fit"] + record["seconds"]["measure"],
+        made_from=record["source"].get("made_from", ""),
+        reason=record["source"].get("reason", ""),
+        shortfalls=tuple(record.get("shortfalls", ())),
     )

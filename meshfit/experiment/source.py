@@ -25,7 +25,14 @@ from meshfit.paths import STREAM, is_regular_file, looks_like_path
 from meshfit.specs import parse_spec, suggest
 from meshfit.subdivision.creases import Creases, creases_by_angle, read_creases
 from meshfit.subdivision.polygons.scheme import PolygonScheme
-from meshfit.subdivision.refine import PolygonRefinement, Refinement, refine, refined_mesh, require_takes_creases
+from meshfit.subdivision.refine import (
+    PolygonRefinement,
+    Refinement,
+    growth,
+    refine,
+    refined_mesh,
+    require_takes_creases,
+)
 from meshfit.subdivision.registry import Scheme, resolve
 from meshfit.subdivision.sphere import MAX_LEVEL, icosphere, refined_on_sphere
 
@@ -121,6 +128,13 @@ def stand_in(settings: SourceSettings) -> SourceSettings:
             with _error_prefix(f"source.{key}"):
                 _undecimated(settings, None)
     return settings.model_copy(update={"mesh": "icosahedron", "wrap": None, "decimate": None})
+
+
+def expected_verts(settings: SourceSettings, scheme: Scheme) -> int:
+    """Return the number of vertices of a source, or about that of one that has yet to be made from a target."""
+    if settings.is_made_from_target and settings.wanted_verts is None and settings.decimate is not None:
+        return round(settings.decimate / 2 * growth(scheme, settings.levels))
+    return build_source(stand_in(settings), scheme).num_verts
 
 
 def describe_source(settings: SourceSettings, target: Mesh) -> dict[str, object]:

@@ -35,6 +35,7 @@ from meshfit.mesh.alignment import align as aligned
 from meshfit.mesh.alignment import boxes_are_disjoint
 from meshfit.mesh.any_mesh import MeshLike, as_mesh
 from meshfit.mesh.cleaning import outward
+from meshfit.mesh.control_mesh import ORIGINS, USUAL_VERTS, Origin, control_mesh_of
 from meshfit.mesh.geometry import bounding_box_diagonal, face_areas
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.normalisation import Frame, Normalisation, frame_of, placed
@@ -42,6 +43,7 @@ from meshfit.mesh.polygons import PolygonMesh
 from meshfit.settings import Settings, build, override
 from meshfit.specs import suggest
 from meshfit.subdivision.curves.scheme import CurveScheme
+from meshfit.subdivision.polygons.scheme import PolygonScheme
 from meshfit.subdivision.registry import Scheme, resolve, wrong_domain
 from meshfit.subdivision.sphere import icosphere, refined_sphere
 
@@ -122,8 +124,9 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
 
     Args:
         source: mesh to start from, in the target's coordinates, in any form that `as_mesh` takes; or `sphere`, which is
-            placed around the target, or inside it for `gauss-newton`. Its faces are kept, refined or replaced, as the
-            method has it. Polygons are triangulated; see `PolygonMesh.triangulated`.
+            placed around the target, or inside it for `gauss-newton`; or `target`, the target itself with few faces,
+            `wrap`, one closed surface around it, or `auto`, one of these two. Its faces are kept, refined or replaced,
+            as the method has it. Polygons are triangulated; see `PolygonMesh.triangulated`.
         target: mesh to fit to, in any form that `as_mesh` takes. A closed one that is inside out is turned.
         settings: settings of either engine, or of another tool; the defaults are those of PyTorch3D's tutorial.
         method: engine: `first-order` (the default) or `gauss-newton`.
@@ -329,6 +332,8 @@ def _placed_source(
     """Return the source in the normalised frame, aligned with the target."""
     if isinstance(source, str) and source == "sphere":
         return _around(goal, _sphere(settings, scheme))
+    if isinstance(source, str) and source in ORIGINS:
+        return _from_target(goal, source, settings, scheme)
     mesh = as_mesh(source, "source")
     _require_surface(as_mesh(mesh, "source", triangles=True), "source")
     mesh = mesh.with_verts((mesh.verts - frame.centre) / frame.scale)
@@ -355,6 +360,15 @@ def _sphere(settings: FitSettings, scheme: str | Scheme) -> Mesh | PolygonMesh:
     if isinstance(declared, CurveScheme):
         raise wrong_domain(declared, "triangles")
     return refined_sphere(declared, 3, _RADIUS[settings.method])
+
+
+def _from_target(goal: Mesh, origin: Origin, settings: FitSettings, scheme: str | Scheme) -> Mesh | PolygonMesh:
+    """Return the source of the bundled config `accurate`: a control mesh made from the target."""
+    verts = USUAL_VERTS
+    if isinstance(settings, GaussNewtonSettings) and settings.connectivity == "fixed":
+        verts = max(12, int((settings.verts - 2) / 4**settings.levels) + 2)
+    mesh = control_mesh_of(goal, origin, verts=verts).mesh
+    return PolygonMesh.of(mesh) if isinstance(resolve(scheme), PolygonScheme) else mesh
 
 
 def _around(goal: Mesh, mesh: Mesh | PolygonMesh) -> Mesh | PolygonMesh:

@@ -1,5 +1,7 @@
 """Manifold tests, components, boundary loops, genus and Euler number of a surface."""
 
+from typing import NamedTuple
+
 import numpy as np
 from jaxtyping import Int64
 from scipy.sparse import coo_array, csr_array
@@ -65,6 +67,25 @@ def describe_topology(topology: HalfEdges) -> str:
     if len(parts) == 1:
         return f"{pieces}, {parts[0][1]}"
     return f"{pieces}: {'; '.join(f'{count} {text}' for count, text in parts)}" if parts else "no faces"
+
+
+class TopologyCounts(NamedTuple):
+    """The numbers of pieces, of boundary loops and of handles of a surface; None for handles if it has one side."""
+
+    pieces: int
+    openings: int
+    handles: int | None
+
+    @classmethod
+    def of(cls, topology: HalfEdges) -> "TopologyCounts":
+        """Count them; the fans of a vertex that is not manifold count as separate."""
+        piece = _pieces(topology)
+        total = int(piece.max(initial=-1)) + 1
+        openings = int(_boundary_loops(topology, piece, total).sum())
+        sound = (
+            not _nonmanifold_pieces(topology, piece, total).any() and _orientable_pieces(topology, piece, total).all()
+        )
+        return cls(total, openings, total - (euler_number(topology) + openings) // 2 if sound else None)
 
 
 def _pieces(topology: HalfEdges) -> Indices:

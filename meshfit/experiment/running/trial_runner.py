@@ -46,6 +46,7 @@ from meshfit.fitting.loop import FitResult
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem, Trace
 from meshfit.fitting.settings import FirstOrderSettings, FitSettings
 from meshfit.measuring.measure import measure
+from meshfit.measuring.shortfalls import shortfalls
 from meshfit.mesh.alignment import align, boxes_are_disjoint
 from meshfit.mesh.cleaning import INSIDE_OUT, outward
 from meshfit.mesh.cleaning_options import CleaningOptions
@@ -154,15 +155,17 @@ class TrialRunner:
             self._write_trace(fitted.trace)
         self._report(TrialStatus.MEASURING)
         start = time.perf_counter()
-        for text in fitted.shortfalls:
-            self.warn(text)
         with self.warnings_recorded():
             measured = measure(fitted.mesh, self._target, self.trial.settings.measure)
             _warn_if_farther(self._source, fitted.mesh, self._target, self.trial.settings.fit)
+        short = [*fitted.shortfalls, *shortfalls(fitted.mesh, self._target)]
+        for text in short:
+            self.warn(text)
         seconds["measure"] = time.perf_counter() - start
         source = self._source_record | {"area": float(face_areas(self._source).sum())}
         source |= {"verts": self._source.num_verts, "faces": self._source.num_faces}
         work = {"source": source, "seconds": seconds, "peak_memory_mb": memory, "warnings": self._warnings}
+        work["shortfalls"] = short
         result = result_record(self.trial, self._frame_record, fitted, measured, work)
         self.store.write(self.trial, RESULT, json_text(result))
         self.store.remove(self.trial, CHECKPOINT, FAILURE, LAST_GOOD)

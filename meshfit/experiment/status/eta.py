@@ -232,12 +232,9 @@ def _work(trial: "Trial") -> float:
 
 @cache
 def _num_verts(source: "SourceSettings", scheme: "NamedScheme") -> int:
-    from meshfit.experiment.source import build_source, stand_in
-    from meshfit.subdivision.refine import growth
+    from meshfit.experiment.source import expected_verts
 
-    if source.is_made_from_target and source.decimate is not None and source.wanted_verts is None:
-        return round(source.decimate / 2 * growth(scheme.resolve(), source.levels))
-    return build_source(stand_in(source), scheme.resolve()).num_verts
+    return expected_verts(source, scheme.resolve())
 
 
 def _probed_pace(trial: "Trial", threads: int) -> _Pace | None:

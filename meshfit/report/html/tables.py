@@ -23,6 +23,7 @@ from meshfit.report.tables.notes import (
     notes,
     sections_of,
     setting_lines,
+    shortfall_note,
     without_intervals,
 )
 from meshfit.report.tables.numbers import format_number
@@ -63,6 +64,7 @@ def result_table(table: Table, title: str) -> dict[str, Any]:
         "lines": comparison_lines(table) if alone else [],
         "best": best_note(table),
         "alike": not_significant_note(table),
+        "short": shortfall_note(table) if table.style.notes != "none" else "",
         "notes": notes(table),
     }
 

@@ -5,7 +5,7 @@ import math
 import re
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -45,6 +45,7 @@ class Variation:
         samples: values by metric, target and scheme, then by seed; only where there are values.
         place: place among the variations of its experiments, by their plans; empty if these do not say.
         name: name among the variations of a table; empty for a single one.
+        shortfalls: what results lack of their target, in words, by target and scheme; only where there are some.
     """
 
     title: str
@@ -57,6 +58,7 @@ class Variation:
     samples: Mapping[tuple[str, str, str], BySeed]
     place: tuple[int, ...] = ()
     name: str = ""
+    shortfalls: Mapping[tuple[str, str], tuple[str, ...]] = field(default_factory=dict)
 
 
 def group_results(
@@ -111,9 +113,18 @@ def group_results(
                 baseline=baseline or rows[0],
                 samples={cell: sample for metric in metrics for cell, sample in _samples(group, metric).items()},
                 place=min(place.variation for place in places),
+                shortfalls=_shortfalls(group),
             )
         )
     return variations
+
+
+def _shortfalls(results: Sequence[Result]) -> dict[tuple[str, str], tuple[str, ...]]:
+    found: dict[tuple[str, str], dict[str, None]] = {}
+    for result in sorted(results, key=lambda result: int(result["seed"])):
+        for text in result.get("shortfalls", ()):
+            found.setdefault((target_key(result), result["scheme"]), {})[text] = None
+    return {place: tuple(texts) for place, texts in found.items()}
 
 
 def _samples(results: Sequence[Result], metric: str) -> dict[tuple[str, str, str], dict[int, float]]:

@@ -11,6 +11,8 @@ from meshfit.report.tables.paper_numbers import published_value
 from meshfit.report.tables.table import Row, Table
 
 MISSING = "–"
+SHORTFALL = "†"
+"""Mark of a cell with a result that lacks something of its target."""
 GAP = 2
 """Blanks between two columns."""
 _LEAST_FOR_LABELS = 20
@@ -134,6 +136,8 @@ def _cell(table: Table, metric: str, target: str, row: Row, not_significant: Con
         return TextCell(MISSING)
     style, whole = table.style, METRICS[metric].whole
     text, interval = format_mean(table.cells[place], whole=whole, cells=style.cells, digits=style.digits)
+    if style.notes != "none" and table.shortfalls(target, row):
+        text += SHORTFALL
     best = table.best.get((metric, target)) == row
     # Without notes, nothing would explain the mark.
     not_best = style.notes != "none" and place in not_significant

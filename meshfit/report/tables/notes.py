@@ -6,7 +6,7 @@ from itertools import groupby
 from typing import Any
 
 from meshfit.measuring.metrics import METRICS
-from meshfit.report.tables.layout import columns_of
+from meshfit.report.tables.layout import SHORTFALL, columns_of
 from meshfit.report.tables.numbers import format_difference
 from meshfit.report.tables.paper_numbers import LIKELIER, OTHER, PAPER_METRIC, paper_value
 from meshfit.report.tables.table import VARIED, Comparison, Row, Table
@@ -22,6 +22,7 @@ FRAMES = {
 NOT_SIGNIFICANT = "≈"
 """Mark of a cell without a significant difference."""
 _STAND_IN = "stand-in"
+_MOST_SHORTFALLS = 6
 _CELLS = {
     "mean": "mean",
     "mean-sd": "mean ± standard deviation",
@@ -276,6 +277,19 @@ def not_significant_note(table: Table) -> str:
     return f"not significantly different from the {'column' if table.style.transpose else 'row'} it is compared with"
 
 
+def shortfall_note(table: Table) -> str:
+    """Explain the mark of cells whose results lack something of their target; empty if no cell has it."""
+    found: dict[str, None] = {}
+    for target, title in table.targets.items():
+        for row in table.rows:
+            names = ", ".join(filter(None, (table.scheme_title(row.scheme), table.variation_title(row))))
+            for text in table.shortfalls(target, row):
+                found[f"{title} ({names}): {text}" if len(table.rows) > 1 else f"{title}: {text}"] = None
+    more = len(found) - _MOST_SHORTFALLS
+    texts = [*list(found)[:_MOST_SHORTFALLS], *([f"and {more} more; see result.json"] if more > 0 else [])]
+    return "; ".join(texts)
+
+
 def legend(table: Table, best: str) -> list[tuple[str, str]]:
     """Return the marks that cells have, each with its explanation.
 
@@ -286,6 +300,7 @@ def legend(table: Table, best: str) -> list[tuple[str, str]]:
     marks = [(best, best_note(table))]
     if table.style.notes != "none":
         marks.append((NOT_SIGNIFICANT, not_significant_note(table)))
+        marks.append((SHORTFALL, shortfall_note(table)))
     return [(mark, note) for mark, note in marks if note]
 
 
