@@ -97,6 +97,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     variables: Literal["verts", "control"] | None = None,
     limit: bool | None = None,
     verts: int | None = None,
+    decimate_from: float | None = None,
     levels: int | None = None,
     coarse_steps: int | None = None,
     tries: int | None = None,
@@ -151,6 +152,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         variables: gauss-newton: `verts` of the surface, or those of a `control` mesh.
         limit: gauss-newton: whether to fit the limit surface.
         verts: gauss-newton: largest number of vertices of a remeshed result.
+        decimate_from: gauss-newton: number of vertices from which a remeshed result is decimated, relative to `verts`.
         levels: gauss-newton: number of subdivision levels.
         coarse_steps: gauss-newton: number of steps of each search for the rough shape.
         tries: gauss-newton: largest number of these searches.

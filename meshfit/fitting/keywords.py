@@ -46,6 +46,7 @@ class FitKeys(TypedDict, total=False):
     variables: Literal["verts", "control"] | None
     limit: bool | None
     verts: int | None
+    decimate_from: float | None
     levels: int | None
     coarse_steps: int | None
     tries: int | None

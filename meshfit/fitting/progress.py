@@ -49,7 +49,7 @@ def step_costs(
         wanted = rough * stage.share * per_level**stage.refined
         if stage.change == "start":
             verts = min(float(source_verts), wanted)
-        elif stage.change == "remesh":
+        elif stage.change in ("remesh", "decimate"):
             verts = wanted
         elif stage.change == "place":
             verts = float(source_verts)
@@ -60,7 +60,7 @@ def step_costs(
         step = _STEP[0] + _STEP[1] * verts + _STEP[2] * verts**1.5
         skipped = tries is not None and stage.attempt is not None and stage.attempt >= tries
         part = [0.0 if skipped else step] * len(stage.weights)
-        if part and stage.change in ("remesh", "place") and not skipped:
+        if part and stage.change in ("remesh", "decimate", "place") and not skipped:
             mapped = settings.connectivity == "fixed"
             fixed, per_vert = _PLACE if stage.change == "place" else _MAPPED if mapped else _REMESH
             part[0] += fixed + per_vert * verts

@@ -111,6 +111,9 @@ class GaussNewtonSettings(Settings):
     verts: Annotated[int, Field(ge=100)] = 10242
     """Largest number of vertices (100 or more) of a `remeshed` result, or of its control mesh; the rough shape of a
     `fixed` fit has a quarter of it, or as many as the source if that has more."""
+    decimate_from: Annotated[float, Field(ge=1, le=10)] = 2.4
+    """Number of vertices of a `remeshed` surface, relative to `verts` (1 to 10), from which it is decimated by quadrics
+    before the last steps, which puts vertices where it bends; at most 60,000 vertices, and 1 for no decimation."""
     levels: Annotated[int, Field(ge=0, le=5)] = 1
     """Number of subdivision levels (0 to 5) from coarse to fine, or from the control mesh to the surface."""
     coarse_steps: Annotated[int, Field(ge=0)] = 40
@@ -128,7 +131,8 @@ class GaussNewtonSettings(Settings):
     fairness: Fairness | None = None
     """Weight of smoothness (above 0) at the end of each level; null means 0.1, or 0.02 for a near source."""
     last_fairness: Fairness | None = None
-    """Weight of smoothness (above 0) at the end of the last steps; null means 0.02, or 0.005 for a near source."""
+    """Weight of smoothness (above 0) at the end of the last steps; null means 0.02, or 0.005 for a near source
+    or with decimation."""
     trace_every: Every = 1
     """Number of steps (1 or more) from one row of `trace.csv` to the next; the first and last steps always have one."""
     snapshots: Every | None = None

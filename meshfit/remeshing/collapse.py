@@ -52,10 +52,10 @@ def collapse(surface: RemeshState, short: float, long: float, most: int | None =
         if not len(tried.edge) or most == 0:
             break
         chosen, moved = _lifted(surface, tried)
-        sound = chosen.only(_keeps_topology(surface, chosen) & _keeps_shape(surface, chosen, moved, long))
-        chosen = _without_low_valences(surface.edges, sound).first(most)
+        sound = chosen.only(keeps_topology(surface, chosen) & keeps_shape(surface, chosen, moved, long))
+        chosen = without_low_valences(surface.edges, sound).first(most)
         waiting = sound.edge[~contained(sound.edge, chosen.edge.sort().values)]
-        surface, chosen, keys = *_without_flips(surface, chosen), surface.edges.keys
+        surface, chosen, keys = *without_flips(surface, chosen), surface.edges.keys
         kept = torch.cat([chosen.edge, waiting]).sort().values
         bad = keys.index_select(0, tried.edge[~contained(tried.edge, kept)])
         refused = torch.cat([refused, bad]).sort().values
@@ -109,7 +109,7 @@ class Collapses:
         return torch.maximum(torch.maximum(a, b), c), (a >= 0).long() + (b >= 0) + (c >= 0)
 
 
-def _without_flips(surface: RemeshState, chosen: Collapses) -> tuple[RemeshState, Collapses]:
+def without_flips(surface: RemeshState, chosen: Collapses) -> tuple[RemeshState, Collapses]:
     """Collapse edges, except near faces that would flip; return the collapses that were made."""
     while True:
         after, stays = _applied(surface, chosen)
@@ -183,9 +183,10 @@ def _candidates(surface: RemeshState, refused: Int64[Tensor, " R"], short: float
     edges, verts = surface.edges, surface.verts
     edge = (surface.ratio < short).nonzero()[:, 0]
     edge = edge[~contained(edges.keys.index_select(0, edge), refused)]
-    firmness = _firmness(surface)
-    edge = edge[_allowed(edges, edge, firmness)]
-    edge = _apart(edges, edge, surface.ratio.index_select(0, edge) / short)
+    firmness = boundary_firmness(surface)
+    edge = edge[may_collapse(edges, edge, firmness)]
+    ratio = surface.ratio.index_select(0, edge) / short
+    edge = apart(edges, edge, ((ratio * 16).long().clamp(0, 16) << 52) | edges.scrambled.index_select(0, edge))
     tail, head = edges.tail.index_select(0, edge), edges.head.index_select(0, edge)
     at_tail, at_head = firmness.index_select(0, tail), firmness.index_select(0, head)
     kept, gone = torch.where(at_head > at_tail, head, tail), torch.where(at_head > at_tail, tail, head)
@@ -194,7 +195,7 @@ def _candidates(surface: RemeshState, refused: Int64[Tensor, " R"], short: float
     return Collapses(edge, kept, gone, place, surface.target_lengths.index_select(0, edge))
 
 
-def _firmness(surface: RemeshState) -> Tensor:
+def boundary_firmness(surface: RemeshState) -> Tensor:
     """Return 0 for inner vertices, 1 on the boundary, 2 where it bends."""
     edges, verts = surface.edges, surface.verts
     tail, head = edges.tail.index_select(0, edges.outer), edges.head.index_select(0, edges.outer)
@@ -204,7 +205,7 @@ def _firmness(surface: RemeshState) -> Tensor:
     return edges.on_boundary.long() + (edges.on_boundary & (dot(ahead, behind) < _BEND))
 
 
-def _allowed(edges: Edges, edge: Tensor, firmness: Tensor) -> Tensor:
+def may_collapse(edges: Edges, edge: Tensor, firmness: Tensor) -> Tensor:
     """Return which edges may collapse without breaking the limits of valence or changing the boundary."""
     inner, least = edges.inner.index_select(0, edge), edges.least_valence
     tail, head = edges.tail.index_select(0, edge), edges.head.index_select(0, edge)
@@ -217,13 +218,13 @@ def _allowed(edges: Edges, edge: Tensor, firmness: Tensor) -> Tensor:
     return fits & (softer <= 1 - inner.long())
 
 
-def _apart(edges: Edges, edge: Tensor, ratio: Tensor) -> Tensor:
-    """Choose edges whose ends have no neighbours among the ends of others, shortest first, in order of precedence.
+def apart(edges: Edges, edge: Int64[Tensor, " N"], rank: Int64[Tensor, " N"]) -> Int64[Tensor, " C"]:
+    """Choose edges whose ends have no neighbours among the ends of others, lowest rank first, in order of precedence.
 
     Each layer takes the edges that precede all others left nearby (Luby, A simple parallel algorithm for the maximal
     independent set problem, 1986).
     """
-    rank, order = (((ratio * 16).long().clamp(0, 16) << 52) | edges.scrambled.index_select(0, edge)).sort()
+    rank, order = rank.sort()
     edge = edge.index_select(0, order)
     chosen, last = [], torch.iinfo(torch.int64).max
     for _ in range(_LAYERS):
@@ -248,7 +249,7 @@ def _least_nearby(edges: Edges, values: Tensor) -> Tensor:
     return least.scatter_reduce_(0, edges.head, values.index_select(0, edges.tail), "amin")
 
 
-def _keeps_topology(surface: RemeshState, chosen: Collapses) -> Bool[Tensor, " C"]:
+def keeps_topology(surface: RemeshState, chosen: Collapses) -> Bool[Tensor, " C"]:
     """Return which edges have ends whose only common neighbours are the opposite vertices of the edge's faces.
 
     With the limits of valence, this is the link condition (Dey, Edelsbrunner, Guha and Nekhayev, Topology preserving
@@ -267,7 +268,9 @@ def _keeps_topology(surface: RemeshState, chosen: Collapses) -> Bool[Tensor, " C
     return common == 1 + edges.inner.index_select(0, chosen.edge).long()
 
 
-def _keeps_shape(surface: RemeshState, chosen: Collapses, moved: Tensor, long: float) -> Bool[Tensor, " C"]:
+def keeps_shape(
+    surface: RemeshState, chosen: Collapses, moved: Tensor, long: float, sine: float = _SINE
+) -> Bool[Tensor, " C"]:
     """Return which collapses turn no face too far, and leave no slivers or long edges.
 
     Args:
@@ -275,15 +278,18 @@ def _keeps_shape(surface: RemeshState, chosen: Collapses, moved: Tensor, long: f
         chosen: the collapses.
         moved: (V, 3) positions after them.
         long: longest edge allowed, relative to the target length.
+        sine: sine below which angles may not fall, unless they were smaller before.
     """
     owner, shared = chosen.owners(surface.faces, len(moved))
     near = (shared > 0).nonzero()[:, 0]
     owner, rows = owner.index_select(0, near), surface.faces.index_select(0, near)
     stays = shared.index_select(0, near) == 1
     before, sine_before = normal_and_sine(*corners_of(surface.verts, rows))
-    after, sine = normal_and_sine(*corners_of(moved, rows))
-    least = torch.full_like(chosen.length, _SINE).scatter_reduce_(0, owner, sine_before, "amin")
-    bad = (sine < least.index_select(0, owner)) | _too_long(surface, chosen, moved, rows, long)
+    after, sine_after = normal_and_sine(*corners_of(moved, rows))
+    least = torch.full_like(chosen.length, sine).scatter_reduce_(0, owner, sine_before, "amin")
+    bad = sine_after < least.index_select(0, owner)
+    if long < torch.inf:
+        bad |= _too_long(surface, chosen, moved, rows, long)
     turned = (stays & (dot(before, after) < _TURN)).nonzero()[:, 0]
     beyond = _normals_beyond(surface, chosen, near.index_select(0, turned))
     cosine, cosine_before = (dot(normals.index_select(0, turned), beyond) for normals in (after, before))
@@ -322,7 +328,7 @@ def _normals_beyond(surface: RemeshState, chosen: Collapses, which: Tensor) -> T
     return surface.normals.index_select(0, beyond).masked_fill((right < 0)[:, None], 0)
 
 
-def _without_low_valences(edges: Edges, chosen: Collapses) -> Collapses:
+def without_low_valences(edges: Edges, chosen: Collapses) -> Collapses:
     """Leave out collapses that together take too many edges from a vertex; a later pass may make them."""
     apexes = [apex.index_select(0, chosen.edge) for apex in (edges.left_apex, edges.right_apex)]
     number = torch.arange(len(chosen.edge), device=chosen.edge.device)

@@ -21,11 +21,12 @@ COUNTS = {
     "level_steps": (1, 2, 6),
     "last_steps": (0, 4),
     "tries": (1, 3),
+    "decimate_from": (1.0, 2.4),
 }
 PLANS = [
     build(GaussNewtonSettings, dict(zip(COUNTS, values, strict=True)))
     for values in product(*COUNTS.values())
-    if sum(values[3:6]) > 0
+    if sum(values[3:6]) > 0 and (values[-1] > 1 or values[0] == "remeshed")
 ]
 FAIRNESS = [(0.1, 0.02), (0.1, 0.09), (20.0, 5.0), (1e-6, 1e-9)]
 
@@ -41,7 +42,7 @@ def test_within_a_stage_weights_fall_to_no_less_than_their_limits(fairness, last
         changed = settings.model_copy(update={"fairness": fairness, "last_fairness": last})
         for stage in schedule(changed):
             soft, near = zip(*stage.weights, strict=True) if stage.weights else ((), ())
-            least = last if stage.name in {"last", "control mesh"} else fairness
+            least = last if stage.name in {"fine", "last", "control mesh"} else fairness
             assert all(value >= least for value in soft)
             assert all(0.01 <= value <= 0.5 for value in near)
             parts = [soft, near]
@@ -72,10 +73,11 @@ def test_every_search_for_the_rough_shape_starts_from_the_source():
 def test_long_stages_fall_from_the_fairness_that_is_set_or_usual(near, usual, given):
     settings = GaussNewtonSettings(coarse_steps=40, level_steps=20, last_steps=20, levels=2, **given)
     start, level, last = given.values() or usual
-    *levels, end = schedule(settings, near=near)[-4:]
+    *levels, fine, end = schedule(settings, near=near)[-5:]
+    last = min(last, 0.005) if not given else last  # a surface that is decimated has little to lose either
     for stage in levels:
         assert (stage.weights[0][0], stage.weights[-1][0]) == (start, level)
-    assert end.weights[-1][0] == last
+    assert (fine.weights[-1][0], end.weights[-1][0]) == (last, last)
 
 
 def test_levels_come_in_order_and_refine_as_often_as_is_asked_for():
@@ -96,6 +98,17 @@ def test_the_connectivity_of_a_fixed_fit_is_remeshed_only_before_the_source_is_p
             assert "remesh" not in changes[changes.index("place") :]
         else:
             assert "place" not in changes
+
+
+def test_a_remeshed_surface_is_finest_before_it_is_decimated_if_there_are_steps_for_both():
+    for settings in PLANS:
+        names = [stage.name for stage in schedule(settings)]
+        decimated = settings.connectivity == "remeshed" and settings.variables == "verts" and settings.last_steps > 1
+        assert ("fine" in names) == (decimated and settings.decimate_from > 1)
+        changes = [stage.change for stage in schedule(settings)]
+        assert changes.count("decimate") == names.count("fine")
+    many = GaussNewtonSettings(verts=100_000)
+    assert "fine" not in [stage.name for stage in schedule(many)]
 
 
 def test_the_stage_is_known_at_every_step_and_at_both_ends():

@@ -1,6 +1,7 @@
 """Correspondences: pairs of points that a step brings together, from the surface to the target and back."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -15,6 +16,8 @@ from meshfit.remeshing.triangle_geometry import dot, unit
 
 # Points of a face, as weights of its corners: the middle, and one towards each corner.
 _FACE_POINTS = ((1 / 3, 1 / 3, 1 / 3), (0.7, 0.15, 0.15), (0.15, 0.7, 0.15), (0.15, 0.15, 0.7))
+# Number of faces beyond which the first of these is enough.
+_MANY_FACES = 30_000
 _SHARE_OF_VERTS = 0.25
 _LEAST_DRAWN, _DRAWN_PER_VERT = 2000, 4
 # Least cosines between the normals of a pair, from the surface, and from the target, from where the far side of a thin
@@ -65,12 +68,13 @@ def find_correspondences(shape: Shape, target: TargetCloud, generator: Generator
         target: the target.
         generator: generator of the random points, on the CPU.
     """
-    face, corners, weights = _surface_points(shape)
+    pattern = _FACE_POINTS[: 1 if len(shape.connectivity.faces) > _MANY_FACES else None]
+    face, corners, weights = _surface_points(shape, pattern)
     points = (corners[:, :, None] * shape.corners[face]).sum(1)
-    normals = torch.cat([shape.normals.repeat_interleave(len(_FACE_POINTS), 0), shape.vert_normals])
+    normals = torch.cat([shape.normals.repeat_interleave(len(pattern), 0), shape.vert_normals])
     nearest = target.nearest(points)
     spanning = in_membranes(shape, face, points - target.points[nearest], normals, target.normals[nearest])
-    spanning_in_faces = spanning[: len(_FACE_POINTS) * len(shape.corners)].view(-1, len(_FACE_POINTS))
+    spanning_in_faces = spanning[: len(pattern) * len(shape.corners)].view(-1, len(pattern))
     forward = (dot(normals, target.normals[nearest]) > _FACING) & ~spanning
     drawn = target.draw(max(_LEAST_DRAWN, _DRAWN_PER_VERT * len(shape.verts)), generator)
     hit = nearest_neighbour_search(points)(target.points[drawn])
@@ -94,10 +98,10 @@ def find_correspondences(shape: Shape, target: TargetCloud, generator: Generator
     return _with_boundary(pairs, shape, target.boundary, generator)
 
 
-def _surface_points(shape: Shape) -> tuple[Tensor, Tensor, Tensor]:
+def _surface_points(shape: Shape, face_points: Sequence[Sequence[float]]) -> tuple[Tensor, Tensor, Tensor]:
     """Return faces, barycentric coordinates and weights of the points in faces, then of the vertices."""
     area = shape.double_area / shape.double_area.sum()
-    pattern = area.new_tensor(_FACE_POINTS)
+    pattern = area.new_tensor(face_points)
     numbers = torch.arange(len(area), device=area.device)
     face_of_vert, corner = shape.connectivity.face_of_vert
     at_verts = shape.connectivity.at_verts(area[:, None] / 3)[:, 0]

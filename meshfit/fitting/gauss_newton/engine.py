@@ -34,6 +34,9 @@ _REMEDY = "raise fit.fairness, or place the source nearer to the target"
 # From this share of matched points on, a restart gains nothing: the points of membranes and of pinched-off parts are
 # among the unmatched.
 _ENOUGH = 0.992
+# From this share on, a search for the rough shape ends once its fairness is lowest; and a level ends at a step before
+# which the distance is more than the second number times that of the step before.
+_COMPLETE, _STILL = 0.999, 0.97
 
 
 @dataclass
@@ -45,12 +48,14 @@ class Restarts:
         share: its share of matched points; -1 before the end of the first search.
         matched: share of matched points in the last step.
         distance: distance before the last step.
+        still: whether the last step of the present stage hardly changed the surface, so that its others are left out.
     """
 
     best: FitState | None = None
     share: float = -1.0
     matched: float = 0.0
     distance: float = 0.0
+    still: bool = False
 
     @classmethod
     def unneeded(cls, distance: float) -> "Restarts":
@@ -62,8 +67,19 @@ class Restarts:
         """Whether no further restart is necessary."""
         return self.share >= _ENOUGH
 
+    def record(self, stage: Stage, number: int, distance: float, matched: float) -> None:
+        """Take note of a step, and of whether the rest of its stage, or of its search, is unnecessary."""
+        softest = stage.weights[number][0] <= stage.weights[-1][0]
+        if stage.attempt is not None:
+            self.still = stage.settles and number == len(stage.weights) - 1 and matched >= _COMPLETE
+        else:
+            slow = number > 0 and distance > _STILL * self.distance and matched <= self.matched + 1 - _COMPLETE
+            self.still = stage.settles and softest and slow
+        self.matched, self.distance = matched, distance
+
     def end_search(self, state: FitState) -> FitState:
         """Record the state at the end of a search, and return the best state so far."""
+        self.still = False
         if self.best is None or (not self.settled and self.matched > self.share):
             self.best, self.share = state, self.matched
         return self.best
@@ -71,13 +87,14 @@ class Restarts:
     def saved(self) -> dict[str, Any]:
         """Return everything as numbers and tensors, for `restored`."""
         best = None if self.best is None else self.best.saved()
-        return {"best": best, "share": self.share, "matched": self.matched, "distance": self.distance}
+        numbers = {"share": self.share, "matched": self.matched, "distance": self.distance, "still": self.still}
+        return {"best": best} | numbers
 
     @classmethod
     def restored(cls, saved: dict[str, Any], dtype: torch.dtype, device: torch.device) -> "Restarts":
         """Return the restarts that `saved` returned."""
         best = None if saved["best"] is None else FitState.restored(saved["best"], dtype, device)
-        return cls(best, saved["share"], saved["matched"], saved["distance"])
+        return cls(best, saved["share"], saved["matched"], saved["distance"], saved["still"])
 
 
 class GaussNewton(Engine):
@@ -246,7 +263,9 @@ class GaussNewton(Engine):
     def _step(self, member: int, stage: Stage, number: int) -> float:
         problem, target, restarts = self.problems[member], self._targets[member], self._restarts[member]
         before = self._states[member]
-        if stage.attempt is not None and restarts.settled:
+        if number == 0 and stage.attempt is None:
+            restarts.still = False
+        if restarts.still or (stage.attempt is not None and restarts.settled):
             return restarts.distance
         if number == 0:
             before = self._changed(before, problem, stage, target)
@@ -258,7 +277,7 @@ class GaussNewton(Engine):
             self.failed[member] = Diverged(self.done, "the step", last_good, self.traces[member], _REMEDY)
             return distance
         self._states[member] = after
-        restarts.matched, restarts.distance = matched, distance
+        restarts.record(stage, number, distance, matched)
         if self.done % self.settings.trace_every == 0 or self.done == self.steps - 1:
             verts = after.shape.connectivity.num_verts
             row = (self.done, distance, verts, matched, fairness, point_weight, report.held)
@@ -281,6 +300,8 @@ class GaussNewton(Engine):
             if on_sphere is not None:
                 state = state.with_connectivity(self._faces(problem), on_sphere, target, polygons)
             return state
+        if stage.change == "decimate":
+            return state.decimated(self.settings.verts)
         movable = self.settings.connectivity == "remeshed" or state.on_sphere is not None
         count = self._rough_verts(problem) * stage.share * growth(resolve(problem.scheme), stage.refined)
         if movable and (stage.change == "remesh" or (stage.change == "start" and len(state.verts) > count)):

@@ -16,6 +16,7 @@ from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import PolygonTopology
+from meshfit.remeshing.decimate import decimate
 from meshfit.remeshing.remesh import remesh_state
 from meshfit.remeshing.state import RemeshState
 
@@ -149,6 +150,19 @@ class FitState:
         if len(state.verts) > num_verts or unsound > int(unsound_faces(self.shape).sum()):
             return self
         return state.with_better_map(_MAP_STEPS)
+
+    def decimated(self, num_verts: int) -> "FitState":
+        """Return the surface reduced to a number of vertices by quadrics, with no more unsound faces than before."""
+        faces, before = self.pattern.connectivity.faces, int(unsound_faces(self.shape).sum())
+        state = self
+        for careful in (False, True):
+            state = FitState.of(*decimate(self.verts, faces, num_verts, without_crossings=careful))
+            if int(unsound_faces(state.shape).sum()) <= before and len(state.verts) <= num_verts:
+                return state
+        # So tight a surface that not enough edges may collapse.
+        if len(state.verts) > num_verts:
+            state = FitState.of(*decimate(self.verts, faces, num_verts))
+        return state.untangled()
 
     def _remeshed_once(self, num_verts: float, target: TargetCloud | None) -> "FitState":
         lengths, faces = lengths_for(self.shape, num_verts, target), self.pattern.connectivity.faces

@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 
 from meshfit.fitting.settings import GaussNewtonSettings
 
-Change = Literal["none", "start", "remesh", "place", "refine", "control"]
+Change = Literal["none", "start", "remesh", "place", "refine", "control", "decimate"]
 
 _STEPS_BETWEEN_REMESHES = 5
 # Number of vertices during the search for the rough shape, relative to that at its end.
@@ -16,6 +16,10 @@ _COARSE, _COARSE_FACTOR = 10.0, 0.8
 _LEVEL_FACTOR = 0.7
 # Weight of residuals along the target: at the start, its factor per step, and the least.
 _POINT, _LAST_POINT = (0.5, 0.85, 0.05), (0.05, 0.85, 0.01)
+# Fairness and point weight fall faster on the fine surface, which is near the target.
+_FINE_FACTOR, _FINE_POINT = 0.5, (0.05, 0.7, 0.01)
+# Number of steps after decimation, and number of vertices before it beyond which it gains too little for its time.
+_STEPS_DECIMATED, _MOST_FINE = 2, 60_000
 
 Weights = tuple[tuple[float, float], ...]
 
@@ -39,11 +43,14 @@ class Stage:
     Attributes:
         name: name in progress messages.
         change: change before the first step: `none`; `start` from the source, remeshed; `remesh`; `place` the source's
-            connectivity on the surface; `refine` by the scheme; or make it the `control` mesh of its refinement.
+            connectivity on the surface; `refine` by the scheme; make it the `control` mesh of its refinement; or
+            `decimate` by quadrics to the wanted number of vertices.
         share: for `remesh`, the number of vertices relative to that at the end of the rough shape.
         sized: for `remesh`, whether edges are shorter where the target is curved.
         weights: fairness and point weight of each step.
         attempt: number of the search for the rough shape, from 0; None in later stages.
+        settles: whether the remaining steps are left out once the surface hardly moves; of the search for the rough
+            shape, once all of it is matched.
         refined: for `remesh`, number of subdivision levels by which the number of vertices grows beyond `share`.
     """
 
@@ -53,6 +60,7 @@ class Stage:
     sized: bool
     weights: Weights
     attempt: int | None = None
+    settles: bool = False
     refined: int = 0
 
 
@@ -75,13 +83,21 @@ def schedule(settings: GaussNewtonSettings, *, near: bool = False) -> list[Stage
     remeshed = settings.connectivity == "remeshed"
     weights = _weights((fairness.start, _LEVEL_FACTOR, fairness.level), _POINT, settings.level_steps)
     last = _weights((fairness.level / 2, _LEVEL_FACTOR, fairness.last), _LAST_POINT, settings.last_steps)
-    stages.append(Stage("level 0", "remesh" if remeshed else "place", 1.0, remeshed, weights))
+    stages.append(Stage("level 0", "remesh" if remeshed else "place", 1.0, remeshed, weights, settles=remeshed))
     if settings.variables == "control":
         return [*stages, Stage("control mesh", "control", 1.0, sized=False, weights=weights + last)]
-    stages += [Stage(f"level {k}", "refine", 1.0, sized=False, weights=weights) for k in range(1, settings.levels + 1)]
-    change: Change = "remesh" if remeshed else "none"
-    stages.append(Stage("last", change, 1.0, remeshed, last, refined=settings.levels))
-    return stages
+    names = [f"level {k}" for k in range(1, settings.levels + 1)]
+    stages += [Stage(name, "refine", 1.0, sized=False, weights=weights, settles=remeshed) for name in names]
+    if not remeshed:
+        return [*stages, Stage("last", "none", 1.0, sized=False, weights=last)]
+    share = min(settings.decimate_from, max(1.0, _MOST_FINE / settings.verts))
+    after = min(_STEPS_DECIMATED, settings.last_steps - 1)
+    if share == 1 or after < 1:
+        return [*stages, Stage("last", "remesh", 1.0, sized=True, weights=last, refined=settings.levels)]
+    least = _NEAR.last if settings.last_fairness is None else settings.last_fairness
+    last = _weights((fairness.level / 4, _FINE_FACTOR, least), _FINE_POINT, settings.last_steps)
+    stages.append(Stage("fine", "remesh", share, sized=True, weights=last[:-after], refined=settings.levels))
+    return [*stages, Stage("last", "decimate", 1.0, sized=True, weights=last[-after:], refined=settings.levels)]
 
 
 def rough_verts(settings: GaussNewtonSettings, source_verts: int, growth: float) -> float:
@@ -106,11 +122,13 @@ def stage_at(settings: GaussNewtonSettings, done: int) -> Stage:
 
 def _coarse(settings: GaussNewtonSettings, attempt: int) -> Iterator[Stage]:
     count = settings.coarse_steps
-    weights = _weights((_COARSE, _COARSE_FACTOR, fairness_of(settings, near=False).level), _POINT, count)
+    least = fairness_of(settings, near=False).level
+    weights = _weights((_COARSE, _COARSE_FACTOR, least), _POINT, count)
     for start in range(0, count, _STEPS_BETWEEN_REMESHES):
         sized = start > count // 2
         part = weights[start : start + _STEPS_BETWEEN_REMESHES]
-        yield Stage("rough shape", "remesh" if start else "start", _ROUGH_SHARE, sized, part, attempt)
+        change: Change = "remesh" if start else "start"
+        yield Stage("rough shape", change, _ROUGH_SHARE, sized, part, attempt, settles=part[0][0] <= least)
 
 
 def _weights(fairness: tuple[float, float, float], points: tuple[float, float, float], count: int) -> Weights:
