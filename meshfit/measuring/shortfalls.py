@@ -1,4 +1,4 @@
-"""Shortfalls of a result: parts of the target that it does not reach, and pieces, openings and handles it lacks."""
+"""Shortfalls of a result: parts that it does not reach or plugs, and pieces, openings and handles that it lacks."""
 
 import numpy as np
 
@@ -10,15 +10,23 @@ from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.topology import Topology
 from meshfit.units import count_text
 
-# A part of the target is unreached if it is farther than this share of the diagonal from the result; it is named if it
-# is more than this share of the target's area.
+# A part of the target is not reached if it is farther than this share of the diagonal from the result, and a part of a
+# result is off the target likewise; each is named if it is more than this share of the area.
 _FAR, _PART = 0.02, 0.005
 _POINTS = 5000
 
 
 def shortfalls(result: Mesh, target: Mesh) -> list[str]:
     """Return what a result lacks of its target, in words, each of which names the finding and its size."""
-    return [*_of_topology(result, target), *_of_reach(result, target)]
+    far = _FAR * bounding_box_diagonal(target.verts)
+    unreached, beyond = _share_beyond(far, target, result), _share_beyond(far, result, target)
+    texts = _of_topology(result, target)
+    distance = f"farther than {_FAR:.0%} of the target's diagonal from the"
+    if unreached > _PART:
+        texts.append(f"not reached: {unreached:.1%} of the target's area is {distance} result")
+    if beyond > _PART:
+        texts.append(f"off the target: {beyond:.1%} of the result's area is {distance} target")
+    return texts
 
 
 def _of_topology(result: Mesh, target: Mesh) -> list[str]:
@@ -34,10 +42,7 @@ def _of_topology(result: Mesh, target: Mesh) -> list[str]:
     return [f"topology not matched: the target has {', '.join(texts)}"]
 
 
-def _of_reach(result: Mesh, target: Mesh) -> list[str]:
-    points = sample_surface(target, _POINTS, np.random.default_rng(0)).points
-    far = point_distances(result, points) > _FAR * bounding_box_diagonal(target.verts)
-    share = float(far.mean())
-    if share <= _PART:
-        return []
-    return [f"not reached: {share:.1%} of the target's area is farther than {_FAR:.0%} of its diagonal from the result"]
+def _share_beyond(distance: float, mesh: Mesh, surface: Mesh) -> float:
+    """Return the share of a mesh's area that is farther than a distance from a surface."""
+    points = sample_surface(mesh, _POINTS, np.random.default_rng(0)).points
+    return float((point_distances(surface, points) > distance).mean())

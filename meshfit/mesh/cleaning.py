@@ -18,6 +18,7 @@ from meshfit.mesh.manifold import (
     num_components,
 )
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.pieces import wound_alike
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
 from meshfit.mesh.topology import NONE, Indices, Mask, PolygonTopology, Topology
 from meshfit.mesh.triangulation import triangle_corners, triangulate
@@ -26,6 +27,8 @@ from meshfit.units import count_text
 
 INSIDE_OUT = "the surface is inside out: closed, with a negative volume"
 """The warning of a surface whose faces all look inwards."""
+OPPOSITE = "between faces of opposite orientation"
+"""The end of the warning of a surface whose faces are not wound alike."""
 
 # Areas and their squares stay finite up to here.
 _LARGEST_COORDINATE = 1e60
@@ -360,7 +363,7 @@ def _warn_of_shape(mesh: PolygonMesh, topology: PolygonTopology, origin: str, *,
     findings = {
         ("non-manifold edge", " (three faces or more); --repair split separates the faces"): len(edges),
         ("non-manifold vertex", " (separate fans of faces); --repair split separates them"): len(verts),
-        ("edge", " between faces of opposite orientation"): len(topology.misoriented_edges),
+        ("edge", f" {OPPOSITE}"): len(topology.misoriented_edges),
         ("boundary edge", ": the surface is open"): int(topology.boundary_edges.sum()),
         ("separate component", ""): components if components > 1 else 0,
     }
@@ -381,7 +384,11 @@ def has_negative_volume(mesh: Mesh) -> bool:
 
 
 def outward(mesh: Mesh) -> Mesh:
-    """Return a closed mesh that is inside out with its faces turned, without attributes; any other as it is."""
+    """Turn the faces of a closed mesh that is inside out, and those that are wound unlike most of their piece.
+
+    A mesh that needs neither is returned as it is; others lose their attributes.
+    """
+    mesh = wound_alike(mesh)
     if not has_negative_volume(mesh) or not Topology.of(mesh).is_watertight:
         return mesh
     return Mesh(mesh.verts, mesh.faces[:, ::-1])

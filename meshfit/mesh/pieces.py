@@ -17,7 +17,7 @@ def manifold_pieces(mesh: Mesh) -> Mesh:
     """
     corners = mesh.faces
     different = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
-    mesh = _wound_alike(Mesh(mesh.verts, corners[different]))
+    mesh = wound_alike(Mesh(mesh.verts, corners[different]))
     split = _split(mesh)
     while len(pairs := duplicate_triangles(Topology.of(split))):
         kept = np.ones(split.num_faces, dtype=bool)
@@ -26,8 +26,11 @@ def manifold_pieces(mesh: Mesh) -> Mesh:
     return split
 
 
-def _wound_alike(mesh: Mesh) -> Mesh:
-    """Turn faces such that neighbours are wound alike, as most of the area of their piece is, if it has two sides."""
+def wound_alike(mesh: Mesh) -> Mesh:
+    """Turn faces such that neighbours are wound alike, as most of the area of their piece is, if it has two sides.
+
+    A mesh without edges between faces of opposite orientation is returned as it is; others lose their attributes.
+    """
     topology = Topology.of(mesh)
     if not len(topology.misoriented_edges):
         return mesh
@@ -44,6 +47,8 @@ def _wound_alike(mesh: Mesh) -> Mesh:
         (area[side[count:]] > area[side[:count]])
         | ((area[side[count:]] == area[side[:count]]) & (side[count:] < side[:count]))
     )
+    if not turn.any():
+        return mesh
     return Mesh(mesh.verts, np.where(turn[:, None], mesh.faces[:, ::-1], mesh.faces))
 
 

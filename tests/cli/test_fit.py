@@ -10,6 +10,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import octahedron
 from meshfit.subdivision.refine import subdivide
 from tests.cli import invoke, refused, trials_in_this_process
+from tests.shapes import torus
 
 FEW = ("--set", "fit={coarse_steps: 3, tries: 1, level_steps: 2, last_steps: 1}")
 QUICK = ("--verts", "100", *FEW, "--set", "measure={samples: 500, points: 500}")
@@ -110,6 +111,22 @@ def test_what_is_no_mesh_is_told_its_own_command(tmp_path):
     assert refused("folder").rstrip().endswith("to show its trials: meshfit status folder")
     assert "several targets need a folder" in refused("fit", "scan.ply", "cow", "-o", "out.ply")
     assert not (tmp_path / "out.ply").exists()
+
+
+def test_a_torus_keeps_its_handle_and_the_reason_is_recorded(tmp_path):
+    ring = torus(24, 16)
+    mixed = np.random.default_rng(1).random(ring.num_faces) < 0.2
+    save_mesh(Mesh(ring.verts, np.where(mixed[:, None], ring.faces[:, ::-1], ring.faces)), "ring.ply")
+    ran = invoke("fit", "ring.ply", "-o", "out.ply", "--keep", "kept", "--json", *QUICK)
+    verdict = json.loads(ran.out)
+    assert verdict["result_topology"] == "1 piece, closed, genus 1"
+    assert (verdict["made_from"], verdict["shortfalls"]) == ("target", [])
+    assert verdict["reason"].startswith("sound")
+    assert verdict["max_percent"] < 5
+    (log,) = (tmp_path / "kept").rglob("*.log")
+    assert "source: from the target (sound: " in log.read_text()
+    ran = invoke("fit", "ring.ply", "-o", "ball.ply", "--source", "sphere", *QUICK)
+    assert "1 handle (0 in the result); try --source target" in " ".join(ran.out.split())
 
 
 @pytest.mark.slow

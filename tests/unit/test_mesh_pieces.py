@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from meshfit.mesh.cleaning import outward
 from meshfit.mesh.geometry import face_areas, signed_volume
 from meshfit.mesh.manifold import describe_topology, require_manifold
 from meshfit.mesh.mesh import Mesh
@@ -52,6 +53,9 @@ def test_faces_are_wound_as_most_of_their_piece():
     require_manifold(Topology.of(pieces), "this")
     assert topology(pieces) == topology(mesh)
     np.testing.assert_allclose(signed_volume(pieces), signed_volume(mesh))
+    inwards = Mesh(mesh.verts, np.where(turned[:, None], mesh.faces, mesh.faces[:, ::-1]))
+    np.testing.assert_allclose(signed_volume(outward(inwards)), signed_volume(mesh))
+    assert outward(mesh) is mesh
 
 
 def test_surfaces_that_are_no_manifold_are_separated_without_loss_of_area():

@@ -33,11 +33,17 @@ def test_a_result_like_its_target_lacks_nothing():
 
 def test_missing_handles_and_unreached_parts_are_named_with_their_size():
     ball = subdivide(icosahedron(), "loop", 2)
-    (text,) = shortfalls(torus(), Mesh(torus().verts, torus().faces[3:]))
+    (text,) = shortfalls(torus(24, 16), Mesh(torus(24, 16).verts, torus(24, 16).faces[1:]))
     assert text == "topology not matched: the target has 1 opening (0 in the result)"
     far = Mesh(0.5 * ball.verts + [3, 0, 0], ball.faces)
     topology, reach = shortfalls(ball, joined(ball, far))
     assert topology == "topology not matched: the target has 2 pieces (1 in the result)"
     assert reach.startswith("not reached: 20.")
-    assert reach.endswith("% of the target's area is farther than 2% of its diagonal from the result")
+    assert reach.endswith("% of the target's area is farther than 2% of the target's diagonal from the result")
     assert "1 handle (0 in the result)" in shortfalls(ball, torus())[0]
+    # A cap over the hole of a torus is off it.
+    ring = torus(24, 16)
+    rim = ring.verts[np.abs(np.linalg.norm(ring.verts[:, :2], axis=1) - 1) < 0.01]
+    cap = Mesh([[0, 0, 0], *rim], [[0, k + 1, (k + 1) % len(rim) + 1] for k in range(len(rim))])
+    *_, off = shortfalls(joined(ring, cap), ring)
+    assert off.startswith("off the target: ")

@@ -24,6 +24,10 @@ def source_line(*sources):
         ({"wanted_verts": 2562}, "Source: icosahedron, refined to about 2562 vertices"),
         ({"decimate": 500, "mesh": "bunny"}, "Source: bunny, decimated to 500 faces, 4 levels"),
         ({"project": "sphere"}, "Source: icosahedron, 4 levels, projected to the sphere"),
+        (
+            {"mesh": "auto", "wanted_verts": 2562},
+            "Source: made from each target (auto), refined to about 2562 vertices",
+        ),
     ],
 )
 def test_the_source_of_all_trials(source, message):

@@ -188,7 +188,9 @@ class GaussNewton(Engine):
         """Return the state at the end, or the source's own surface where a fit from a near source has lost by it."""
         problem, target = self.problems[member], self._targets[member]
         near, _ = self._near[member]
-        if not near or not bool(state.verts.isfinite().all()):
+        # With fewer vertices than the source, a result may well be farther.
+        fewer = self.settings.connectivity == "remeshed" and problem.source.num_verts > self.settings.verts
+        if not near or fewer or not bool(state.verts.isfinite().all()):
             return state
         before = Closeness.of(self._shape(problem), target)
         if not Closeness.of(state.shape, target).is_worse_than(before):
@@ -207,7 +209,7 @@ class GaussNewton(Engine):
             return None
         start = self._start(problem, near=True)
         if self.settings.connectivity == "remeshed":
-            return start if len(start.verts) <= self.settings.verts else None
+            return start
         for _ in range(self.settings.levels):
             start = linearly_refined(start, problem.scheme) or refine_state(start, problem.scheme)
         return start

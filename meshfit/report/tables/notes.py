@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
+from meshfit.config.experiment import MADE_FROM_TARGET
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.tables.layout import SHORTFALL, columns_of
 from meshfit.report.tables.numbers import format_difference
@@ -92,7 +93,8 @@ def _tool(get: Callable[[str], str]) -> str:
 
 
 def _source(settings: Mapping[str, Any], get: Callable[[str], str]) -> Iterator[str]:
-    yield get("source.mesh")
+    mesh = get("source.mesh")
+    yield f"made from each target ({mesh})" if mesh in MADE_FROM_TARGET else mesh
     if settings.get("source.decimate"):
         yield f"decimated to {get('source.decimate')} faces"
     vertices = settings.get("source.wanted_verts")
