@@ -94,7 +94,7 @@ class GaussNewtonSettings(Settings):
     Example:
         >>> import meshfit
         >>> meshfit.GaussNewtonSettings(levels=2, coarse_steps=20).steps
-        69
+        89
     """
 
     # Settings without the key are first-order.
@@ -118,9 +118,9 @@ class GaussNewtonSettings(Settings):
     """Number of subdivision levels (0 to 5) from coarse to fine, or from the control mesh to the surface."""
     coarse_steps: Annotated[int, Field(ge=0)] = 40
     """Number of steps (0 or more) of each search for the rough shape."""
-    tries: Annotated[int, Field(ge=1, le=10)] = 2
-    """Largest number of searches (1 to 10) for the rough shape; each restarts from the source, and only while parts of
-    the surface stay off the target. A source that is near to the target needs none."""
+    tries: Annotated[int, Field(ge=1, le=10)] = 3
+    """Largest number of searches (1 to 10) for the rough shape; each restarts from the source, with more vertices, and
+    only while parts of the surface stay off the target. A source that is near to the target needs none."""
     level_steps: Annotated[int, Field(ge=1)] = 8
     """Number of steps (1 or more) at each level."""
     last_steps: Annotated[int, Field(ge=0)] = 5

@@ -80,6 +80,14 @@ def test_long_stages_fall_from_the_fairness_that_is_set_or_usual(near, usual, gi
     assert (fine.weights[-1][0], end.weights[-1][0]) == (last, last)
 
 
+def test_later_searches_for_the_rough_shape_have_no_fewer_verts():
+    plan = schedule(GaussNewtonSettings(tries=5))
+    shares = [{stage.share for stage in plan if stage.attempt == attempt} for attempt in range(5)]
+    assert all(len(share) == 1 for share in shares)
+    assert [max(share) for share in shares] == sorted(max(share) for share in shares)
+    assert max(shares[1]) > max(shares[0])
+
+
 def test_levels_come_in_order_and_refine_as_often_as_is_asked_for():
     for settings in PLANS:
         plan = schedule(settings)

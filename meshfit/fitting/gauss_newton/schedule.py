@@ -9,8 +9,9 @@ from meshfit.fitting.settings import GaussNewtonSettings
 Change = Literal["none", "start", "remesh", "place", "refine", "control", "decimate"]
 
 _STEPS_BETWEEN_REMESHES = 5
-# Number of vertices during the search for the rough shape, relative to that at its end.
-_ROUGH_SHARE = 0.5
+# Number of vertices during each search for the rough shape, relative to that at its end: more where the last search
+# left parts unmatched, as coarse surfaces pinch thin parts such as legs and fold inside them.
+_ROUGH_SHARES = (0.5, 1.0, 2.0)
 # Fairness at the start of the coarse stages, and its factor per step; the factor in later stages.
 _COARSE, _COARSE_FACTOR = 10.0, 0.8
 _LEVEL_FACTOR = 0.7
@@ -124,11 +125,12 @@ def _coarse(settings: GaussNewtonSettings, attempt: int) -> Iterator[Stage]:
     count = settings.coarse_steps
     least = fairness_of(settings, near=False).level
     weights = _weights((_COARSE, _COARSE_FACTOR, least), _POINT, count)
+    share = _ROUGH_SHARES[min(attempt, len(_ROUGH_SHARES) - 1)]
     for start in range(0, count, _STEPS_BETWEEN_REMESHES):
         sized = start > count // 2
         part = weights[start : start + _STEPS_BETWEEN_REMESHES]
         change: Change = "remesh" if start else "start"
-        yield Stage("rough shape", change, _ROUGH_SHARE, sized, part, attempt, settles=part[0][0] <= least)
+        yield Stage("rough shape", change, share, sized, part, attempt, settles=part[0][0] <= least)
 
 
 def _weights(fairness: tuple[float, float, float], points: tuple[float, float, float], count: int) -> Weights:
