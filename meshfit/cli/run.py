@@ -31,8 +31,8 @@ def run(
     from its last checkpoint. With other targets or schemes than those of the config, the experiment gets a folder of
     its own; trials that are complete in another experiment of the run directory are copied from there.
 
-    Bundled configs: quickstart (under 2 minutes), table1, reproduce, tutorial, schemes, accurate, accurate-fixed, and
-    peers, which compares with other tools.
+    Bundled configs: quickstart (under 2 minutes), table1, reproduce, tutorial, schemes, accurate, accurate-sphere,
+    accurate-fixed, and peers, which compares with other tools.
 
     Examples:
         meshfit run quickstart

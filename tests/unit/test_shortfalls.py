@@ -7,7 +7,13 @@ from meshfit.mesh.manifold import TopologyCounts
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, icosahedron
 from meshfit.mesh.topology import Topology
+from meshfit.report.tables.formats.latex import to_latex
+from meshfit.report.tables.formats.markdown import to_markdown
+from meshfit.report.tables.formats.terminal import to_text
+from meshfit.report.tables.style import Style
+from meshfit.report.tables.table import build_tables, styled
 from meshfit.subdivision.refine import subdivide
+from tests.runs import result_of
 from tests.shapes import patch, torus
 
 
@@ -47,3 +53,13 @@ def test_missing_handles_and_unreached_parts_are_named_with_their_size():
     cap = Mesh([[0, 0, 0], *rim], [[0, k + 1, (k + 1) % len(rim) + 1] for k in range(len(rim))])
     *_, off = shortfalls(joined(ring, cap), ring)
     assert off.startswith("off the target: ")
+
+
+def test_cells_of_results_with_shortfalls_are_marked_and_explained_in_every_format():
+    short = result_of(target="cow") | {"shortfalls": ["topology not matched: the target has 1 handle"]}
+    tables = build_tables([result_of(), short])
+    for text, mark in ((to_text(tables), "†"), (to_markdown(tables), "†"), (to_latex(tables), r"\dag{}")):
+        assert text.count(mark) == 2, text
+        assert "topology not matched" in " ".join(text.split())
+    assert "†" not in to_text(styled(tables, Style(notes="none")))
+    assert "†" not in to_text(build_tables([result_of()]))
