@@ -15,6 +15,7 @@ from meshfit.fitting.settings import GaussNewtonSettings
 from meshfit.mesh.manifold import describe_topology
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.meshlab import decimate
+from meshfit.mesh.pieces import crossing_faces, manifold_pieces
 from meshfit.mesh.solids import icosahedron
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.refine import subdivide
@@ -58,7 +59,7 @@ def test_decimated_targets_are_near_and_spheres_of_other_sizes_are_far():
 
 def test_closeness_of_concentric_spheres_is_the_difference_of_their_radii():
     goal, outer = ball(4), ball(4, 1.1)
-    found = Closeness.of(shape(outer), cloud(goal))
+    found = Closeness.of(outer, goal)
     assert found.rms == pytest.approx(0.1, rel=0.05)
     assert 0.09 < found.worst < 0.12
 
@@ -69,7 +70,7 @@ def test_a_fit_from_a_near_source_skips_the_search_and_keeps_genus_and_detail():
     fit = to_the_end(engine(source, goal))
     assert fit.traces[0].column("step")[0] == SETTINGS.tries * SETTINGS.coarse_steps
     assert describe_topology(Topology.of(fit.mesh(0))) == describe_topology(Topology.of(goal))
-    before, after = (Closeness.of(shape(mesh), cloud(goal)) for mesh in (source, fit.mesh(0)))
+    before, after = (Closeness.of(mesh, goal) for mesh in (source, fit.mesh(0)))
     assert after.rms < before.rms / 2
     assert after.worst < before.worst
     assert not fit.shortfalls(0)
@@ -94,8 +95,25 @@ def test_a_fit_that_would_end_worse_returns_the_surface_of_its_source_and_says_s
     fit = to_the_end(engine(source, goal, SETTINGS.model_copy(update={"connectivity": connectivity})))
     (text,) = fit.shortfalls(0)
     assert "farther from the target than its source" in text
-    before, after = (Closeness.of(shape(mesh), cloud(goal)) for mesh in (source, fit.mesh(0)))
+    before, after = (Closeness.of(mesh, goal) for mesh in (source, fit.mesh(0)))
     assert not after.is_worse_than(before)
+
+
+def test_pieces_that_cross_in_the_target_are_fitted_although_they_cross():
+    ring = torus(24, 16)
+    other = Mesh(ring.verts[:, [2, 0, 1]] + [2, 0, 0], ring.faces)
+    goal = Mesh(np.concatenate([ring.verts, other.verts]), np.concatenate([ring.faces, other.faces + ring.num_verts]))
+    source = manifold_pieces(decimate(goal, 500))
+    fit = to_the_end(engine(source, goal, SETTINGS.model_copy(update={"connectivity": "remeshed", "verts": 900})))
+    before, after = (Closeness.of(mesh, goal) for mesh in (source, fit.mesh(0)))
+    assert not fit.shortfalls(0)
+    assert after.rms < before.rms
+    crossing, within = crossing_faces(fit.mesh(0))
+    assert crossing.any()
+    assert not within.any()
+    again = engine(source, goal)
+    again.restore([engine(source, goal).checkpoint(0)])
+    assert again._states[0].crossing
 
 
 def test_a_near_fit_is_resumed_to_the_byte():

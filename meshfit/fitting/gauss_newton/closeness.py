@@ -3,13 +3,17 @@
 import math
 from dataclasses import dataclass
 
-import torch
-from torch import Generator, Tensor
+import numpy as np
+from jaxtyping import Float64
+from torch import Generator
 
-from meshfit.fitting.gauss_newton.correspondences import find_correspondences, nearest_in_triangles
+from meshfit.fitting.gauss_newton.correspondences import find_correspondences
 from meshfit.fitting.gauss_newton.surface import Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
-from meshfit.fitting.nearest_neighbours import nearest_neighbour_search
+from meshfit.mesh.geometry import bounding_box_diagonal
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.proximity import point_distances
+from meshfit.mesh.sampling import sample_surface
 
 # A surface is near if its mean distance from the target is below this share of its mean edge length, and of the
 # target's diagonal; if this share of its points is matched; and if nearly all points are within so many edge lengths.
@@ -17,15 +21,11 @@ from meshfit.fitting.nearest_neighbours import nearest_neighbour_search
 _NEAR_EDGES, _NEAR_DIAGONAL = 0.5, 0.02
 _NEAR_MATCHED = 0.9
 _NEARLY_ALL, _FAR_EDGES = 0.98, 2.0
-# Points of the target that distances are measured from, and of each face.
-_DRAWN = 20_000
-_FACE_POINTS = ((1 / 3, 1 / 3, 1 / 3), (0.6, 0.2, 0.2), (0.2, 0.6, 0.2), (0.2, 0.2, 0.6))
-# Within so many spacings of the target's samples, the distance from a sample is that from its tangent plane.
-_SPACINGS = 3.0
-
-
-# A fit ends worse than it began if its root mean square distance is larger, or its largest one so many times as large.
-_WORSE_RMS, _WORSE_MAX = 1.02, 1.5
+# Samples of each surface that distances are measured from; about as many vertices are added.
+_SAMPLES = 20_000
+# A fit ends worse than it began if its root mean square distance is larger; or if its largest one is so many times as
+# large, and more than this share of the diagonal.
+_WORSE_RMS, _WORSE_MAX, _FAR_DIAGONAL = 1.02, 1.5, 0.005
 
 
 @dataclass(frozen=True)
@@ -35,40 +35,31 @@ class Closeness:
     Attributes:
         rms: root mean square distance.
         worst: largest distance.
+        diagonal: of the target's bounding box.
     """
 
     rms: float
     worst: float
+    diagonal: float
 
     @classmethod
-    def of(cls, shape: Shape, target: TargetCloud) -> "Closeness":
-        """Measure a surface; the same points of the target are used every time."""
-        pattern = shape.verts.new_tensor(_FACE_POINTS)
-        count = len(shape.corners)
-        points = torch.cat([torch.einsum("kc,fcx->fkx", pattern, shape.corners).reshape(-1, 3), shape.verts])
-        faces = torch.arange(count, device=points.device).repeat_interleave(len(pattern))
-        face = torch.cat([faces, shape.connectivity.face_of_vert[0]])
-        forward = _distances_to(target, points)
-        drawn = target.points[target.draw(_DRAWN, Generator().manual_seed(0))]
-        corners = shape.corners[face[nearest_neighbour_search(points)(drawn)]]
-        nearest = (nearest_in_triangles(drawn, corners)[:, :, None] * corners).sum(1)
-        backward = (drawn - nearest).square().sum(1)
-        of_faces = forward[: len(faces)].square().view(count, -1).mean(1)
-        square = ((shape.double_area * of_faces).sum() / shape.double_area.sum() + backward.mean()) / 2
-        return cls(float(square.sqrt()), float(torch.maximum(forward.max(), backward.max().sqrt())))
+    def of(cls, surface: Mesh, target: Mesh) -> "Closeness":
+        """Measure a surface, exactly at the same points every time; corners, which are lost first, are among them."""
+        ways = [_distances(*pair) for pair in ((surface, target), (target, surface))]
+        square = sum(float(np.square(way[:_SAMPLES]).mean()) for way in ways) / len(ways)
+        return cls(math.sqrt(square), max(float(way.max()) for way in ways), bounding_box_diagonal(target.verts))
 
     def is_worse_than(self, other: "Closeness") -> bool:
         """Return whether a fit that ends so has lost what it began with."""
-        return self.rms > _WORSE_RMS * other.rms or self.worst > _WORSE_MAX * other.worst
+        farther = self.worst > max(_WORSE_MAX * other.worst, _FAR_DIAGONAL * self.diagonal)
+        return self.rms > _WORSE_RMS * other.rms or farther
 
 
-def _distances_to(target: TargetCloud, points: Tensor) -> Tensor:
-    """Return about the distance of points from the target: from its samples, or their tangent planes where near."""
-    nearest = target.nearest(points)
-    offset = points - target.points[nearest]
-    straight = offset.square().sum(1).sqrt()
-    plane = (offset * target.normals[nearest]).sum(1).abs()
-    return torch.where(straight < _SPACINGS * target.spacing, plane, straight)
+def _distances(origin: Mesh, surface: Mesh) -> Float64[np.ndarray, " N"]:
+    """Return the distances of samples of a mesh, then of its vertices, from a surface."""
+    verts = origin.verts[:: max(1, origin.num_verts // _SAMPLES)]
+    points = sample_surface(origin, _SAMPLES, np.random.default_rng(0)).points
+    return point_distances(surface, np.concatenate([points, verts]))
 
 
 def is_near(shape: Shape, target: TargetCloud) -> tuple[bool, float]:

@@ -22,6 +22,7 @@ from meshfit.fitting.problem import Checkpoint, Diverged, Problem
 from meshfit.fitting.settings import GaussNewtonSettings
 from meshfit.mesh.manifold import require_manifold
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.pieces import crossing_faces, piece_of_face
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.topology import PolygonTopology, Topology
 from meshfit.subdivision.limit import has_loop_limit
@@ -125,6 +126,7 @@ class GaussNewton(Engine):
         self._near = [is_near(self._shape(problem), target) for problem, target in pairs]
         self._plans = {near: _steps_of(schedule(settings, near=near)) for near in (False, True)}
         self._sphere_maps = dict[Mesh, Tensor | None]()
+        self._crossing = dict[Mesh, bool]()
         self._states = [
             self._start(problem, near=near) for problem, (near, _) in zip(problems, self._near, strict=True)
         ]
@@ -186,18 +188,18 @@ class GaussNewton(Engine):
 
     def _not_worse(self, member: int, state: FitState) -> FitState:
         """Return the state at the end, or the source's own surface where a fit from a near source has lost by it."""
-        problem, target = self.problems[member], self._targets[member]
+        problem = self.problems[member]
         near, _ = self._near[member]
         # With fewer vertices than the source, a result may well be farther.
         fewer = self.settings.connectivity == "remeshed" and problem.source.num_verts > self.settings.verts
         if not near or fewer or not bool(state.verts.isfinite().all()):
             return state
-        before = Closeness.of(self._shape(problem), target)
-        if not Closeness.of(state.shape, target).is_worse_than(before):
+        before = Closeness.of(problem.source, problem.target)
+        if not Closeness.of(_mesh_at(state), problem.target).is_worse_than(before):
             return state
         kept = self._source_surface(problem)
         words = "the fit ended farther from the target than its source was"
-        if kept is None or Closeness.of(kept.shape, target).is_worse_than(before):
+        if kept is None or Closeness.of(_mesh_at(kept), problem.target).is_worse_than(before):
             self._shortfalls[member].append(words)
             return state
         self._shortfalls[member].append(f"{words}, so the result is the surface of the source")
@@ -238,8 +240,19 @@ class GaussNewton(Engine):
     def _start(self, problem: Problem, *, near: bool = False) -> FitState:
         verts = torch.tensor(problem.source.verts, dtype=self.dtype, device=self.device)
         on_sphere = self._sphere_map(problem) if self.settings.connectivity == "fixed" and not near else None
-        state = FitState.of(verts, self._faces(problem), on_sphere, _polygons_of(problem))
+        crossing = near and self._pieces_cross(problem.source)
+        state = FitState.of(verts, self._faces(problem), on_sphere, _polygons_of(problem), crossing=crossing)
         return replace(state, rest=initial_rest(problem, self.settings))
+
+    def _pieces_cross(self, source: Mesh) -> bool:
+        """Return whether some pieces of a near source cross each other, as they do in its target then."""
+        if source not in self._crossing:
+            crosses = piece_of_face(source)[0] > 1
+            if crosses:
+                crossing, within = crossing_faces(source)
+                crosses = bool((crossing & ~within).any())
+            self._crossing[source] = crosses
+        return self._crossing[source]
 
     def _faces(self, problem: Problem) -> Tensor:
         return torch.tensor(problem.source.faces, device=self.device)

@@ -74,9 +74,11 @@ class FitState:
         faces: Tensor,
         on_sphere: Tensor | None = None,
         polygons: PolygonTopology | None = None,
+        *,
+        crossing: bool = False,
     ) -> "FitState":
         """Return a state of stiffness 1."""
-        pattern = SparsityPattern(Connectivity(faces, len(verts), verts.dtype))
+        pattern = SparsityPattern(Connectivity(faces, len(verts), verts.dtype, crossing))
         return cls(pattern, verts, torch.ones_like(verts[:, :1]), on_sphere, polygons=polygons)
 
     @classmethod
@@ -89,8 +91,14 @@ class FitState:
         if corners is not None and sizes is not None:
             polygons = PolygonTopology(len(verts), corners.numpy(), sizes.numpy())
         on_sphere = None if on_sphere is None else on_sphere.to(device)
-        state = cls.of(verts.to(device, dtype), faces.to(device), on_sphere, polygons)
+        crossing = saved.get("crossing") is not None
+        state = cls.of(verts.to(device, dtype), faces.to(device), on_sphere, polygons, crossing=crossing)
         return replace(state, stiffness=stiffness.to(device, dtype), rest=saved.get("rest"))
+
+    @property
+    def crossing(self) -> bool:
+        """Whether pieces may cross each other."""
+        return self.pattern.connectivity.crossing
 
     def saved(self) -> dict[str, Tensor | None]:
         """Return the state as tensors on the CPU, for `restored`."""
@@ -98,6 +106,7 @@ class FitState:
         triangles = None if surface is None or surface.polygons is None else surface.pattern.connectivity.faces.cpu()
         return {
             "verts": self.verts.cpu(),
+            "crossing": torch.ones(1) if self.crossing else None,
             "faces": self.pattern.connectivity.faces.cpu(),
             "stiffness": self.stiffness.cpu(),
             "on_sphere": None if self.on_sphere is None else self.on_sphere.cpu(),
@@ -156,18 +165,19 @@ class FitState:
         faces, before = self.pattern.connectivity.faces, int(unsound_faces(self.shape).sum())
         state = self
         for careful in (False, True):
-            state = FitState.of(*decimate(self.verts, faces, num_verts, without_crossings=careful))
+            reduced = decimate(self.verts, faces, num_verts, without_crossings=careful)
+            state = FitState.of(*reduced, crossing=self.crossing)
             if int(unsound_faces(state.shape).sum()) <= before and len(state.verts) <= num_verts:
                 return state
         # So tight a surface that not enough edges may collapse.
         if len(state.verts) > num_verts:
-            state = FitState.of(*decimate(self.verts, faces, num_verts))
+            state = FitState.of(*decimate(self.verts, faces, num_verts), crossing=self.crossing)
         return state.untangled()
 
     def _remeshed_once(self, num_verts: float, target: TargetCloud | None) -> "FitState":
         lengths, faces = lengths_for(self.shape, num_verts, target), self.pattern.connectivity.faces
         mesh = remesh_state(RemeshState(self.verts, faces, lengths, on_sphere=self.on_sphere), _REMESH_ROUNDS)
-        state = FitState.of(mesh.verts, mesh.faces, mesh.on_sphere).untangled()
+        state = FitState.of(mesh.verts, mesh.faces, mesh.on_sphere, crossing=self.crossing).untangled()
         return state if self.rest is None else replace(state, rest=self._rest_at(mesh.verts))
 
     def _rest_at(self, verts: Tensor) -> Tensor:
@@ -209,7 +219,7 @@ class FitState:
         face, weights = self._sphere_map(None).located(state.on_sphere, on_sphere)
         corners = self.verts[self.pattern.connectivity.faces[face]]
         verts = (weights.to(corners)[:, :, None] * corners).sum(1)
-        return FitState.of(verts, faces, polygons=polygons).untangled()
+        return FitState.of(verts, faces, polygons=polygons, crossing=self.crossing).untangled()
 
     def _sphere_map(self, target: TargetCloud | None) -> SphereMap:
         if target is None:

@@ -50,7 +50,7 @@ def with_control_mesh(
         matrix = loop_limit(Topology(matrix.shape[0], faces), masks) @ matrix
     dtype, device = state.verts.dtype, state.verts.device
     surface = ControlledSurface(
-        SparsityPattern(Connectivity(torch.tensor(faces, device=device), matrix.shape[0], dtype)),
+        SparsityPattern(Connectivity(torch.tensor(faces, device=device), matrix.shape[0], dtype, state.crossing)),
         Sparse.of(matrix, dtype, device),
         Sparse.of(matrix.power(2), dtype, device),
         polygons,
@@ -77,7 +77,12 @@ def refine_state(state: FitState, scheme: str | Scheme) -> FitState:
     refinement, verts = refine(topology, masks), _positions(state)
     fine = refinement(verts)
     faces, polygons = _finest_triangles(refinement, fine)
-    finer = FitState.of(torch.as_tensor(fine).to(state.verts), torch.tensor(faces, device=device), polygons=polygons)
+    finer = FitState.of(
+        torch.as_tensor(fine).to(state.verts),
+        torch.tensor(faces, device=device),
+        polygons=polygons,
+        crossing=state.crossing,
+    )
     linear = linear_scheme(masks)
     if state.rest is not None:
         flat = refinement if linear is None else refine(topology, linear)
@@ -101,7 +106,8 @@ def linearly_refined(state: FitState, scheme: str | Scheme) -> FitState | None:
     fine = refinement(_positions(state))
     faces, polygons = _finest_triangles(refinement, fine)
     verts, device = torch.as_tensor(fine).to(state.verts), state.verts.device
-    return FitState.of(verts, torch.tensor(faces, device=device), polygons=polygons)
+    triangles = torch.tensor(faces, device=device)
+    return FitState.of(verts, triangles, polygons=polygons, crossing=state.crossing)
 
 
 def _finest_triangles(

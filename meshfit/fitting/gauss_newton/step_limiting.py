@@ -17,7 +17,7 @@ _UNTANGLINGS, _PATIENCE = 30, 8
 
 
 def unsound_faces(shape: Shape, among: Bool[Tensor, " F"] | None = None) -> Bool[Tensor, " F"]:
-    """Return which faces intersect others, are flipped, or are needles.
+    """Return which faces intersect others, are flipped, or are needles; other pieces count unless they may cross.
 
     A face is flipped if n · (n₁ + n₂ + n₃) < 0, with the normals of its neighbours.
 
@@ -28,7 +28,7 @@ def unsound_faces(shape: Shape, among: Bool[Tensor, " F"] | None = None) -> Bool
     connectivity = shape.connectivity
     longest = shape.edge_lengths[connectivity.edges.of_side].amax(1)
     bad = connectivity.edges.flipped(shape.normals) | ~(shape.double_area >= _NEEDLE * longest.square())
-    return bad | intersecting_faces(shape.verts, connectivity.faces, among=among)
+    return bad | intersecting_faces(connectivity.apart(shape.verts), connectivity.faces, among=among)
 
 
 def limit_step(

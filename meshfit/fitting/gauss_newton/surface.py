@@ -1,5 +1,6 @@
 """A moving surface: its connectivity, which is the same at every step, and its current shape."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,6 +11,7 @@ from scipy.sparse import coo_array
 from torch import Tensor
 
 from meshfit.loss.sparse import Sparse
+from meshfit.mesh.manifold import graph_components
 from meshfit.mesh.mesh import Mesh
 from meshfit.remeshing.connectivity import Edges
 from meshfit.remeshing.triangle_geometry import double_area_vectors, length_of, unit
@@ -23,11 +25,30 @@ class Connectivity:
         faces: (F, 3) vertex indices, counter-clockwise seen from outside.
         num_verts: V.
         dtype: precision of its operators.
+        crossing: whether its pieces may cross each other, as those of the target do.
     """
 
     faces: Int64[Tensor, "F 3"]
     num_verts: int
     dtype: torch.dtype
+    crossing: bool = False
+
+    @cached_property
+    def cells(self) -> Float[Tensor, "V 3"]:
+        """The cell of a cubic grid for each vertex, one for each piece."""
+        faces = self.faces.cpu().numpy()
+        ends = np.concatenate([faces[:, 0], faces[:, 1]]), np.concatenate([faces[:, 1], faces[:, 2]])
+        count, piece = graph_components(*ends, self.num_verts)
+        side = math.ceil(count ** (1 / 3))
+        cell = np.stack([piece % side, piece // side % side, piece // side**2], axis=1) - (side - 1) / 2
+        return torch.tensor(cell, dtype=self.dtype, device=self.faces.device)
+
+    def apart(self, verts: Float[Tensor, "V 3"]) -> Float[Tensor, "V 3"]:
+        """Return positions at which no piece crosses another, if they may cross; each piece keeps its shape."""
+        if not self.crossing:
+            return verts
+        size = 1.1 * (verts.amax(0) - verts.amin(0)).max()
+        return verts + size * self.cells
 
     @cached_property
     def edges(self) -> Edges:

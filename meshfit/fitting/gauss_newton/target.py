@@ -9,7 +9,7 @@ from jaxtyping import Float, Int64
 from torch import Generator, Tensor
 
 from meshfit.fitting.nearest_neighbours import nearest_neighbour_search
-from meshfit.mesh.geometry import area_vectors, face_areas, face_normals, unit_vectors
+from meshfit.mesh.geometry import area_vectors, face_normals, unit_vectors
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.topology import Topology
@@ -56,7 +56,6 @@ class TargetCloud:
         points: (N, 3).
         normals: (N, 3) unit normals; at vertices, the area-weighted mean of the face normals.
         num_uniform: number of uniform samples, which come first.
-        spacing: about the distance of a uniform sample from the next.
         boundary: the target's boundary, if it has one.
         nearest: maps (M, 3) points to the (M,) indices of the nearest points of the cloud.
     """
@@ -64,7 +63,6 @@ class TargetCloud:
     points: Float[Tensor, "N 3"]
     normals: Float[Tensor, "N 3"]
     num_uniform: int
-    spacing: float
     boundary: TargetBoundary | None
     nearest: Callable[[Tensor], Tensor]
 
@@ -83,7 +81,6 @@ class TargetCloud:
             cloud,
             torch.tensor(normals, dtype=dtype, device=device),
             _POINTS,
-            float(np.sqrt(face_areas(mesh).sum() / _POINTS)),
             TargetBoundary.of(mesh, dtype, device),
             nearest_neighbour_search(cloud),
         )
