@@ -73,7 +73,7 @@ def test_captions_tell_step_figure_and_verts_and_of_the_second_engine_the_stage(
     animation = read_animation(place)
     assert animation.changes_faces
     stages = dict.fromkeys(moment.caption.split("  ·  ")[0] for moment in animation.frames)
-    assert list(stages) == ["source", "rough shape", "level 0", "level 1", "last", "result"]
+    assert list(stages) == ["source", "rough shape", "level 0", "level 1", "fine", "last", "result"]
 
 
 def test_moments_are_in_the_targets_frame_whatever_frame_they_were_written_in(tmp_path):
