@@ -9,6 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from meshfit.errors import ConfigError
 from meshfit.fitting.device import as_cuda_graph
 from meshfit.fitting.loop import Engine
 from meshfit.fitting.nearest_neighbours import match_nearest
@@ -20,6 +21,7 @@ from meshfit.loss.operators import FaceGeometry, Faces, MeshOperators
 from meshfit.loss.terms import LAPLACIANS, TERMS, LossInputs, Term
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.nearest import renumber_verts_by_faces, sort_faces_spatially
+from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.polygons import PolygonMesh
 
 
@@ -59,7 +61,7 @@ class FirstOrder(Engine):
         super().__init__(problems, settings, device, dtype, pool)
         options: Mapping[str, Any] = {"dtype": dtype, "device": device}
         sources = _map_unique(sort_faces_spatially, [problem.source for problem in problems])
-        targets = _map_unique(sort_faces_spatially, [problem.target for problem in problems])
+        targets = _map_unique(sort_faces_spatially, [_target_mesh(problem) for problem in problems])
         targets = _map_unique(renumber_verts_by_faces, targets)
         self._operators = MeshOperators.of(sources, **options)
         self._start = torch.cat([torch.tensor(mesh.verts, **options) for mesh in sources])
@@ -202,3 +204,9 @@ def _map_unique(prepare: Callable[[Mesh], Mesh], meshes: Sequence[Mesh]) -> list
 def _farthest(dtype: torch.dtype) -> float:
     """Return the coordinate up to which squared areas, which are sums of fourth powers, do not overflow."""
     return sqrt(sqrt(torch.finfo(dtype).max)) / 8
+
+
+def _target_mesh(problem: Problem) -> Mesh:
+    if isinstance(problem.target, PointCloud):
+        raise ConfigError("target: a point cloud has no faces to sample; use method: gauss-newton")
+    return problem.target

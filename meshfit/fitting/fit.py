@@ -39,6 +39,7 @@ from meshfit.mesh.control_mesh import ORIGINS, USUAL_VERTS, Origin, control_mesh
 from meshfit.mesh.geometry import bounding_box_diagonal, face_areas
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.normalisation import Frame, Normalisation, frame_of, placed
+from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.settings import Settings, build, override
 from meshfit.specs import suggest
@@ -74,7 +75,7 @@ ENGINE_KEYS = frozenset(FitKeys.__annotations__)
 @no_type_check
 def fit(  # noqa: PLR0913  all but two are optional, by name
     source: "MeshLike",
-    target: "MeshLike",
+    target: "MeshLike | PointCloud",
     settings: "FitSettings | None" = None,
     *,
     method: Literal["first-order", "gauss-newton"] | None = None,
@@ -106,6 +107,8 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     start_fairness: float | None = None,
     fairness: float | None = None,
     last_fairness: float | None = None,
+    noise: Literal["auto"] | float | None = None,
+    direction: Literal["both", "to-target", "to-source"] | None = None,
     # the computation
     device: str = "auto",
     dtype: Literal["float32", "float64"] = "float32",
@@ -128,7 +131,8 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
             placed around the target, or inside it for `gauss-newton`; or `target`, the target itself with few faces,
             `wrap`, one closed surface around it, or `auto`, one of these two. Its faces are kept, refined or replaced,
             as the method has it. Polygons are triangulated; see `PolygonMesh.triangulated`.
-        target: mesh to fit to, in any form that `as_mesh` takes. A closed one that is inside out is turned.
+        target: mesh to fit to, in any form that `as_mesh` takes. A closed one that is inside out is turned. Or the
+            points of a scan, as a `PointCloud`, for `gauss-newton`.
         settings: settings of either engine, or of another tool; the defaults are those of PyTorch3D's tutorial.
         method: engine: `first-order` (the default) or `gauss-newton`.
         seed: seed of the samples. The same seed, settings and machine give the same bytes on the CPU.
@@ -161,6 +165,8 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         start_fairness: gauss-newton: weight of smoothness at the start of each level.
         fairness: gauss-newton: weight of smoothness at the end of each level.
         last_fairness: gauss-newton: weight of smoothness at the end of the last steps.
+        noise: gauss-newton: standard deviation of the target's points across its surface, or `auto`.
+        direction: gauss-newton: pairs that pull: `both`, only those from the surface `to-target`, or only `to-source`.
         device: `auto`, `cpu`, `cuda`, `cuda:N` or `mps`.
         dtype: precision of the computation; meshes are float64 in any case.
         threads: number of threads of the nearest-neighbour search on the CPU, of which each problem uses two; the rest
@@ -195,10 +201,11 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     given = {key: value for key, value in locals().items() if key in ENGINE_KEYS and value is not None} | unknown
     settings = _settings(settings, given)
     _require_whole("seed", seed, 0)
-    target_mesh = as_mesh(target, "target", triangles=True)
+    target_mesh = target if isinstance(target, PointCloud) else as_mesh(target, "target", triangles=True)
     _require_surface(target_mesh, "target")
     frame = frame_of(target_mesh.verts, _require_one_of("normalise", normalise, get_args(Normalisation)))
-    goal = outward(target_mesh if normalise == "none" else frame.normalise(target_mesh))
+    goal = target_mesh.with_verts((target_mesh.verts - frame.centre) / frame.scale)
+    goal = goal if isinstance(goal, PointCloud) else outward(goal)
     start = _placed_source(source, frame, goal, settings, scheme, _require_one_of("align", align, get_args(Placement)))
     restored = _Restored(None if normalise == "none" else frame, on_snapshot)
     shown = shown_progress(settings, on_step, source_verts=start.num_verts, scheme=scheme)
@@ -329,7 +336,12 @@ def _require_whole(key: str, value: int, least: int) -> None:
 
 @no_type_check
 def _placed_source(
-    source: "MeshLike", frame: Frame, goal: Mesh, settings: FitSettings, scheme: str | Scheme, how: Placement
+    source: "MeshLike",
+    frame: Frame,
+    goal: Mesh | PointCloud,
+    settings: FitSettings,
+    scheme: str | Scheme,
+    how: Placement,
 ) -> Mesh | PolygonMesh:
     """Return the source in the normalised frame, aligned with the target."""
     if isinstance(source, str) and source == "sphere":
@@ -364,16 +376,19 @@ def _sphere(settings: FitSettings, scheme: str | Scheme) -> Mesh | PolygonMesh:
     return refined_sphere(declared, 3, _RADIUS[settings.method])
 
 
-def _from_target(goal: Mesh, origin: Origin, settings: FitSettings, scheme: str | Scheme) -> Mesh | PolygonMesh:
+def _from_target(
+    goal: Mesh | PointCloud, origin: Origin, settings: FitSettings, scheme: str | Scheme
+) -> Mesh | PolygonMesh:
     """Return the source of the bundled config `accurate`: a control mesh made from the target."""
     verts = USUAL_VERTS
     if isinstance(settings, GaussNewtonSettings) and settings.connectivity == "fixed":
         verts = max(12, int((settings.verts - 2) / 4**settings.levels) + 2)
-    mesh = control_mesh_of(goal, origin, verts=verts).mesh
+    target = Mesh(goal.verts, []) if isinstance(goal, PointCloud) else goal
+    mesh = control_mesh_of(target, origin, verts=verts).mesh
     return PolygonMesh.of(mesh) if isinstance(resolve(scheme), PolygonScheme) else mesh
 
 
-def _around(goal: Mesh, mesh: Mesh | PolygonMesh) -> Mesh | PolygonMesh:
+def _around(goal: Mesh | PointCloud, mesh: Mesh | PolygonMesh) -> Mesh | PolygonMesh:
     """Move a mesh from the tutorial's frame of the target to the frame that the target is in."""
     frame = frame_of(goal.verts, "tutorial")
     if np.allclose(frame.centre, 0.0, atol=_ROUNDING) and abs(frame.scale - 1.0) < _ROUNDING:
@@ -381,7 +396,7 @@ def _around(goal: Mesh, mesh: Mesh | PolygonMesh) -> Mesh | PolygonMesh:
     return frame.restore(mesh)
 
 
-def _has_same_place(source: Mesh | PolygonMesh, target: Mesh) -> bool:
+def _has_same_place(source: Mesh | PolygonMesh, target: Mesh | PointCloud) -> bool:
     """Return whether bounding boxes overlap, and differ in size by less than ten times."""
     ratio = bounding_box_diagonal(source.verts) / bounding_box_diagonal(target.verts)
     return 1 / _LARGEST_RATIO < ratio < _LARGEST_RATIO and not boxes_are_disjoint(source, target)
@@ -403,10 +418,12 @@ class _Restored:
             self._on_snapshot(step, self.mesh(mesh))
 
 
-def _require_surface(mesh: Mesh, name: str) -> None:
+def _require_surface(mesh: Mesh | PointCloud, name: str) -> None:
     finite = np.isfinite(mesh.verts).all(axis=1)
     if not finite.all():
         raise MeshError(f"{name}: vertex {int(np.flatnonzero(~finite)[0])} has a coordinate that is not finite")
+    if isinstance(mesh, PointCloud):
+        return
     if not mesh.num_faces or not face_areas(mesh).sum() > 0:
         raise MeshError(f"{name}: the mesh has no area")
 

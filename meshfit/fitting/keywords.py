@@ -55,3 +55,5 @@ class FitKeys(TypedDict, total=False):
     start_fairness: float | None
     fairness: float | None
     last_fairness: float | None
+    noise: Literal["auto"] | float | None
+    direction: Literal["both", "to-target", "to-source"] | None

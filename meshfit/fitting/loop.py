@@ -16,6 +16,7 @@ from meshfit.fitting.settings import FitSettings
 from meshfit.mesh.any_mesh import MeshLike
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.normalisation import IDENTITY, Frame
+from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.polygons import PolygonMesh
 
 SECONDS_BETWEEN_CHECKPOINTS = 2.0
@@ -156,7 +157,7 @@ class FitResult:
     control: Mesh | PolygonMesh | None = None
     polygons: PolygonMesh | None = None
     frame: Frame = IDENTITY
-    target: Mesh | None = None
+    target: Mesh | PointCloud | None = None
     shortfalls: tuple[str, ...] = ()
     tool: ToolRun | None = None
 
@@ -182,7 +183,7 @@ class FitResult:
         from meshfit.mesh.show import show_meshes
 
         meshes: dict[str, MeshLike] = {"result": self.polygons or self.mesh}
-        if self.target is not None:
+        if isinstance(self.target, Mesh):
             meshes["target"] = self.target
         size = (_WIDTH_SHOWN * len(meshes), _HEIGHT_SHOWN)
         return show_meshes(meshes, edges=edges, up=up, size=size, image=image)

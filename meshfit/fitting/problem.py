@@ -9,6 +9,7 @@ from meshfit.errors import ConfigError, TrialError
 from meshfit.fitting.callbacks import Step
 from meshfit.mesh.any_mesh import MeshLike, as_mesh
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.optional import import_optional, import_pandas
 from meshfit.specs import suggest
@@ -155,7 +156,7 @@ class Problem:
 
     Attributes:
         source: triangles to start from.
-        target: triangles to fit to.
+        target: triangles, or points of a scan, to fit to.
         seed: seed of the samples.
         on_step: called after every step; may raise `Interrupted`.
         resume: checkpoint of the same problem to continue from.
@@ -175,7 +176,7 @@ class Problem:
     """
 
     source: Mesh
-    target: Mesh
+    target: Mesh | PointCloud
     seed: int = 0
     on_step: Callable[[Step], None] | None = None
     resume: Checkpoint | None = None
@@ -188,7 +189,7 @@ class Problem:
     def __init__(  # noqa: PLR0913, PLR0917  one argument for each attribute
         self,
         source: "MeshLike",
-        target: "MeshLike",
+        target: "MeshLike | PointCloud",
         seed: int = 0,
         on_step: Callable[[Step], None] | None = None,
         resume: Checkpoint | None = None,
@@ -200,7 +201,7 @@ class Problem:
         start = as_mesh(source, "source")
         polygons = start if isinstance(start, PolygonMesh) else polygons
         triangles = start.triangulated() if isinstance(start, PolygonMesh) else start
-        goal = as_mesh(target, "target", triangles=True)
+        goal = target if isinstance(target, PointCloud) else as_mesh(target, "target", triangles=True)
         values = (triangles, goal, seed, on_step, resume, save, scheme, on_snapshot, polygons)
         for attribute, value in zip(fields(self), values, strict=True):
             object.__setattr__(self, attribute.name, value)

@@ -133,6 +133,12 @@ class GaussNewtonSettings(Settings):
     last_fairness: Fairness | None = None
     """Weight of smoothness (above 0) at the end of the last steps; null means 0.02, or 0.005 for a near source
     or with decimation."""
+    noise: Literal["auto"] | Weight = "auto"
+    """Standard deviation (0 or more) of the target's points or vertices across its surface: the more, the smoother the
+    result. `auto` estimates it; 0 follows every point. It is in the normalised frame."""
+    direction: Literal["both", "to-target", "to-source"] = "both"
+    """Pairs of points that pull: `both`; `to-target`, from the surface to its nearest points on the target, for targets
+    larger than the source; or `to-source`, from the target to the surface, for targets that show only a part."""
     trace_every: Every = 1
     """Number of steps (1 or more) from one row of `trace.csv` to the next; the first and last steps always have one."""
     snapshots: Every | None = None

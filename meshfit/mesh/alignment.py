@@ -11,6 +11,7 @@ from meshfit.errors import MeshError
 from meshfit.mesh.geometry import bounding_box
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.nearest import Points, nearest_point_query
+from meshfit.mesh.point_cloud import PointCloud, sampled_areas
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.sampling import sample_surface
 
@@ -21,7 +22,7 @@ _ICP_STEPS, _ICP_GAIN = 60, 1e-6
 _LARGEST_RATIO, _LEAST_SHARE, _FLAT = 10.0, 0.05, 1e-9
 
 
-def align(source: Mesh, target: Mesh, how: Alignment) -> Mesh:
+def align(source: Mesh, target: Mesh | PointCloud, how: Alignment) -> Mesh:
     """Return the source, aligned with the target.
 
     `center` makes the centroids of the surfaces coincide. `pca` also rotates the principal axes of the source onto
@@ -31,7 +32,7 @@ def align(source: Mesh, target: Mesh, how: Alignment) -> Mesh:
 
     Args:
         source: the mesh to move.
-        target: the mesh to align it with.
+        target: the mesh, or the points of a scan, to align it with.
         how: `none`, `center`, `pca` or `icp`.
 
     Raises:
@@ -51,7 +52,7 @@ def align(source: Mesh, target: Mesh, how: Alignment) -> Mesh:
     return source.with_verts(verts)
 
 
-def boxes_are_disjoint(source: Mesh | PolygonMesh, target: Mesh | PolygonMesh) -> bool:
+def boxes_are_disjoint(source: Mesh | PolygonMesh, target: Mesh | PolygonMesh | PointCloud) -> bool:
     """Return whether the bounding boxes of two meshes do not overlap."""
     (source_low, source_high), (target_low, target_high) = bounding_box(source.verts), bounding_box(target.verts)
     return bool((source_low > target_high).any() or (target_low > source_high).any())
@@ -79,9 +80,13 @@ def describe_mismatch(first: Mesh, second: Mesh) -> str:
     return "hardly overlap" if share < _LEAST_SHARE else ""
 
 
-def _sampled(mesh: Mesh, role: str) -> Points:
+def _sampled(mesh: Mesh | PointCloud, role: str) -> Points:
     if not np.ptp(mesh.verts, axis=0).max() > 0:
         raise MeshError(f"{role}: a surface without extent cannot be aligned")
+    if isinstance(mesh, PointCloud):
+        areas = sampled_areas(mesh.verts).cumsum()
+        at = (np.arange(_POINTS) + 0.5) * (areas[-1] / _POINTS)
+        return np.asarray(mesh.verts[np.searchsorted(areas, at).clip(max=mesh.num_verts - 1)])
     return sample_surface(mesh, _POINTS, np.random.default_rng(0)).points
 
 

@@ -17,7 +17,7 @@ from meshfit.fitting.keywords import FitKeys, Losses, OptimizerKeys, ScheduleKey
 from meshfit.fitting.progress import Course, step_costs
 from meshfit.fitting.settings import METHODS, LossWeights, OptimizerSettings, Schedule
 from meshfit.mesh.solids import cube, icosahedron, octahedron
-from tests.cli import answered, trials_in_this_process
+from tests.cli import invoke, trials_in_this_process
 from tests.fits import fit as raw_fit
 from tests.loops import over
 from tests.shapes import mixed_closed
@@ -63,7 +63,7 @@ def test_a_run_with_the_same_settings_gives_the_same_bytes(tmp_path):
         encoding="utf-8",
     )
     with trials_in_this_process():
-        answered("run", config, "--runs", tmp_path / "runs", "--quiet")
+        assert invoke("run", config, "--runs", tmp_path / "runs", "--quiet").code == 0
     (path,) = (tmp_path / "runs").rglob("result.ply")
     result = meshfit.fit("sphere", tmp_path / "target.ply", steps=5, samples=200, seed=3, device="cpu")
     meshfit.save_mesh(result, tmp_path / "result.ply")

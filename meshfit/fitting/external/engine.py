@@ -16,7 +16,7 @@ from typing import ClassVar
 import numpy as np
 import torch
 
-from meshfit.errors import MeshError, MeshfitWarning
+from meshfit.errors import ConfigError, MeshError, MeshfitWarning
 from meshfit.fitting.callbacks import Step
 from meshfit.fitting.external.process import Ended, Limits, environment_of, run_process
 from meshfit.fitting.external.tools import INSTALL, TOOLS, ToolError, ToolRun, missing_module
@@ -26,6 +26,7 @@ from meshfit.fitting.settings import PLACEHOLDERS, ExternalSettings, command_nam
 from meshfit.mesh.attributes import NO_ATTRIBUTES
 from meshfit.mesh.io.files import load_polygons, save_mesh
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.polygons import PolygonMesh
 
 _VERSION_SECONDS = 20.0
@@ -108,8 +109,11 @@ def run_external(problem: Problem, settings: ExternalSettings) -> tuple[PolygonM
     """Run the tool on one problem.
 
     Raises:
+        ConfigError: the target is a point cloud.
         ToolError: it cannot be started, fails, exceeds a limit, or writes nothing that can be used.
     """
+    if isinstance(problem.target, PointCloud):
+        raise ConfigError("target: a point cloud has no faces, which other tools get; use method: gauss-newton")
     suffix = f".{settings.format}"
     with TemporaryDirectory(prefix="meshfit-tool-") as outer:
         inputs, folder = Path(outer, "inputs"), Path(outer, "work")

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import torch
 from jaxtyping import Float, Int64
@@ -13,6 +14,8 @@ from meshfit.fitting.gauss_newton.surface import Shape
 from meshfit.fitting.gauss_newton.target import TargetBoundary, TargetCloud
 from meshfit.fitting.nearest_neighbours import nearest_neighbour_search
 from meshfit.remeshing.triangle_geometry import dot, unit
+
+Direction = Literal["both", "to-target", "to-source"]
 
 # Points of a face, as weights of its corners: the middle, and one towards each corner.
 _FACE_POINTS = ((1 / 3, 1 / 3, 1 / 3), (0.7, 0.15, 0.15), (0.15, 0.7, 0.15), (0.15, 0.15, 0.7))
@@ -56,29 +59,39 @@ class Correspondences:
         return math.sqrt(float(total / self.weights.sum().clamp_min(1e-30)))
 
 
-def find_correspondences(shape: Shape, target: TargetCloud, generator: Generator) -> Correspondences:
+def find_correspondences(
+    shape: Shape, target: TargetCloud, generator: Generator, direction: Direction = "both"
+) -> Correspondences:
     """Pair points of the surface with the nearest of the target, and the other way round, where normals agree.
 
     The points of the surface are its vertices and fixed points of each face, weighted by area; those on membranes are
-    left out. The points of the target are drawn at random; each is paired with the nearest point of the face on which
-    its nearest point of the surface lies. If both have a boundary, its points are paired as well.
+    left out, and so are those beyond the rim of the target. The points of the target are drawn at random; each is
+    paired with the nearest point of the face on which its nearest point of the surface lies. If both have a boundary,
+    its points are paired as well.
 
     Args:
         shape: the surface.
         target: the target.
         generator: generator of the random points, on the CPU.
+        direction: pairs to return.
     """
     pattern = _FACE_POINTS[: 1 if len(shape.connectivity.faces) > _MANY_FACES else None]
     face, corners, weights = _surface_points(shape, pattern)
     points = (corners[:, :, None] * shape.corners[face]).sum(1)
     normals = torch.cat([shape.normals.repeat_interleave(len(pattern), 0), shape.vert_normals])
     nearest = target.nearest(points)
-    spanning = in_membranes(shape, face, points - target.points[nearest], normals, target.normals[nearest])
+    beyond = target.is_beyond(points, nearest)
+    spanning = in_membranes(shape, face, points - target.points[nearest], normals, target.normals[nearest]) & ~beyond
     spanning_in_faces = spanning[: len(pattern) * len(shape.corners)].view(-1, len(pattern))
-    forward = (dot(normals, target.normals[nearest]) > _FACING) & ~spanning
+    forward = (dot(normals, target.normals[nearest]) > _FACING) & ~spanning & ~beyond
     drawn = target.draw(max(_LEAST_DRAWN, _DRAWN_PER_VERT * len(shape.verts)), generator)
     hit = nearest_neighbour_search(points)(target.points[drawn])
     backward = dot(normals[hit], target.normals[drawn]) > _FACING_BACK
+    matched = float(forward.sum() + backward.sum()) / (len(forward) + len(backward))
+    if direction == "to-source":
+        forward = torch.zeros_like(forward)
+    if direction == "to-target":
+        backward = torch.zeros_like(backward)
     hit, drawn = hit[backward], drawn[backward]
     goals = torch.cat([nearest[forward], drawn])
     faces = torch.cat([face[forward], face[hit]])
@@ -90,7 +103,7 @@ def find_correspondences(shape: Shape, target: TargetCloud, generator: Generator
         normals=target.normals[goals],
         residuals=target.points[goals] - start,
         weights=torch.cat([weights[forward], weights.new_full((len(drawn),), 1 / len(backward))]),
-        matched=float(forward.sum() + backward.sum()) / (len(forward) + len(backward)),
+        matched=matched,
         membranes=membrane_share(shape, spanning_in_faces.to(points).mean(1)),
     )
     if target.boundary is None or not len(shape.connectivity.edges.outer):

@@ -23,6 +23,7 @@ from meshfit.fitting.settings import GaussNewtonSettings
 from meshfit.mesh.manifold import require_manifold
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.pieces import crossing_faces, piece_of_face
+from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.topology import PolygonTopology, Topology
 from meshfit.subdivision.limit import has_loop_limit
@@ -117,7 +118,8 @@ class GaussNewton(Engine):
     ) -> None:
         super().__init__(problems, settings, device, dtype, pool)
         targets = dict.fromkeys(problem.target for problem in problems)
-        clouds = {target: TargetCloud.of(target, dtype, device) for target in targets}
+        noise = None if settings.noise == "auto" else settings.noise
+        clouds = {target: TargetCloud.of(target, dtype, device, noise) for target in targets}
         self._targets = [clouds[problem.target] for problem in problems]
         self._generators = [Generator().manual_seed(problem.seed) for problem in problems]
         for problem in problems:
@@ -194,6 +196,8 @@ class GaussNewton(Engine):
         fewer = self.settings.connectivity == "remeshed" and problem.source.num_verts > self.settings.verts
         if not near or fewer or not bool(state.verts.isfinite().all()):
             return state
+        if isinstance(problem.target, PointCloud) or self._targets[member].noise:
+            return state  # a smooth surface is farther from noise than one that follows it
         before = Closeness.of(problem.source, problem.target)
         if not Closeness.of(_mesh_at(state), problem.target).is_worse_than(before):
             return state
@@ -285,7 +289,8 @@ class GaussNewton(Engine):
         if number == 0:
             before = self._changed(before, problem, stage, target)
         fairness, point_weight = stage.weights[number]
-        report = before.step(target, fairness, point_weight, self._generators[member])
+        fairness = max(fairness, target.least_fairness(len(before.verts)))
+        report = before.step(target, fairness, point_weight, self._generators[member], self.settings.direction)
         distance, matched, after = report.pairs.distance, report.pairs.matched, report.state
         if not bool(after.verts.isfinite().all()):
             last_good = _polygons_at(before) or _mesh_at(before)

@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Float, Float64
 from torch import Generator, Tensor
 
-from meshfit.fitting.gauss_newton.correspondences import Correspondences, find_correspondences
+from meshfit.fitting.gauss_newton.correspondences import Correspondences, Direction, find_correspondences
 from meshfit.fitting.gauss_newton.equations import ControlledSurface, SparsityPattern, solve_step
 from meshfit.fitting.gauss_newton.fairness import Fairness, membrane_tension
 from meshfit.fitting.gauss_newton.sizing import lengths_for
@@ -123,10 +123,17 @@ class FitState:
             return Shape(self.controlled.pattern.connectivity, self.controlled.operator @ self.verts)
         return Shape(self.pattern.connectivity, self.verts)
 
-    def step(self, target: TargetCloud, fairness: float, point_weight: float, generator: Generator) -> StepReport:
+    def step(
+        self,
+        target: TargetCloud,
+        fairness: float,
+        point_weight: float,
+        generator: Generator,
+        direction: Direction = "both",
+    ) -> StepReport:
         """Make a Gauss–Newton step towards the target, as far as the surface stays sound."""
         shape, connectivity, controlled = self.shape, self.pattern.connectivity, self.controlled
-        pairs = find_correspondences(shape, target, generator)
+        pairs = find_correspondences(shape, target, generator, direction)
         tension = membrane_tension(shape, pairs.membranes, fairness) if controlled is None else None
         smoothness = Fairness(connectivity, self.stiffness * (fairness / len(self.verts)), tension)
         step, _ = solve_step(self.pattern, self.verts, pairs, smoothness, point_weight, controlled)

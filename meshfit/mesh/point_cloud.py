@@ -1,0 +1,202 @@
+"""Point clouds: positions, perhaps with normals, and what can be estimated from neighbouring points."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64
+from numpy.typing import ArrayLike
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
+from scipy.spatial import cKDTree
+
+from meshfit.errors import MeshError
+from meshfit.mesh.geometry import unit_vectors
+from meshfit.mesh.mesh import Verts
+from meshfit.mesh.noise import NEIGHBOURHOOD, noise_of_points
+from meshfit.units import count_text
+
+Points = Float64[np.ndarray, "N 3"]
+Indices = Int64[np.ndarray, " M"]
+Normals = Float64[np.ndarray, "N 3"]
+
+_LEAST = 4
+# Neighbours of a point whose plane gives its normal, and the most, where noise is larger than they are apart.
+_NEIGHBOURS, _MOST_NEIGHBOURS = 16, 96
+# Neighbours of a point along which orientation is passed on, and from whose distance density is estimated.
+_LINKS, _DENSITY = 10, 8
+# Neighbours of a point at a rim, and the angle without any of them, seen along the normal.
+_RIM_NEIGHBOURS, _RIM_ANGLE = 24, 0.85 * np.pi
+# At most this many points decide how large a neighbourhood is.
+_SOME = 2000
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class PointCloud:
+    """Points on a surface, such as a scan. All arrays are read-only copies.
+
+    Attributes:
+        verts: (V, 3) float64, positions.
+        normals: (V, 3) float64, unit normals that point outwards; None if they are not known.
+
+    Example:
+        >>> import meshfit
+        >>> meshfit.PointCloud([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+        PointCloud(4 points, box 1 × 1 × 1)
+
+    Raises:
+        MeshError: arrays of other shapes, or fewer than four points.
+    """
+
+    verts: Verts
+    normals: Normals | None
+
+    def __init__(self, verts: ArrayLike, normals: ArrayLike | None = None) -> None:
+        array = np.array(verts, dtype=np.float64)
+        if array.ndim != 2 or array.shape[1] != 3:
+            raise MeshError(f"points: expected rows of three numbers, got an array of shape {array.shape}")
+        if len(array) < _LEAST:
+            raise MeshError(f"points: expected {_LEAST} or more, got {len(array)}")
+        directions = None if normals is None else np.array(normals, dtype=np.float64)
+        if directions is not None and directions.shape != array.shape:
+            raise MeshError(f"normals: expected shape {array.shape}, got {directions.shape}")
+        if directions is not None:
+            directions = unit_vectors(directions)
+            directions.setflags(write=False)
+        array.setflags(write=False)
+        object.__setattr__(self, "verts", array)
+        object.__setattr__(self, "normals", directions)
+
+    @property
+    def num_verts(self) -> int:
+        """V, the number of points."""
+        return len(self.verts)
+
+    @property
+    def num_faces(self) -> int:
+        """0."""
+        return 0
+
+    def with_verts(self, verts: ArrayLike) -> "PointCloud":
+        """Return the same normals at other positions."""
+        return PointCloud(verts, self.normals)
+
+    def subset(self, rows: Indices) -> "PointCloud":
+        """Return some of the points."""
+        return PointCloud(self.verts[rows], None if self.normals is None else self.normals[rows])
+
+    def __repr__(self) -> str:
+        """Return the number of points, whether there are normals, and the size of the bounding box."""
+        size = " × ".join(f"{length:.4g}" for length in np.ptp(self.verts, axis=0))
+        with_normals = "" if self.normals is None else " with normals"
+        return f"PointCloud({count_text(self.num_verts, 'point')}{with_normals}, box {size})"
+
+
+def oriented_cloud(cloud: PointCloud, sensor: ArrayLike | None = None) -> PointCloud:
+    """Return the cloud with normals: its own, or estimated ones.
+
+    Each normal is that of the plane of nearest neighbours, orthogonal to the direction of least variance. Normals are
+    oriented towards the sensor if it is given. Otherwise orientation is passed on along a minimum spanning tree over
+    neighbours, whose links cost 1 - |n · n'| (Hoppe et al. 1992, sec. 3.3), from the highest point of each connected
+    part, where the normal points up.
+
+    Args:
+        cloud: N points.
+        sensor: position that all points were seen from.
+    """
+    if cloud.normals is not None:
+        return cloud
+    tree = cKDTree(cloud.verts)
+    normals = _plane_normals(cloud.verts, tree)
+    if sensor is not None:
+        towards = np.asarray(sensor, dtype=np.float64) - cloud.verts
+        away = np.einsum("nk,nk->n", normals, towards) < 0
+        return PointCloud(cloud.verts, np.where(away[:, None], -normals, normals))
+    return PointCloud(cloud.verts, _consistently_oriented(cloud.verts, normals, tree))
+
+
+def sampled_areas(points: Points) -> Float64[np.ndarray, " N"]:
+    """Return the area of the surface that each point stands for, from the distance of its neighbours.
+
+    Where points are dense, each stands for little, so that a surface that was scanned twice counts once.
+    """
+    count = min(_DENSITY, len(points) - 1)
+    distances, _ = cKDTree(points).query(points, count + 1)
+    return np.asarray(np.pi * np.asarray(distances)[:, -1] ** 2 / count)
+
+
+def rim_of(cloud: PointCloud) -> Bool[np.ndarray, " N"]:
+    """Return (N,) which points are at a boundary: all neighbours lie on one side, within some angle.
+
+    Args:
+        cloud: N points with normals.
+    """
+    assert cloud.normals is not None  # noqa: S101  the caller has oriented them
+    count = min(_RIM_NEIGHBOURS, cloud.num_verts - 1)
+    tree, rim = cKDTree(cloud.verts), np.zeros(cloud.num_verts, dtype=bool)
+    for start in range(0, cloud.num_verts, 1 << 16):
+        block = slice(start, start + (1 << 16))
+        offsets = cloud.verts[tree.query(cloud.verts[block], count + 1)[1]] - cloud.verts[block][:, None]
+        first, second = _tangents(cloud.normals[block])
+        x, y = (np.einsum("nki,ni->nk", offsets[:, 1:], axis) for axis in (first, second))
+        angles = np.sort(np.arctan2(y, x), axis=1)
+        gaps = np.diff(angles, axis=1, append=angles[:, :1] + 2 * np.pi)
+        rim[block] = gaps.max(axis=1) > _RIM_ANGLE
+    return rim
+
+
+def _tangents(normals: Normals) -> tuple[Normals, Normals]:
+    """Return two unit vectors orthogonal to each normal and to each other."""
+    least = np.eye(3)[np.abs(normals).argmin(axis=1)]
+    first = unit_vectors(np.cross(normals, least))
+    return first, np.cross(normals, first)
+
+
+def _plane_normals(points: Points, tree: "cKDTree[None]") -> Normals:
+    count = _num_neighbours(points, tree)
+    normals = np.empty_like(points)
+    for start in range(0, len(points), 1 << 16):
+        block = slice(start, start + (1 << 16))
+        neighbours = points[tree.query(points[block], count)[1]]
+        offsets = neighbours - neighbours.mean(axis=1, keepdims=True)
+        normals[block] = np.linalg.eigh(np.einsum("nki,nkj->nij", offsets, offsets))[1][:, :, 0]
+    return normals
+
+
+def _num_neighbours(points: Points, tree: "cKDTree[None]") -> int:
+    """Return how many neighbours a plane needs: some, or as many as reach beyond the noise."""
+    noise, most = noise_of_points(points), min(_MOST_NEIGHBOURS, len(points))
+    if most <= _NEIGHBOURS:
+        return most
+    some = points[:: max(1, len(points) // _SOME)]
+    radii = np.median(np.asarray(tree.query(some, most)[0]), axis=0)
+    return int(np.clip(np.searchsorted(radii, NEIGHBOURHOOD * noise), _NEIGHBOURS, most))
+
+
+def _consistently_oriented(points: Points, normals: Normals, tree: "cKDTree[None]") -> Normals:
+    tail, head = _links(points, tree)
+    cost = 1 - np.abs(np.einsum("nk,nk->n", normals[tail], normals[head])) + 1e-6
+    graph: Any = coo_array((cost, (tail, head)), shape=(len(points), len(points))).tocsr()
+    forest = minimum_spanning_tree(graph)
+    count, part = connected_components(forest, directed=False)
+    sign = np.zeros(len(points))
+    highest = np.lexsort((points[:, 2], part))
+    roots = highest[np.flatnonzero(np.diff(part[highest], append=count))]
+    for root in roots:
+        order, parent = breadth_first_order(forest, root, directed=False)
+        sign[root] = 1.0 if normals[root, 2] >= 0 else -1.0
+        agrees = np.where(np.einsum("nk,nk->n", normals[order[1:]], normals[parent[order[1:]]]) < 0, -1.0, 1.0)
+        for child, ancestor, factor in zip(
+            order[1:].tolist(), parent[order[1:]].tolist(), agrees.tolist(), strict=True
+        ):
+            sign[child] = factor * sign[ancestor]
+    return np.asarray(normals * sign[:, None])
+
+
+def _links(points: Points, tree: "cKDTree[None]") -> tuple[Int64[np.ndarray, " L"], Int64[np.ndarray, " L"]]:
+    """Return pairs of neighbouring points, each once."""
+    neighbours = np.asarray(tree.query(points, min(_LINKS, len(points) - 1) + 1)[1])
+    tail = np.repeat(np.arange(len(points)), neighbours.shape[1] - 1)
+    pairs = np.sort(np.stack([tail, neighbours[:, 1:].reshape(-1)], axis=1), axis=1)
+    unique = np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0)
+    return unique[:, 0], unique[:, 1]

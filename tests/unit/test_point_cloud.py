@@ -1,0 +1,119 @@
+"""Point clouds: estimated normals, rims, densities and noise, against surfaces that are known."""
+
+import numpy as np
+import pytest
+
+from meshfit.errors import ConfigError, MeshError
+from meshfit.fitting.fit import fit
+from meshfit.measuring.distance import surface_distances
+from meshfit.mesh.geometry import unit_vectors
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.noise import noise_of_mesh, noise_of_points
+from meshfit.mesh.point_cloud import PointCloud, oriented_cloud, rim_of, sampled_areas
+from meshfit.mesh.targets import load_target
+from meshfit.subdivision.sphere import icosphere
+
+
+def ball(count: int, noise: float = 0.0, seed: int = 0) -> np.ndarray:
+    generator = np.random.default_rng(seed)
+    directions = unit_vectors(generator.normal(size=(count, 3)))
+    return directions * (1 + noise * generator.normal(size=(count, 1)))
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_normals_of_two_balls_point_outwards(noise: float) -> None:
+    centres = np.repeat([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0]], 2000, axis=0)
+    points = np.concatenate([ball(2000, noise), ball(2000, noise, 1)]) + centres
+    normals = oriented_cloud(PointCloud(points)).normals
+    assert normals is not None
+    cosines = np.einsum("nk,nk->n", normals, unit_vectors(points - centres))
+    assert (cosines > 0).all()
+    assert np.degrees(np.arccos(cosines.mean())) < 10
+
+
+def test_normals_face_the_sensor() -> None:
+    points = ball(500)
+    points = points[points[:, 2] > 0.2]
+    sensor = np.array([0.0, 0.0, 10.0])
+    for place, sign in ((sensor, 1), (np.zeros(3), -1)):
+        normals = oriented_cloud(PointCloud(points), place).normals
+        assert normals is not None
+        assert (sign * np.einsum("nk,nk->n", normals, points) > 0.9).all()
+
+
+def test_given_normals_are_kept_and_normalised() -> None:
+    cloud = PointCloud(ball(10), 3 * ball(10, seed=1))
+    assert np.allclose(cloud.normals, ball(10, seed=1))
+    assert oriented_cloud(cloud) is cloud
+    assert np.array_equal(cloud.subset(np.array([2, 3, 5, 7])).verts, cloud.verts[[2, 3, 5, 7]])
+
+
+def test_the_rim_of_a_disc_is_its_circle() -> None:
+    generator = np.random.default_rng(0)
+    radius, angle = np.sqrt(generator.random(4000)), 2 * np.pi * generator.random(4000)
+    points = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(4000)], axis=1)
+    rim = rim_of(oriented_cloud(PointCloud(points)))
+    assert rim[radius < 0.9].mean() < 0.002
+    assert rim[radius > 0.995].mean() > 0.5
+    assert rim_of(oriented_cloud(PointCloud(ball(4000)))).mean() < 0.002
+
+
+def test_areas_add_up_to_the_surface_however_dense_it_is() -> None:
+    points = ball(20_000)
+    kept = (points[:, 2] > 0) | (np.arange(len(points)) % 10 == 0)
+    areas = sampled_areas(points[kept])
+    assert areas.sum() == pytest.approx(4 * np.pi, rel=0.1)
+    above = points[kept][:, 2] > 0
+    assert areas[above].sum() == pytest.approx(2 * np.pi, rel=0.1)
+
+
+@pytest.mark.parametrize("noise", [0.001, 0.01, 0.03])
+def test_the_noise_of_points_is_found(noise: float) -> None:
+    assert noise_of_points(ball(5000, noise)) == pytest.approx(noise, rel=0.15)
+
+
+def test_the_noise_of_a_mesh_is_found_and_shape_is_none() -> None:
+    sphere = icosphere(4)
+    scale = 1 + 0.01 * np.random.default_rng(0).normal(size=(sphere.num_verts, 1))
+    assert noise_of_mesh(sphere.with_verts(sphere.verts * scale)) == pytest.approx(0.01, rel=0.15)
+    for clean in (sphere, load_target("bone"), load_target("cow")):
+        assert noise_of_mesh(clean) == 0.0
+
+
+def test_a_fit_to_noisy_points_lies_nearer_to_the_surface_than_they_do() -> None:
+    cloud = PointCloud(ball(4000, 0.02))
+    settings = {"method": "gauss-newton", "verts": 3000, "coarse_steps": 10, "device": "cpu"}
+    result = fit("sphere", cloud, **settings)
+    followed = fit("sphere", cloud, noise=0, **settings)
+    errors = [surface_distances(each.mesh, icosphere(5), 5000, 0)[1].rms for each in (result, followed)]
+    assert errors[0] < 0.75 * errors[1]
+    assert result.target is cloud
+
+
+def test_a_half_ball_pulls_the_rest_of_a_sphere_nowhere() -> None:
+    sphere = icosphere(4)
+    middle = sphere.verts[sphere.faces].mean(axis=1)
+    half = Mesh(sphere.verts, sphere.faces[middle[:, 2] > 0])
+    settings = {"method": "gauss-newton", "connectivity": "fixed", "levels": 0, "coarse_steps": 0, "device": "cpu"}
+    result = fit(icosphere(3), half, normalise="none", **settings)
+    distances = surface_distances(half, result.mesh, 5000, 0)[1]
+    assert distances.forward_rms < 0.01
+    below = result.mesh.verts[icosphere(3).verts[:, 2] < -0.2]
+    assert (below[:, 2] < -0.1).all()
+
+
+def test_clouds_are_refused_where_faces_are_needed() -> None:
+    with pytest.raises(ConfigError, match="method: gauss-newton"):
+        fit("sphere", PointCloud(ball(100)), steps=1)
+    for points in ([[0, 0, 0]], [[0, 0]] * 5):
+        with pytest.raises(MeshError, match="points: expected"):
+            PointCloud(points)
+
+
+def test_a_cloud_is_wrapped_where_the_source_is_chosen_for_it() -> None:
+    points = np.concatenate([ball(3000), ball(3000, seed=1) * 0.5 + [1.2, 0.0, 0.0]])
+    outside = (np.linalg.norm(points, axis=1) > 0.99) & (np.linalg.norm(points - [1.2, 0, 0], axis=1) > 0.49)
+    result = fit("auto", PointCloud(points[outside]), method="gauss-newton", verts=2000, device="cpu")
+    distances = np.linalg.norm(result.mesh.verts, axis=1) - 1, np.linalg.norm(result.mesh.verts - [1.2, 0, 0], axis=1)
+    error = np.minimum(np.abs(distances[0]), np.abs(distances[1] - 0.5))
+    assert np.percentile(error, 95) < 0.02
