@@ -73,13 +73,14 @@ VARIANTS: dict[str, tuple[Callable[[], AbstractContextManager[None]], dict[str, 
         lambda: patched(correspondences___FACING=-2.0, correspondences___FACING_BACK=-2.0),
         {},
     ),
+    "decimation by quadrics": (nullcontext, {"decimate_from": 1.0}),
     "adaptive edge lengths": (lambda: patched(fit_state__lengths_for=_even), {}),
     "the squared energy of the sphere map": (lambda: patched(fit_state__SphereMap=partial(SphereMap, power=1.0)), {}),
     "lowering fairness below 0.1": (nullcontext, {"last_fairness": 0.1}),
     "last steps": (nullcontext, {"last_steps": 0}),
 }
 # Ingredients that one kind of connectivity does not have.
-_NOT_IN = {"the squared energy of the sphere map": "remeshed"}
+_NOT_IN = {"the squared energy of the sphere map": "remeshed", "decimation by quadrics": "fixed"}
 _LEVELS_OF_SOURCE = {"remeshed": 3, "fixed": 4}
 
 
