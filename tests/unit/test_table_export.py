@@ -84,7 +84,7 @@ def test_columns_come_in_one_order_whichever_rows_there_are(runs):
     for some in (rows[:1], rows[2:3], rows[3:], rows[::-1]):
         found = columns_of(some)
         assert found == [column for column in every if column in found]
-    settings = flatten(ExperimentSettings().model_dump(mode="json", exclude={"jobs", "threads"}))
+    settings = flatten(ExperimentSettings().model_dump(mode="json", exclude={"jobs", "threads", "view"}))
     settings = {
         key: value
         for key, value in settings.items()
