@@ -32,9 +32,9 @@ _ALPHA, _OFFSET = 0.01, 0.001
 _NOISE = 0.005
 _INTRO = f"""# Targets of each kind
 
-Made by `make targets-bench`. Distances are root mean squares in percent of the diagonal of the true shape's bounding box,
-from result to shape / from shape to result. *True shape* is the target without its noise, holes and cuts. All results
-have at most {_VERTS:,} vertices; seconds are CPU time on one core, and crossing faces those of ours.
+Made by `make targets-bench`. Distances are root mean squares in percent of the diagonal of the true shape's bounding
+box, from result to shape / from shape to result. *True shape* is the target without its noise, holes and cuts. All
+results have at most {_VERTS:,} vertices; seconds are CPU time on one core, and crossing faces those of ours.
 
 | target | meshfit fit | seconds | crossing faces | screened Poisson | alpha wrap | quadric decimation |
 | --- | --: | --: | --: | --: | --: | --: |

@@ -5,7 +5,7 @@ from meshfit.settings import build, override
 
 def plain(**changes):
     settings = override(ExperimentSettings(), changes)
-    return settings.model_dump(mode="json", exclude={"jobs", "threads"})
+    return settings.model_dump(mode="json", exclude={"jobs", "threads", "view"})
 
 
 def test_nothing_is_changed_in_the_defaults_of_any_engine():
@@ -28,7 +28,11 @@ def test_what_is_changed_is_nested_as_in_a_config():
 def test_each_engine_is_compared_with_its_own_defaults():
     wanted = {"fit": {"method": "gauss-newton", "verts": 500}}
     settings = build(ExperimentSettings, wanted)
-    assert non_default_settings(settings.model_dump(mode="json")) == wanted | {"jobs": "auto", "threads": "auto"}
+    assert non_default_settings(settings.model_dump(mode="json")) == wanted | {
+        "jobs": "auto",
+        "threads": "auto",
+        "view": {"up": "auto"},
+    }
     assert build(ExperimentSettings, non_default_settings(settings.model_dump(mode="json"))) == settings
 
 

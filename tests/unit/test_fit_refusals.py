@@ -78,7 +78,7 @@ def test_a_dtype_that_is_not_allowed_is_refused(dtype):
 
 @pytest.mark.parametrize("threads", [0, -1])
 def test_fewer_than_one_thread_is_refused(threads):
-    assert refusal(ConfigError, threads=threads) == f"threads: expected at least 1, got {threads}"
+    assert refusal(ConfigError, threads=threads) == f"threads: expected a whole number of at least 1, got {threads}"
 
 
 def test_a_device_that_does_not_exist_is_refused_with_what_is_allowed():

@@ -138,7 +138,7 @@ def test_any_executor_can_run_trials(tmp_path, run_by_one_worker, transfer):
     for trial in trials:
         names = {path.name for path in here.folder(trial).iterdir()}
         assert {path.name for path in there.folder(trial).iterdir()} == names
-        for name in names - {"result.json", "trial.log"}:
+        for name in names - {"result.json", "trial.log", "times.csv"}:
             assert (there.folder(trial) / name).read_bytes() == (here.folder(trial) / name).read_bytes()
         assert there.result(trial)["settings"] == here.result(trial)["settings"]
         assert there.result(trial)["hausdorff"] == here.result(trial)["hausdorff"]
