@@ -9,6 +9,7 @@ from meshfit.errors import ConfigError
 _CATEGORIES = ("Cc", "Cs", "Zl", "Zp")
 # They change the direction of the text after them.
 _BIDIRECTIONAL = "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
+_LONGEST_VALUE = 60
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
@@ -68,3 +69,26 @@ def _is_control(character: str) -> bool:
 
 def _escape(character: str) -> str:
     return character.encode("unicode_escape").decode()
+
+
+def described(thing: object) -> str:
+    """Return what a thing is, in some words for messages."""
+    if thing is None:
+        return "None"
+    kind = type(thing)
+    library = kind.__module__.partition(".")[0]
+    if hasattr(thing, "shape") and library != "pyvista":
+        return f"an array of shape {tuple(thing.shape)}"
+    name = kind.__name__ if library in ("builtins", "__main__", "meshfit") else f"{library} {kind.__name__}"
+    return f"{'an' if name[0] in 'aeiouAEIOU' else 'a'} {name}"
+
+
+def value_text(value: object) -> str:
+    """Return a value as Python writes it, in one short line; of long ones, what they are."""
+    text = repr(value) if isinstance(value, str | bytes | int | float | list | tuple | set | type) else described(value)
+    return text if len(text) <= _LONGEST_VALUE and text.isprintable() else described(value)
+
+
+def option_text(value: object) -> str:
+    """Return a value in place of one of several words: a text in double quotes, as messages on configs have it."""
+    return f'"{printable(value)}"' if isinstance(value, str) else value_text(value)

@@ -1,7 +1,7 @@
 """Fit sources to targets: one problem, or many in batches that fit in memory."""
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any, Literal, TypeVar, Unpack, get_args
@@ -41,6 +41,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.normalisation import Frame, Normalisation, frame_of, placed
 from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.polygons import PolygonMesh
+from meshfit.printable import described, option_text, value_text
 from meshfit.settings import Settings, build, override
 from meshfit.specs import suggest
 from meshfit.subdivision.curves.scheme import CurveScheme
@@ -201,6 +202,14 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     given = {key: value for key, value in locals().items() if key in ENGINE_KEYS and value is not None} | unknown
     settings = _settings(settings, given)
     _require_whole("seed", seed, 0)
+    if not isinstance(progress, bool | np.bool_):
+        raise ConfigError(f"progress: expected True or False, got {described(progress)}")
+    for key, function in (("on_step", on_step), ("save", save), ("on_snapshot", on_snapshot)):
+        if function is not None and not callable(function):
+            raise ConfigError(f"{key}: expected a function, got {described(function)}")
+    if resume is not None and not (isinstance(resume, dict) and resume.keys() >= {"done", "trace", "generator"}):
+        raise ConfigError(f"resume: expected a checkpoint that `save` was called with, got {described(resume)}")
+    resolve(scheme)
     target_mesh = target if isinstance(target, PointCloud) else as_mesh(target, "target", triangles=True)
     _require_surface(target_mesh, "target")
     frame = frame_of(target_mesh.verts, _require_one_of("normalise", normalise, get_args(Normalisation)))
@@ -272,7 +281,8 @@ def fit_batch(
     _require_one_of("dtype", dtype, get_args(Dtype))
     _require_whole("threads", threads, 1)
     if not isinstance(device, str):
-        raise ConfigError(f"device: expected the name of one, such as 'cpu', got {device!r:.60}")
+        raise ConfigError(f"device: expected the name of one, such as 'cpu', got {value_text(device)}")
+    problems = _checked_problems(problems)
     for number, problem in enumerate(problems):
         prefix = f"problem {number}: " if len(problems) > 1 else ""
         _require_surface(problem.source, f"{prefix}source")
@@ -294,14 +304,29 @@ def fit_batch(
 
 
 @no_type_check
+def _checked_problems(problems: Sequence[Problem]) -> list[Problem]:
+    remedy = "give a list, such as [Problem(source, target, seed)]"
+    if not isinstance(problems, Iterable) or isinstance(problems, str | bytes | Mapping):
+        raise ConfigError(f"problems: expected a list of Problem, got {described(problems)}; {remedy}")
+    try:
+        listed = list(problems)
+    except Exception as error:
+        raise ConfigError(f"problems: expected a list of Problem, got {described(problems)}; {remedy}") from error
+    for number, problem in enumerate(listed):
+        if not isinstance(problem, Problem):
+            raise ConfigError(f"problem {number}: expected a Problem, got {described(problem)}; {remedy}")
+    return listed
+
+
+@no_type_check
 def _settings(settings: FitSettings | None, overrides: Mapping[str, Any]) -> FitSettings:
     changes = {key: _plain(value) for key, value in overrides.items() if value is not None}
     if settings is not None and not isinstance(settings, tuple(METHODS.values())):
         names = "FirstOrderSettings, GaussNewtonSettings or ExternalSettings"
-        raise ConfigError(f"settings: expected {names}, got {settings!r:.60}")
+        raise ConfigError(f"settings: expected {names}, got {value_text(settings)}")
     method = changes.get("method", "first-order" if settings is None else settings.method)
     if not isinstance(method, str) or method not in METHODS:
-        raise ConfigError(f'method: got "{method}"; {suggest(str(method), METHODS)}')
+        raise ConfigError(f"method: got {option_text(method)}; {suggest(str(method), METHODS)}")
     _require_keys(changes, method)
     if settings is None or settings.method != method:
         return build(METHODS[method], changes)
@@ -322,16 +347,17 @@ def _require_keys(changes: Mapping[str, Any], method: str) -> None:
             raise ConfigError(f"{key}: {text}; {suggest(key, allowed)}")
 
 
+@no_type_check
 def _require_one_of(key: str, value: str, allowed: Sequence[str]) -> Any:  # noqa: ANN401  one of several literals
     if not isinstance(value, str) or value not in allowed:
-        raise ConfigError(f'{key}: got "{value}"; {suggest(str(value), allowed)}')
+        raise ConfigError(f"{key}: got {option_text(value)}; {suggest(str(value), allowed)}")
     return value
 
 
 @no_type_check
 def _require_whole(key: str, value: int, least: int) -> None:
     if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < least:
-        raise ConfigError(f"{key}: expected a whole number of at least {least}, got {value!r:.60}")
+        raise ConfigError(f"{key}: expected a whole number of at least {least}, got {value_text(value)}")
 
 
 @no_type_check

@@ -14,6 +14,7 @@ from meshfit.measuring.settings import MeasureSettings
 from meshfit.measuring.surface import as_target, as_triangles
 from meshfit.mesh.any_mesh import MeshLike
 from meshfit.optional import import_pandas
+from meshfit.printable import value_text
 from meshfit.settings import override
 from meshfit.units import count_text, html_table
 
@@ -153,7 +154,7 @@ def measure(  # noqa: PLR0913  the settings, by name
     given = {"samples": samples, "points": points, "f_score_tau": f_score_tau, "crease_angle": crease_angle}
     changes = {key: value for key, value in (given | {"seed": seed}).items() if value is not None} | unknown
     if settings is not None and not isinstance(settings, MeasureSettings):
-        raise ConfigError(f"settings: expected MeasureSettings, got {settings!r:.60}")
+        raise ConfigError(f"settings: expected MeasureSettings, got {value_text(settings)}")
     settings = override(settings or MeasureSettings(), changes)
     result, target = as_triangles(result, "result"), as_target(target)
     hausdorff, distance, normal_angle, farthest = surface_distances(result, target, settings.samples, settings.seed)

@@ -14,6 +14,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.topology import PolygonTopology, Topology
 from meshfit.paths import looks_like_path
+from meshfit.printable import described
 from meshfit.specs import suggest
 
 _ALLOWED = (
@@ -113,6 +114,10 @@ def as_mesh(thing: "MeshLike", role: str = "mesh", *, triangles: bool = False) -
         MeshError: anything else, arrays of a wrong shape or type, vertex numbers out of range, coordinates of arrays
             that are not finite, or a file that cannot be read.
     """
+    if not isinstance(role, str):
+        raise MeshError(f"role: expected the name of the mesh in messages, got {described(role)}")
+    if not isinstance(triangles, bool | np.bool_):
+        raise MeshError(f"triangles: expected True or False, got {described(triangles)}; faces go with their vertices")
     mesh = _as_mesh(thing, role)
     if triangles and isinstance(mesh, PolygonMesh):
         if isinstance(thing, str) and thing in _solids():
@@ -194,7 +199,7 @@ def _of_foreign(thing: Any, role: str) -> Mesh | PolygonMesh:  # noqa: ANN401  a
     if verts is not None and faces is not None and not callable(faces):
         corners, sizes = _of_padded(np.asarray(faces), role)
         return _triangles_if_all_are(_checked(_positions(verts, role), corners, sizes, role))
-    raise MeshError(f"{role}: expected {_ALLOWED}; got {_described(thing)}")
+    raise MeshError(f"{role}: expected {_ALLOWED}; got {_described_mesh(thing)}")
 
 
 def _of_padded(padded: NDArray[Any], role: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -293,30 +298,25 @@ def _triangles_if_all_are(mesh: PolygonMesh) -> Mesh | PolygonMesh:
     return Mesh(mesh.verts, mesh.corners.reshape(-1, 3), mesh.attributes) if (mesh.sizes == 3).all() else mesh
 
 
-def _described(thing: Any) -> str:  # noqa: ANN401  anything that callers may give
-    if thing is None:
-        return "None"
-    kind = type(thing)
+@no_type_check
+def _described_mesh(thing: Any) -> str:  # noqa: ANN401  anything that callers may give
+    """Return what a thing is that is no mesh, and how to make a mesh of it, where that is known."""
+    name, kind = described(thing), type(thing).__name__
     if isinstance(thing, dict):
-        keys = ", ".join(str(key) for key in list(thing)[:4])
-        return f"a dict ({keys}); give (verts, faces)"
-    library = kind.__module__.partition(".")[0]
-    name = kind.__name__ if library in ("builtins", "__main__", "meshfit") else f"{library} {kind.__name__}"
-    name = f"{'an' if name[0] in 'aeiouAEIOU' else 'a'} {name}"
-    remedy = _REMEDIES.get("Refinement" if kind.__name__.endswith("Refinement") else kind.__name__)
+        return f"{name} ({', '.join(str(key) for key in list(thing)[:4])}); give (verts, faces)"
+    remedy = _REMEDIES.get("Refinement" if kind.endswith("Refinement") else kind)
     if remedy:
         return f"{name}; {remedy}"
-    if hasattr(thing, "shape"):
-        return f"an array of shape {tuple(thing.shape)}; give it with its faces, as (verts, faces)"
-    return name
+    return f"{name}; give it with its faces, as (verts, faces)" if name.startswith("an array") else name
 
 
-def as_path(path: Any, order: str) -> str | Path:  # noqa: ANN401  anything that callers may give
-    """Return the path of a file to write.
+def as_path(path: Any, order: str = "", *, role: str = "path") -> str | Path:  # noqa: ANN401  anything that callers may give
+    """Return the path of a file.
 
     Args:
         path: a path, or anything else by mistake.
-        order: the right order of the arguments, such as `save_mesh(mesh, path)`.
+        order: the right order of the arguments, such as `save_mesh(mesh, path)`, where others have it wrong.
+        role: name of the path in error messages.
 
     Raises:
         MeshError: not a path.
@@ -325,4 +325,5 @@ def as_path(path: Any, order: str) -> str | Path:  # noqa: ANN401  anything that
         text = os.fspath(path)
         if isinstance(text, str):
             return path if isinstance(path, str | Path) else text
-    raise MeshError(f"path: expected the path of a file, got {_described(path)}; the order is {order}")
+    advice = f"; the order is {order}" if order else ""
+    raise MeshError(f"{role}: expected the path of a file, got {described(path)}{advice}")

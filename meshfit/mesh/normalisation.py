@@ -11,6 +11,7 @@ from meshfit.mesh.any_mesh import MeshLike, as_mesh
 from meshfit.mesh.geometry import bounding_box, bounding_box_diagonal
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.polygons import PolygonMesh
+from meshfit.printable import option_text
 from meshfit.specs import suggest
 
 Normalisation = Literal["tutorial", "box", "none"]
@@ -84,8 +85,8 @@ def frame_of(target: "MeshLike | Verts", how: Normalisation = "tutorial") -> Fra
         ConfigError: another frame.
         MeshError: not a mesh, or all vertices are at one point.
     """
-    if how not in get_args(Normalisation):
-        raise ConfigError(f'frame: got "{how}"; {suggest(str(how), get_args(Normalisation))}')
+    if not isinstance(how, str) or how not in get_args(Normalisation):
+        raise ConfigError(f"frame: got {option_text(how)}; {suggest(str(how), get_args(Normalisation))}")
     verts = target if isinstance(target, np.ndarray) else as_mesh(target, "target").verts
     if verts.ndim != 2 or verts.shape[1] != 3 or not len(verts):
         raise MeshError(f"target: expected (V, 3) vertices, got an array of shape {verts.shape}")

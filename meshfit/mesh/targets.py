@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeVar
 
+from meshfit.doors import no_type_check
 from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.io.mesh_file import MeshFile, read_file
 from meshfit.mesh.mesh import Mesh
@@ -28,6 +29,7 @@ from meshfit.paths import (
     read_error_message,
     similar_file,
 )
+from meshfit.printable import described
 from meshfit.specs import suggest
 
 if TYPE_CHECKING:
@@ -141,8 +143,9 @@ def open_target(target: str, kind: Literal["mesh", "curve"] = "mesh", file_forma
     return open_mesh_file(target if is_stream else target_path(target), kind, file_format)
 
 
+@no_type_check
 def load_target(
-    target: str,
+    target: str | Path,
     cleaning: "CleaningOptions | None" = None,
     *,
     file: MeshFile | None = None,
@@ -164,9 +167,13 @@ def load_target(
     Raises:
         MeshError: as `target_path` and `load_mesh` do.
     """
+    from meshfit.mesh.any_mesh import as_path
     from meshfit.mesh.io.files import load_mesh
 
-    return _load(target, file, lambda path: load_mesh(path, cleaning, attributes=attributes))
+    if file is not None and not isinstance(file, MeshFile):
+        raise MeshError(f"file: expected a file that has been read, got {described(file)}; give its path as the target")
+    name = target if isinstance(target, str) else os.fspath(as_path(target, role="target"))
+    return _load(name, file, lambda path: load_mesh(path, cleaning, attributes=attributes))
 
 
 def load_target_with_vertex_map(

@@ -24,6 +24,7 @@ from meshfit.mesh.geometry import face_normals
 from meshfit.mesh.io.text import read_word_lines
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import NONE, Indices, Mask, Topology
+from meshfit.printable import described, value_text
 from meshfit.units import count_text
 
 Shares = Float64[np.ndarray, "_"]
@@ -176,12 +177,26 @@ def _neighbours(verts: Mask, edges: Int64[np.ndarray, "K 2"]) -> Int64[np.ndarra
     return np.asarray(head[chosen][order]).reshape(-1, 2)
 
 
+@no_type_check
+def require_creases(creases: Creases) -> None:
+    """Refuse what is no creases.
+
+    Raises:
+        MeshError: anything else.
+    """
+    if not isinstance(creases, Creases):
+        made = "make them with creases_by_angle(mesh, degrees) or Creases.of(mesh, edges)"
+        raise MeshError(f"creases: expected Creases, got {described(creases)}; {made}")
+
+
+@no_type_check
 def require_matching_creases(creases: Creases, topology: Topology) -> None:
-    """Refuse the creases of another mesh.
+    """Refuse the creases of another mesh, and what is no creases.
 
     Raises:
         MeshError: the numbers of edges or vertices differ.
     """
+    require_creases(creases)
     num_edges, num_verts = len(creases.sharpness), len(creases.corners)
     if (num_edges, num_verts) != (topology.num_edges, topology.num_verts):
         raise MeshError(
@@ -232,7 +247,7 @@ def creases_by_angle(mesh: "MeshLike", degrees: int | float, sharpness: int | fl
     """
     for name, value in (("degrees", degrees), ("sharpness", sharpness)):
         if not isinstance(value, int | float | np.number):
-            raise SchemeError(f"{name}: expected a number, got {value!r:.60}")
+            raise SchemeError(f"{name}: expected a number, got {value_text(value)}")
     if not 0 < degrees <= 180:
         raise SchemeError(f"a crease angle of {degrees:g} degrees is not allowed: expected more than 0, up to 180")
     mesh = mesh if isinstance(mesh, Mesh) else as_mesh(mesh, triangles=True)

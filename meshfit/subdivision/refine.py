@@ -22,9 +22,10 @@ from meshfit.mesh.manifold import require_manifold
 from meshfit.mesh.mesh import Faces, Mesh, Verts
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.topology import PolygonTopology, Topology
+from meshfit.printable import value_text
 from meshfit.specs import Value
 from meshfit.subdivision.attributes import refined_attributes
-from meshfit.subdivision.creases import Creases, require_matching_creases
+from meshfit.subdivision.creases import Creases, require_creases, require_matching_creases
 from meshfit.subdivision.curves.assemble import assemble_curves
 from meshfit.subdivision.curves.assemble import linear_carry as linear_carry_on_curves
 from meshfit.subdivision.curves.scheme import CurveScheme
@@ -238,10 +239,11 @@ def refine(
         MeshError: the mesh is not an oriented manifold, the scheme has no rule for one of its faces, edges or vertices,
             which is named, or the curves branch.
     """
-    if levels < 0:
-        raise SchemeError(f"levels={levels} is not allowed: expected 0 or more")
+    if isinstance(levels, bool) or not isinstance(levels, int | np.integer) or levels < 0:
+        raise SchemeError(f"levels={value_text(levels)} is not allowed: expected a whole number, 0 or more")
     topology, scheme = as_topology(topology), resolve(scheme)
     if creases is not None:
+        require_creases(creases)
         require_takes_creases(scheme)
     if levels:
         _require_alphas(scheme, topology.num_verts)

@@ -8,7 +8,9 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
+from meshfit.doors import no_type_check
 from meshfit.errors import ConfigError, SchemeError
+from meshfit.printable import described
 from meshfit.settings import Settings
 from meshfit.specs import Spec, Value, parse_spec, suggest
 from meshfit.subdivision.curves.scheme import CurveScheme
@@ -38,6 +40,7 @@ _LONGEST_NAME = 60
 _CONTINUITY, _SOURCE = "not known", "your own"
 
 
+@no_type_check
 def resolve(scheme: str | Scheme, registry: Registry = SCHEMES, /, **parameters: Value | None) -> Scheme:
     """Return the scheme that a spec stands for, `name` or `name:key=value,…`.
 
@@ -47,12 +50,17 @@ def resolve(scheme: str | Scheme, registry: Registry = SCHEMES, /, **parameters:
         **parameters: take precedence over those in the spec; None means not given.
 
     Raises:
-        SchemeError: no such scheme or parameter, a value that is not allowed, or parameters with a declared scheme.
+        SchemeError: neither a spec nor a scheme, no such scheme or parameter, a value that is not allowed, or
+            parameters with a declared scheme.
     """
     given = {key: value for key, value in parameters.items() if value is not None}
     if not isinstance(scheme, str):
         if given:
             raise SchemeError(f"parameter '{next(iter(given))}' goes with a scheme's name, not with a declared scheme")
+        if not isinstance(scheme, Scheme):
+            raise SchemeError(
+                f"scheme: expected the name of a scheme, such as 'loop', or a scheme, got {described(scheme)}"
+            )
         return scheme
     name, values = _parameters(scheme, registry, given)
     return registry[name].declare(**values)

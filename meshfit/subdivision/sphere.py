@@ -13,6 +13,7 @@ from meshfit.mesh.normalisation import placed
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.solids import icosahedron
 from meshfit.mesh.topology import Topology
+from meshfit.printable import value_text
 from meshfit.subdivision.refine import Refinement, refine
 from meshfit.subdivision.registry import Scheme
 from meshfit.subdivision.triangles.scheme import MIDPOINT
@@ -36,7 +37,7 @@ def icosphere(level: int = 4) -> Mesh:
         MeshError: another level.
     """
     if isinstance(level, bool) or not isinstance(level, int) or not 0 <= level <= MAX_LEVEL:
-        raise MeshError(f"level: expected an integer from 0 to {MAX_LEVEL}, got {level!r}")
+        raise MeshError(f"level: expected an integer from 0 to {MAX_LEVEL}, got {value_text(level)}")
     sphere = refined_sphere(MIDPOINT, level)
     assert isinstance(sphere, Mesh)  # noqa: S101  of a scheme on triangles
     return sphere

@@ -23,12 +23,21 @@ from meshfit.mesh.faceless import no_faces_message
 from meshfit.mesh.io import collada, gltf, las, obj, off, pcd, ply, stl, threemf, vtk_legacy, xyz
 from meshfit.mesh.io.gltf_writing import left_out_of_gltf
 from meshfit.mesh.io.images import ImagesBeside
-from meshfit.mesh.io.mesh_file import MeshFile, output_suffix, read_file, replace_file, write_file, wrong_format
+from meshfit.mesh.io.mesh_file import (
+    MeshFile,
+    output_suffix,
+    read_file,
+    replace_file,
+    suffix_of_format,
+    write_file,
+    wrong_format,
+)
 from meshfit.mesh.io.mtl import has_look, library_beside
 from meshfit.mesh.io.recognition import format_name
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
 from meshfit.paths import STDOUT_PATHS, compression_suffix, file_stem, format_suffix, is_regular_file, path_text
+from meshfit.printable import described
 from meshfit.units import count_text
 
 Normals = Float64[np.ndarray, "V 3"]
@@ -126,6 +135,7 @@ CURVE_FORMATS = {
 }
 
 
+@no_type_check
 def load_mesh(
     path: str | Path | MeshFile,
     cleaning: CleaningOptions | None = None,
@@ -156,6 +166,7 @@ def load_mesh(
     return load_mesh_with_vertex_map(path, cleaning, file_format=file_format, attributes=attributes)[0]
 
 
+@no_type_check
 def load_mesh_with_vertex_map(
     path: str | Path | MeshFile,
     cleaning: CleaningOptions | None = None,
@@ -172,6 +183,7 @@ def load_mesh_with_vertex_map(
     return mesh.triangulated(), vertex_map
 
 
+@no_type_check
 def load_polygons(
     path: str | Path | MeshFile,
     cleaning: CleaningOptions | None = None,
@@ -192,6 +204,7 @@ def load_polygons(
     return load_polygons_with_vertex_map(path, cleaning, file_format=file_format, attributes=attributes)[0]
 
 
+@no_type_check
 def load_polygons_with_vertex_map(
     path: str | Path | MeshFile,
     cleaning: CleaningOptions | None = None,
@@ -204,6 +217,7 @@ def load_polygons_with_vertex_map(
     return clean(_read_surface(file, attributes=attributes), file.name, cleaning)
 
 
+@no_type_check
 def load_curves(path: str | Path | MeshFile, *, file_format: str | None = None) -> Curves:
     """Read curves from an OBJ or PLY file; join segments that share vertices to chains, as long as possible.
 
@@ -235,6 +249,7 @@ def load_curves(path: str | Path | MeshFile, *, file_format: str | None = None) 
     return _without_unused_verts(verts, join_segments(len(verts), segments, file.name), file.name)
 
 
+@no_type_check
 def open_mesh_file(path: str | Path, kind: Literal["mesh", "curve"], file_format: str | None = None) -> MeshFile:
     """Read a file's bytes once, for functions that take it in place of a path.
 
@@ -249,7 +264,7 @@ def open_mesh_file(path: str | Path, kind: Literal["mesh", "curve"], file_format
     """
     if kind == "curve":
         return read_file(path, CURVE_FORMATS, kind, file_format)
-    suffix = format_suffix(path) if file_format is None else f".{file_format.lower().removeprefix('.')}"
+    suffix = format_suffix(path) if file_format is None else suffix_of_format(file_format)
     # Point clouds are recognised, but are not among the formats that messages allow for a mesh.
     formats = READABLE_FORMATS | POINT_FORMATS if suffix in POINT_FORMATS else READABLE_FORMATS
     return read_file(path, formats, kind, file_format)
@@ -277,14 +292,16 @@ def save_mesh(
         Mesh(12 verts, 20 faces, box 1.701 × 1.701 × 1.701)
 
     Raises:
-        MeshError: not a mesh, an unknown format or one without normals, coordinates too large for single precision, or
-            a path that cannot be written.
+        MeshError: not a mesh, an unknown format or one without normals, normals of another shape, coordinates too large
+            for single precision, or a path that cannot be written.
     """
     path = as_path(path, "save_mesh(mesh, path)")
     mesh = as_mesh(mesh)
     suffix, name = mesh_output_suffix(path, file_format), path_text(path)
     if not FORMATS[suffix].double and not np.abs(mesh.verts).max(initial=0.0) <= _LARGEST_SINGLE:
         raise MeshError(f"{name}: {format_name(suffix)} holds single precision, too small for the coordinates")
+    if normals is not None:
+        normals = _checked_normals(normals, mesh.num_verts)
     if normals is not None and not FORMATS[suffix].normals:
         with_normals = " and ".join(suffix for suffix, form in FORMATS.items() if form.normals)
         raise MeshError(f"{name}: vertex normals can be written to {with_normals} files only")
@@ -296,6 +313,19 @@ def save_mesh(
     if normals is not None:
         options["normals"] = normals
     write_file(path, FORMATS[suffix].write(mesh, **options))
+
+
+@no_type_check
+def _checked_normals(normals: Normals, num_verts: int) -> Normals:
+    """Return vertex normals as float64; refuse what is not a row of three numbers for each vertex."""
+    try:
+        array = np.asarray(normals, dtype=np.float64)
+    except (TypeError, ValueError):
+        array = None
+    if array is None or array.shape != (num_verts, 3):
+        found = described(normals) if array is None or not array.shape else f"shape {array.shape}"
+        raise MeshError(f"normals: expected an array of shape ({num_verts}, 3), one row per vertex; got {found}")
+    return array
 
 
 def _write_beside(mesh: Mesh | PolygonMesh, suffix: str, path: str | Path) -> dict[str, Any]:
@@ -370,8 +400,9 @@ def encode_curves(curves: Curves, suffix: str) -> bytes:
     return CURVE_FORMATS[suffix].write(curves)
 
 
+@no_type_check
 def _opened(path: str | Path | MeshFile, kind: Literal["mesh", "curve"], file_format: str | None) -> MeshFile:
-    return path if isinstance(path, MeshFile) else open_mesh_file(path, kind, file_format)
+    return path if isinstance(path, MeshFile) else open_mesh_file(as_path(path), kind, file_format)
 
 
 def read_soup(file: MeshFile, *, attributes: bool = False) -> PolygonSoup:

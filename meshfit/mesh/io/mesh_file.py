@@ -26,6 +26,7 @@ from meshfit.paths import (
     uncompressed,
     write_error_message,
 )
+from meshfit.printable import described
 
 _HEAD = 1 << 16
 _STDOUT = 1
@@ -187,8 +188,19 @@ def _write_standard_output(content: bytes) -> None:
         raise MeshError(f"standard output: {write_error_message(Path(STREAM), error)}") from error
 
 
+def suffix_of_format(file_format: str) -> str:
+    """Return the suffix of a format that a caller gives, such as `ply` or `.PLY`.
+
+    Raises:
+        MeshError: not a text.
+    """
+    if not isinstance(file_format, str):
+        raise MeshError(f"file_format: expected the name of a format, such as 'ply', got {described(file_format)}")
+    return f".{file_format.lower().removeprefix('.')}"
+
+
 def _given_suffix(file_format: str, suffixes: Collection[str], kind: str) -> str:
-    suffix = f".{file_format.lower().removeprefix('.')}"
+    suffix = suffix_of_format(file_format)
     if suffix not in suffixes:
         allowed = ", ".join(suffix[1:] for suffix in suffixes)
         raise MeshError(f"unknown {kind} format '{file_format}'; allowed: {allowed}")

@@ -8,9 +8,12 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
+from meshfit.doors import no_type_check
+from meshfit.errors import ConfigError
 from meshfit.experiment.storage.plan_file import in_planned_order
 from meshfit.experiment.storage.result import read_results
 from meshfit.optional import import_pandas
+from meshfit.printable import described
 from meshfit.report.tables.formats.data import to_csv
 from meshfit.report.tables.formats.terminal import to_text
 from meshfit.report.tables.grouping import distinguish_definitions
@@ -55,6 +58,7 @@ class ResultTables:
         return import_pandas().read_csv(StringIO(self.to_csv()))
 
 
+@no_type_check
 def read_tables(
     *runs: str | os.PathLike[str], metrics: Sequence[str] = (), baseline: str | None = None
 ) -> ResultTables:
@@ -62,7 +66,7 @@ def read_tables(
 
     Args:
         *runs: run directories, such as `runs/table1`.
-        metrics: dotted names of metrics; by default the Hausdorff distance.
+        metrics: dotted names of metrics, or a single one; by default the Hausdorff distance.
         baseline: the scheme that others are compared with; by default the first.
 
     Example:
@@ -77,6 +81,14 @@ def read_tables(
         ConfigError: no such metric, or a baseline that has no results.
         StoreError: a run directory that does not exist or holds no results.
     """
+    for run in runs:
+        if not isinstance(run, str | os.PathLike):
+            raise ConfigError(f"runs: expected the paths of run directories, got {described(run)}")
+    metrics = [metrics] if isinstance(metrics, str) else metrics
+    if not isinstance(metrics, list | tuple) or not all(isinstance(metric, str) for metric in metrics):
+        raise ConfigError(f"metrics: expected a list of names, such as ['distance.mean'], got {described(metrics)}")
+    if baseline is not None and not isinstance(baseline, str):
+        raise ConfigError(f"baseline: expected the name of a scheme, got {described(baseline)}")
     results = distinguish_definitions(in_planned_order(read_results([Path(run) for run in runs])))
     return ResultTables(tuple(merge_tables(build_tables(results, *metrics, baseline=baseline))))
 
