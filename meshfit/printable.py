@@ -10,6 +10,7 @@ _CATEGORIES = ("Cc", "Cs", "Zl", "Zp")
 # They change the direction of the text after them.
 _BIDIRECTIONAL = "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
 _LONGEST_VALUE = 60
+_ARRAY_LIBRARIES = ("numpy", "torch", "jax", "jaxlib", "cupy", "tensorflow")
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
@@ -77,7 +78,7 @@ def described(thing: object) -> str:
         return "None"
     kind = type(thing)
     library = kind.__module__.partition(".")[0]
-    if hasattr(thing, "shape") and library != "pyvista":
+    if hasattr(thing, "shape") and library in _ARRAY_LIBRARIES:
         return f"an array of shape {tuple(thing.shape)}"
     name = kind.__name__ if library in ("builtins", "__main__", "meshfit") else f"{library} {kind.__name__}"
     return f"{'an' if name[0] in 'aeiouAEIOU' else 'a'} {name}"

@@ -34,6 +34,7 @@ Tangents = Float64[np.ndarray, "2 K"]
 _COLLINEAR = 1e-12  # sine of the angle between unit tangents below which they span no plane
 
 
+@no_type_check
 def _topology(thing: "Topology | MeshLike") -> Topology:
     return thing if isinstance(thing, Topology) else Topology.of(as_mesh(thing, triangles=True))
 
@@ -240,6 +241,7 @@ def _vert_mask(scheme: Scheme) -> VertMask:
     return scheme.vert
 
 
+@no_type_check
 def _permanently_sharp(topology: Topology, creases: Creases | None) -> Mask:
     """Return the (E,) mask of edges that stay sharp, boundary edges included."""
     require_manifold(topology, "the limit surface")
@@ -291,6 +293,7 @@ class LimitTangents:
     across: csr_array
 
 
+@no_type_check
 def loop_limit_tangents(topology: Topology, scheme: Scheme = LOOP, creases: Creases | None = None) -> LimitTangents:
     """Return the tangents of Loop's limit surface. Corners have none, since the surface is pointed there.
 

@@ -239,8 +239,10 @@ def refine(
         MeshError: the mesh is not an oriented manifold, the scheme has no rule for one of its faces, edges or vertices,
             which is named, or the curves branch.
     """
-    if isinstance(levels, bool) or not isinstance(levels, int | np.integer) or levels < 0:
-        raise SchemeError(f"levels={value_text(levels)} is not allowed: expected a whole number, 0 or more")
+    if isinstance(levels, bool) or not isinstance(levels, int | np.integer):
+        raise SchemeError(f"levels: expected a whole number, got {value_text(levels)}")
+    if levels < 0:
+        raise SchemeError(f"levels={levels} is not allowed: expected 0 or more")
     topology, scheme = as_topology(topology), resolve(scheme)
     if creases is not None:
         require_creases(creases)
@@ -428,6 +430,7 @@ def refined_mesh(
     return polygons.with_attributes(attributes) if attributes else polygons
 
 
+@no_type_check
 def _declared(scheme: str | Scheme, parameters: Mapping[str, ParameterValue]) -> Scheme:
     arrays = {key: value for key, value in parameters.items() if np.ndim(value)}
     declared = resolve(scheme, **{key: _scalar(value) for key, value in parameters.items() if key not in arrays})

@@ -379,11 +379,13 @@ def save_curves(curves: Curves, path: str | Path, *, file_format: str | None = N
     write_file(path, encode_curves(curves, curve_output_suffix(path, file_format)))
 
 
+@no_type_check
 def mesh_output_suffix(path: str | Path, file_format: str | None = None) -> str:
     """Return the suffix of the format in which `save_mesh` writes a file; unknown ones raise MeshError."""
     return output_suffix(path, FORMATS, "mesh", file_format)
 
 
+@no_type_check
 def curve_output_suffix(path: str | Path, file_format: str | None = None) -> str:
     """Return the suffix of the format in which `save_curves` writes a file; unknown ones raise MeshError."""
     return output_suffix(path, CURVE_FORMATS, "curve", file_format)

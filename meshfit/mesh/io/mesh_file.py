@@ -7,6 +7,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
+from meshfit.doors import no_type_check
 from meshfit.errors import FormatError, MeshError
 from meshfit.mesh.io.compression import COMPRESSIONS, compress, compression_of, decompress, decompressed_head
 from meshfit.mesh.io.recognition import Kind, format_name, guess, kind_of_suffix, recognise
@@ -57,6 +58,7 @@ class MeshFile:
         return None if self.path is None or is_pipe(self.path) else self.path.parent
 
 
+@no_type_check
 def read_file(path: str | Path, suffixes: Collection[str], kind: str, file_format: str | None = None) -> MeshFile:
     """Read a file whose format is told by its suffix, or given.
 
@@ -98,6 +100,7 @@ def wrong_format(file: MeshFile, suffixes: Collection[str]) -> FormatError | Non
     return _mismatch(file, kind, suffixes)
 
 
+@no_type_check
 def output_suffix(path: str | Path, suffixes: Collection[str], kind: str, file_format: str | None = None) -> str:
     """Return the suffix of the format to write, in lower case.
 
@@ -188,6 +191,7 @@ def _write_standard_output(content: bytes) -> None:
         raise MeshError(f"standard output: {write_error_message(Path(STREAM), error)}") from error
 
 
+@no_type_check
 def suffix_of_format(file_format: str) -> str:
     """Return the suffix of a format that a caller gives, such as `ply` or `.PLY`.
 
@@ -199,6 +203,7 @@ def suffix_of_format(file_format: str) -> str:
     return f".{file_format.lower().removeprefix('.')}"
 
 
+@no_type_check
 def _given_suffix(file_format: str, suffixes: Collection[str], kind: str) -> str:
     suffix = suffix_of_format(file_format)
     if suffix not in suffixes:
