@@ -23,9 +23,10 @@ _NEAR_MATCHED = 0.9
 _NEARLY_ALL, _FAR_EDGES = 0.98, 2.0
 # Samples of each surface that distances are measured from; about as many vertices are added.
 _SAMPLES = 20_000
-# A fit ends worse than it began if its root mean square distance is larger; or if its largest one is so many times as
-# large, and more than this share of the diagonal.
-_WORSE_RMS, _WORSE_MAX, _FAR_DIAGONAL = 1.02, 1.5, 0.005
+# A fit ends worse than it began if its root mean square distance is larger, and more than this share of the diagonal;
+# or if its largest one is so many times as large, and more than that share.
+_WORSE_RMS, _FAR_RMS = 1.02, 1e-4
+_WORSE_MAX, _FAR_DIAGONAL = 1.5, 0.005
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ class Closeness:
     def is_worse_than(self, other: "Closeness") -> bool:
         """Return whether a fit that ends so has lost what it began with."""
         farther = self.worst > max(_WORSE_MAX * other.worst, _FAR_DIAGONAL * self.diagonal)
-        return self.rms > _WORSE_RMS * other.rms or farther
+        return self.rms > max(_WORSE_RMS * other.rms, _FAR_RMS * self.diagonal) or farther
 
 
 def _distances(origin: Mesh, surface: Mesh) -> Float64[np.ndarray, " N"]:

@@ -15,6 +15,7 @@ from meshfit.fitting.gauss_newton.fit_state import FitState
 from meshfit.fitting.gauss_newton.refinement import control_mesh, linearly_refined, refine_state, with_control_mesh
 from meshfit.fitting.gauss_newton.schedule import Stage, rough_verts, schedule
 from meshfit.fitting.gauss_newton.sphere_map import initial_sphere_map
+from meshfit.fitting.gauss_newton.step_limiting import unsound_faces
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.fitting.loop import Engine
@@ -203,7 +204,8 @@ class GaussNewton(Engine):
             return state
         kept = self._source_surface(problem)
         words = "the fit ended farther from the target than its source was"
-        if kept is None or Closeness.of(_mesh_at(kept), problem.target).is_worse_than(before):
+        less_sound = kept is not None and int(unsound_faces(kept.shape).sum()) > int(unsound_faces(state.shape).sum())
+        if kept is None or less_sound or Closeness.of(_mesh_at(kept), problem.target).is_worse_than(before):
             self._shortfalls[member].append(words)
             return state
         self._shortfalls[member].append(f"{words}, so the result is the surface of the source")
