@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory, TemporaryFile
+from tempfile import TemporaryDirectory, TemporaryFile, mkdtemp
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
@@ -47,6 +47,8 @@ if TYPE_CHECKING:
     from meshfit.cli.verdict import Verdict
     from meshfit.experiment.plan import Trial
     from meshfit.experiment.storage.run_directory import RunDirectory
+    from meshfit.mesh.mesh import Mesh
+    from meshfit.mesh.polygons import PolygonMesh
 
 _FIT = "Fit"
 _FORMAT_OF_MANY = "ply"
@@ -462,19 +464,19 @@ def _check_not_overwritten(targets: Sequence[str], outputs: Sequence[str], sourc
             raise ConfigError(f"-o {path_text(output)}: would overwrite a mesh that is read; give another name")
 
 
-def _save(mesh: object, output: str, output_format: str | None) -> None:
-    """Write a mesh; a reader of the file sees all of it or nothing."""
-    from meshfit.experiment.storage.run_directory import write_atomically
-    from meshfit.mesh.io.files import save_mesh
-    from meshfit.mesh.mesh import Mesh
-    from meshfit.mesh.polygons import PolygonMesh
+def _save(mesh: "Mesh | PolygonMesh", output: str, output_format: str | None) -> None:
+    """Write a mesh; if it cannot be written, keep it in a temporary file, and say where.
 
-    assert isinstance(mesh, Mesh | PolygonMesh)  # noqa: S101  as read
-    path = Path(output)
-    if output in STDOUT_PATHS or (path.exists() and not path.is_file()):
+    Raises:
+        MeshError: it cannot be written, with the path of the temporary file.
+    """
+    from meshfit.mesh.io.files import save_mesh
+
+    try:
         save_mesh(mesh, output, file_format=output_format)
-        return
-    with TemporaryDirectory(prefix="meshfit-") as folder:
-        whole = Path(folder, path.name)
-        save_mesh(mesh, whole, file_format=output_format)
-        write_atomically(Path(os.path.realpath(path)), whole.read_bytes())
+    except BrokenPipeError:
+        raise
+    except (MeshError, OSError) as error:
+        kept = Path(mkdtemp(prefix="meshfit-fit-"), "result.ply")
+        save_mesh(mesh, kept)
+        raise MeshError(f"{error}; the result is kept in {path_text(kept)}") from error

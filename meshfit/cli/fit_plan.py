@@ -3,10 +3,11 @@
 import json
 import os
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
-from meshfit.errors import ConfigError
+from meshfit.errors import ConfigError, MeshfitError
 
 if TYPE_CHECKING:
     from meshfit.config.loading import Experiment
@@ -41,8 +42,14 @@ def plan_fit(target: str, options: FitOptions) -> "Trial":
         MeshfitError: a setting, the target, the source or the device cannot be used.
     """
     from meshfit.config.loading import load_experiment
+    from meshfit.config.scheme_files import resolve_specs
     from meshfit.experiment.plan import plan
+    from meshfit.subdivision.registry import registry_with, resolve
 
+    if not any(setting.startswith("define") for setting in options.overrides):
+        with _error_prefix("--scheme"):
+            (spec,), own = resolve_specs([options.scheme], {})
+            resolve(spec, registry_with(own))
     plain = list(_plain(target, options))
     experiment = load_experiment("accurate", [*plain, *options.overrides])
     if options.source not in BUILT:
@@ -52,6 +59,15 @@ def plan_fit(target: str, options: FitOptions) -> "Trial":
     if len(trials) != 1:
         raise ConfigError(f"--set: expected the settings of one fit, got {len(trials)} fits; use `meshfit run`")
     return trials[0]
+
+
+@contextmanager
+def _error_prefix(option: str) -> Iterator[None]:
+    """Prefix errors with the option at fault."""
+    try:
+        yield
+    except MeshfitError as error:
+        raise type(error)(f"{option}: {error}") from None
 
 
 def _setting(key: str, value: object) -> str:
@@ -97,7 +113,9 @@ def _placed(target: str, options: FitOptions, experiment: "Experiment") -> Itera
     from meshfit.mesh.normalisation import frame_of
     from meshfit.mesh.targets import load_target
 
-    target_mesh, control = load_target(target, options.cleaning), load_target(options.source)
+    target_mesh = load_target(target, options.cleaning)
+    with _error_prefix("--source"):
+        control = load_target(options.source)
     frame = frame_of(target_mesh.verts, experiment.settings.normalise)
     yield _setting("source.mesh", _absolute(options.source))
     yield _setting("source.levels", 0)

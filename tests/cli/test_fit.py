@@ -1,10 +1,12 @@
 """`meshfit fit`: from file to file, the verdict, many at once, and the ways there."""
 
 import json
+import re
 
 import numpy as np
 import pytest
 
+from meshfit.errors import MeshError
 from meshfit.mesh.io.files import load_mesh, save_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import octahedron
@@ -141,3 +143,42 @@ def test_the_bunny_is_met_and_the_bytes_are_those_of_run(tmp_path):
     assert invoke("run", "accurate", "--targets", "scan.ply", "--schemes", "loop", *settings).code == 0
     (result,) = (tmp_path / "runs").rglob("result.ply")
     assert result.read_bytes() == (tmp_path / "out.ply").read_bytes()
+
+
+def test_the_materials_of_a_source_are_written_beside_an_obj(tmp_path):
+    bumpy("scan.ply")
+    save_mesh(subdivide(octahedron(), "midpoint", 2), "plain.obj")
+    lines = (tmp_path / "plain.obj").read_text().replace("f ", "usemtl red\nf ", 1)
+    (tmp_path / "source.obj").write_text(f"mtllib look.mtl\n{lines}")
+    (tmp_path / "look.mtl").write_text("newmtl red\nKd 1 0 0\n")
+    (tmp_path / "out").mkdir()
+    ran = invoke(
+        "fit", "scan.ply", "-o", "out/fitted.obj", "--source", "source.obj", "--connectivity", "fixed", *QUICK[2:]
+    )
+    assert ran.code == 0, ran.err
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["fitted.mtl", "fitted.obj"]
+    (material,) = load_mesh("out/fitted.obj").attributes.materials
+    assert (material.name, material.color) == ("red", (1.0, 0.0, 0.0, 1.0))
+
+
+def test_a_result_that_cannot_be_written_is_kept_and_its_place_is_said(monkeypatch, tmp_path):
+    bumpy("scan.ply")
+    (tmp_path / "out").mkdir()
+
+    def save_once(mesh, path, **options):
+        if str(path).startswith("out"):
+            raise MeshError(f"{path}: no space left on the device")
+        save_mesh(mesh, path, **options)
+
+    monkeypatch.setattr("meshfit.mesh.io.files.save_mesh", save_once)
+    ran = invoke("fit", "scan.ply", "-o", "out/fitted.obj", *QUICK)
+    kept = re.search(r"the result is kept in (\S+)", ran.err.replace("\n", " "))
+    assert ran.code != 0
+    assert kept is not None
+    assert load_mesh(kept[1]).num_faces > 50
+
+
+def test_options_at_fault_are_named():
+    bumpy("scan.ply")
+    for option in ("--scheme", "--source"):
+        assert refused("fit", "scan.ply", "-o", "out.obj", option, "foo").startswith(f"error: {option}: 'foo' is n")

@@ -139,6 +139,8 @@ def output_suffix(path: str | Path, suffixes: Collection[str], kind: str, file_f
 def write_file(path: str | Path, content: bytes) -> None:
     """Write the content of a file, compressed if its suffix says so; the text `-` is standard output.
 
+    A reader of a file sees all of it or nothing; pipes and devices are written as they are.
+
     Raises:
         MeshError: a path that cannot be written.
     """
@@ -147,8 +149,12 @@ def write_file(path: str | Path, content: bytes) -> None:
         return
     path = Path(path)
     packed = compression_suffix(path)
+    data = compress(content, packed) if packed else content
     try:
-        path.write_bytes(compress(content, packed) if packed else content)
+        if is_regular_file(path) or not os.path.lexists(path):
+            replace_file(path, data)
+            return
+        path.write_bytes(data)
     except OSError as error:
         raise MeshError(f"{path_text(path)}: {write_error_message(path, error)}") from error
     except ValueError:
@@ -161,13 +167,14 @@ def replace_file(path: Path, content: bytes) -> None:
     Raises:
         MeshError: a path that cannot be written.
     """
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
+        whole = Path(os.path.realpath(path))  # a link stays
+        part = whole.with_name(f".{whole.name}.{os.getpid()}.part")
         if is_regular_file(path) and path.stat().st_size == len(content) and path.read_bytes() == content:
             return
         try:
             part.write_bytes(content)
-            part.replace(path)
+            part.replace(whole)
         finally:
             part.unlink(missing_ok=True)
     except OSError as error:
