@@ -18,6 +18,7 @@ from .measuring.measure import Measurement as Measurement
 from .measuring.measure import measure as measure
 from .measuring.settings import MeasureSettings as MeasureSettings
 from .mesh.any_mesh import as_mesh as as_mesh
+from .mesh.attributes import Attributes as Attributes
 from .mesh.curves import Curves as Curves
 from .mesh.io.files import load_curves as load_curves
 from .mesh.io.files import load_mesh as load_mesh

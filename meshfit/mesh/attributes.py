@@ -104,6 +104,14 @@ class Attributes:
         materials: what `face["material"]` counts.
         groups: names of what `face["group"]` counts.
         skin: what `vertex["joints"]` counts.
+
+    Example:
+        >>> import meshfit
+        >>> tetrahedron = meshfit.as_mesh("tetrahedron")
+        >>> heat = meshfit.Attributes(vertex={"heat": [0.0, 1.0, 1.0, 0.0]})
+        >>> finer = meshfit.subdivide(tetrahedron.with_attributes(heat), "midpoint")
+        >>> finer.attributes.vertex["heat"].tolist()
+        [0.0, 1.0, 1.0, 0.0, 0.5, 0.5, 0.0, 1.0, 0.5, 0.5]
     """
 
     vertex: Mapping[str, Values] = field(default_factory=dict)
