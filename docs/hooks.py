@@ -75,7 +75,8 @@ def config_reference() -> str:
         for key, default, description, example in _keys(settings):
             dotted = f"{prefix}{key}"
             if dotted == "fit":
-                nested += [("fit.", f"`fit`, method `{name}`", model()) for name, model in METHODS.items()]
+                engines = METHODS.items()
+                nested += [("fit.", f"`fit`, method `{name}`", model.model_construct()) for name, model in engines]
             elif isinstance(default, Settings):
                 nested.append((f"{dotted}.", f"`{dotted}`", default))
             shown = "" if isinstance(default, Settings) else f"`{_as_yaml(default)}`"

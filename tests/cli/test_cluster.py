@@ -98,7 +98,7 @@ def test_trials_sent_to_a_cluster_leave_what_they_leave_here(tmp_path, cluster, 
     (carried,) = (tmp_path / "runs/targets").glob("*.ply")
     assert read_written_mesh(carried).num_verts == load_mesh(tmp_path / "ellipsoid.ply").num_verts
     left = {path.name for path in (tmp_path / "runs/small").rglob("*") if path.is_file()}
-    assert left == {*NAMES, "result.json", "trial.log", "plan.json", ".lock"}
+    assert left == {*NAMES, "times.csv", "result.json", "trial.log", "plan.json", ".lock"}
 
 
 def test_the_trial_of_a_worker_that_is_killed_goes_on_elsewhere_from_its_checkpoint(tmp_path, cluster, undisturbed):
