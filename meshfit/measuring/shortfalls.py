@@ -10,8 +10,8 @@ from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.topology import Topology
 from meshfit.units import count_text
 
-# A part of the target is not reached if it is farther than this share of the diagonal from the result, and a part of a
-# result is off the target likewise; each is named if it is more than this share of the area.
+# Points farther than this share of the diagonal from the other surface count as unreached or off the target; they are
+# reported above this share of the area.
 _FAR, _PART = 0.02, 0.005
 _POINTS = 5000
 

@@ -80,7 +80,7 @@ class ControlMesh:
 
     @property
     def record(self) -> dict[str, Any]:
-        """What is recorded of it, as plain data."""
+        """Plain data for the result of a trial."""
         record: dict[str, Any] = {"made_from": self.made_from, "reason": self.reason}
         if self.wrap is not None:
             record["wrap"] = {"alpha": self.wrap.alpha, "offset": self.wrap.offset}
