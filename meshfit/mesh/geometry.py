@@ -12,6 +12,14 @@ def area_vectors(mesh: Mesh) -> Float64[np.ndarray, "F 3"]:
     return np.asarray(0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
 
 
+def vert_area_vectors(mesh: Mesh) -> Float64[np.ndarray, "V 3"]:
+    """Return the sum of the area vectors of the faces at each vertex: its direction is the vertex normal."""
+    vectors, total = area_vectors(mesh), np.zeros_like(mesh.verts)
+    for k in range(3):
+        np.add.at(total, mesh.faces[:, k], vectors)
+    return total
+
+
 def face_areas(mesh: Mesh) -> Float64[np.ndarray, " F"]:
     """Return the area of each face."""
     return np.asarray(np.linalg.norm(area_vectors(mesh), axis=1))

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial import cKDTree
 
-from meshfit.mesh.geometry import area_vectors, unit_vectors
+from meshfit.mesh.geometry import unit_vectors, vert_area_vectors
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
 
@@ -67,12 +67,7 @@ def noise_of_mesh(mesh: Mesh) -> float:
     between = inner[tail] & inner[head]
     if not between.any():
         return 0.0
-    normals = np.zeros_like(mesh.verts)
-    for k in range(3):
-        np.add.at(normals, mesh.faces[:, k], area_vectors(mesh))
-    for _ in range(_SMOOTHINGS):
-        normals = unit_vectors(normals)
-        normals = normals + _sum_of_neighbours(normals, tail, head)
+    normals = smoothed_normals(mesh, vert_area_vectors(mesh), _SMOOTHINGS)
     middle = _sum_of_neighbours(mesh.verts, tail, head) / np.maximum(valence, 1)[:, None]
     heights = np.einsum("nk,nk->n", mesh.verts - middle, unit_vectors(normals))
     size = float(np.median(np.abs(heights[inner])))
@@ -83,6 +78,15 @@ def noise_of_mesh(mesh: Mesh) -> float:
     share = np.clip((_SMOOTH - correlation) / (_SMOOTH - _INDEPENDENT), 0, 1)
     of_noise = 1 + (1 / valence[inner]).mean()
     return float(_NORMAL_MEDIAN * size * np.sqrt(share / of_noise))
+
+
+def smoothed_normals(mesh: Mesh, normals: Float64[np.ndarray, "V 3"], rounds: int) -> Float64[np.ndarray, "V 3"]:
+    """Add to the unit normal of each vertex those of its neighbours, in some rounds; the lengths have no meaning."""
+    tail, head = Topology.of(mesh).edges.T
+    for _ in range(rounds):
+        normals = unit_vectors(normals)
+        normals = normals + _sum_of_neighbours(normals, tail, head)
+    return normals
 
 
 def _sum_of_neighbours(

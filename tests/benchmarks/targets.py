@@ -16,7 +16,7 @@ import numpy as np
 import meshfit
 from meshfit.errors import MeshfitError
 from meshfit.mesh.cleaning import clean
-from meshfit.mesh.geometry import area_vectors, bounding_box_diagonal, face_normals, unit_vectors
+from meshfit.mesh.geometry import bounding_box_diagonal, face_normals, unit_vectors, vert_area_vectors
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.meshlab import alpha_wrap, decimate, screened_poisson
 from meshfit.mesh.point_cloud import PointCloud, oriented_cloud
@@ -129,12 +129,11 @@ def _crossing() -> _Case:
 
 def _noisy() -> _Case:
     bunny = load_target("bunny")
-    normals = np.zeros_like(bunny.verts)
-    for k in range(3):
-        np.add.at(normals, bunny.faces[:, k], area_vectors(bunny))
     sigma = _NOISE * bounding_box_diagonal(bunny.verts)
     heights = np.random.default_rng(0).normal(0, sigma, (bunny.num_verts, 1))
-    return _Case("bunny, noise of 0.5 %", bunny.with_verts(bunny.verts + heights * unit_vectors(normals)), bunny)
+    return _Case(
+        "bunny, noise of 0.5 %", bunny.with_verts(bunny.verts + heights * unit_vectors(vert_area_vectors(bunny))), bunny
+    )
 
 
 def _holes() -> _Case:

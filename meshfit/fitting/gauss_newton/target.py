@@ -7,14 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Float64, Int64
-from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 from torch import Generator, Tensor
 
 from meshfit.fitting.nearest_neighbours import nearest_neighbour_search
-from meshfit.mesh.geometry import area_vectors, face_areas, face_normals, unit_vectors
+from meshfit.mesh.geometry import face_areas, face_normals, unit_vectors, vert_area_vectors
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.noise import NEIGHBOURHOOD, noise_of_mesh, noise_of_points
+from meshfit.mesh.noise import NEIGHBOURHOOD, noise_of_mesh, noise_of_points, smoothed_normals
 from meshfit.mesh.point_cloud import PointCloud, oriented_cloud, rim_of, sampled_areas
 from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.topology import Topology
@@ -113,13 +112,11 @@ class TargetCloud:
         """Return one random point per stratum of equal area, and all vertices."""
         samples = sample_surface(mesh, _POINTS, np.random.default_rng(0))
         noise = noise_of_mesh(mesh) if noise is None else noise
-        normals = np.zeros_like(mesh.verts)
-        for k in range(3):
-            np.add.at(normals, mesh.faces[:, k], area_vectors(mesh))
+        normals = vert_area_vectors(mesh)
         used = normals.any(axis=1)
         of_faces = face_normals(mesh)
         if noise:
-            normals = _smoothed_normals(mesh, normals, noise)
+            normals = smoothed_normals(mesh, normals, _smoothing_rounds(mesh, noise))
             of_faces = unit_vectors(normals[mesh.faces].sum(axis=1))
         points = np.concatenate([samples.points, mesh.verts[used]])
         normals = np.concatenate([of_faces[samples.faces], unit_vectors(normals[used])])
@@ -205,15 +202,9 @@ class TargetCloud:
         return float(min(_NOISE_FAIRNESS * variance**0.4 * num_verts**2, _MOST_FAIRNESS))
 
 
-def _smoothed_normals(mesh: Mesh, normals: np.ndarray, noise: float) -> np.ndarray:
-    """Return the normals of vertices, averaged over discs that reach beyond the noise."""
+def _smoothing_rounds(mesh: Mesh, noise: float) -> int:
+    """Return the number of rounds that smooth normals over discs that reach beyond the noise."""
     tail, head = Topology.of(mesh).edges.T
     edge = float(np.median(np.linalg.norm(mesh.verts[tail] - mesh.verts[head], axis=1)))
-    rounds = min(math.ceil((NEIGHBOURHOOD * noise / max(edge, np.finfo(float).tiny)) ** 2), _MOST_SMOOTHINGS)
-    count = mesh.num_verts
-    ones = np.ones(2 * len(tail))
-    neighbours = coo_array((ones, (np.concatenate([tail, head]), np.concatenate([head, tail]))), (count, count)).tocsr()
-    for _ in range(rounds):
-        normals = unit_vectors(normals)
-        normals = normals + neighbours @ normals
-    return normals
+    rounds = math.ceil((NEIGHBOURHOOD * noise / max(edge, np.finfo(float).tiny)) ** 2)
+    return min(rounds, _MOST_SMOOTHINGS)
