@@ -107,8 +107,9 @@ class Attributes:
 
     Example:
         >>> import meshfit
+        >>> import numpy as np
         >>> tetrahedron = meshfit.as_mesh("tetrahedron")
-        >>> heat = meshfit.Attributes(vertex={"heat": [0.0, 1.0, 1.0, 0.0]})
+        >>> heat = meshfit.Attributes(vertex={"heat": np.array([0.0, 1.0, 1.0, 0.0])})
         >>> finer = meshfit.subdivide(tetrahedron.with_attributes(heat), "midpoint")
         >>> finer.attributes.vertex["heat"].tolist()
         [0.0, 1.0, 1.0, 0.0, 0.5, 0.5, 0.0, 1.0, 0.5, 0.5]
