@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -75,7 +75,7 @@ def measure(
         typer.Option(
             "--tau",
             help="Distance within which points match in the F-scores; N% is of the target's diagonal.",
-            show_default="0.01",
+            show_default="0.5%; with --normalise, 0.01",
             metavar="DISTANCE",
         ),
     ] = None,
@@ -160,6 +160,7 @@ def measure(
         zcat scan.ply.gz | meshfit measure - target.obj --format ply
     """
     from meshfit.measuring.settings import MeasureSettings
+    from meshfit.measuring.surface import turned_target
     from meshfit.mesh.cleaning_options import CleaningOptions
     from meshfit.mesh.geometry import bounding_box_diagonal
     from meshfit.mesh.normalisation import frame_of
@@ -173,16 +174,13 @@ def measure(
     _check_output([*results, target_name], write, csv_file, as_json=as_json)
     if write is not None and len(results) > 1:
         raise ConfigError(f"--write takes one result, got {len(results)}; measure them one by one")
-    distance = None if tau is None else _parse_tau(tau)
-    options = {"samples": samples, "crease_angle": crease_angle}
+    options = {"samples": samples, "crease_angle": crease_angle, "f_score_tau": _tau(tau, normalise)}
     settings = override(MeasureSettings(), {key: value for key, value in options.items() if value is not None})
     load = _loader(CleaningOptions(weld, repair), input_format)
-    target_mesh = load(target_name)
+    target_mesh = turned_target(lambda: load(target_name))
     frame = frame_of(target_mesh.verts, normalise)
     measuring = _Measuring(load, frame, frame.normalise(target_mesh), settings, write, target_name)
     diagonal = bounding_box_diagonal(measuring.target.verts)
-    if distance is not None:
-        measuring = replace(measuring, settings=override(settings, {"f_score_tau": distance(diagonal)}))
     if target is None:
         measured = [Measured(results[0], measuring.measure(results[0]))]
     else:
@@ -244,16 +242,25 @@ def _check_output(meshes: Sequence[str], write: str | None, csv_file: str | None
             raise ConfigError(f"{named}: {why}; give another name, such as {example}")
 
 
-def _parse_tau(text: str) -> Callable[[float], float]:
-    """Return the distance of the F-scores as a function of the target's diagonal."""
-    number = text.strip().removesuffix("%")
+def _tau(text: str | None, normalise: str) -> float | str:
+    """Return the distance of the F-scores as a setting; in a normalised frame, the default is that of experiments.
+
+    Raises:
+        ConfigError: neither a number above 0 nor a percentage.
+    """
+    from meshfit.measuring.settings import LENGTH_OR_SHARE, TAU_OF_FILES, MeasureSettings, share_of_diagonal
+
+    if text is None:
+        return TAU_OF_FILES if normalise == "none" else MeasureSettings().f_score_tau
+    if share_of_diagonal(text) is not None:
+        return text
     try:
-        value = float(number)
+        value = float(text)
     except ValueError:
         value = 0.0
     if not 0 < value < math.inf:
-        raise ConfigError(f"--tau {text}: expected a number above 0, or N% of the target's diagonal")
-    return lambda diagonal: value / 100 * diagonal if number != text.strip() else value
+        raise ConfigError(f"--tau {text}: expected {LENGTH_OR_SHARE}")
+    return value
 
 
 def _loader(cleaning: "CleaningOptions", input_format: str | None) -> "Callable[[str], Mesh]":
@@ -343,9 +350,6 @@ def _each(measuring: _Measuring, results: Sequence[str]) -> Iterator[Measured]:
     """Measure several results; name those that cannot be measured, and go on."""
     from rich.progress import track
 
-    from meshfit.measuring.surface import require_surface
-
-    require_surface(measuring.target, "target")
     hidden = not err.is_terminal or len(results) < 2
     for name in track(results, "measuring", console=err, transient=True, disable=hidden):
         try:

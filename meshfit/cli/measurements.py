@@ -28,6 +28,9 @@ _COLUMNS = (
 )
 """The metrics of a table of several results."""
 
+_WITH_TAU = ("f_score.", "edges.f1", "edges.precision", "edges.recall")
+"""The starts of the names of metrics that count points within a distance."""
+
 _RESULT, _FAILED = "result", "failed"
 _LEAST = 12
 """Width to which headings are wrapped."""
@@ -154,15 +157,18 @@ def print_measured(
         title = f"{path_text(measured[0].result)} against {path_text(target)}"
         out.print(title, soft_wrap=True, markup=False, style="italic")
         out.print(_table(measured[0], metrics))
-        if not metrics:
-            for line in _notes(measured[0].values, diagonal):
-                out.print(line, soft_wrap=True, markup=False)
+        notes = _tau_notes(measured, metrics, diagonal) if metrics else _notes(measured[0].values, diagonal)
     elif any(each.values for each in measured):
         out.print(f"against {path_text(target)}", soft_wrap=True, markup=False, style="italic")
         for number, table in enumerate(_results_tables(measured, metrics or _COLUMNS, out.width)):
             if number:
                 out.print()
             out.print(table, width=max(out.width, _WIDEST), crop=False)
+        notes = _tau_notes(measured, metrics or _COLUMNS, diagonal)
+    else:
+        return
+    for line in notes:
+        out.print(line, soft_wrap=single, markup=False)
 
 
 def _table(measured: Measured, metrics: Sequence[str] | None) -> Table:
@@ -228,13 +234,25 @@ def _notes(values: Values, diagonal: float) -> Iterator[str]:
         where, near = _position(point["position"]), _position(point["nearest"])
         yield f"farthest from the {other}: {point['distance']:.4g} at {where}, face {point['face']} of the {own};"
         yield f"  nearest to it: {near}, face {point['nearest_face']} of the {other}"
-    tau = values["f_score"]["tau"]
     yield (
         f"{values['hausdorff']['samples']:,} samples and {values['chamfer']['points']:,} points per surface, "
-        f"F-scores at τ = {tau:g}, {100 * tau / diagonal:.3g} % of the target's diagonal"
+        f"{_tau_text(values, diagonal)}"
     )
     if reason := values["edges"]["reason"]:
         yield f"–: {reason}"
+
+
+def _tau_notes(measured: Sequence[Measured], metrics: Sequence[str], diagonal: float) -> Iterator[str]:
+    """Yield a line on the distance of the F-scores, if one is printed."""
+    values = next(each.values for each in measured if each.values)
+    if any(name.startswith(_WITH_TAU) for name in metrics):
+        yield ""
+        yield _tau_text(values, diagonal)
+
+
+def _tau_text(values: Values, diagonal: float) -> str:
+    tau = values["f_score"]["tau"]
+    return f"F-scores at τ = {tau:.4g}, {100 * tau / diagonal:.3g} % of the target's diagonal"
 
 
 def _position(point: Sequence[float]) -> str:

@@ -10,9 +10,10 @@ from meshfit.measuring.edges import Edges, edge_scores
 from meshfit.measuring.metrics import MEASURED
 from meshfit.measuring.points import Chamfer, FScore, NormalConsistency, point_scores
 from meshfit.measuring.quality import Quality, mesh_quality
-from meshfit.measuring.settings import MeasureSettings
+from meshfit.measuring.settings import TAU_OF_FILES, MeasureSettings
 from meshfit.measuring.surface import as_target, as_triangles
 from meshfit.mesh.any_mesh import MeshLike
+from meshfit.mesh.geometry import bounding_box_diagonal
 from meshfit.optional import import_pandas
 from meshfit.printable import value_text
 from meshfit.settings import override
@@ -116,7 +117,7 @@ def measure(  # noqa: PLR0913  the settings, by name
     *,
     samples: int | None = None,
     points: int | None = None,
-    f_score_tau: float | None = None,
+    f_score_tau: float | str | None = None,
     crease_angle: float | None = None,
     seed: int | None = None,
     **unknown: object,
@@ -141,7 +142,8 @@ def measure(  # noqa: PLR0913  the settings, by name
         samples: number of points on each surface for Hausdorff, mean and RMS distances.
         points: number of points on each surface for chamfer distance, F-score and normal consistency, and on the
             creases of each for the edge scores.
-        f_score_tau: distance within which a point counts as matched in the F-score and the edge scores.
+        f_score_tau: distance within which a point counts as matched in the F-score and the edge scores; a text such as
+            `1%` is of the diagonal of the target's bounding box. 0.5 % of it if neither this nor settings are given.
         crease_angle: least angle in degrees between the normals at an edge that counts as a crease.
         seed: seed of the points.
         **unknown: refused, with the names that are allowed.
@@ -155,10 +157,10 @@ def measure(  # noqa: PLR0913  the settings, by name
     changes = {key: value for key, value in (given | {"seed": seed}).items() if value is not None} | unknown
     if settings is not None and not isinstance(settings, MeasureSettings):
         raise ConfigError(f"settings: expected MeasureSettings, got {value_text(settings)}")
-    settings = override(settings or MeasureSettings(), changes)
+    settings = override(settings or MeasureSettings(f_score_tau=TAU_OF_FILES), changes)
     result, target = as_triangles(result, "result"), as_target(target)
     hausdorff, distance, normal_angle, farthest = surface_distances(result, target, settings.samples, settings.seed)
-    points, tau = settings.points, settings.f_score_tau
+    points, tau = settings.points, settings.tau(bounding_box_diagonal(target.verts))
     chamfer, f_score, normal_consistency = point_scores(result, target, points, tau, settings.seed)
     edges = edge_scores(result, target, points, settings.crease_angle, tau, settings.seed)
     quality = mesh_quality(result, "result")

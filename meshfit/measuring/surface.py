@@ -1,11 +1,14 @@
 """Checks of surfaces before they are measured."""
 
+import warnings
+from collections.abc import Callable
+
 import numpy as np
 
 from meshfit.doors import no_type_check
-from meshfit.errors import MeasureError
+from meshfit.errors import MeasureError, MeshfitWarning
 from meshfit.mesh.any_mesh import MeshLike, as_mesh
-from meshfit.mesh.cleaning import outward
+from meshfit.mesh.cleaning import outward, with_turning
 from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.mesh import Mesh
 
@@ -25,10 +28,24 @@ def as_target(mesh: MeshLike) -> Mesh:
 
     Raises:
         MeasureError: it has no surface.
+
+    Warns:
+        MeshfitWarning: as loading it does; those of faces that are turned say so.
     """
-    target = as_triangles(mesh, "target")
+    return turned_target(lambda: as_triangles(mesh, "target"))
+
+
+def turned_target(load: Callable[[], Mesh]) -> Mesh:
+    """Load the mesh to measure to, and turn it as `as_target` does, with its errors and warnings."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", MeshfitWarning)
+        target = load()
     require_surface(target, "target")
-    return outward(target)
+    turned = outward(target)
+    texts = [str(warning.message) for warning in caught]
+    for warning, text in zip(caught, texts if turned is target else with_turning(texts, "measurement"), strict=True):
+        warnings.warn(text, warning.category, stacklevel=4)
+    return turned
 
 
 def require_surface(mesh: Mesh, role: str) -> None:

@@ -1,6 +1,7 @@
 """Clean the raw arrays of a file: refuse meaningless meshes, repair harmless faults, and warn of each."""
 
 import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -392,6 +393,17 @@ def outward(mesh: Mesh) -> Mesh:
     if not has_negative_volume(mesh) or not Topology.of(mesh).is_watertight:
         return mesh
     return Mesh(mesh.verts, mesh.faces[:, ::-1])
+
+
+def with_turning(texts: Iterable[str], purpose: str) -> list[str]:
+    """Return warnings of a mesh whose faces `outward` has turned, which say so.
+
+    Args:
+        texts: the warnings.
+        purpose: of turning the faces, such as `fit`.
+    """
+    faults = (INSIDE_OUT, OPPOSITE)
+    return [f"{text}; its faces are turned for the {purpose}" if text.endswith(faults) else text for text in texts]
 
 
 def _warn(text: str) -> None:

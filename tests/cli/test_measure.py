@@ -15,6 +15,7 @@ from vtk.util import numpy_support
 
 from meshfit.measuring.deviation import deviation
 from meshfit.measuring.metrics import MEASURED
+from meshfit.measuring.settings import MeasureSettings
 from meshfit.mesh.geometry import bounding_box_diagonal
 from meshfit.mesh.io.files import load_mesh, save_mesh
 from meshfit.mesh.mesh import Mesh
@@ -122,7 +123,7 @@ def test_the_table_of_one_result_ends_with_the_farthest_points():
         assert f"\n{metric.title} " in out
     assert "\nfarthest from the target: 0.3464 at (" in out
     assert (
-        "\n500 samples and 30,000 points per surface, F-scores at τ = 0.01, 0.289 % of the target's diagonal\n" in out
+        "\n500 samples and 30,000 points per surface, F-scores at τ = 0.01732, 0.5 % of the target's diagonal\n" in out
     )
     out = answered("measure", "smooth.ply", "cube.ply", *FEW)
     assert "edge chamfer distance                      –" in out
@@ -255,8 +256,42 @@ def test_tau_and_crease_angle_are_options():
     found = json.loads(answered("measure", "larger1.ply", "cube.ply", "--json", "--tau", "5%", *FEW))
     assert found["f_score"]["tau"] == pytest.approx(0.05 * 12**0.5)
     assert (found["f_score"]["f1"], found["edges"]["f1"]) == (pytest.approx(1, abs=1e-3), 1)
+    assert "\nF-scores at τ = 0.25, 7.22 % of the target's diagonal\n" in answered(
+        "measure", "larger1.ply", "cube.ply", "--tau", "0.25", "--metric", "hausdorff.forward,edges.f1", *FEW
+    )
+    assert "τ" not in answered("measure", "larger1.ply", "cube.ply", "--metric", "hausdorff.forward", *FEW)
     found = json.loads(answered("measure", "larger1.ply", "cube.ply", "--json", "--crease-angle", "91", *FEW))
     assert found["edges"]["reason"] == "neither mesh has creases of 91° or more"
+
+
+def test_scores_do_not_depend_on_the_unit_of_the_files():
+    names = []
+    for unit in (1, 1024):
+        for name in ("larger1", "cube"):
+            mesh = load_mesh(f"{name}.ply")
+            save_mesh(mesh.with_verts(unit * mesh.verts), f"{name}-{unit}.ply")
+        names.append((f"larger1-{unit}.ply", f"cube-{unit}.ply"))
+    small, large = (json.loads(answered("measure", *pair, "--json", "--tau", "3%", *FEW)) for pair in names)
+    assert 0 < small["f_score"]["f1"] == large["f_score"]["f1"] < 1
+    for pair, unit in zip(names, (1, 1024), strict=True):
+        found = json.loads(answered("measure", *pair, "--json", *FEW))
+        assert found["f_score"]["tau"] == pytest.approx(0.005 * unit * 12**0.5)
+        found = json.loads(answered("measure", *pair, "--normalise", "tutorial", "--json", *FEW))
+        assert found["f_score"]["tau"] == MeasureSettings().f_score_tau
+
+
+def test_a_target_that_is_inside_out_is_turned_which_is_said():
+    cube = load_mesh("cube.ply")
+    save_mesh(Mesh(cube.verts, cube.faces[:, ::-1]), "inside-out.ply")
+    ran = invoke("measure", "larger1.ply", "inside-out.ply", "--json", *FEW)
+    assert ran.err == (
+        "warning: inside-out.ply: the surface is inside out: closed, with a negative volume; "
+        "its faces are turned for the measurement\n"
+    )
+    assert json.loads(ran.out)["normal_consistency"]["signed"] > 0.9
+    ran = invoke("measure", "inside-out.ply", "larger1.ply", "--json", *FEW)
+    assert ran.err.endswith("inside-out.ply: the surface is inside out: closed, with a negative volume\n")
+    assert json.loads(ran.out)["normal_consistency"]["signed"] < -0.9
 
 
 def test_meshes_in_different_frames_are_measured_and_warned_of():

@@ -62,7 +62,7 @@ RANGES = {
     "fit.snapshots": (["1", "null"], ["0"]),
     "measure.samples": (["100"], ["99"]),
     "measure.points": (["100"], ["99"]),
-    "measure.f_score_tau": (["0.1"], ["0", "-1"]),
+    "measure.f_score_tau": (["0.1", "1%", "0.5 %"], ["0", "-1", "0%", "-1%", "nan%", "'%'", "1mm", "null", "true"]),
     "measure.crease_angle": (["30", "179.5"], ["0", "180", ".nan"]),
     "measure.seed": (["0"], ["-1"]),
 }

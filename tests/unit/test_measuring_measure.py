@@ -105,6 +105,8 @@ def test_a_perfect_result_is_no_worse_than_a_poor_one():
 def test_figures_are_those_asked_for():
     found = measure(octahedron(), cube(), FEW, f_score_tau=0.25)
     assert (found.hausdorff.samples, found.chamfer.points, found.f_score.tau) == (1000, 500, 0.25)
+    assert measure(octahedron(), cube(), FEW, f_score_tau="25%").f_score.tau == pytest.approx(0.25 * 2)
+    assert measure(octahedron(), cube(), samples=100, points=100).f_score.tau == pytest.approx(0.005 * 2)
     assert found.hausdorff.percent_of_diagonal == pytest.approx(100 * found.hausdorff.symmetric / 2)
     assert (found.quality.verts, found.quality.faces) == (6, 8)
 

@@ -48,7 +48,7 @@ from meshfit.fitting.settings import FirstOrderSettings, FitSettings
 from meshfit.measuring.measure import measure
 from meshfit.measuring.shortfalls import shortfalls
 from meshfit.mesh.alignment import align, boxes_are_disjoint
-from meshfit.mesh.cleaning import INSIDE_OUT, OPPOSITE, outward
+from meshfit.mesh.cleaning import outward, with_turning
 from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.geometry import bounding_box_diagonal, face_areas
 from meshfit.mesh.io.files import encode_mesh
@@ -281,10 +281,8 @@ def _load_target(
         warnings.simplefilter("always", MeshfitWarning)
         mesh = load_target(name, cleaning)
     turned, texts = outward(mesh), _texts(caught)
-    if turned is not mesh:
-        # Fits match normals, and would turn the source inside out.
-        faults = (INSIDE_OUT, OPPOSITE)
-        texts = [f"{text}; its faces are turned for the fit" if text.endswith(faults) else text for text in texts]
+    if turned is not mesh:  # fits match normals, and would turn the source inside out
+        texts = with_turning(texts, "fit")
     carry(carried, lambda: turned)
     frame = frame_of(mesh.verts, normalise)
     return _Target(frame, frame.normalise(turned), tuple(texts))
