@@ -1,7 +1,6 @@
 """Run the missing trials of a plan, print the table of all trials, and list the failures."""
 
 import json
-import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -26,7 +25,7 @@ from meshfit.experiment.storage.result import read_result_or_warn
 from meshfit.experiment.storage.run_directory import FAILURE, RESULT, Result, RunDirectory, damage, make_folder
 from meshfit.experiment.trial_status import Outcome, TrialStatus
 from meshfit.paths import file_stem, shell_path
-from meshfit.report.tables.grouping import distinguish_definitions
+from meshfit.report.tables.grouping import distinguish_definitions, without_numbers
 from meshfit.units import count_text, duration_text
 
 if TYPE_CHECKING:
@@ -34,7 +33,6 @@ if TYPE_CHECKING:
 
 _MOST_LISTED_PER_REASON = 20
 _MOST_TARGETS = 3
-_NUMBER = re.compile(r"\d[\d.]*(?:e[-+]?\d+)?")
 
 
 def run_and_report(trials: Sequence[Trial], options: RunOptions) -> int:
@@ -172,15 +170,20 @@ def _results_of(trials: Sequence[Trial], store: RunDirectory) -> list[Result]:
 
 
 def _show_warnings(results: Sequence[Result]) -> None:
-    """Show the warnings of trials, each once; those that differ in numbers alone are the same one."""
+    """Show the warnings of trials, each once; those that differ in numbers alone are the same one.
+
+    Shortfalls are left to the notes of the table.
+    """
     trials = Counter(result["target"] for result in results)
     alike: dict[str, list[tuple[str, str]]] = {}
     for result in results:
         for text in dict.fromkeys(result.get("warnings", ())):
+            if text in result.get("shortfalls", ()):
+                continue
             if file_stem(text.partition(": ")[0]) == result["target"]:
                 warn_once(text)  # it names the target's file
             else:
-                alike.setdefault(_NUMBER.sub("#", text), []).append((result["target"], text))
+                alike.setdefault(without_numbers(text), []).append((result["target"], text))
     for cases in alike.values():
         targets = list(dict.fromkeys(target for target, _ in cases))
         more = len(targets) - _MOST_TARGETS

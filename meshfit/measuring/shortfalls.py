@@ -10,22 +10,30 @@ from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.topology import Topology
 from meshfit.units import count_text
 
-# Points farther than this share of the diagonal from the other surface count as unreached or off the target; they are
-# reported above this share of the area.
-_FAR, _PART = 0.02, 0.005
+FAR = 0.02
+"""Share of the target's diagonal from which a point counts as far from the other surface."""
+FAR_ON_AVERAGE = 0.1
+"""That of fits which minimise a mean distance: ears that they cut short are their numbers, not parts they miss."""
+_PART = 0.005  # parts of less area are not reported
 _POINTS = 5000
 
 
-def shortfalls(result: Mesh, target: Mesh) -> list[str]:
-    """Return what a result lacks of its target, in words, each of which names the finding and its size."""
-    far = _FAR * bounding_box_diagonal(target.verts)
-    unreached, beyond = _share_beyond(far, target, result), _share_beyond(far, result, target)
+def shortfalls(result: Mesh, target: Mesh, far: float = FAR) -> list[str]:
+    """Return what a result lacks of its target, in words, each of which names the finding and its size.
+
+    Args:
+        result: the surface of the result.
+        target: the surface that it was fitted to.
+        far: share of the target's diagonal from which a point is not reached, or off the target.
+    """
+    length = far * bounding_box_diagonal(target.verts)
+    unreached, beyond = _share_beyond(length, target, result), _share_beyond(length, result, target)
     texts = _of_topology(result, target)
-    distance = f"farther than {_FAR:.0%} of the target's diagonal from the"
+    distance = f"farther than {100 * far:g} % of the target's diagonal from the"
     if unreached > _PART:
-        texts.append(f"not reached: {unreached:.1%} of the target's area is {distance} result")
+        texts.append(f"not reached: {100 * unreached:.1f} % of the target's area is {distance} result")
     if beyond > _PART:
-        texts.append(f"off the target: {beyond:.1%} of the result's area is {distance} target")
+        texts.append(f"off the target: {100 * beyond:.1f} % of the result's area is {distance} target")
     return texts
 
 

@@ -7,10 +7,19 @@ import pytest
 from meshfit.mesh.io.files import save_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron
-from meshfit.report.figures.figure import WIDTHS, shows_sources
+from meshfit.report.figures.figure import (
+    WIDTHS,
+    FigureStyle,
+    details,
+    latex_figure,
+    plain_caption,
+    result_lines,
+    shows_sources,
+)
 from meshfit.report.figures.layout import DPI
+from meshfit.report.figures.representative_trial import RepresentativeTrial, TargetTrials
 from tests.cli import answered, refused
-from tests.runs import complete
+from tests.runs import complete, result_of
 
 png = pytest.importorskip("PIL.Image", reason="figures need pyvista, matplotlib and pillow")
 pytest.importorskip("pyvista")
@@ -110,3 +119,16 @@ def test_sources_are_shown_once_for_each_setting_of_the_source():
     assert shows_sources(targets, "once") == [True, False, True]
     assert shows_sources(targets, "all") == [True, True, True]
     assert shows_sources(targets, "none") == [False, False, False]
+
+
+def test_a_result_that_falls_short_is_marked_and_the_caption_says_how():
+    short = result_of("cow") | {"shortfalls": ["topology not matched"]}
+    trials = tuple(RepresentativeTrial(result, 0.1, 1) for result in (short, result_of("cow", "interp-loop")))
+    target = SimpleNamespace(selected=TargetTrials("cow", "the cow", {"normalise": "box"}, trials))
+    metric, style = "distance.mean", FigureStyle()
+    assert [result_lines(trial, metric, style)[1] for trial in trials] == ["0.1000†", "0.1000"]
+    assert "† falls short of its target" in plain_caption([target], metric, style)
+    assert "† the cow, loop: topology not matched." in details([target], metric, style)
+    assert r"\dag{} falls short" in latex_figure([target], metric, "figure.pdf", style)
+    sound = SimpleNamespace(selected=TargetTrials("cow", "the cow", {}, trials[1:]))
+    assert "†" not in " ".join([plain_caption([sound], metric, style), *details([sound], metric, style)])

@@ -8,7 +8,9 @@ import pytest
 
 from meshfit.cli.console import show_warnings
 from meshfit.errors import MeshfitWarning
+from meshfit.mesh.io.files import save_mesh
 from tests.cli import answered, invoke, trials_in_this_process
+from tests.shapes import torus
 from tests.small import config_file
 
 CONFIG = """\
@@ -58,7 +60,7 @@ def test_a_fit_that_ended_farther_off_than_it_began_says_so(folder):
     assert lines[0].startswith(f"warning: ellipsoid: {FARTHER}")
     assert lines[0].endswith("; raise fit.samples, or lower fit.optimizer.lr")
     for texts in recorded():
-        assert len(texts) == 1
+        assert [text.partition(" ")[0] for text in texts] == ["the", "not", "off"]  # not reached, off the target
         assert texts[0].startswith(FARTHER)
     logs = [path.read_text() for path in Path("runs").rglob("trial.log")]
     assert all(f"warning: {FARTHER}" in log for log in logs)
@@ -69,6 +71,18 @@ def test_a_source_several_times_larger_than_the_target_says_so(folder):
     assert any(line.startswith(f"warning: ellipsoid: {LARGER}2.") and "times as large" in line for line in lines)
     assert all(any(text.startswith(LARGER) for text in texts) for texts in recorded())
     assert run("--set", "normalise=box", "--set", "source.radius=0.5", "--targets", "ellipsoid.ply", "--force") == []
+
+
+def test_a_handle_that_a_first_order_fit_lacks_is_a_shortfall_in_the_notes_of_the_table(folder):
+    save_mesh(torus(), folder / "ring.ply")
+    with trials_in_this_process():
+        ran = invoke("run", "small.yaml", "--targets", "ring.ply", "--set", "schemes=[loop]")
+    finding = "topology not matched: the target has 1 handle (0 in the result)"
+    assert f"† falls short of its target: ring: {finding}" in " ".join(ran.out.split())
+    assert finding not in ran.err
+    (result,) = (json.loads(path.read_text()) for path in Path("runs").rglob("result.json"))
+    assert result["shortfalls"] == [finding]
+    assert finding in result["warnings"]
 
 
 def test_a_fit_as_it_should_be_says_nothing(folder):

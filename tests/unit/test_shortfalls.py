@@ -1,17 +1,23 @@
 """What a result lacks of its target: named, recorded, and marked in tables."""
 
+import csv
+import json
+from io import StringIO
+
 import numpy as np
 
-from meshfit.measuring.shortfalls import shortfalls
+from meshfit.measuring.shortfalls import FAR_ON_AVERAGE, shortfalls
 from meshfit.mesh.manifold import TopologyCounts
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, icosahedron
 from meshfit.mesh.topology import Topology
+from meshfit.report.tables.formats.data import to_csv, to_json
 from meshfit.report.tables.formats.latex import to_latex
 from meshfit.report.tables.formats.markdown import to_markdown
 from meshfit.report.tables.formats.terminal import to_text
+from meshfit.report.tables.notes import shortfall_note
 from meshfit.report.tables.style import Style
-from meshfit.report.tables.table import build_tables, styled
+from meshfit.report.tables.table import build_tables, merge_tables, styled
 from meshfit.subdivision.refine import subdivide
 from tests.runs import result_of
 from tests.shapes import patch, torus
@@ -45,7 +51,7 @@ def test_missing_handles_and_unreached_parts_are_named_with_their_size():
     topology, reach = shortfalls(ball, joined(ball, far))
     assert topology == "topology not matched: the target has 2 pieces (1 in the result)"
     assert reach.startswith("not reached: 20.")
-    assert reach.endswith("% of the target's area is farther than 2% of the target's diagonal from the result")
+    assert reach.endswith(" % of the target's area is farther than 2 % of the target's diagonal from the result")
     assert "1 handle (0 in the result)" in shortfalls(ball, torus())[0]
     # A cap over the hole of a torus is off it.
     ring = torus(24, 16)
@@ -55,11 +61,76 @@ def test_missing_handles_and_unreached_parts_are_named_with_their_size():
     assert off.startswith("off the target: ")
 
 
+HANDLE = "topology not matched: the target has 1 handle (0 in the result)"
+
+
+def unreached(share):
+    return f"not reached: {share} % of the target's area is farther than 2 % of the target's diagonal from the result"
+
+
+def cell_of(target="cow", scheme="loop", seed=0, *texts):
+    return result_of(target, scheme, seed) | {"shortfalls": list(texts)}
+
+
+def squeezed(text):
+    return " ".join(text.split())
+
+
 def test_cells_of_results_with_shortfalls_are_marked_and_explained_in_every_format():
-    short = result_of(target="cow") | {"shortfalls": ["topology not matched: the target has 1 handle"]}
-    tables = build_tables([result_of(), short])
+    tables = build_tables([result_of(), cell_of("cow", "loop", 0, HANDLE)])
     for text, mark in ((to_text(tables), "†"), (to_markdown(tables), "†"), (to_latex(tables), r"\dag{}")):
         assert text.count(mark) == 2, text
-        assert "topology not matched" in " ".join(text.split())
+        assert f"falls short of its target: the cow: {HANDLE}" in squeezed(text)
     assert "†" not in to_text(styled(tables, Style(notes="none")))
     assert "†" not in to_text(build_tables([result_of()]))
+
+
+def test_marks_move_no_number_and_stand_beside_other_marks():
+    values = {"loop": (0.1, 0.2), "interp-loop": (0.2, 0.1)}
+    results = [
+        cell_of("cow", scheme, seed, *[HANDLE] * (scheme == "interp-loop")) | {"hausdorff": {"symmetric": value}}
+        for scheme, pair in values.items()
+        for seed, value in enumerate(pair)
+    ]
+    tables = build_tables(results)
+    first, second = (line for line in to_text(tables).splitlines() if line.startswith(("loop ", "interp-loop ")))
+    assert second.endswith(" ≈†")
+    assert first.index(")") == second.index(")")
+    assert r"\rlap{\,$\approx$\textsuperscript{\dag{}}}" in to_latex(tables)
+    assert " ≈† |" in to_markdown(tables)
+
+
+def test_shortfalls_that_differ_in_numbers_alone_are_stated_once_by_the_worst():
+    def note(*results):
+        return shortfall_note(merge_tables(build_tables(results))[0])
+
+    runs = [
+        cell_of("cow", "loop", seed, *texts) for seed, texts in enumerate(([unreached(2.5)], [unreached(11.0)], []))
+    ]
+    assert note(*runs) == f"falls short of its target: the cow (worst of 2 of 3 runs): {unreached(11.0)}"
+    sound = cell_of("cow", "interp-loop")
+    assert f"the cow (loop; worst of 2 of 3 runs): {unreached(11.0)}" in note(*runs, sound)
+    assert "the cow (all rows)" in note(cell_of("cow", "loop", 0, HANDLE), cell_of("cow", "interp-loop", 0, HANDLE))
+    assert "the cow (loop; 1 of 3 runs)" in note(*runs[1:], cell_of("cow", "loop", 0), sound)
+    assert note(sound) == ""
+
+
+def test_tables_as_data_name_shortfalls_by_cell_and_seed():
+    results = [
+        cell_of("cow", "loop", 0),
+        cell_of("cow", "loop", 1, HANDLE, unreached(3.0)),
+        cell_of("cow", "interp-loop"),
+    ]
+    tables = build_tables(results)
+    short, sound = csv.DictReader(StringIO(to_csv(tables)))
+    assert (short["shortfalls"], sound["shortfalls"]) == (f"{HANDLE}; {unreached(3.0)}", "")
+    cells = json.loads(to_json(tables))["tables"][0]["cells"]
+    assert [cell["shortfalls"] for cell in cells] == [{"1": [HANDLE, unreached(3.0)]}, {}]
+
+
+def test_first_order_fits_miss_parts_farther_off_than_the_ears_that_they_cut_short():
+    ball = subdivide(icosahedron(), "loop", 2)
+    near = ball.with_verts(0.9 * ball.verts)
+    assert len(shortfalls(near, ball)) == 2
+    assert shortfalls(near, ball, FAR_ON_AVERAGE) == []
+    assert "farther than 10 %" in shortfalls(near, joined(ball, ball.with_verts(ball.verts + 3)), FAR_ON_AVERAGE)[1]

@@ -46,7 +46,7 @@ from meshfit.fitting.loop import FitResult
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem, Trace
 from meshfit.fitting.settings import FirstOrderSettings, FitSettings
 from meshfit.measuring.measure import measure
-from meshfit.measuring.shortfalls import shortfalls
+from meshfit.measuring.shortfalls import FAR, FAR_ON_AVERAGE, shortfalls
 from meshfit.mesh.alignment import align, boxes_are_disjoint
 from meshfit.mesh.cleaning import outward, with_turning
 from meshfit.mesh.cleaning_options import CleaningOptions
@@ -159,8 +159,8 @@ class TrialRunner:
             measured = measure(fitted.mesh, self._target, self.trial.settings.measure)
             _warn_if_farther(self._source, fitted.mesh, self._target, self.trial.settings.fit)
         short = list(fitted.shortfalls)
-        if not isinstance(self.trial.settings.fit, FirstOrderSettings):  # which averages distances, and reaches no ear
-            short += shortfalls(fitted.mesh, self._target)
+        far = FAR_ON_AVERAGE if isinstance(self.trial.settings.fit, FirstOrderSettings) else FAR
+        short += shortfalls(fitted.mesh, self._target, far)
         for text in short:
             self.warn(text)
         seconds["measure"] = time.perf_counter() - start

@@ -16,6 +16,7 @@ from meshfit.report.figures.layout import DPI, ColourBar, Panel, distance_panel,
 from meshfit.report.figures.representative_trial import RepresentativeTrial, TargetTrials
 from meshfit.report.figures.trial_meshes import TrialMeshes, distances_to, distinct_meshes, read_trial_meshes
 from meshfit.report.tables.formats.latex import escape
+from meshfit.report.tables.layout import SHORTFALL
 from meshfit.report.tables.notes import FRAMES
 from meshfit.report.tables.numbers import format_number
 
@@ -147,7 +148,7 @@ def shows_sources(targets: Sequence[FigureTarget], sources: Sources) -> list[boo
 
 def _shape(target: FigureTarget, metric: str, style: FigureStyle, *, sources: bool, in_line: bool) -> BlockShape:
     """The shape of a block, whose text is that of the pictures that will be drawn."""
-    longest = max((_result_lines(trial, metric, style) for trial in target.selected.trials), key=lambda x: len(x[0]))
+    longest = max((result_lines(trial, metric, style) for trial in target.selected.trials), key=lambda x: len(x[0]))
     columns = 1 + len(target.meshes)
     if in_line:
         return BlockShape(1, 3 + (style.sources != "none"), target.aspect, 3 + sources, (longest,))
@@ -167,7 +168,7 @@ def _rows(
     distances = [distances_to(meshes.result, meshes.target) for meshes in target.meshes]
     limit = shared_limit(distances)
     results = [
-        mesh_panel(meshes.result, camera, size, *_result_lines(trial, metric, style))
+        mesh_panel(meshes.result, camera, size, *result_lines(trial, metric, style))
         for trial, meshes in zip(target.selected.trials, target.meshes, strict=True)
     ]
     coloured = [
@@ -193,8 +194,10 @@ def _in_line(rows: Sequence[Sequence[Panel | None]], *, sources: bool) -> tuple[
     return (source, target, result, distances) if sources else (target, result, distances)
 
 
-def _result_lines(trial: RepresentativeTrial, metric: str, style: FigureStyle) -> tuple[str, ...]:
-    value = () if trial.value is None else (format_number(trial.value, whole=METRICS[metric].whole),)
+def result_lines(trial: RepresentativeTrial, metric: str, style: FigureStyle) -> tuple[str, ...]:
+    """Return the lines below the picture of a result: its scheme, and its value with the mark of a shortfall."""
+    mark = SHORTFALL if trial.shortfalls else ""
+    value = () if trial.value is None else (format_number(trial.value, whole=METRICS[metric].whole) + mark,)
     return (style.label(trial.scheme), *value)
 
 
@@ -222,6 +225,12 @@ def details(targets: Sequence[FigureTarget], metric: str, style: FigureStyle) ->
     ]
     sentences = [
         f"Runs shown: {'; '.join(each)}",
+        *(
+            f"{SHORTFALL} {_title(target, style)}, {style.label(trial.scheme)}: {'; '.join(trial.shortfalls)}"
+            for target in targets
+            for trial in target.selected.trials
+            if trial.shortfalls
+        ),
         "A colour scale ends where 99 % of the vertices of each result are nearer",
     ]
     if metric.startswith("hausdorff."):
@@ -265,5 +274,7 @@ def _sentences(targets: Sequence[FigureTarget], metric: str, style: FigureStyle)
     source = "" if style.sources == "none" else ", source"
     yield f"Target{source} and the result of each scheme with its {title} ({run})"
     yield "Colours: distance of each vertex to the target; ring: the farthest vertex (dashed: hidden)"
+    if any(trial.shortfalls for target in targets for trial in target.selected.trials):
+        yield f"{SHORTFALL} falls short of its target"
     normalise = dict.fromkeys(str(target.selected.settings.get("normalise")) for target in targets)
     yield f"Lengths in {'; '.join(FRAMES.get(name, name) for name in normalise)}"

@@ -38,6 +38,11 @@ class RepresentativeTrial:
         return int(self.result["seed"])
 
     @property
+    def shortfalls(self) -> tuple[str, ...]:
+        """What the result lacks of its target, in words."""
+        return tuple(self.result.get("shortfalls", ()))
+
+    @property
     def folder(self) -> Path:
         """The folder of the trial."""
         return Path(self.result["folder"])

@@ -24,7 +24,7 @@ from meshfit.report.figures.trial_meshes import (
     distinct_meshes,
     read_normalised,
 )
-from meshfit.report.tables.layout import row_titles
+from meshfit.report.tables.layout import SHORTFALL, row_titles
 from meshfit.report.tables.notes import FRAMES
 from meshfit.report.tables.numbers import format_number
 from meshfit.report.tables.table import Row, Table
@@ -241,6 +241,7 @@ def _load(
         problems.append(f"{label}, seed {trial.seed}, is not shown: {error}")
         return None
     value = "" if trial.value is None else format_number(trial.value, whole=whole)
+    value += SHORTFALL if trial.shortfalls and value else ""
     return LoadedTrial(label, trial.seed, value, scheme, row, source, mesh, distances)
 
 

@@ -28,7 +28,10 @@ HEAD = ("experiment", "target", "target_title", "scheme", "seed", "variant", "st
 FAILURE_HEAD = ("failure.kind", "failure.message")
 
 # Order of the columns after metrics and settings, by prefix.
-_AFTER = ("fit.", "tool.", "seconds.", "peak_memory_mb", "warnings", "frame.", "versions.", "platform.", "inputs.")
+_AFTER = (
+    *("fit.", "tool.", "seconds.", "peak_memory_mb", "warnings", "shortfalls"),
+    *("frame.", "versions.", "platform.", "inputs."),
+)
 _OMITTED = {*HEAD, "settings", "traceback", "log"}
 _METRIC_TYPES = {"d": "int64", "": "bool"}
 _TYPES = {bool: "bool", int: "int64", float: "float64", str: "string"}

@@ -45,7 +45,8 @@ class Variation:
         samples: values by metric, target and scheme, then by seed; only where there are values.
         place: place among the variations of its experiments, by their plans; empty if these do not say.
         name: name among the variations of a table; empty for a single one.
-        shortfalls: what results lack of their target, in words, by target and scheme; only where there are some.
+        shortfalls: what results lack of their target, in words, by target and scheme, then by seed; only where there
+            are some.
     """
 
     title: str
@@ -58,7 +59,7 @@ class Variation:
     samples: Mapping[tuple[str, str, str], BySeed]
     place: tuple[int, ...] = ()
     name: str = ""
-    shortfalls: Mapping[tuple[str, str], tuple[str, ...]] = field(default_factory=dict)
+    shortfalls: Mapping[tuple[str, str], Mapping[int, tuple[str, ...]]] = field(default_factory=dict)
 
 
 def group_results(
@@ -119,12 +120,12 @@ def group_results(
     return variations
 
 
-def _shortfalls(results: Sequence[Result]) -> dict[tuple[str, str], tuple[str, ...]]:
-    found: dict[tuple[str, str], dict[str, None]] = {}
+def _shortfalls(results: Sequence[Result]) -> dict[tuple[str, str], dict[int, tuple[str, ...]]]:
+    found: dict[tuple[str, str], dict[int, tuple[str, ...]]] = {}
     for result in sorted(results, key=lambda result: int(result["seed"])):
-        for text in result.get("shortfalls", ()):
-            found.setdefault((target_key(result), result["scheme"]), {})[text] = None
-    return {place: tuple(texts) for place, texts in found.items()}
+        if texts := result.get("shortfalls"):
+            found.setdefault((target_key(result), result["scheme"]), {})[int(result["seed"])] = tuple(texts)
+    return found
 
 
 def _samples(results: Sequence[Result], metric: str) -> dict[tuple[str, str, str], dict[int, float]]:
@@ -283,6 +284,19 @@ def natural_order(settings: Sequence[Settings]) -> list[int]:
     """Order settings by the values in which they differ, numbers by size and texts naturally; return their indices."""
     keys = differing_keys(settings)
     return sorted(range(len(settings)), key=lambda place: [_natural(settings[place].get(key)) for key in keys])
+
+
+_NUMBER = re.compile(r"\d[\d.]*(?:e[-+]?\d+)?")
+
+
+def without_numbers(text: str) -> str:
+    """Return a text with each number replaced by #: texts on the same finding are then equal."""
+    return _NUMBER.sub("#", text)
+
+
+def numbers_in(text: str) -> list[float]:
+    """Return the numbers in a text."""
+    return [float(number.rstrip(".")) for number in _NUMBER.findall(text)]
 
 
 def setting_text(value: object) -> str:

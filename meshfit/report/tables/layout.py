@@ -11,6 +11,8 @@ from meshfit.report.tables.paper_numbers import published_value
 from meshfit.report.tables.table import Row, Table
 
 MISSING = "–"
+NOT_SIGNIFICANT = "≈"
+"""Mark of a cell without a significant difference."""
 SHORTFALL = "†"
 """Mark of a cell with a result that lacks something of its target."""
 GAP = 2
@@ -27,12 +29,19 @@ class TextCell:
         interval: confidence interval of the mean; empty if there is none.
         best: whether the row is the best of its column.
         not_significant: whether a comparison of the row in this column is not significant.
+        short: whether a result lacks something of its target.
     """
 
     text: str
     interval: str = ""
     best: bool = False
     not_significant: bool = False
+    short: bool = False
+
+    def marks(self, best: str = "") -> str:
+        """Return the marks of the cell, of which `best` is that of the best cell of a column."""
+        first = best if self.best else NOT_SIGNIFICANT if self.not_significant else ""
+        return first + (SHORTFALL if self.short else "")
 
 
 @dataclass(frozen=True)
@@ -57,20 +66,26 @@ class Column:
     paper: bool
     cells: tuple[TextCell, ...]
 
-    def cell_width(self, mark: int) -> int:
-        """Return the width of the cells, in which a mark takes so many characters."""
-        marked = any(cell.best or cell.not_significant for cell in self.cells)
-        return max(len(line) for cell in self.cells for line in (cell.text, cell.interval)) + mark * marked
+    @property
+    def marks_width(self) -> int:
+        """Width of the marks of the cells, each one character, with a blank before them."""
+        longest = max(len(cell.marks("*")) for cell in self.cells)
+        return longest and 1 + longest
 
-    def heading_lines(self, mark: int) -> list[str]:
+    def cell_width(self, *, marks: bool) -> int:
+        """Return the width of the cells, with or without room for marks."""
+        width = max(len(line) for cell in self.cells for line in (cell.text, cell.interval))
+        return width + (self.marks_width if marks else 0)
+
+    def heading_lines(self, *, marks: bool) -> list[str]:
         """Wrap the heading to the width of the cells, or of its longest word, if that is longer."""
         parts = list(filter(None, (self.group, self.subheading)))
-        width = max(self.cell_width(mark), *(len(word) for part in parts for word in part.split()))
+        width = max(self.cell_width(marks=marks), *(len(word) for part in parts for word in part.split()))
         return [line for part in parts for line in wrap(part, width, break_on_hyphens=False)]
 
-    def width(self, mark: int) -> int:
+    def width(self, *, marks: bool) -> int:
         """Return the width of the column."""
-        return max(self.cell_width(mark), *map(len, self.heading_lines(mark)))
+        return max(self.cell_width(marks=marks), *map(len, self.heading_lines(marks=marks)))
 
 
 _Places = Sequence[tuple[str, Row]]
@@ -136,12 +151,11 @@ def _cell(table: Table, metric: str, target: str, row: Row, not_significant: Con
         return TextCell(MISSING)
     style, whole = table.style, METRICS[metric].whole
     text, interval = format_mean(table.cells[place], whole=whole, cells=style.cells, digits=style.digits)
-    if style.notes != "none" and table.shortfalls(target, row):
-        text += SHORTFALL
     best = table.best.get((metric, target)) == row
-    # Without notes, nothing would explain the mark.
-    not_best = style.notes != "none" and place in not_significant
-    return TextCell(text, interval, best=best, not_significant=not_best)
+    explained = style.notes != "none"  # without notes, nothing would explain the marks
+    not_best = explained and place in not_significant
+    short = explained and bool(table.shortfalls(target, row))
+    return TextCell(text, interval, best=best, not_significant=not_best, short=short)
 
 
 def row_names(table: Table) -> tuple[str, ...]:
@@ -202,13 +216,13 @@ class Block:
         heading: heading of the labels.
         labels: from top to bottom.
         columns: from left to right.
-        mark: width of the mark of a cell.
+        marks: whether the marks of cells take room.
     """
 
     heading: str
     labels: tuple[Label, ...]
     columns: tuple[Column, ...]
-    mark: int
+    marks: bool
 
     @property
     def label_width(self) -> int:
@@ -218,21 +232,21 @@ class Block:
     @property
     def width(self) -> int:
         """Width of the block."""
-        return self.label_width + sum(GAP + column.width(self.mark) for column in self.columns)
+        return self.label_width + sum(GAP + column.width(marks=self.marks) for column in self.columns)
 
 
-def blocks_of(table: Table, width: int, mark: int = GAP) -> Iterator[Block]:
+def blocks_of(table: Table, width: int, *, marks: bool = True) -> Iterator[Block]:
     """Break a table into blocks; the columns of a target, or at least of a metric on it, stay together.
 
     Args:
         table: the table to lay out.
         width: characters that fit side by side.
-        mark: width of the mark of a cell.
+        marks: whether the marks of cells take room.
     """
     heading, labels = row_names(table)[-1], tuple(_labels(table, max(_LEAST_FOR_LABELS, width // 3)))
 
     def block(columns: list[Column]) -> Block:
-        return Block(heading, labels, tuple(columns), mark)
+        return Block(heading, labels, tuple(columns), marks)
 
     together: list[list[Column]] = []
     for _, on_target in groupby(columns_of(table), key=lambda column: column.place):

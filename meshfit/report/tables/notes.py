@@ -2,12 +2,13 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import groupby, product
 from typing import Any
 
 from meshfit.config.experiment import MADE_FROM_TARGET
 from meshfit.measuring.metrics import METRICS
-from meshfit.report.tables.layout import SHORTFALL, columns_of
+from meshfit.report.tables.grouping import numbers_in, without_numbers
+from meshfit.report.tables.layout import NOT_SIGNIFICANT, SHORTFALL, columns_of, row_titles
 from meshfit.report.tables.numbers import format_difference
 from meshfit.report.tables.paper_numbers import LIKELIER, OTHER, PAPER_METRIC, paper_value
 from meshfit.report.tables.table import VARIED, Comparison, Row, Table
@@ -20,10 +21,8 @@ FRAMES = {
     "none": "the unit of the target's file",
 }
 """The frame that lengths are stated in, by the setting `normalise`."""
-NOT_SIGNIFICANT = "≈"
-"""Mark of a cell without a significant difference."""
 _STAND_IN = "stand-in"
-_MOST_SHORTFALLS = 6
+_MOST_SHORTFALLS, _MOST_ROWS = 6, 3
 _CELLS = {
     "mean": "mean",
     "mean-sd": "mean ± standard deviation",
@@ -280,16 +279,42 @@ def not_significant_note(table: Table) -> str:
 
 
 def shortfall_note(table: Table) -> str:
-    """Explain the mark of cells whose results lack something of their target; empty if no cell has it."""
-    found: dict[str, None] = {}
-    for target, title in table.targets.items():
-        for row in table.rows:
-            names = ", ".join(filter(None, (table.scheme_title(row.scheme), table.variation_title(row))))
-            for text in table.shortfalls(target, row):
-                found[f"{title} ({names}): {text}" if len(table.rows) > 1 else f"{title}: {text}"] = None
-    more = len(found) - _MOST_SHORTFALLS
-    texts = [*list(found)[:_MOST_SHORTFALLS], *([f"and {more} more; see result.json"] if more > 0 else [])]
-    return "; ".join(texts)
+    """Explain the mark of cells whose results lack something of their target; empty if no cell has it.
+
+    Shortfalls of a target that differ in numbers alone are stated once, by the worst.
+    """
+    found: dict[tuple[str, str], list[tuple[Row, str]]] = {}
+    for target, row in product(table.targets, table.rows):
+        for texts in table.shortfalls(target, row).values():
+            for text in texts:
+                found.setdefault((target, without_numbers(text)), []).append((row, text))
+    if not found:
+        return ""
+    sentences = [_shortfall(table, target, cases) for (target, _), cases in found.items()]
+    more = len(sentences) - _MOST_SHORTFALLS
+    sentences[_MOST_SHORTFALLS:] = [f"and {more} more, see result.json"] if more > 0 else []
+    return f"falls short of its target: {'; '.join(sentences)}"
+
+
+def _shortfall(table: Table, target: str, cases: Sequence[tuple[Row, str]]) -> str:
+    """State one shortfall of the results on a target, with the rows that have it, and the worst of its cases."""
+    rows = list(dict.fromkeys(row for row, _ in cases))
+    with_results = [row for row in table.rows if _seeds(table, target, row)]
+    runs = sum(len(_seeds(table, target, row)) for row in rows)
+    names = [" · ".join(row_titles(table, row)) for row in rows[:_MOST_ROWS]]
+    more = len(rows) - _MOST_ROWS
+    names += [f"{count_text(more, 'more row')}"] if more > 0 else []
+    where = [] if len(with_results) == 1 else ["all rows" if len(rows) == len(with_results) else ", ".join(names)]
+    if runs > len(rows):  # several seeds
+        count = f"{len(cases)} of {runs}" if len(cases) < runs else f"{runs}"
+        where.append(f"worst of {count} runs" if len(cases) > 1 else f"{count} runs")
+    worst = max((text for _, text in cases), key=numbers_in)
+    ending = f" ({'; '.join(where)})" if where else ""
+    return f"{table.targets[target]}{ending}: {worst}"
+
+
+def _seeds(table: Table, target: str, row: Row) -> set[int]:
+    return {seed for metric in table.metrics for seed in table.samples.get((metric, target, row), ())}
 
 
 def legend(table: Table, best: str) -> list[tuple[str, str]]:

@@ -137,9 +137,9 @@ class Table:
             if (sample := self.variations[row.variation].samples.get((metric, target, row.scheme)))
         }
 
-    def shortfalls(self, target: str, row: Row) -> tuple[str, ...]:
-        """Return what the results of a cell lack of their target, in words."""
-        return self.variations[row.variation].shortfalls.get((target, row.scheme), ())
+    def shortfalls(self, target: str, row: Row) -> Mapping[int, tuple[str, ...]]:
+        """Return what the results of a cell lack of their target, in words, by seed; only where there is something."""
+        return self.variations[row.variation].shortfalls.get((target, row.scheme), {})
 
     @cached_property
     def cells(self) -> dict[tuple[str, str, Row], Summary]:

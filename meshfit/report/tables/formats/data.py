@@ -4,6 +4,7 @@ import csv
 import json
 from collections.abc import Iterator, Sequence
 from io import StringIO
+from itertools import chain
 from typing import Any
 
 from meshfit.measuring.metrics import METRICS, Metric
@@ -15,7 +16,8 @@ from meshfit.report.tables.table import Comparison, Row, Table
 
 FIELDS = (
     "table", "experiment", "variant", "metric", "target", "target_title", "scheme", "scheme_title",
-    "mean", "mean_low", "mean_high", "spread", "median", "count", "seeds", "best", "paper", "paper_other_reading",
+    "mean", "mean_low", "mean_high", "spread", "median", "count", "seeds", "best", "shortfalls",
+    "paper", "paper_other_reading",
     "baseline", "difference", "low", "high", "common_seeds", "significant", "improvement", "seeds_needed",
 )  # fmt: skip
 _FORMAT_VERSION = 1
@@ -98,6 +100,7 @@ def _csv_cell(table: Table, target: str, row: Row) -> dict[str, object]:
             "count": summary.count,
             "seeds": " ".join(map(str, sorted(table.samples[metric, target, row]))),
             "best": table.best.get((metric, target)) == row,
+            "shortfalls": "; ".join(dict.fromkeys(chain(*table.shortfalls(target, row).values()))),
         }
     if (paper := published_value(metric, target, row.scheme)) is not None:
         cell |= {"paper": paper, "paper_other_reading": paper_value(target, row.scheme, OTHER)}
@@ -163,6 +166,7 @@ def _json_cell(table: Table, target: str, row: Row) -> dict[str, Any]:
         spread = None if summary.spread is None else _rounded(table, summary.spread)
         cell |= {"count": summary.count, "mean": _rounded(table, summary.mean), "spread": spread}
         cell |= {"median": _rounded(table, summary.median), "interval": interval, "values_by_seed": by_seed}
+        cell["shortfalls"] = {str(seed): list(texts) for seed, texts in table.shortfalls(target, row).items()}
     if published_value(metric, target, scheme) is not None:
         cell["paper"] = {reading: values[target, scheme] for reading, values in READINGS.items()}
     return {name: value for name, value in cell.items() if name not in _hidden(table.style)}

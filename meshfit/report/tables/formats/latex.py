@@ -6,9 +6,8 @@ from itertools import groupby
 from textwrap import wrap
 
 from meshfit.printable import printable
-from meshfit.report.tables.layout import Block, Label, TextCell, blocks_of
+from meshfit.report.tables.layout import NOT_SIGNIFICANT, SHORTFALL, Block, Label, TextCell, blocks_of
 from meshfit.report.tables.notes import (
-    NOT_SIGNIFICANT,
     cell_line,
     comparison_lines,
     legend,
@@ -70,7 +69,7 @@ def to_latex(tables: Sequence[Table]) -> str:
 
 def _table(table: Table, number: int) -> tuple[set[str], list[str]]:
     """Return the packages that a table needs, and its lines."""
-    blocks = list(blocks_of(table, round(_SMALL_WIDTH / _LEAST_SCALE), mark=0))
+    blocks = list(blocks_of(table, round(_SMALL_WIDTH / _LEAST_SCALE), marks=False))
     lines = sum(1 + any(cell.interval for column in blocks[0].columns for cell in column.cells) for _ in table.rows)
     if lines > _MOST_LINES:
         return {"booktabs", "longtable"}, list(_long_table(table, number))
@@ -87,7 +86,7 @@ def _small_width(block: Block) -> float:
 
 def _is_marked(blocks: Sequence[Block]) -> bool:
     """Return whether a mark has to fit between columns."""
-    return any(cell.not_significant for block in blocks for column in block.columns for cell in column.cells)
+    return any(cell.marks() for block in blocks for column in block.columns for cell in column.cells)
 
 
 def _float(table: Table, number: int, blocks: Sequence[Block], *, large: bool, shrunk: bool) -> Iterator[str]:
@@ -114,7 +113,7 @@ def _float(table: Table, number: int, blocks: Sequence[Block], *, large: bool, s
 
 def _long_table(table: Table, number: int) -> Iterator[str]:
     yield r"\begingroup\footnotesize\setlength{\tabcolsep}{6pt}\setlength{\LTcapwidth}{\linewidth}"
-    for place, block in enumerate(blocks_of(table, _WIDTH, mark=0)):
+    for place, block in enumerate(blocks_of(table, _WIDTH, marks=False)):
         if place:
             yield r"\addtocounter{table}{-1}"
         yield rf"\begin{{longtable}}{{l{'r' * len(block.columns)}}}"
@@ -158,7 +157,7 @@ def _rows(block: Block) -> Iterator[str]:
 
 def _head(table: Table, block: Block) -> list[str]:
     """Return the lines of the headings; with several metrics, targets stand above them."""
-    headings = [column.heading_lines(block.mark) for column in block.columns]
+    headings = [column.heading_lines(marks=False) for column in block.columns]
     above: list[str] = []
     if len(table.metrics) > 1:
         titles, rules, begin = [""], [], 2
@@ -168,7 +167,7 @@ def _head(table: Table, block: Block) -> list[str]:
             rules.append(rf"\cmidrule(lr){{{begin}-{begin + width - 1}}}")
             begin += width
         above = [_joined(titles), " ".join(rules)]
-        headings = [wrap(column.subheading, column.width(block.mark)) for column in block.columns]
+        headings = [wrap(column.subheading, column.width(marks=False)) for column in block.columns]
     height = max(map(len, headings))
     columns_of_lines = [[""] * (height - 1) + [block.heading]]
     columns_of_lines += [[*[""] * (height - len(lines)), *map(escape, lines)] for lines in headings]
@@ -190,9 +189,11 @@ def _row(block: Block, label: Label) -> list[str]:
 def _cell(cell: TextCell) -> list[str]:
     lines = [escape(text) for text in (cell.text, cell.interval) if text]
     if cell.best:
-        return [rf"\textbf{{{line}}}" for line in lines]
-    # The mark takes no room, so that numbers stay aligned.
-    return [f"{lines[0]}\\rlap{{\\,{escape(NOT_SIGNIFICANT)}}}", *lines[1:]] if cell.not_significant else lines
+        lines = [rf"\textbf{{{line}}}" for line in lines]
+    marks = rf"\,{escape(NOT_SIGNIFICANT)}" if NOT_SIGNIFICANT in cell.marks() else ""
+    marks += rf"\textsuperscript{{{escape(SHORTFALL)}}}" if cell.short else ""
+    # Marks take no room, so that numbers stay aligned.
+    return [rf"{lines[0]}\rlap{{{marks}}}", *lines[1:]] if marks else lines
 
 
 def _joined(cells: Sequence[str]) -> str:

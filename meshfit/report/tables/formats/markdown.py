@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from meshfit.printable import printable
 from meshfit.report.tables.layout import TextCell, columns_of, row_labels, row_names
 from meshfit.report.tables.notes import (
-    NOT_SIGNIFICANT,
     cell_line,
     comparison_lines,
     legend,
@@ -45,7 +44,7 @@ def _section(table: Table) -> str:
 
 def _cell(cell: TextCell) -> str:
     text = escape(" ".join(filter(None, (cell.text, cell.interval))))
-    return f"**{text}**" if cell.best else f"{text} {NOT_SIGNIFICANT}" if cell.not_significant else text
+    return f"{f'**{text}**' if cell.best else text} {cell.marks()}".rstrip()
 
 
 def escape(text: str) -> str:

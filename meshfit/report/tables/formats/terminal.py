@@ -10,7 +10,6 @@ from rich.text import Text
 
 from meshfit.report.tables.layout import GAP, Block, Column, blocks_of
 from meshfit.report.tables.notes import (
-    NOT_SIGNIFICANT,
     ComparisonText,
     Section,
     cell_line,
@@ -71,18 +70,15 @@ _Styled = tuple[str, str]
 
 
 def _block(block: Block) -> Iterator[Text]:
-    headings = [column.heading_lines(block.mark) for column in block.columns]
-    widths = [block.label_width, *(column.width(block.mark) for column in block.columns)]
+    headings = [column.heading_lines(marks=True) for column in block.columns]
+    widths = [block.label_width, *(column.width(marks=True) for column in block.columns)]
     height = max(map(len, headings))
     cells = [[("", "")] * (height - 1) + [(block.heading, "bold")]]
     for lines, width in zip(headings, widths[1:], strict=True):
         cells.append([(line.rjust(width), "bold") for line in [*[""] * (height - len(lines)), *lines]])
     yield from _lines(cells, widths)
     yield Text("─" * block.width)
-    rooms = [
-        width - block.mark * any(cell.best or cell.not_significant for cell in column.cells)
-        for column, width in zip(block.columns, widths[1:], strict=True)
-    ]
+    rooms = [width - column.marks_width for column, width in zip(block.columns, widths[1:], strict=True)]
     for label in block.labels:
         row = label.row
         first = [(line, "bold" if row is None else "") for line in label.lines]
@@ -105,8 +101,7 @@ def _lines(cells: Sequence[Sequence[_Styled]], widths: Sequence[int]) -> Iterato
 def _cell(column: Column, row: int, room: int) -> list[_Styled]:
     cell = column.cells[row]
     style, below = ("bold green", "green") if cell.best else ("italic", "") if column.paper else ("", "")
-    sign = f" {_BEST}" if cell.best else f" {NOT_SIGNIFICANT}" if cell.not_significant else ""
-    first = (cell.text.rjust(room) + sign, style)
+    first = (f"{cell.text.rjust(room)} {cell.marks(_BEST)}", style)
     return [first, (cell.interval.rjust(room), below)] if cell.interval else [first]
 
 
