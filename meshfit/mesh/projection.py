@@ -2,8 +2,9 @@
 
 Vertex data are interpolated within the face of the surface that is nearest to the place of the vertex. A face takes the
 data of the face nearest to its middle. Corner data with seams, such as texture coordinates, are found by walking on the
-surface from the middle of the face towards each of its corners; a walk ends where it meets a seam, so that no face has
-coordinates from both sides of one. It crosses edges that are joined at one end, at poles and where seams end.
+surface from the middle of the face towards each of its corners, unless no seam can lie between them; a walk ends where
+it meets a seam, so that no face has coordinates from both sides of one. It crosses edges that are joined at one end, at
+poles and where seams end.
 """
 
 from dataclasses import dataclass, replace
@@ -50,7 +51,7 @@ class Places:
 
     def points(self, surface: Mesh) -> Points:
         """Return their positions."""
-        return np.asarray((self.weights[:, :, None] * surface.verts[surface.faces[self.face]]).sum(axis=1))
+        return np.einsum("nc,ncd->nd", self.weights, surface.verts[surface.faces[self.face]])
 
     def __getitem__(self, chosen: Indices | Mask) -> "Places":
         """Return some of the points."""
@@ -79,10 +80,7 @@ def projected_attributes(mesh: Mesh | PolygonMesh, places: Verts, surface: Mesh)
         if joined_edges(topology, values)[topology.twin != NONE].all():
             corner[name] = interpolated(name, at_verts(topology, values), [operator])[polygons.corners]
         else:
-            joined = joined_edges(topology, values, at_one_end=True)
-            starts = middle[np.repeat(np.arange(polygons.num_faces), polygons.sizes)]
-            ends = _Walk(surface, topology, joined).to(starts, at[polygons.corners])
-            corner[name] = _equal_at_verts(_at_corners(name, values, ends), polygons.corners)
+            corner[name] = _beside_seams(name, values, surface, polygons, at, middle)
     return replace(
         attributes,
         vertex=interpolated_rows(attributes.vertex, [operator]),
@@ -101,6 +99,55 @@ def carried_places(before: Mesh, places: Verts, verts: Points) -> Points:
     """
     at = Places.nearest(before, verts)
     return np.asarray((at.weights[:, :, None] * places[before.faces[at.face]]).sum(axis=1))
+
+
+def _beside_seams(
+    name: str, values: Values, surface: Mesh, polygons: PolygonMesh, at: Places, middle: Places
+) -> Values:
+    """Return the values at the corners of a mesh, of corner data of a surface that has seams.
+
+    Args:
+        name: of the data.
+        values: at the corners of the surface.
+        surface: the surface.
+        polygons: the mesh.
+        at: the places of its vertices on the surface.
+        middle: those of the middles of its faces.
+    """
+    topology, corners = Topology.of(surface), polygons.corners
+    face = np.repeat(np.arange(polygons.num_faces), polygons.sizes)
+    found = _at_corners(name, values, at)[corners]
+    far = ~_beside(topology, joined_edges(topology, values), middle.face[face], at.face[corners])
+    walk = _Walk(surface, topology, joined_edges(topology, values, at_one_end=True))
+    found[far] = _at_corners(name, values, walk.to(middle[face[far]], at[corners[far]]))
+    walked = np.zeros(polygons.num_verts, dtype=bool)
+    walked[corners[far]] = True
+    near = walked[corners]
+    found[near] = _equal_at_verts(found[near], corners[near])
+    return found
+
+
+def _beside(topology: Topology, joined: Mask, first: Indices, second: Indices) -> Mask:
+    """Return which pairs of faces are the same, or have an edge or a vertex in common that is on no seam.
+
+    Args:
+        topology: of the surface.
+        joined: (3F,) which of its half-edges are on no seam, nor at the boundary.
+        first: (N,) faces.
+        second: (N,) faces.
+    """
+    beside = first == second
+    twin, is_joined = topology.twin.reshape(-1, 3), joined.reshape(-1, 3)
+    for side in range(3):
+        beside |= is_joined[first, side] & (twin[first, side] // 3 == second)
+    on_seam = np.zeros(topology.num_verts, dtype=bool)
+    on_seam[topology.tail[~joined]] = on_seam[topology.head[~joined]] = True
+    left = np.flatnonzero(~beside)
+    verts, others = topology.faces[first[left]], topology.faces[second[left]]
+    for corner in range(3):
+        vert = verts[:, corner]
+        beside[left] |= ~on_seam[vert] & (others == vert[:, None]).any(axis=1)
+    return beside
 
 
 def _at_corners(name: str, values: Values, ends: Places) -> Values:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from meshfit.mesh import projection
 from meshfit.mesh.attributes import Attributes, Material
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.projection import carried_places, projected_attributes
@@ -82,6 +83,18 @@ def test_a_period_is_no_shortcut():
     assert np.allclose(projected_attributes(fine, fine.verts, source).corner["uv"], expected, atol=1e-9)
     turned = Mesh(fine.verts[::-1], fine.num_verts - 1 - fine.faces)  # in another order
     assert np.allclose(projected_attributes(turned, turned.verts, source).corner["uv"], expected, atol=1e-9)
+
+
+def test_walks_are_made_beside_seams_only(monkeypatch):
+    walk, walked = projection._Walk.to, []
+    monkeypatch.setattr(projection._Walk, "to", lambda self, *ends: walked.append(ends[0]) or walk(self, *ends))
+    source = cut_at(patch(9, 8), 4)
+    mesh = random_lattice(80, 70)
+    projected_attributes(mesh, mesh.verts, source)
+    middles = np.concatenate([starts.points(source) for starts in walked])
+    assert 0 < len(middles) < 3 * mesh.num_faces / 10
+    at_edge = np.minimum(middles, [8, 7, 0] - middles)[:, :2].min(axis=1) <= 1
+    assert ((np.abs(middles[:, 0] - 4) <= 1) | at_edge).all()
 
 
 def test_carried_places_are_linear_on_each_face():
