@@ -207,7 +207,11 @@ def _load(target: str, file: MeshFile | None, load: Callable[[Path | MeshFile], 
 
 
 def file_sha256(path: Path) -> str:
-    """Return the SHA-256 of a file's content, in hexadecimal; of a glTF file, with the buffers beside it."""
+    """Return the SHA-256 of a file's content, in hexadecimal; of a glTF file, with the buffers beside it.
+
+    Materials and images in other files are not part of it: no number of a fit depends on them, and neither does a file
+    of a trial, which refers to them by their place in the source's file.
+    """
     try:
         sha256 = hashlib.sha256(path.read_bytes())
         for buffer in companion_files(path):
@@ -217,15 +221,25 @@ def file_sha256(path: Path) -> str:
     return sha256.hexdigest()
 
 
-def companion_files(path: Path) -> list[Path]:
-    """Return the files in a mesh file's folder or below that belong to it: the buffers of a glTF file."""
-    suffixes = (".gltf", ".glb")
-    if format_suffix(path) not in suffixes:
+def companion_files(path: Path, *, looks: bool = False) -> list[Path]:
+    """Return the files in a mesh file's folder or below that loading it reads too: the buffers of a glTF file.
+
+    Args:
+        path: of the mesh file.
+        looks: return the files of its materials too: MTL files and images, as far as they are there.
+    """
+    suffix = format_suffix(path)
+    if suffix not in ((".gltf", ".glb", ".obj", ".ply") if looks else (".gltf", ".glb")):
         return []
     from meshfit.mesh.io.gltf import gltf_files
+    from meshfit.mesh.io.obj import obj_files
+    from meshfit.mesh.io.ply import ply_files
 
     try:
-        return gltf_files(read_file(path, suffixes, "mesh").content, path.parent)
+        content = read_file(path, (suffix,), "mesh").content
+        if suffix == ".obj":
+            return obj_files(content, path.parent)
+        return ply_files(content, path.parent) if suffix == ".ply" else gltf_files(content, path.parent, images=looks)
     except MeshError:  # loading the file says what is wrong with it
         return []
 

@@ -171,7 +171,8 @@ def pack_inputs(trial: Trial, store: RunDirectory) -> Files:
     files = {}
     for role, name in trial.files.items():
         path = Path(name)
-        for file in (path, *companion_files(path)):
+        # Of targets, and of tables such as those of creases, no materials are read.
+        for file in (path, *companion_files(path, looks=role == "source")):
             files[f"{_INPUTS}{role}/{file.relative_to(path.parent).as_posix()}"] = _content(file)
     for name in (CHECKPOINT, FAILURE):
         if (path := store.folder(trial) / name).is_file():

@@ -4,6 +4,8 @@ import base64
 import json
 import struct
 import warnings
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 from meshfit.errors import MeshError, MeshfitWarning
@@ -61,15 +63,35 @@ def read_gltf(content: bytes, folder: Path | None = None, *, attributes: bool = 
     return Scene(Document(root, binary, folder), attributes=attributes).read()
 
 
-def gltf_files(content: bytes, folder: Path) -> list[Path]:
+def gltf_files(content: bytes, folder: Path, *, images: bool = False) -> list[Path]:
     """Return the files beside a glTF file that hold its buffers, without repetition.
+
+    Args:
+        content: of the file.
+        folder: of the file.
+        images: return those of its images too, as far as they are there.
 
     Raises:
         MeshError: a damaged file, or a missing buffer.
     """
-    buffers = _split(content)[0].objects("buffers")
-    uris = [(buffer.text("uri"), buffer.place) for buffer in buffers if "uri" in buffer]
-    return list(dict.fromkeys(buffer_path(uri, folder, place) for uri, place in uris if not uri.startswith("data:")))
+    root = _split(content)[0]
+    paths = [buffer_path(uri, folder, place) for uri, place in _uris(root.objects("buffers"))]
+    if images:
+        with suppress(MeshError):  # reading the file says what is wrong with its images
+            paths += _present(root.objects("images"), folder)
+    return list(dict.fromkeys(paths))
+
+
+def _present(images: Iterable[JsonObject], folder: Path) -> Iterator[Path]:
+    for image in images:
+        with suppress(MeshError):
+            yield from (buffer_path(uri, folder, place) for uri, place in _uris([image]))
+
+
+def _uris(objects: Iterable[JsonObject]) -> list[tuple[str, str]]:
+    """Return the URI of each object that is in a file, and the object's place."""
+    uris = [(each.text("uri"), each.place) for each in objects if "uri" in each]
+    return [(uri, place) for uri, place in uris if not uri.startswith("data:")]
 
 
 def write_glb(mesh: Mesh | PolygonMesh) -> bytes:

@@ -16,11 +16,19 @@ _SHOWN = 4
 
 @dataclass
 class FolderFiles:
-    """The files of a folder that a mesh file refers to; images that are missing are noted."""
+    """The files of a folder that a mesh file refers to.
+
+    Attributes:
+        path: of the folder.
+        images: that have been asked for, by name; None for those that are missing.
+        missing: names of images that are missing.
+        found: paths of the files that have been read, without repetition.
+    """
 
     path: Path
     images: dict[str, Image | None] = field(default_factory=dict)
     missing: list[str] = field(default_factory=list)
+    found: list[Path] = field(default_factory=list)
 
     def find(self, name: str) -> Path | None:
         """Return a file in the folder or below it, or None.
@@ -38,9 +46,12 @@ class FolderFiles:
         """Return the content of a file; None if it is not there or cannot be read."""
         path = self.find(name)
         try:
-            return None if path is None else path.read_bytes()
+            content = None if path is None else path.read_bytes()
         except OSError:
             return None
+        if path is not None and path not in self.found:
+            self.found.append(path)
+        return content
 
     def image(self, name: str) -> Image | None:
         """Return an image; None if it is missing."""

@@ -37,7 +37,24 @@ def read_materials(
     if folder is None:
         reason = f"they are in {listed(texts)}, in the folder of the file, which is not known here" if texts else ""
         return tuple(Material(name) for name in names), reason
-    files, absent, known = FolderFiles(folder), list[str](), dict[str, Material]()
+    files = FolderFiles(folder)
+    known, absent = _read_libraries(texts, files)
+    found = tuple(known.get(name, Material(name)) for name in names)
+    unknown = [] if absent or not texts else [material.name for material in found if material.name not in known]
+    parts = [("library", absent, "missing"), ("image", files.missing, "missing"), ("material", unknown, "not defined")]
+    return found, "; ".join(fault_text(noun, names, fault) for noun, names, fault in parts if names)
+
+
+def library_files(libraries: Iterable[str], folder: Path) -> list[Path]:
+    """Return the files in the folder of an OBJ file, or below it, that `read_materials` reads: libraries and images."""
+    files = FolderFiles(folder)
+    _read_libraries(dict.fromkeys(libraries), files)
+    return files.found
+
+
+def _read_libraries(texts: Iterable[str], files: FolderFiles) -> tuple[dict[str, Material], list[str]]:
+    """Return the materials of all libraries by name, and the libraries that are missing."""
+    known, absent = dict[str, Material](), list[str]()
     for text in texts:
         content = files.read(text)
         for library in [text] if content is not None else text.split():
@@ -46,10 +63,7 @@ def read_materials(
                 absent.append(library)
             else:
                 known |= _parse(content, files)
-    found = tuple(known.get(name, Material(name)) for name in names)
-    unknown = [] if absent or not texts else [material.name for material in found if material.name not in known]
-    parts = [("library", absent, "missing"), ("image", files.missing, "missing"), ("material", unknown, "not defined")]
-    return found, "; ".join(fault_text(noun, names, fault) for noun, names, fault in parts if names)
+    return known, absent
 
 
 def _parse(content: bytes, folder: FolderFiles) -> dict[str, Material]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.attributes import COLOR, GROUP, MATERIAL, UV, Attributes, Values
 from meshfit.mesh.curves import Curves
-from meshfit.mesh.io.mtl import NO_MATERIAL, material_names, read_materials
+from meshfit.mesh.io.mtl import NO_MATERIAL, library_files, material_names, read_materials
 from meshfit.mesh.io.text import (
     Lines,
     parse_float,
@@ -43,6 +43,7 @@ _SLASH_TO_BLANK = bytes.maketrans(b"/", b" ")
 _NEWLINE = ord("\n")
 _BLANK_BYTES, _PASSED_OVER_BYTES = set(b" \t"), set(b"csb")
 _AFTER_KEYWORD = np.frombuffer(b" \t\n\v", np.uint8)
+_LIBRARY = re.compile(rb"^mtllib[ \t]([^\n]*)", re.MULTILINE)
 _STATEMENTS = {"usemtl": MATERIAL, "g": GROUP, "o": GROUP}
 _NONE = {MATERIAL: {"", NO_MATERIAL}, GROUP: {"", "default"}}
 _FIRST_OF_STATEMENTS = np.frombuffer(b"umgo", np.uint8)
@@ -97,6 +98,20 @@ def read_obj_segments(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.i
     ends = np.array(segments, np.int64).reshape(-1, 2)
     _require_in_range(text, ends, len(verts), "line")
     return np.array(verts, np.float64).reshape(-1, 3), ends
+
+
+def obj_files(content: bytes, folder: Path) -> list[Path]:
+    """Return the files that the materials of an OBJ file are read from: libraries and images.
+
+    Args:
+        content: of the file.
+        folder: of the file.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MeshfitWarning)  # reading the file says the same
+        text = _element_text(content)
+    names = [line.decode("utf-8", "surrogateescape").strip() for line in _LIBRARY.findall(text)]
+    return library_files([name for name in names if name], folder)
 
 
 def write_obj(mesh: Mesh | PolygonMesh, normals: NDArray[np.float64] | None = None, *, library: str = "") -> bytes:
@@ -501,8 +516,8 @@ class _Statements(NamedTuple):
         rows: dict[str, list[int]] = {MATERIAL: [-1], GROUP: [-1]}
         values: dict[str, list[int]] = {MATERIAL: [-1], GROUP: [-1]}
         for row in np.flatnonzero(lines.statements).tolist():
-            keyword, _, text = lines.line(row).decode("utf-8", "surrogateescape").strip().partition(" ")
-            name = text.strip()
+            keyword, *texts = lines.line(row).decode("utf-8", "surrogateescape").strip().split(maxsplit=1)
+            name = texts[0] if texts else ""
             if keyword == "mtllib" and name:
                 libraries.append(name)
             elif kind := _STATEMENTS.get(keyword):

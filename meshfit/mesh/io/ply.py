@@ -13,7 +13,7 @@ from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.attributes import COLOR, GROUP, JOINTS, MATERIAL, UV, WEIGHTS, Attributes, Image, Material, is_uv
 from meshfit.mesh.curves import Chains, Curves
 from meshfit.mesh.io.images import FolderFiles, fault_text
-from meshfit.mesh.io.ply_elements import Ply, Rows, read_elements
+from meshfit.mesh.io.ply_elements import Ply, Rows, read_comments, read_elements
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup, checked_face_size
 
@@ -93,6 +93,22 @@ def read_ply_property(content: bytes, name: str) -> NDArray[np.float64]:
     if name not in names:
         raise MeshError(f"its vertices have no property '{name}'; they have {', '.join(names) or 'none'}")
     return rows["vertex"].numbers(name).reshape(-1)
+
+
+def ply_files(content: bytes, folder: Path) -> list[Path]:
+    """Return the image files that a PLY file names.
+
+    Args:
+        content: of the file.
+        folder: of the file.
+
+    Raises:
+        MeshError: the header is damaged.
+    """
+    files = FolderFiles(folder)
+    for name in _texture_names(read_comments(content)):
+        files.read(name)
+    return files.found
 
 
 def write_ply(
@@ -355,13 +371,17 @@ def _corner_textures(rows: Rows, sizes: NDArray[np.int64], left_out: list[str]) 
 
 def _textures(comments: list[list[str]], folder: Path | None) -> tuple[Material, ...]:
     """Return a material for each texture that the comments name."""
-    names = [" ".join(words[1:]) for words in comments if words[:1] == [_TEXTURE_FILE] and len(words) > 1]
+    names = _texture_names(comments)
     files = FolderFiles(folder) if folder is not None else None
     images = [files.image(name) if files else None for name in names]
     missing = files.missing if files else names
     if missing:
         warnings.warn(fault_text("image", list(dict.fromkeys(missing)), "missing"), MeshfitWarning, stacklevel=3)
     return tuple(Material(Path(name).stem, texture=image) for name, image in zip(names, images, strict=True))
+
+
+def _texture_names(comments: list[list[str]]) -> list[str]:
+    return [" ".join(words[1:]) for words in comments if words[:1] == [_TEXTURE_FILE] and len(words) > 1]
 
 
 def _verts(ply: Ply) -> NDArray[np.float64]:

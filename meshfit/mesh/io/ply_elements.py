@@ -262,11 +262,7 @@ def read_elements(content: bytes) -> Ply:
         MeshfitWarning: of bytes after the last row.
     """
     content = content.removeprefix(BYTE_ORDER_MARK)
-    first, last = _FIRST_LINE.match(content), _LAST_LINE.search(content)
-    if not first:
-        raise MeshError("it does not start with 'ply'")
-    if not last:
-        raise MeshError("its header has no 'end_header'")
+    first, last = _header(content)
     # A file whose lines end in CR may have a binary body that begins with the byte of LF.
     end = last.start(1) + (1 if first[1] == b"\r" else len(last[1]))
     byte_order, elements, comments = _parse_header(content[first.end() : last.start()])
@@ -289,6 +285,27 @@ def read_elements(content: bytes) -> Ply:
     return Ply(rows, comments)
 
 
+def read_comments(content: bytes) -> list[list[str]]:
+    """Return the words of each comment in the header.
+
+    Raises:
+        MeshError: the header is damaged.
+    """
+    content = content.removeprefix(BYTE_ORDER_MARK)
+    first, last = _header(content)
+    return _parse_header(content[first.end() : last.start()])[2]
+
+
+def _header(content: bytes) -> tuple[re.Match[bytes], re.Match[bytes]]:
+    """Return the first and the last line of the header."""
+    first, last = _FIRST_LINE.match(content), _LAST_LINE.search(content)
+    if not first:
+        raise MeshError("it does not start with 'ply'")
+    if not last:
+        raise MeshError("its header has no 'end_header'")
+    return first, last
+
+
 def _check_rest(body: _Body, at: int, rows: dict[str, Rows]) -> None:
     rest = body.rest(at)
     if not rest.strip(b" \t\r\n\0\x1a"):
@@ -303,7 +320,7 @@ def _check_rest(body: _Body, at: int, rows: dict[str, Rows]) -> None:
 def _parse_header(head: bytes) -> tuple[str, list[Element], list[list[str]]]:
     """Return the byte order, empty for text, the elements, and the words of the comments."""
     byte_order, elements, comments = None, list[Element](), list[list[str]]()
-    for line in head.decode("latin-1").replace("\r", "\n").split("\n"):
+    for line in _decoded(head).replace("\r", "\n").split("\n"):
         match line.split():
             case []:
                 pass
@@ -324,6 +341,13 @@ def _parse_header(head: bytes) -> tuple[str, list[Element], list[list[str]]]:
     if byte_order is None:
         raise MeshError("its header has no 'format' line")
     return byte_order, elements, comments
+
+
+def _decoded(head: bytes) -> str:
+    try:
+        return head.decode()
+    except UnicodeDecodeError:
+        return head.decode("latin-1")
 
 
 def _parse_property(words: list[str]) -> Property | None:
