@@ -51,7 +51,7 @@ class Places:
 
     def points(self, surface: Mesh) -> Points:
         """Return their positions."""
-        return np.einsum("nc,ncd->nd", self.weights, surface.verts[surface.faces[self.face]])
+        return np.asarray(np.einsum("nc,ncd->nd", self.weights, surface.verts[surface.faces[self.face]]))
 
     def __getitem__(self, chosen: Indices | Mask) -> "Places":
         """Return some of the points."""
@@ -124,7 +124,7 @@ def _beside_seams(
     walked[corners[far]] = True
     near = walked[corners]
     found[near] = _equal_at_verts(found[near], corners[near])
-    return found
+    return np.asarray(found)
 
 
 def _beside(topology: Topology, joined: Mask, first: Indices, second: Indices) -> Mask:
@@ -147,7 +147,7 @@ def _beside(topology: Topology, joined: Mask, first: Indices, second: Indices) -
     for corner in range(3):
         vert = verts[:, corner]
         beside[left] |= ~on_seam[vert] & (others == vert[:, None]).any(axis=1)
-    return beside
+    return np.asarray(beside)
 
 
 def _at_corners(name: str, values: Values, ends: Places) -> Values:
