@@ -1,11 +1,12 @@
 """MeshLab filters, from self-intersections to Poisson surfaces. The one module that imports pymeshlab.
 
 MeshLab keeps the parameters of a filter's last call as its defaults within a process, so that every call spells out
-all of them.
+all of them. It is imported at the first call, so that planning and writing do not wait for it.
 """
 
+from typing import Any
+
 import numpy as np
-import pymeshlab
 from jaxtyping import Bool, Float64
 
 from meshfit.errors import MeshError
@@ -20,8 +21,7 @@ _POINT_SIZE = 1e-6
 
 def self_intersecting_faces(mesh: Mesh) -> Bool[np.ndarray, " F"]:
     """Return (F,) which faces cross another face of the same mesh."""
-    meshes = pymeshlab.MeshSet()
-    meshes.add_mesh(_to_meshlab(mesh))
+    meshes = _meshes_with(mesh)
     meshes.compute_selection_by_self_intersections_per_face()
     return np.asarray(meshes.current_mesh().face_selection_array(), dtype=bool)
 
@@ -34,8 +34,7 @@ def decimate(mesh: Mesh, num_faces: int) -> Mesh:
     """
     if not mesh.num_faces:
         raise MeshError("a mesh without faces cannot be decimated")
-    meshes = pymeshlab.MeshSet()
-    meshes.add_mesh(_to_meshlab(mesh))
+    meshes = _meshes_with(mesh)
     meshes.meshing_decimation_quadric_edge_collapse(
         targetfacenum=num_faces,
         targetperc=0.0,
@@ -59,11 +58,10 @@ def decimate(mesh: Mesh, num_faces: int) -> Mesh:
 
 def refine_long_edges(mesh: Mesh, length: float, rounds: int = 12) -> Mesh:
     """Halve edges that are longer than `length`, on the surface as it is."""
-    meshes = pymeshlab.MeshSet()
-    meshes.add_mesh(_to_meshlab(mesh))
-    meshes.meshing_surface_subdivision_midpoint(
-        iterations=rounds, threshold=pymeshlab.PureValue(length), selected=False
-    )
+    from pymeshlab import PureValue
+
+    meshes = _meshes_with(mesh)
+    meshes.meshing_surface_subdivision_midpoint(iterations=rounds, threshold=PureValue(length), selected=False)
     return _from_meshlab(meshes.current_mesh())
 
 
@@ -82,10 +80,11 @@ def alpha_wrap(mesh: Mesh, alpha: float, offset: float) -> Mesh:
         raise MeshError("nothing to wrap: no faces and no points")
     if not (alpha > 0 and offset > 0):
         raise MeshError(f"expected an alpha and an offset above 0, got {alpha:g} and {offset:g}")
-    meshes = pymeshlab.MeshSet()
+    from pymeshlab import PureValue
+
     # The filter crashes without faces.
-    meshes.add_mesh(_to_meshlab(mesh if mesh.num_faces else _tiny_triangles(mesh.verts)))
-    meshes.generate_alpha_wrap(alpha=pymeshlab.PureValue(alpha), offset=pymeshlab.PureValue(offset))
+    meshes = _meshes_with(mesh if mesh.num_faces else _tiny_triangles(mesh.verts))
+    meshes.generate_alpha_wrap(alpha=PureValue(alpha), offset=PureValue(offset))
     return _from_meshlab(meshes.current_mesh())
 
 
@@ -95,12 +94,16 @@ def _tiny_triangles(points: Verts) -> Mesh:
     return Mesh(corners.reshape(-1, 3), np.arange(3 * len(points)).reshape(-1, 3))
 
 
-def _from_meshlab(mesh: pymeshlab.Mesh) -> Mesh:
+def _meshes_with(mesh: Mesh) -> Any:  # noqa: ANN401  a MeshSet, of a library without types
+    import pymeshlab
+
+    meshes = pymeshlab.MeshSet()
+    meshes.add_mesh(pymeshlab.Mesh(np.array(mesh.verts), np.array(mesh.faces)))
+    return meshes
+
+
+def _from_meshlab(mesh: Any) -> Mesh:  # noqa: ANN401
     return Mesh(mesh.vertex_matrix(), mesh.face_matrix().astype(np.int64))
-
-
-def _to_meshlab(mesh: Mesh) -> pymeshlab.Mesh:
-    return pymeshlab.Mesh(np.array(mesh.verts), np.array(mesh.faces))
 
 
 def screened_poisson(
@@ -117,6 +120,8 @@ def screened_poisson(
     Raises:
         MeshError: it has no faces.
     """
+    import pymeshlab
+
     meshes = pymeshlab.MeshSet()
     meshes.add_mesh(pymeshlab.Mesh(vertex_matrix=np.array(points), v_normals_matrix=np.array(normals)))
     meshes.generate_surface_reconstruction_screened_poisson(

@@ -5,7 +5,8 @@ import importlib
 import numpy as np
 import pytest
 
-from meshfit.fitting.external.engine import missing_tool, run_external
+from meshfit.experiment.running.commands import missing_tool
+from meshfit.fitting.external.engine import run_external
 from meshfit.fitting.external.tools import TOOLS, ToolError, missing_module
 from meshfit.fitting.problem import Problem
 from meshfit.fitting.settings import ExternalSettings

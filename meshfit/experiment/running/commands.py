@@ -2,11 +2,12 @@
 
 import os
 import shlex
+import shutil
 from collections.abc import Iterable
 
 from meshfit.errors import ClusterError, ConfigError
 from meshfit.experiment.plan import Trial
-from meshfit.fitting.external.engine import missing_tool
+from meshfit.fitting.external.tools import INSTALL, missing_module
 from meshfit.fitting.settings import ExternalSettings
 
 WORKER_VARIABLE = "MESHFIT_ALLOW_COMMANDS"
@@ -50,6 +51,18 @@ def require_installed(trials: Iterable[Trial]) -> None:
     faults = dict.fromkeys(fault for fit in external if (fault := missing_tool(fit)) is not None)
     if faults:
         raise ConfigError(*faults)
+
+
+def missing_tool(settings: ExternalSettings) -> str | None:
+    """Return why this machine cannot run a tool, in one line; None if nothing is missing."""
+    if settings.tool is not None:
+        module = missing_module(settings.tool)
+        return None if module is None else f"fit.tool: {settings.tool} needs {module}: {INSTALL}"
+    for key in ("command", "version_command"):
+        command = getattr(settings, key)
+        if command and "{" not in command[0] and shutil.which(command[0]) is None:
+            return f"fit.{key}: {command[0]}: no such program on this machine"
+    return None
 
 
 def require_worker_permission() -> None:

@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import shutil
 import signal
 import sys
 import warnings
@@ -228,15 +227,3 @@ def _read(path: Path, settings: ExternalSettings, ended: Ended) -> tuple[Polygon
 
 def _seconds_of_call(folder: Path) -> float:
     return float(json.loads((folder / "seconds.json").read_text(encoding="utf-8")))
-
-
-def missing_tool(settings: ExternalSettings) -> str | None:
-    """Return why this machine cannot run a tool, in one line; None if nothing is missing."""
-    if settings.tool is not None:
-        module = missing_module(settings.tool)
-        return None if module is None else f"fit.tool: {settings.tool} needs {module}: {INSTALL}"
-    for key in ("command", "version_command"):
-        command = getattr(settings, key)
-        if command and "{" not in command[0] and shutil.which(command[0]) is None:
-            return f"fit.{key}: {command[0]}: no such program on this machine"
-    return None
