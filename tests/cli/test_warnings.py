@@ -78,7 +78,7 @@ def test_a_handle_that_a_first_order_fit_lacks_is_a_shortfall_in_the_notes_of_th
     with trials_in_this_process():
         ran = invoke("run", "small.yaml", "--targets", "ring.ply", "--set", "schemes=[loop]")
     finding = "topology not matched: the target has 1 handle (0 in the result)"
-    assert f"† falls short of its target: ring: {finding}" in " ".join(ran.out.split())
+    assert f"† falls short of its target: on ring, {finding}" in " ".join(ran.out.split())
     assert finding not in ran.err
     (result,) = (json.loads(path.read_text()) for path in Path("runs").rglob("result.json"))
     assert result["shortfalls"] == [finding]

@@ -80,7 +80,7 @@ def test_cells_of_results_with_shortfalls_are_marked_and_explained_in_every_form
     tables = build_tables([result_of(), cell_of("cow", "loop", 0, HANDLE)])
     for text, mark in ((to_text(tables), "†"), (to_markdown(tables), "†"), (to_latex(tables), r"\dag{}")):
         assert text.count(mark) == 2, text
-        assert f"falls short of its target: the cow: {HANDLE}" in squeezed(text)
+        assert f"falls short of its target: on the cow, {HANDLE}" in squeezed(text)
     assert "†" not in to_text(styled(tables, Style(notes="none")))
     assert "†" not in to_text(build_tables([result_of()]))
 
@@ -107,11 +107,15 @@ def test_shortfalls_that_differ_in_numbers_alone_are_stated_once_by_the_worst():
     runs = [
         cell_of("cow", "loop", seed, *texts) for seed, texts in enumerate(([unreached(2.5)], [unreached(11.0)], []))
     ]
-    assert note(*runs) == f"falls short of its target: the cow (worst of 2 of 3 runs): {unreached(11.0)}"
+    assert note(*runs) == f"falls short of its target: on the cow, {unreached(11.0)} (worst of 2 of 3 runs)"
     sound = cell_of("cow", "interp-loop")
-    assert f"the cow (loop; worst of 2 of 3 runs): {unreached(11.0)}" in note(*runs, sound)
-    assert "the cow (all rows)" in note(cell_of("cow", "loop", 0, HANDLE), cell_of("cow", "interp-loop", 0, HANDLE))
-    assert "the cow (loop; 1 of 3 runs)" in note(*runs[1:], cell_of("cow", "loop", 0), sound)
+    assert f"on the cow (loop), {unreached(11.0)} (worst of 2 of 3 runs)" in note(*runs, sound)
+    both = [cell_of("cow", scheme, seed, HANDLE) for scheme in ("loop", "interp-loop") for seed in (0, 1)]
+    assert note(*both) == f"falls short of its target: on the cow, {HANDLE}"
+    assert f"on the cow (loop), {HANDLE} (2 of 3 runs)" in note(*both[:2], cell_of("cow", "loop", 2), sound)
+    assert f"{HANDLE}; {unreached(9.0)}; on the cow, " in note(
+        cell_of("bunny", "loop", 0, HANDLE, unreached(9.0)), *both
+    )
     assert note(sound) == ""
 
 

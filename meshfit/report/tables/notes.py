@@ -288,29 +288,31 @@ def shortfall_note(table: Table) -> str:
         for texts in table.shortfalls(target, row).values():
             for text in texts:
                 found.setdefault((target, without_numbers(text)), []).append((row, text))
-    if not found:
-        return ""
-    sentences = [_shortfall(table, target, cases) for (target, _), cases in found.items()]
-    more = len(sentences) - _MOST_SHORTFALLS
-    sentences[_MOST_SHORTFALLS:] = [f"and {more} more, see result.json"] if more > 0 else []
-    return f"falls short of its target: {'; '.join(sentences)}"
+    more = len(found) - _MOST_SHORTFALLS
+    by_place: dict[str, list[str]] = {}
+    for (target, _), cases in list(found.items())[:_MOST_SHORTFALLS]:
+        by_place.setdefault(_place_of(table, target, cases), []).append(_worst(table, target, cases))
+    parts = [f"on {place}, {'; '.join(texts)}" for place, texts in by_place.items()]
+    parts += [f"and {more} more, see result.json"] if more > 0 else []
+    return f"falls short of its target: {'; '.join(parts)}" if parts else ""
 
 
-def _shortfall(table: Table, target: str, cases: Sequence[tuple[Row, str]]) -> str:
-    """State one shortfall of the results on a target, with the rows that have it, and the worst of its cases."""
+def _place_of(table: Table, target: str, cases: Sequence[tuple[Row, str]]) -> str:
+    """Return the target of a shortfall, with the rows that have it unless all do."""
     rows = list(dict.fromkeys(row for row, _ in cases))
-    with_results = [row for row in table.rows if _seeds(table, target, row)]
-    runs = sum(len(_seeds(table, target, row)) for row in rows)
+    if len(rows) == sum(bool(_seeds(table, target, row)) for row in table.rows):
+        return table.targets[target]
     names = [" · ".join(row_titles(table, row)) for row in rows[:_MOST_ROWS]]
     more = len(rows) - _MOST_ROWS
-    names += [f"{count_text(more, 'more row')}"] if more > 0 else []
-    where = [] if len(with_results) == 1 else ["all rows" if len(rows) == len(with_results) else ", ".join(names)]
-    if runs > len(rows):  # several seeds
-        count = f"{len(cases)} of {runs}" if len(cases) < runs else f"{runs}"
-        where.append(f"worst of {count} runs" if len(cases) > 1 else f"{count} runs")
-    worst = max((text for _, text in cases), key=numbers_in)
-    ending = f" ({'; '.join(where)})" if where else ""
-    return f"{table.targets[target]}{ending}: {worst}"
+    return f"{table.targets[target]} ({', '.join([*names, *([f'{more} more'] if more > 0 else [])])})"
+
+
+def _worst(table: Table, target: str, cases: Sequence[tuple[Row, str]]) -> str:
+    """Return the worst text of a shortfall, with the number of runs that have it where that is not clear."""
+    runs = sum(len(_seeds(table, target, row)) for row in {row for row, _ in cases})
+    worst = "worst of " if len({text for _, text in cases}) > 1 else ""
+    share = f"{len(cases)} of {runs} runs" if len(cases) < runs else f"{runs} runs" if worst else ""
+    return max((text for _, text in cases), key=numbers_in) + (f" ({worst}{share})" if share else "")
 
 
 def _seeds(table: Table, target: str, row: Row) -> set[int]:

@@ -81,20 +81,26 @@ def _table(table: Table, number: int) -> tuple[set[str], list[str]]:
 
 def _small_width(block: Block) -> float:
     """Characters across a block whose columns have a small gap."""
-    return block.width + (0.5 if _is_marked([block]) else -0.5) * len(block.columns)
+    return block.width + (_most_marks([block]) - 0.5) * len(block.columns)
 
 
-def _is_marked(blocks: Sequence[Block]) -> bool:
-    """Return whether a mark has to fit between columns."""
-    return any(cell.marks() for block in blocks for column in block.columns for cell in column.cells)
+def _most_marks(blocks: Sequence[Block]) -> int:
+    """Return the largest number of marks of a cell, which have to fit between columns."""
+    return max(len(cell.marks()) for block in blocks for column in block.columns for cell in column.cells)
+
+
+def _size(blocks: Sequence[Block], *, large: bool) -> str:
+    """Return the commands that set the size of the letters and the gap between columns."""
+    marks = _most_marks(blocks)
+    gap = {True: (None, None, 8), False: (3, 5, 7)}[large][marks]
+    return (r"\footnotesize" if large else r"\scriptsize") + (rf"\setlength{{\tabcolsep}}{{{gap}pt}}" if gap else "")
 
 
 def _float(table: Table, number: int, blocks: Sequence[Block], *, large: bool, shrunk: bool) -> Iterator[str]:
     # `table*` takes the whole width of a page in two columns, and is a usual table in one column.
     name = "table*" if shrunk else "table"
     yield rf"\begin{{{name}}}[tb]"
-    size = r"\footnotesize" if large else rf"\scriptsize\setlength{{\tabcolsep}}{{{5 if _is_marked(blocks) else 3}pt}}"
-    yield rf"  \centering{size}"
+    yield rf"  \centering{_size(blocks, large=large)}"
     yield f"  {_caption(table, number)}"
     for place, block in enumerate(blocks):
         if place:
