@@ -44,12 +44,16 @@ def match_nearest(p: Tensor, q: Tensor, batch_size: int = 1, pool: Executor | No
     return Matches((forward + first * qs.shape[1]).view(-1), (backward + first * ps.shape[1]).view(-1), batch_size)
 
 
-def nearest_neighbour_search(points: Tensor) -> Callable[[Tensor], Tensor]:
+def nearest_neighbour_search(points: Tensor, *, scattered: bool = False) -> Callable[[Tensor], Tensor]:
     """Build a k-d tree over (N, 3) points; the function returned maps (M, 3) queries to the (M,) nearest indices.
 
     The tree is on the CPU for every device: on a GPU, brute force over a large cloud takes longer than the transfer.
+
+    Args:
+        points: (N, 3) the points.
+        scattered: whether consecutive queries may be far apart; see `nearest_point_query`.
     """
-    query = nearest_point_query(points.cpu().numpy())
+    query = nearest_point_query(points.cpu().numpy(), scattered=scattered)
     return lambda queries: torch.from_numpy(query(queries.cpu().numpy())).to(queries.device)
 
 

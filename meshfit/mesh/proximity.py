@@ -5,6 +5,7 @@ it is near the surface or a diagonal away.
 """
 
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import igl
 import numpy as np
@@ -12,8 +13,11 @@ from jaxtyping import Bool, Float64, Int64
 
 from meshfit.mesh.geometry import bounding_box_diagonal
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.nearest import spatial_order
 
 _NEAR = 1e-5  # of the diagonal of the bounding box
+# Trees of up to so many faces are kept as long as their meshes; they take some 200 bytes per face.
+_MOST_KEPT = 200_000
 
 Points = Float64[np.ndarray, "N 3"]
 Distances = Float64[np.ndarray, " N"]
@@ -41,9 +45,25 @@ def nearest_on_surface(surface: Mesh, points: Points) -> NearestPoints:
         surface: with at least one face and finite coordinates.
         points: (N, 3), at least one, finite.
     """
-    squared, faces, nearest = igl.point_mesh_squared_distance(_contiguous(points), surface.verts, surface.faces)
-    distances = np.sqrt(np.reshape(squared, -1))
-    return NearestPoints(distances, np.reshape(nearest, (-1, 3)), np.asarray(faces, np.int64).reshape(-1))
+    order = spatial_order(points)  # queries that are close to each other find the same parts of the tree in the cache
+    found = _tree(surface).squared_distance(surface.verts, surface.faces, points[order])
+    squared, faces, nearest = (np.empty_like(values) for values in found)
+    squared[order], faces[order], nearest[order] = found
+    return NearestPoints(np.sqrt(squared), nearest, faces)
+
+
+_trees = WeakKeyDictionary[Mesh, igl.AABB]()
+
+
+def _tree(surface: Mesh) -> igl.AABB:
+    """Return the tree over the faces of a surface, which most callers use several times."""
+    tree = _trees.get(surface)
+    if tree is None:
+        tree = igl.AABB()
+        tree.init(surface.verts, surface.faces)
+        if surface.num_faces <= _MOST_KEPT:
+            _trees[surface] = tree
+    return tree
 
 
 def point_distances(surface: Mesh, points: Points) -> Distances:

@@ -137,7 +137,7 @@ class TargetCloud:
             spacing=spacing,
             noise=noise,
             num_independent=int(used.sum()),
-            nearest=nearest_neighbour_search(cloud),
+            nearest=nearest_neighbour_search(cloud, scattered=True),
         )
 
     @classmethod
@@ -161,7 +161,7 @@ class TargetCloud:
             spacing=float(np.sqrt(np.median(areas))),
             noise=noise_of_points(scan.verts) if noise is None else noise,
             num_independent=len(cloud),
-            nearest=nearest_neighbour_search(cloud),
+            nearest=nearest_neighbour_search(cloud, scattered=True),
         )
 
     def draw(self, count: int, generator: Generator) -> Int64[Tensor, " C"]:
