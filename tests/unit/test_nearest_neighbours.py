@@ -7,6 +7,7 @@ import torch
 from meshfit.fitting import nearest_neighbours as matching
 from meshfit.fitting.nearest_neighbours import brute_force, match_nearest, search_threads
 from meshfit.loss.chamfer import Matches
+from meshfit.mesh.nearest import nearest_point_query, spatial_order
 from tests.loops import over
 
 GENERATOR = np.random.default_rng(0)
@@ -47,6 +48,23 @@ def test_the_tree_finds_the_nearest_in_both_directions(cloud, dtype):
     found = match_nearest(p, q)
     assert_nearest(p, q, found.forward)
     assert_nearest(q, p, found.backward)
+
+
+@CASES
+def test_sorting_scattered_queries_changes_no_answer(cloud):
+    p, q = cloud
+    found = [nearest_point_query(p, scattered=scattered)(q) for scattered in (False, True)]
+    assert found[0].tolist() == found[1].tolist()
+    assert sorted(spatial_order(q)) == list(range(len(q)))
+
+
+def test_the_spatial_order_keeps_neighbours_together():
+    points = GENERATOR.random((4000, 3))
+    steps = [np.linalg.norm(np.diff(row, axis=0), axis=1).mean() for row in (points, points[spatial_order(points)])]
+    assert steps[1] < steps[0] / 5
+    strange = np.array([[np.nan, 0, 0], [np.inf, 1, 2], [1, 2, 3], [1e300, -1e300, 0]])
+    for some in (points[:0], points[:1], strange, np.zeros((3, 3))):
+        assert sorted(spatial_order(some)) == list(range(len(some)))
 
 
 @CASES
