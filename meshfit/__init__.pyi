@@ -28,6 +28,7 @@ from .mesh.io.files import save_mesh as save_mesh
 from .mesh.mesh import Mesh as Mesh
 from .mesh.normalisation import Frame as Frame
 from .mesh.normalisation import frame_of as frame_of
+from .mesh.outer_surface import outer_surface as outer_surface
 from .mesh.point_cloud import PointCloud as PointCloud
 from .mesh.polygons import PolygonMesh as PolygonMesh
 from .mesh.targets import load_target as load_target

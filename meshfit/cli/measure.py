@@ -52,6 +52,15 @@ def measure(
             autocompletion=completions.targets,
         ),
     ] = None,
+    surface: Annotated[
+        Literal["all", "outer"],
+        typer.Option(
+            "--surface",
+            help="Surfaces to measure between: all of both meshes, or outer, what can be seen of them from outside, so "
+            "that parts inside others do not count.",
+            metavar="all|outer",
+        ),
+    ] = "all",
     samples: Annotated[
         int | None,
         typer.Option(
@@ -155,6 +164,7 @@ def measure(
         meshfit measure result.ply target.obj
         meshfit measure result.ply scan.stl --write errors.ply
         meshfit measure results/*.ply --target scan.stl --csv errors.csv
+        meshfit measure skin.ply parts.obj --surface outer
         meshfit measure result.ply scan.stl --fail-above hausdorff=0.5%
         meshfit measure decimated.obj bunny --normalise tutorial --json
         zcat scan.ply.gz | meshfit measure - target.obj --format ply
@@ -174,7 +184,12 @@ def measure(
     _check_output([*results, target_name], write, csv_file, as_json=as_json)
     if write is not None and len(results) > 1:
         raise ConfigError(f"--write takes one result, got {len(results)}; measure them one by one")
-    options = {"samples": samples, "crease_angle": crease_angle, "f_score_tau": _tau(tau, normalise)}
+    options = {
+        "surface": surface,
+        "samples": samples,
+        "crease_angle": crease_angle,
+        "f_score_tau": _tau(tau, normalise),
+    }
     settings = override(MeasureSettings(), {key: value for key, value in options.items() if value is not None})
     load = _loader(CleaningOptions(weld, repair), input_format)
     target_mesh = turned_target(lambda: load(target_name))
@@ -185,13 +200,13 @@ def measure(
         measured = [Measured(results[0], measuring.measure(results[0]))]
     else:
         measured = list(_each(measuring, results))
-    about = {"target": target_name, "normalise": normalise}
+    about = {"target": target_name, "normalise": normalise, "surface": surface}
     if csv_file is not None:
         write_csv(csv_file, measured, target_name, metrics, wide=target is not None)
     if as_json:
         typer.echo(json.dumps(json_object(measured, about, single=target is None), indent=2))
     elif csv_file != STREAM:
-        print_measured(measured, target_name, metrics, diagonal, single=target is None)
+        print_measured(measured, target_name, metrics, diagonal, surface=surface, single=target is None)
     if write is not None and not as_json and csv_file != STREAM:
         side = "negative inside the target" if Topology.of(measuring.target).is_watertight else _UNSIGNED
         out.print(f"wrote {path_text(write)}: distances, {side}", soft_wrap=True, markup=False)
@@ -296,13 +311,15 @@ class _Measuring:
         from meshfit.measuring.deviation import deviation, encode_deviation
         from meshfit.measuring.measure import measure as measure_mesh
         from meshfit.mesh.io.mesh_file import write_file
+        from meshfit.mesh.outer_surface import outer_surface
 
         loaded = self.load(name)
         result = self.frame.normalise(loaded)
         self._warn_of_mismatch(name, loaded, result)
         values = measure_mesh(result, self.target, self.settings).to_dict()
         if self.write is not None:
-            content = encode_deviation(result, deviation(result, self.target), format_suffix(self.write))
+            target = outer_surface(self.target) if self.settings.surface == "outer" else self.target
+            content = encode_deviation(result, deviation(result, target), format_suffix(self.write))
             write_file(self.write, content)
         return values
 

@@ -142,7 +142,13 @@ def _flat(values: Values, metrics: Sequence[str] | None) -> dict[str, object]:
 
 
 def print_measured(
-    measured: Sequence[Measured], target: str, metrics: Sequence[str] | None, diagonal: float, *, single: bool
+    measured: Sequence[Measured],
+    target: str,
+    metrics: Sequence[str] | None,
+    diagonal: float,
+    *,
+    surface: str = "all",
+    single: bool,
 ) -> None:
     """Print the metrics of a single result, one per row with notes, or several results, one per row.
 
@@ -151,15 +157,17 @@ def print_measured(
         target: name of the target.
         metrics: those to print; None for all, or a choice of several results.
         diagonal: of the target's bounding box.
+        surface: the surfaces that were measured between, `all` or `outer`.
         single: whether there is one result, that was not given with others.
     """
+    against = f"against {path_text(target)}" + (", between their outer surfaces" if surface == "outer" else "")
     if single:
-        title = f"{path_text(measured[0].result)} against {path_text(target)}"
+        title = f"{path_text(measured[0].result)} {against}"
         out.print(title, soft_wrap=True, markup=False, style="italic")
         out.print(_table(measured[0], metrics))
         notes = _tau_notes(measured, metrics, diagonal) if metrics else _notes(measured[0].values, diagonal)
     elif any(each.values for each in measured):
-        out.print(f"against {path_text(target)}", soft_wrap=True, markup=False, style="italic")
+        out.print(against, soft_wrap=True, markup=False, style="italic")
         for number, table in enumerate(_results_tables(measured, metrics or _COLUMNS, out.width)):
             if number:
                 out.print()

@@ -1,19 +1,32 @@
 """Measure a result against its target."""
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
 
 from meshfit.doors import no_type_check
 from meshfit.errors import ConfigError
-from meshfit.measuring.distance import Distance, Farthest, Hausdorff, NormalAngle, surface_distances
+from meshfit.measuring.distance import (
+    Distance,
+    Farthest,
+    FarthestPoint,
+    Hausdorff,
+    NormalAngle,
+    Position,
+    surface_distances,
+)
 from meshfit.measuring.edges import Edges, edge_scores
 from meshfit.measuring.metrics import MEASURED
 from meshfit.measuring.points import Chamfer, FScore, NormalConsistency, point_scores
 from meshfit.measuring.quality import Quality, mesh_quality
 from meshfit.measuring.settings import TAU_OF_FILES, MeasureSettings
-from meshfit.measuring.surface import as_target, as_triangles
+from meshfit.measuring.surface import as_target, as_triangles, require_surface
 from meshfit.mesh.any_mesh import MeshLike
 from meshfit.mesh.geometry import bounding_box_diagonal
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.outer_surface import outer_surface
+from meshfit.mesh.proximity import nearest_on_surface
 from meshfit.optional import import_pandas
 from meshfit.printable import value_text
 from meshfit.settings import override
@@ -115,6 +128,7 @@ def measure(  # noqa: PLR0913  the settings, by name
     target: "MeshLike",
     settings: MeasureSettings | None = None,
     *,
+    surface: Literal["all", "outer"] | None = None,
     samples: int | None = None,
     points: int | None = None,
     f_score_tau: float | str | None = None,
@@ -139,6 +153,8 @@ def measure(  # noqa: PLR0913  the settings, by name
         target: the mesh that it was fitted to, in any form that `as_mesh` takes. A closed one that is inside out is
             turned, as it is for a fit.
         settings: numbers of samples and points, tau and seed; defaults if not given.
+        surface: `outer` measures between what can be seen of the two meshes from outside, as `outer_surface` returns
+            it, so that parts inside others do not count; `all` between all of both. Mesh quality is that of all.
         samples: number of points on each surface for Hausdorff, mean and RMS distances.
         points: number of points on each surface for chamfer distance, F-score and normal consistency, and on the
             creases of each for the edge scores.
@@ -153,17 +169,43 @@ def measure(  # noqa: PLR0913  the settings, by name
         MeasureError: a mesh without faces or area, or a vertex that is not finite.
         ConfigError: an unknown setting, or a value that is not allowed.
     """
-    given = {"samples": samples, "points": points, "f_score_tau": f_score_tau, "crease_angle": crease_angle}
+    given = {
+        "surface": surface,
+        "samples": samples,
+        "points": points,
+        "f_score_tau": f_score_tau,
+        "crease_angle": crease_angle,
+    }
     changes = {key: value for key, value in (given | {"seed": seed}).items() if value is not None} | unknown
     if settings is not None and not isinstance(settings, MeasureSettings):
         raise ConfigError(f"settings: expected MeasureSettings, got {value_text(settings)}")
     settings = override(settings or MeasureSettings(f_score_tau=TAU_OF_FILES), changes)
-    result, target = as_triangles(result, "result"), as_target(target)
+    whole, target = as_triangles(result, "result"), as_target(target)
+    require_surface(whole, "result")
+    result = whole
+    all_of_target = target
+    if settings.surface == "outer":
+        result, target = outer_surface(whole), outer_surface(target)
     hausdorff, distance, normal_angle, farthest = surface_distances(result, target, settings.samples, settings.seed)
+    farthest = _with_faces_of(farthest, (result, whole), (target, all_of_target))
     points, tau = settings.points, settings.tau(bounding_box_diagonal(target.verts))
     chamfer, f_score, normal_consistency = point_scores(result, target, points, tau, settings.seed)
     edges = edge_scores(result, target, points, settings.crease_angle, tau, settings.seed)
-    quality = mesh_quality(result, "result")
+    quality = mesh_quality(whole, "result")
     return Measurement(
         hausdorff, distance, chamfer, f_score, normal_consistency, normal_angle, edges, quality, farthest
     )
+
+
+def _with_faces_of(farthest: Farthest, results: tuple[Mesh, Mesh], targets: tuple[Mesh, Mesh]) -> Farthest:
+    """Replace the faces of outer surfaces, which come first, by those of the meshes that they are parts of."""
+
+    def in_whole(meshes: tuple[Mesh, Mesh], face: int, position: Position) -> int:
+        outer, whole = meshes
+        return face if outer is whole else int(nearest_on_surface(whole, np.array([position])).faces[0])
+
+    def replaced(point: FarthestPoint, origin: tuple[Mesh, Mesh], other: tuple[Mesh, Mesh]) -> FarthestPoint:
+        face, nearest = in_whole(origin, point.face, point.position), in_whole(other, point.nearest_face, point.nearest)
+        return replace(point, face=face, nearest_face=nearest)
+
+    return Farthest(replaced(farthest.forward, results, targets), replaced(farthest.backward, targets, results))

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, WrapValidator
 
+from meshfit.mesh.cleaning_options import Surface
 from meshfit.settings import Settings
 
 TAU_OF_FILES = "0.5%"
@@ -49,6 +50,9 @@ class MeasureSettings(Settings):
         1.0
     """
 
+    surface: Surface = "all"
+    """Surfaces that distances, scores and creases are between: `all` of both meshes, or what can be seen of them from
+    outside, `outer`, so that parts hidden inside others do not count. Mesh quality is that of the whole result."""
     samples: Annotated[int, Field(ge=100)] = 200_000
     """Number of area-uniform points, 100 or more, on each surface for the Hausdorff, mean and RMS distances; the
     Hausdorff distance uses all vertices and edge midpoints as well."""

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 Repair = Literal["split", "refuse"]
+Surface = Literal["all", "outer"]
+"""The part of a mesh that counts: all of it, or what can be seen from outside."""
 
 
 @dataclass(frozen=True)

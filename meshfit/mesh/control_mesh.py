@@ -3,7 +3,6 @@
 A control mesh keeps the pieces, handles, cavities and openings of its target, which no fit from a sphere can make.
 """
 
-import hashlib
 import math
 from dataclasses import dataclass
 from functools import lru_cache
@@ -15,7 +14,7 @@ from scipy.spatial import cKDTree
 from meshfit.errors import MeshError
 from meshfit.mesh.geometry import bounding_box_diagonal, face_areas, signed_volume
 from meshfit.mesh.manifold import describe_topology, euler_number
-from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.mesh import Mesh, SameContent
 from meshfit.mesh.meshlab import alpha_wrap, decimate, refine_long_edges
 from meshfit.mesh.nearest import nearest_point_query
 from meshfit.mesh.pieces import crossing_faces, manifold_pieces, piece_of_face
@@ -116,25 +115,11 @@ def control_mesh_of(
     Raises:
         MeshError: nothing to make it from.
     """
-    return _made(_Content(target), origin, verts, faces, wrap or Wrap())
-
-
-class _Content:
-    """A mesh that equals every mesh of the same content, as the key of a cache."""
-
-    def __init__(self, mesh: Mesh) -> None:
-        self.mesh = mesh
-        self.digest = hashlib.sha256(mesh.verts.tobytes() + b"faces" + mesh.faces.tobytes()).digest()
-
-    def __hash__(self) -> int:
-        return hash(self.digest)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Content) and self.digest == other.digest
+    return _made(SameContent(target), origin, verts, faces, wrap or Wrap())
 
 
 @lru_cache(maxsize=8)  # the schemes and seeds of a target start from one control mesh
-def _made(content: _Content, origin: Origin, verts: int | None, faces: int | None, wrap: Wrap) -> ControlMesh:
+def _made(content: SameContent, origin: Origin, verts: int | None, faces: int | None, wrap: Wrap) -> ControlMesh:
     target = content.mesh
     if not target.num_verts:
         raise MeshError("the target has no vertices")

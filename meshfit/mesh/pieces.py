@@ -88,8 +88,15 @@ def crossing_faces(mesh: Mesh) -> tuple[Mask, Mask]:
     _, piece = piece_of_face(mesh)
     suspects = np.unique(piece[crossing])
     chosen = np.flatnonzero(np.isin(piece, suspects))
-    within[chosen] = self_intersecting_faces(_apart(Mesh(mesh.verts, mesh.faces[chosen]), piece[chosen]))
+    within[chosen] = crossing_within_pieces(Mesh(mesh.verts, mesh.faces[chosen]), piece[chosen])
     return crossing, within & crossing
+
+
+def crossing_within_pieces(mesh: Mesh, piece: Indices) -> Mask:
+    """Return (F,) which faces cross another of their own piece, by the (F,) numbers of their pieces."""
+    from meshfit.mesh.meshlab import self_intersecting_faces
+
+    return self_intersecting_faces(_apart(mesh, piece))
 
 
 def _apart(mesh: Mesh, piece: Indices) -> Mesh:

@@ -1,4 +1,4 @@
-"""Nearest points on surfaces and on segments, and winding numbers, by libigl. The one module that imports igl.
+"""Nearest points, winding numbers, lines of sight and cuts along crossings, by libigl, which no other module imports.
 
 The trees of libigl work in double precision, handle faces of any shape, and take about a microsecond per point whether
 it is near the surface or a diagonal away.
@@ -15,7 +15,9 @@ from meshfit.mesh.geometry import bounding_box_diagonal
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.nearest import spatial_order
 
-_NEAR = 1e-5  # of the diagonal of the bounding box
+# Shares of the diagonal of the bounding box.
+_NEAR = 1e-5
+_IN_SIGHT = 1e-4
 # Trees of up to so many faces are kept as long as their meshes; they take some 200 bytes per face.
 _MOST_KEPT = 200_000
 
@@ -102,6 +104,56 @@ def is_inside(surface: Mesh, points: Points, distances: Distances) -> Bool[np.nd
         if chosen.any():
             winding[chosen] = np.reshape(winding_number(surface.verts, surface.faces, points[chosen]), -1)
     return np.asarray(np.abs(winding) > 0.5)
+
+
+def winding_numbers(surface: Mesh, points: Points, *, exact: bool = False) -> Float64[np.ndarray, " N"]:
+    """Return (N,) the generalised winding number of a surface about each point.
+
+    It is the share of all directions in which the surface shows its back, less that in which it shows its front
+    (Jacobson et al. 2013).
+
+    Args:
+        surface: with at least one face.
+        points: (N, 3), at least one, finite.
+        exact: take milliseconds for each point, rather than approximate it in single precision (Barill et al. 2018).
+    """
+    winding_number = igl.winding_number if exact else igl.fast_winding_number
+    values = winding_number(surface.verts, surface.faces, _contiguous(points))
+    return np.asarray(values, dtype=np.float64).reshape(-1)
+
+
+def seen_from(surface: Mesh, points: Points, directions: Points) -> Bool[np.ndarray, "N D"]:
+    """Return (N, D) which points of a surface are seen from far away in each direction, with nothing in front of them.
+
+    Args:
+        surface: with at least one face.
+        points: (N, 3) on it.
+        directions: (D, 3) unit vectors.
+    """
+    from igl import embree
+
+    size = bounding_box_diagonal(surface.verts)
+    starts = (points[:, None] + 1.5 * size * directions).reshape(-1, 3)
+    towards = np.broadcast_to(-directions, (len(points), *directions.shape)).reshape(-1, 3)
+    hits = np.reshape(
+        embree.line_mesh_intersection(_contiguous(starts), _contiguous(towards), surface.verts, surface.faces), (-1, 3)
+    )
+    first, second, third = surface.verts[surface.faces[hits[:, 0].astype(np.int64)]].transpose(1, 0, 2)
+    u, v = hits[:, 1:2], hits[:, 2:3]
+    away = (1 - u - v) * first + u * second + v * third - np.repeat(points, len(directions), axis=0)
+    seen = (hits[:, 0] >= 0) & (np.linalg.norm(away, axis=1) < _IN_SIGHT * size)
+    return np.asarray(seen.reshape(len(points), len(directions)))
+
+
+def cut_where_crossing(mesh: Mesh) -> Mesh:
+    """Return the same surface with its faces cut where they cross each other, by exact constructions of CGAL.
+
+    New vertices are shared by all faces that meet there. The time grows with the number of crossings, about 2 ms each.
+    """
+    from igl.copyleft import cgal
+
+    cut = cgal.remesh_self_intersections(mesh.verts, mesh.faces, stitch_all=True)
+    return Mesh(cut[0], cut[1])
 
 
 def _contiguous(points: Float64[np.ndarray, "N 3"]) -> Points:

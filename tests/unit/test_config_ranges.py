@@ -60,6 +60,7 @@ RANGES = {
     "fit.optimizer.schedule.factor": (["1", "0.1"], ["0", "1.1"]),
     "fit.trace_every": (["1"], ["0"]),
     "fit.snapshots": (["1", "null"], ["0"]),
+    "measure.surface": (["all", "outer"], ["inner", "null"]),
     "measure.samples": (["100"], ["99"]),
     "measure.points": (["100"], ["99"]),
     "measure.f_score_tau": (["0.1", "1%", "0.5 %"], ["0", "-1", "0%", "-1%", "nan%", "'%'", "1mm", "null", "true"]),

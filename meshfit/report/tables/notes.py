@@ -64,7 +64,7 @@ def setting_lines(table: Table) -> list[str]:
     scheme = f"; scheme {table.scheme_title(table.schemes[0])}" if _one_scheme(table) else ""
     return [
         f"Lengths in {FRAMES.get(get('normalise'), get('normalise'))}",
-        f"Fit: {_fit(get)}; measured on {get('measure.samples')} samples",
+        f"Fit: {_fit(get)}; measured on {get('measure.samples')} samples{_measured_surface(settings)}",
         f"Source: {', '.join(_source(settings, get))}{scheme}",
     ]
 
@@ -72,6 +72,13 @@ def setting_lines(table: Table) -> list[str]:
 def _one_scheme(table: Table) -> bool:
     """Return whether variations of a single scheme are compared."""
     return len(table.variations) > 1 and len(table.schemes) == 1
+
+
+def _measured_surface(settings: Mapping[str, Any]) -> str:
+    surface = settings.get("measure.surface", "all")
+    if surface == VARIED:
+        return " of surfaces that vary"
+    return " of the outer surfaces, without what they hide" if surface == "outer" else ""
 
 
 def _fit(get: Callable[[str], str]) -> str:
