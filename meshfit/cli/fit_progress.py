@@ -12,7 +12,7 @@ from meshfit.cli.progress import Lines
 from meshfit.experiment.plan import checked_target
 from meshfit.experiment.source import expected_verts
 from meshfit.experiment.trial_status import Outcome, TrialStatus
-from meshfit.fitting.gauss_newton.schedule import stage_at
+from meshfit.fitting.gauss_newton.schedule import stage_before_end
 from meshfit.fitting.progress import Course, measuring_cost
 from meshfit.fitting.settings import GaussNewtonSettings
 from meshfit.units import duration_text
@@ -86,7 +86,8 @@ class _Fit:
             return "measuring" + (f", about {duration_text(left)} left" if left else "")
         words = [f"step {step.done:,} of {step.steps:,}"]
         if isinstance(self._settings, GaussNewtonSettings):
-            words.insert(0, stage_at(self._settings, step.done).name.replace("last", "last steps"))
+            name = stage_before_end(self._settings, step.steps - step.done).name
+            words.insert(0, name.replace("last", "last steps"))
         if left:
             words.insert(0, f"about {duration_text(left)} left")
         return ", ".join(words)

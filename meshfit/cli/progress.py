@@ -12,7 +12,7 @@ from rich.table import Column
 from meshfit.cli.console import err
 from meshfit.experiment.trial_status import Outcome, TrialStatus
 from meshfit.fitting.callbacks import Step
-from meshfit.fitting.gauss_newton.schedule import stage_at
+from meshfit.fitting.gauss_newton.schedule import stage_before_end
 from meshfit.fitting.settings import ExternalSettings, GaussNewtonSettings
 from meshfit.units import duration_text
 
@@ -128,7 +128,7 @@ class TrialLines:
 
     def _summary(self, progress: "ProgressReader", outcomes: Mapping[int, Outcome]) -> str:
         running = _running(self._trials, progress, outcomes)
-        parts = _parts_done(self._trials, progress, running)
+        parts = _parts_done(progress, running)
         unfinished = len(self._trials) - len(outcomes)
         done = len(outcomes) - (self._complete_before or 0) + parts
         text = f"{len(running)} running, {unfinished - len(running)} waiting"
@@ -150,7 +150,7 @@ class TrialBars:
         """Move the bars and print new failures above them."""
         running = _running(self._trials, progress, outcomes)
         self._print_failures(outcomes)
-        done = min(len(outcomes) + _parts_done(self._trials, progress, running), len(self._trials))
+        done = min(len(outcomes) + _parts_done(progress, running), len(self._trials))
         self._bars.update(self._total, completed=done, state=self._counts(outcomes, running))
         for i in [i for i in self._tasks if i not in running]:
             self._bars.remove_task(self._tasks.pop(i))
@@ -172,27 +172,27 @@ class TrialBars:
 
     def _update_bar(self, i: int, progress: "ProgressReader") -> None:
         trial, step = self._trials[i], progress[i].step
-        steps = trial.settings.fit.steps
+        steps = step.steps or trial.settings.fit.steps
         if i not in self._tasks:
             self._tasks[i] = self._bars.add_task(escape(trial.label), total=steps, state="")
         fitting = f"{step.done}/{steps} {_stage_and_loss(trial, step)}" if step.done else "loading"
         if isinstance(trial.settings.fit, ExternalSettings):
             fitting = f"running {escape(trial.settings.fit.name)}" if step.steps else "loading"
         state = "measuring" if progress[i].status is TrialStatus.MEASURING else fitting
-        self._bars.update(self._tasks[i], completed=step.done, state=state)
+        self._bars.update(self._tasks[i], completed=step.done, total=steps, state=state)
 
 
 def _running(trials: Sequence["Trial"], progress: "ProgressReader", outcomes: Mapping[int, Outcome]) -> list[int]:
     return [i for i in range(len(trials)) if i not in outcomes and progress[i].status.is_running]
 
 
-def _parts_done(trials: Sequence["Trial"], progress: "ProgressReader", running: Sequence[int]) -> float:
-    """Sum over running trials of the fraction of steps done."""
-    return sum(progress[i].step.done / max(trials[i].settings.fit.steps, 1) for i in running)
+def _parts_done(progress: "ProgressReader", running: Sequence[int]) -> float:
+    """Return the sum over running trials of the fraction of steps done."""
+    return sum(progress[i].step.done / max(progress[i].step.steps, 1) for i in running)
 
 
 def _stage_and_loss(trial: "Trial", step: Step) -> str:
     settings = trial.settings.fit
     if isinstance(settings, GaussNewtonSettings):
-        return f"{stage_at(settings, step.done).name}, distance {step.loss:.1e}"
+        return f"{stage_before_end(settings, step.steps - step.done).name}, distance {step.loss:.1e}"
     return f"loss {step.loss:.1e}"

@@ -25,7 +25,8 @@ class Step:
 
     Attributes:
         done: number of steps made.
-        steps: total number of steps.
+        steps: total number of steps, as far as is known: steps of the Gauss–Newton engine that turn out unnecessary are
+            left out, and those of a further search for the rough shape are added.
         loss: before the last step: the objective of the first-order engine, the distance of the Gauss–Newton engine.
         stage: name of the next step's stage, such as `level 1`; empty for the first-order engine.
 

@@ -58,6 +58,10 @@ class Engine(ABC):
         """Total number of steps."""
         return self.settings.steps
 
+    def progress(self, _member: int) -> tuple[int, int]:
+        """Return the steps that a fit has made, and all that it will make as far as is known."""
+        return self.done, self.steps
+
     @property
     def stage(self) -> str:
         """Name of the next step's stage; empty if there is one only."""
@@ -212,13 +216,14 @@ def run(engine: Engine, *, save_end: bool = False, snapshots: int | None = None)
             if save_end:
                 _save(engine)
             return outcomes | {problem: _result(engine, member) for member, problem in enumerate(engine.problems)}
+        before = [engine.progress(member)[0] for member in range(len(engine.problems))]
         losses = engine.step()
         if snapshots is not None and engine.done % snapshots == 0:
             _take_snapshots(engine)
         if time.monotonic() - saved > SECONDS_BETWEEN_CHECKPOINTS:
             _save(engine)
             saved = time.monotonic()
-        _report(engine, losses)
+        _report(engine, losses, before)
 
 
 def _result(engine: Engine, member: int) -> FitResult:
@@ -237,11 +242,13 @@ def _running(engine: Engine) -> Iterator[tuple[int, Problem]]:
     return ((member, problem) for member, problem in enumerate(engine.problems) if member not in engine.failed)
 
 
-def _report(engine: Engine, losses: list[float]) -> None:
+def _report(engine: Engine, losses: list[float], before: list[int]) -> None:
+    """Report the fits that have made a step, and all at the end."""
     try:
         for member, problem in _running(engine):
-            if problem.on_step is not None:
-                problem.on_step(Step(engine.done, engine.steps, losses[member], engine.stage))
+            done, steps = engine.progress(member)
+            if problem.on_step is not None and (done > before[member] or engine.done == engine.steps):
+                problem.on_step(Step(done, steps, losses[member], engine.stage))
     except Interrupted:
         _save(engine)
         raise

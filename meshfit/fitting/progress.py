@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from meshfit.fitting.callbacks import Step
-from meshfit.fitting.gauss_newton.schedule import rough_verts, schedule, stage_at
+from meshfit.fitting.gauss_newton.schedule import rough_verts, schedule
 from meshfit.fitting.settings import FitSettings, GaussNewtonSettings
 from meshfit.subdivision.refine import growth
 from meshfit.subdivision.registry import Scheme, resolve
@@ -22,21 +22,19 @@ _STEP = (0.05, 1.5e-5, 3.8e-7)
 _REMESH, _MAPPED, _PLACE = (0.22, 8e-5), (0.5, 1e-4), (0.5, 1e-3)
 # Weight that the time of a step keeps when the next one has been timed.
 _KEPT = 0.95
-# Share of its expected time below which a step of a further search has been left out.
-_LEFT_OUT = 0.2
 _SECONDS_BETWEEN_LINES = 5.0
 _SECONDS_BETWEEN_UPDATES = 0.2
 _BAR = 24
 
 
 def step_costs(
-    settings: FitSettings, tries: int | None = None, *, source_verts: int = 642, scheme: str | Scheme = "loop"
+    settings: FitSettings, attempt: int = 0, *, source_verts: int = 642, scheme: str | Scheme = "loop"
 ) -> list[float]:
     """Return the relative cost of each step, by its number of vertices and the remesh that it begins with.
 
     Args:
         settings: settings of the fit.
-        tries: number of searches for the rough shape; steps of further ones cost nothing. None for all.
+        attempt: number of the search for the rough shape, from 0, whose steps are among them; those of others are not.
         source_verts: number of vertices of the source.
         scheme: the scheme of the levels.
     """
@@ -57,10 +55,10 @@ def step_costs(
             verts *= per_level
         elif stage.change == "control":
             verts *= per_level**settings.levels
-        step = _STEP[0] + _STEP[1] * verts + _STEP[2] * verts**1.5
-        skipped = tries is not None and stage.attempt is not None and stage.attempt >= tries
-        part = [0.0 if skipped else step] * len(stage.weights)
-        if part and stage.change in ("remesh", "decimate", "place") and not skipped:
+        if stage.attempt not in (None, attempt):
+            continue
+        part = [_STEP[0] + _STEP[1] * verts + _STEP[2] * verts**1.5] * len(stage.weights)
+        if part and stage.change in ("remesh", "decimate", "place"):
             mapped = settings.connectivity == "fixed"
             fixed, per_vert = _PLACE if stage.change == "place" else _MAPPED if mapped else _REMESH
             part[0] += fixed + per_vert * verts
@@ -102,45 +100,42 @@ class Course:
     ) -> None:
         self._clock, self._start, self._settings = clock, clock(), settings
         self._source_verts, self._scheme, self._after = source_verts, scheme, after
-        self._tries = 1
-        self._costs = self._all_costs()
-        self._last: tuple[int, float] | None = None
-        self._timed = self._expected = 0.0
+        self._attempt = 0
+        self._costs = self._costs_of_attempt()
+        self._last: Step | None = None
+        self._at = self._spent = self._timed = self._expected = 0.0
         self.step: Step | None = None
         self.share = 0.0
 
-    def _all_costs(self) -> list[float]:
-        return step_costs(self._settings, self._tries, source_verts=self._source_verts, scheme=self._scheme)
+    def _costs_of_attempt(self) -> list[float]:
+        """Return the costs of the steps from the start of the present search for the rough shape to the end."""
+        return step_costs(self._settings, self._attempt, source_verts=self._source_verts, scheme=self._scheme)
+
+    def _left(self, step: Step) -> float:
+        """Return the cost of the steps that are left."""
+        return sum(self._costs[max(0, len(self._costs) - (step.steps - step.done)) :])
 
     def update(self, step: Step) -> None:
         """Take note of a step."""
-        now, self.step = self._clock(), step
-        if self._last is None:  # the first step prepares what the others use
-            self._last = step.done, now
-        elif step.done > self._last[0]:
-            done, before = self._last
-            self._search_again(done, step.done, now - before)
-            kept = _KEPT ** (step.done - done)
-            cost = sum(self._costs[done : step.done])
+        now, self.step, last = self._clock(), step, self._last
+        if last is not None and step.done > last.done:
+            made, left = step.done - last.done, last.steps - last.done
+            if step.steps > last.steps:  # a further search has begun
+                self._attempt += 1
+                self._costs = self._costs_of_attempt()
+                left = step.steps - last.done
+            first = max(0, len(self._costs) - left)
+            cost = sum(self._costs[first : first + made])
+            self._spent += cost
             if cost:
-                self._timed, self._expected = kept * self._timed + now - before, kept * self._expected + cost
-            self._last = step.done, now
-        total = sum(self._costs) + self._after or 1.0
-        self.share = max(self.share, sum(self._costs[: step.done]) / total)
-
-    def _search_again(self, done: int, now_done: int, seconds: float) -> None:
-        """Add the costs of a further search if steps of one have taken time."""
-        if not isinstance(self._settings, GaussNewtonSettings):
-            return
-        attempt = stage_at(self._settings, now_done - 1).attempt
-        if attempt is None or attempt < self._tries:
-            return
-        tried, self._tries = self._tries, attempt + 1
-        costs = self._all_costs()
-        if seconds < _LEFT_OUT * self._pace * sum(costs[done:now_done]):
-            self._tries = tried
-        else:
-            self._costs = costs
+                kept = _KEPT**made
+                self._timed, self._expected = kept * self._timed + now - self._at, kept * self._expected + cost
+        elif last is None:  # the first step prepares what the others use
+            end = max(0, len(self._costs) - (step.steps - step.done))
+            self._spent = sum(self._costs[max(0, end - step.done) : end])
+        if last is None or step.done > last.done:
+            self._last, self._at = step, now
+        self.share = max(self.share, self._spent / (self._spent + self._left(step) + self._after or 1.0))
 
     @property
     def _pace(self) -> float:
@@ -156,8 +151,8 @@ class Course:
         """Estimated seconds until the end; None where nothing is known."""
         if self.step is None or self._last is None or not self._expected:
             return None
-        left = self._pace * (sum(self._costs[self.step.done :]) + self._after)
-        return max(0.0, left - (self._clock() - self._last[1]))
+        left = self._pace * (self._left(self.step) + self._after)
+        return max(0.0, left - (self._clock() - self._at))
 
     @property
     def text(self) -> str:

@@ -192,17 +192,22 @@ def test_the_remaining_time_weighs_steps_by_their_cost():
         assert course.share == pytest.approx(sum(costs) / (sum(costs) + after))
 
 
-def test_the_remaining_time_follows_the_pace_and_counts_a_further_search_only_if_it_takes_time():
+def test_the_remaining_time_follows_the_pace_and_counts_a_further_search_once_it_has_begun():
     settings = meshfit.GaussNewtonSettings(coarse_steps=10, tries=2, level_steps=40, last_steps=2, levels=0)
-    costs, now = step_costs(settings), [0.0]
-    for searched in (False, True):
+    once, again, now = step_costs(settings), step_costs(settings, 1), [0.0]
+    assert len(once) == len(again) == 52
+    for searches in (0, 1, 2):
+        costs = [*once[:10], *again] if searches == 2 else once[10 * (1 - searches) :]
         course = Course(settings, lambda now=now: now[0])
-        for done, cost in enumerate(costs[:60], 1):
-            now[0] += cost * (2.0 if done > 30 else 1.0) if searched or not 10 < done <= 20 else 0.0
-            course.update(meshfit.Step(done, settings.steps, 1.0, "level 0"))
-            if done == 15:
-                assert course.seconds_left == pytest.approx(sum(costs[15 if searched else 20 :]))
-        assert course.seconds_left == pytest.approx(2.0 * sum(costs[60:]), rel=0.15)
+        for done, cost in enumerate(costs, 1):
+            now[0] += cost * (2.0 if done > 30 else 1.0)
+            known = len(costs) - (10 if searches == 2 and done <= 10 else 0)
+            course.update(meshfit.Step(done, known, 1.0, "level 0"))
+            if done in (9, 15):
+                ahead = costs[done:] if known == len(costs) else once[done:]
+                assert course.seconds_left == pytest.approx(sum(ahead), rel=0.02)
+        assert course.seconds_left == 0
+        assert course.share == pytest.approx(1)
 
 
 def test_traces_become_tables_and_pictures():

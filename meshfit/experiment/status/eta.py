@@ -1,7 +1,7 @@
 """Estimated time: until an experiment is complete, and of a run that has not started."""
 
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -14,7 +14,7 @@ from meshfit.experiment.status.scan import ScannedExperiment, ScannedTrial
 from meshfit.experiment.storage.run_directory import RESULT, Result, RunDirectory, read_json
 from meshfit.experiment.storage.trial_log import LastProgress, read_progress
 from meshfit.experiment.trial_status import Progress, TrialStatus
-from meshfit.fitting.callbacks import Interrupted
+from meshfit.fitting.callbacks import Interrupted, Step
 from meshfit.fitting.settings import ExternalSettings, FirstOrderSettings
 from meshfit.units import count_text
 
@@ -64,7 +64,7 @@ def seconds_left(experiment: ScannedExperiment) -> float | None:
         return 0.0
     progress = {trial: read_progress(trial.path) for trial in unfinished if trial.status is TrialStatus.RUNNING}
     workers = experiment.plan.workers if experiment.plan else max(1, len(progress))
-    costs = _costs_of_complete(experiment) or _costs_of_running(progress.values(), workers)
+    costs = _costs_of_complete(experiment) or _costs_of_running(progress, workers)
     if not costs:
         return None
     seconds = [_seconds_of(trial, progress.get(trial), costs) for trial in unfinished]
@@ -104,14 +104,21 @@ def _cost(trial: ScannedTrial) -> _Cost | None:
         return None  # not needed for an estimate; commands that show the result report the damage
 
 
-def _costs_of_running(running: Collection[LastProgress | None], workers: int) -> _Costs:
-    """Costs of running trials so far; trials of a batch share a worker's time, as in the costs of complete ones."""
+def _costs_of_running(running: Mapping[ScannedTrial, LastProgress | None], workers: int) -> _Costs:
+    """Costs of whole trials that run; trials of a batch share a worker's time, as in the costs of complete ones."""
     share = min(1.0, workers / max(1, len(running)))
     costs: _Costs = {}
-    for progress in running:
+    for trial, progress in running.items():
         if progress is not None and progress.step.done > 0 and progress.running_seconds > 0:
-            _add(costs, _Cost(share * progress.running_seconds, 0.0, progress.step.done))
+            planned_steps = trial.planned.steps if trial.planned else progress.step.steps
+            seconds = share * progress.running_seconds / _share_done(progress)
+            _add(costs, _Cost(seconds, 0.0, planned_steps))
     return costs
+
+
+def _share_done(progress: LastProgress) -> float:
+    """Return the share of the steps of a trial that are done, of those that it is known to need."""
+    return min(progress.step.done / max(progress.step.steps, 1), 1.0)
 
 
 def _seconds_of(trial: ScannedTrial, progress: LastProgress | None, costs: _Costs) -> float:
@@ -128,7 +135,7 @@ def _seconds_of(trial: ScannedTrial, progress: LastProgress | None, costs: _Cost
         return measure
     if steps == 1:
         return measure + max(0.0, fit - progress.running_seconds)
-    return measure + fit * (1 - min(progress.step.done / steps, 1.0))
+    return measure + fit * (1 - _share_done(progress))
 
 
 @dataclass(frozen=True)
@@ -261,11 +268,11 @@ def _probe(trial: "Trial", threads: int) -> tuple[float, float]:
     """Seconds of the whole fit, extrapolated from its first steps, and seconds before and after it."""
     from meshfit.experiment.running.batch_runner import run_batch
 
-    started, steps = time.perf_counter(), list[tuple[int, float]]()
+    started, steps = time.perf_counter(), list[tuple[Step, float]]()
 
     def on_progress(_: int, progress: Progress) -> None:
         if progress.status is TrialStatus.FITTING and progress.step.done:
-            steps.append((progress.step.done, time.perf_counter()))
+            steps.append((progress.step, time.perf_counter()))
             if steps[-1][1] - steps[0][1] > _PROBE_SECONDS[trial.settings.fit.method]:
                 raise Interrupted
 
@@ -279,9 +286,9 @@ def _probe(trial: "Trial", threads: int) -> tuple[float, float]:
     if outcome.status is TrialStatus.FAILED or len(steps) < 2:
         raise TrialError(f"{trial.label}: {outcome.message or 'too few steps to estimate the time'}")
     first, last = steps[min(_WARM_UP_STEPS, len(steps) - 2)], steps[-1]
-    per_step = (last[1] - first[1]) / (last[0] - first[0])
+    per_step = (last[1] - first[1]) / max(last[0].done - first[0].done, 1)
     before = steps[0][1] - started
-    return per_step * trial.settings.fit.steps, before + _seconds_to_measure(trial)
+    return per_step * last[0].steps, before + _seconds_to_measure(trial)
 
 
 def _seconds_to_measure(trial: "Trial") -> float:

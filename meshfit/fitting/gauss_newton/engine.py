@@ -135,6 +135,23 @@ class GaussNewton(Engine):
         ]
         self._restarts = [Restarts.unneeded(distance) if near else Restarts() for near, distance in self._near]
         self._shortfalls: list[list[str]] = [[] for _ in problems]
+        self._made = [0] * len(problems)
+
+    def progress(self, member: int) -> tuple[int, int]:
+        """Return the steps that a fit has made, and all that it will make as far as is known.
+
+        A search for the rough shape counts from its first step on; a source that is near to the target needs none.
+        """
+        plan, restarts, made = self._plans[False], self._restarts[member], self._made[member]
+        left = [stage for stage, _ in plan[self.done :]]
+        ended = plan[self.done - 1][0] if self.done and restarts.still else None
+
+        def is_coming(stage: Stage) -> bool:
+            if stage.attempt is None:
+                return stage is not ended
+            return stage.attempt == left[0].attempt and not restarts.settled and not restarts.still
+
+        return made, made + sum(map(is_coming, left))
 
     @property
     def stage(self) -> str:
@@ -229,13 +246,14 @@ class GaussNewton(Engine):
     def checkpoint(self, member: int) -> Checkpoint:
         """Return a copy of everything that the next step of one problem depends on."""
         saved = {"surface": self._states[member].saved(), "rough": self._restarts[member].saved()}
-        return super().checkpoint(member) | saved
+        return super().checkpoint(member) | saved | {"made": self._made[member]}
 
     def restore(self, checkpoints: Sequence[Checkpoint]) -> None:
         """Continue from checkpoints of the same problems, all taken after the same number of steps."""
         super().restore(checkpoints)
         self._states = [self._restored(*pair) for pair in zip(checkpoints, self.problems, strict=True)]
         self._restarts = [Restarts.restored(saved["rough"], self.dtype, self.device) for saved in checkpoints]
+        self._made = [saved["made"] for saved in checkpoints]
 
     def _check(self, problem: Problem) -> None:
         require_manifold(Topology.of(problem.source), "a Gauss–Newton fit")
@@ -288,6 +306,7 @@ class GaussNewton(Engine):
             restarts.still = False
         if restarts.still or (stage.attempt is not None and restarts.settled):
             return restarts.distance
+        self._made[member] += 1
         if number == 0:
             before = self._changed(before, problem, stage, target)
         fairness, point_weight = stage.weights[number]

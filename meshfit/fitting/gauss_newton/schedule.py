@@ -116,9 +116,15 @@ def rough_verts(settings: GaussNewtonSettings, source_verts: int, growth: float)
 
 
 def stage_at(settings: GaussNewtonSettings, done: int) -> Stage:
-    """Return the stage of the step after `done` steps."""
+    """Return the stage of the step after the first `done` steps of the schedule."""
     plan = [stage for stage in schedule(settings) for _ in stage.weights]
     return plan[min(done, len(plan) - 1)]
+
+
+def stage_before_end(settings: GaussNewtonSettings, left: int) -> Stage:
+    """Return the stage of the step that has `left` steps until the end, itself among them."""
+    plan = [stage for stage in schedule(settings) for _ in stage.weights]
+    return plan[max(0, len(plan) - max(left, 1))]
 
 
 def _coarse(settings: GaussNewtonSettings, attempt: int) -> Iterator[Stage]:
