@@ -132,3 +132,12 @@ def test_a_result_that_falls_short_is_marked_and_the_caption_says_how():
     assert r"\dag{} falls short" in latex_figure([target], metric, "figure.pdf", style)
     sound = SimpleNamespace(selected=TargetTrials("cow", "the cow", {}, trials[1:]))
     assert "†" not in " ".join([plain_caption([sound], metric, style), *details([sound], metric, style)])
+
+
+def test_no_source_is_shown_for_tools_that_work_from_the_target_alone():
+    def target(tool):
+        return SimpleNamespace(selected=SimpleNamespace(settings={"source.mesh": "sphere", "fit.tool": tool}))
+
+    targets = [target("poisson"), target("nricp"), target("quadric"), target(None)]
+    assert shows_sources(targets, "once") == [False, True, False, False]
+    assert shows_sources(targets, "all") == [False, True, False, True]

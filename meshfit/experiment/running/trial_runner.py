@@ -41,10 +41,10 @@ from meshfit.experiment.storage.targets import carried_path, carry
 from meshfit.experiment.storage.trial_log import TrialLog
 from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
 from meshfit.fitting.callbacks import Step
-from meshfit.fitting.external.tools import ToolError, ToolRun
+from meshfit.fitting.external.tools import ToolError, ToolRun, works_from_target
 from meshfit.fitting.loop import FitResult
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem, Trace
-from meshfit.fitting.settings import FirstOrderSettings, FitSettings
+from meshfit.fitting.settings import ExternalSettings, FirstOrderSettings, FitSettings
 from meshfit.measuring.measure import measure
 from meshfit.measuring.shortfalls import FAR, FAR_ON_AVERAGE, shortfalls
 from meshfit.mesh.alignment import align, boxes_are_disjoint
@@ -112,7 +112,7 @@ class TrialRunner:
             self._source_record = describe_source(source_settings, self._target)
             triangles = built.triangulated() if isinstance(built, PolygonMesh) else built
             self._source = align(triangles, self._target, "none" if made is not None else settings.source.align)
-            _warn_of_differences(self._source, self._target)
+            _warn_of_differences(self._source, self._target, settings.fit)
         self._warnings = [*target.warnings, *_texts(caught)]
         if made is not None:
             self._log.note(made.line)
@@ -312,9 +312,13 @@ def _texts(caught: Sequence[warnings.WarningMessage]) -> list[str]:
     return [str(warning.message) for warning in caught if issubclass(warning.category, MeshfitWarning)]
 
 
-def _warn_of_differences(source: Mesh, target: Mesh) -> None:
+def _warn_of_differences(source: Mesh, target: Mesh, fit: FitSettings) -> None:
+    """Warn of a source that the fit cannot bring onto the target; a tool may start from the target, or cut and glue."""
+    tool = fit.tool if isinstance(fit, ExternalSettings) else None
+    if works_from_target(tool):
+        return
     of_source, of_target = (describe_topology(Topology.of(mesh)) for mesh in (source, target))
-    if of_source != of_target:
+    if of_source != of_target and (tool is not None or not isinstance(fit, ExternalSettings)):
         text = f"source and target differ in topology ({of_source}; {of_target}); the fit keeps that of the source"
         warnings.warn(text, MeshfitWarning, stacklevel=2)
     if boxes_are_disjoint(source, target):

@@ -101,6 +101,7 @@ class Tool:
         options: the model of its options.
         seeded: whether the result depends on the seed.
         title: what it does, in a few words.
+        from_target: whether it makes its result from the target alone, whatever the source.
     """
 
     package: str
@@ -108,6 +109,7 @@ class Tool:
     options: type[Settings]
     seeded: bool
     title: str
+    from_target: bool = False
 
     @property
     def version(self) -> str:
@@ -121,10 +123,19 @@ class Tool:
 TOOLS: Mapping[ToolName, Tool] = MappingProxyType(
     {
         "poisson": Tool(
-            "pymeshlab", (), PoissonOptions, seeded=True, title="screened Poisson surface through points of the target"
+            "pymeshlab",
+            (),
+            PoissonOptions,
+            seeded=True,
+            title="screened Poisson surface through points of the target",
+            from_target=True,
         ),
-        "alpha-wrap": Tool("pymeshlab", (), AlphaWrapOptions, seeded=False, title="alpha wrap around the target"),
-        "quadric": Tool("pymeshlab", (), QuadricOptions, seeded=False, title="quadric decimation of the target"),
+        "alpha-wrap": Tool(
+            "pymeshlab", (), AlphaWrapOptions, seeded=False, title="alpha wrap around the target", from_target=True
+        ),
+        "quadric": Tool(
+            "pymeshlab", (), QuadricOptions, seeded=False, title="quadric decimation of the target", from_target=True
+        ),
         "nricp": Tool(
             "trimesh",
             ("trimesh", "rtree"),
@@ -148,6 +159,12 @@ TOOLS: Mapping[ToolName, Tool] = MappingProxyType(
     }
 )
 """The ready entries, by name."""
+
+
+def works_from_target(name: object) -> bool:
+    """Return whether a name is that of a ready entry that makes its result from the target alone."""
+    return any(tool.from_target for entry, tool in TOOLS.items() if entry == name)
+
 
 INSTALL = "pip install 'meshfit[peers]'"
 

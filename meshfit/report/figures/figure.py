@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from meshfit.experiment.storage.plan_file import UpChoice, planned_up
+from meshfit.fitting.external.tools import works_from_target
 from meshfit.measuring.metrics import METRICS
 from meshfit.mesh.mesh import Mesh
 from meshfit.printable import printable
@@ -136,14 +137,21 @@ def write_figure(targets: Sequence[FigureTarget], path: Path, metric: str, style
 
 
 def shows_sources(targets: Sequence[FigureTarget], sources: Sources) -> list[bool]:
-    """Return for each target whether its sources are shown; `once` is once for each setting of the source."""
+    """Return for each target whether its sources are shown; `once` is once for each setting of the source.
+
+    Tools that work from the target alone have none.
+    """
+    fitted = [not works_from_target(target.selected.settings.get("fit.tool")) for target in targets]
     if sources != "once":
-        return [sources == "all"] * len(targets)
+        return [sources == "all" and has_source for has_source in fitted]
     of_source = [
         {key: value for key, value in target.selected.settings.items() if key.startswith("source.")}
         for target in targets
     ]
-    return [settings not in of_source[:place] for place, settings in enumerate(of_source)]
+    return [
+        has_source and not any(fitted[i] and of_source[i] == settings for i in range(place))
+        for place, (settings, has_source) in enumerate(zip(of_source, fitted, strict=True))
+    ]
 
 
 def _shape(target: FigureTarget, metric: str, style: FigureStyle, *, sources: bool, in_line: bool) -> BlockShape:

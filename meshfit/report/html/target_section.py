@@ -12,6 +12,7 @@ from meshfit.experiment.storage.frame import frame_of
 from meshfit.experiment.storage.plan_file import UpChoice, planned_up
 from meshfit.experiment.storage.run_directory import Result
 from meshfit.experiment.storage.targets import read_target
+from meshfit.fitting.external.tools import works_from_target
 from meshfit.measuring.metrics import METRICS
 from meshfit.mesh.mesh import Mesh
 from meshfit.report.figures.camera import is_turned
@@ -43,7 +44,7 @@ class LoadedTrial:
         value: its value of the first metric, as text; empty if it has none.
         scheme: the scheme.
         row: index of the row.
-        source: the source mesh.
+        source: the source mesh; None for a tool that works from the target alone.
         mesh: the fitted mesh.
         distances: (V,) from each vertex of the fitted mesh to the target; None without a target to measure to.
     """
@@ -53,7 +54,7 @@ class LoadedTrial:
     value: str
     scheme: str
     row: int
-    source: Mesh
+    source: Mesh | None
     mesh: Mesh
     distances: Float64[np.ndarray, " V"] | None
 
@@ -93,7 +94,7 @@ class TargetSection:
     @cached_property
     def sources(self) -> list[tuple[str, Mesh]]:
         """The sources that look different, each with its schemes, or with its rows if a scheme has several sources."""
-        groups = distinct_meshes([(trial, trial.source) for trial in self.trials])
+        groups = distinct_meshes([(trial, trial.source) for trial in self.trials if trial.source is not None])
         schemes = [", ".join(dict.fromkeys(trial.scheme for trial in trials)) for trials, _ in groups]
         labels = ["; ".join(trial.label for trial in trials) for trials, _ in groups]
         names = schemes if len(set(schemes)) == len(schemes) else labels
@@ -235,7 +236,9 @@ def _load(
     """Load the meshes of a trial, by the names of row and scheme; if they cannot be read, add a problem."""
     label, scheme = names
     try:
-        source, mesh = (_read_surface(trial, name) for name in (SOURCE, FITTED))
+        unused = works_from_target(trial.result["settings"]["fit"].get("tool"))
+        source = None if unused else _read_surface(trial, SOURCE)
+        mesh = _read_surface(trial, FITTED)
         distances = distances_to(mesh, target) if target is not None else None
     except MeshfitError as error:
         problems.append(f"{label}, seed {trial.seed}, is not shown: {error}")
