@@ -77,13 +77,14 @@ def find_correspondences(
     """
     pattern = _FACE_POINTS[: 1 if len(shape.connectivity.faces) > _MANY_FACES else None]
     face, corners, weights = _surface_points(shape, pattern)
-    points = (corners[:, :, None] * shape.corners[face]).sum(1)
+    points = shape.points(face, corners)
     normals = torch.cat([shape.normals.repeat_interleave(len(pattern), 0), shape.vert_normals])
     nearest = target.nearest(points)
+    away, opposite = points - target.points.index_select(0, nearest), target.normals.index_select(0, nearest)
     beyond = target.is_beyond(points, nearest)
-    spanning = in_membranes(shape, face, points - target.points[nearest], normals, target.normals[nearest]) & ~beyond
+    spanning = in_membranes(shape, face, away, normals, opposite) & ~beyond
     spanning_in_faces = spanning[: len(pattern) * len(shape.corners)].view(-1, len(pattern))
-    forward = (dot(normals, target.normals[nearest]) > _FACING) & ~spanning & ~beyond
+    forward = (dot(normals, opposite) > _FACING) & ~spanning & ~beyond
     drawn = target.draw(max(_LEAST_DRAWN, _DRAWN_PER_VERT * len(shape.verts)), generator)
     hit = nearest_neighbour_search(points)(target.points[drawn])
     backward = dot(normals[hit], target.normals[drawn]) > _FACING_BACK
@@ -95,13 +96,15 @@ def find_correspondences(
     hit, drawn = hit[backward], drawn[backward]
     goals = torch.cat([nearest[forward], drawn])
     faces = torch.cat([face[forward], face[hit]])
-    at = torch.cat([corners[forward], nearest_in_triangles(target.points[drawn], shape.corners[face[hit]])])
-    start = (at[:, :, None] * shape.corners[faces]).sum(1)
+    at = torch.cat(
+        [corners[forward], nearest_in_triangles(target.points[drawn], shape.corners.index_select(0, face[hit]))]
+    )
+    start = shape.points(faces, at)
     pairs = Correspondences(
         face=faces,
         corners=at,
-        normals=target.normals[goals],
-        residuals=target.points[goals] - start,
+        normals=target.normals.index_select(0, goals),
+        residuals=target.points.index_select(0, goals) - start,
         weights=torch.cat([weights[forward], weights.new_full((len(drawn),), 1 / len(backward))]),
         matched=matched,
         membranes=membrane_share(shape, spanning_in_faces.to(points).mean(1)),
@@ -129,29 +132,37 @@ def _surface_points(shape: Shape, face_points: Sequence[Sequence[float]]) -> tup
 def nearest_in_triangles(points: Float[Tensor, "N 3"], corners: Float[Tensor, "N 3 3"]) -> Float[Tensor, "N 3"]:
     """Return the point of each triangle that is nearest to a point, in barycentric coordinates.
 
-    It is the nearest of four: the foot of the perpendicular, if inside, and the nearest point of each side. Triangles
-    without area therefore need no special case.
+    It is the foot of the perpendicular, if that is inside, and else the nearest of the nearest points of the sides.
+    Triangles without area have no foot.
     """
-    candidates = [_foot(points, corners)]
-    for k in range(3):
-        start, side = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
-        tiny = torch.finfo(points.dtype).tiny
-        share = (dot(points - start, side) / dot(side, side).clamp_min(tiny)).clamp(0, 1)
-        candidates.append(torch.stack([1 - share, share, torch.zeros_like(share)], 1).roll(k, 1))
-    weights = torch.stack(candidates)
-    distances = ((weights[:, :, :, None] * corners).sum(2) - points).square().sum(2)
-    best = distances.nan_to_num(torch.inf).argmin(0)
-    return weights[best, torch.arange(len(points), device=points.device)]
-
-
-def _foot(points: Tensor, corners: Tensor) -> Tensor:
-    """Return the foot of the perpendicular in barycentric coordinates; NaN where it is outside."""
-    a, b, c = corners.unbind(1)
-    normal = torch.linalg.cross(b - a, c - a)
-    parts = [torch.linalg.cross(q - p, points - p) for p, q in ((b, c), (c, a), (a, b))]
-    weights = torch.stack([dot(part, normal) for part in parts], 1)
+    ends = corners.unbind(1)
+    sides = [ends[(k + 1) % 3] - ends[k] for k in range(3)]
+    away = [points - end for end in ends]
+    normal = torch.linalg.cross(sides[0], sides[1])
+    # Side k - 2 is opposite corner k.
+    weights = torch.stack([dot(torch.linalg.cross(sides[k - 2], away[k - 2]), normal) for k in range(3)], 1)
     weights = weights / weights.sum(1, keepdim=True)
-    return weights.masked_fill(~(weights >= 0).all(1, keepdim=True), torch.nan)
+    outside = (~(weights >= 0).all(1)).nonzero()[:, 0]
+    sides, away = ([vectors.index_select(0, outside) for vectors in each] for each in (sides, away))
+    weights[outside] = _nearest_on_sides(sides, away)
+    return weights
+
+
+def _nearest_on_sides(sides: Sequence[Tensor], away: Sequence[Tensor]) -> Tensor:
+    """Return the nearest points of the three sides of triangles, in barycentric coordinates.
+
+    Args:
+        sides: for each side k, (N, 3) vectors from corner k to the next corner.
+        away: for each side k, (N, 3) vectors from corner k to the point that is looked for.
+    """
+    tiny = torch.finfo(sides[0].dtype).tiny
+    shares = [(dot(p, side) / dot(side, side).clamp_min(tiny)).clamp(0, 1) for p, side in zip(away, sides, strict=True)]
+    rest = [p - share[:, None] * side for p, side, share in zip(away, sides, shares, strict=True)]
+    best = torch.stack([dot(offset, offset) for offset in rest]).nan_to_num(torch.inf).argmin(0)
+    share = torch.stack(shares).gather(0, best[None])[0]
+    weights = sides[0].new_zeros(len(best), 3)
+    weights.scatter_(1, best[:, None], (1 - share)[:, None])
+    return weights.scatter_(1, (best[:, None] + 1) % 3, share[:, None])
 
 
 def _with_boundary(
@@ -166,7 +177,7 @@ def _with_boundary(
     first = torch.nn.functional.one_hot(side % 3, 3).to(shape.verts)
     second = torch.nn.functional.one_hot((side + 1) % 3, 3).to(shape.verts)
     face, corners = (side // 3).repeat(2), torch.cat([first, (first + second) / 2])
-    points = (corners[:, :, None] * shape.corners[face]).sum(1)
+    points = shape.points(face, corners)
     drawn = torch.randint(len(boundary.points), (len(points),), generator=generator).to(points.device)
     goals = torch.cat([nearest_neighbour_search(boundary.points)(points), drawn])
     nearest = nearest_neighbour_search(points)(boundary.points[drawn])
