@@ -76,6 +76,14 @@ def squeezed(text):
     return " ".join(text.split())
 
 
+def test_the_pieces_of_a_soup_are_nothing_to_match():
+    ball = subdivide(icosahedron(), "loop", 2)
+    soup = Mesh(ball.verts[ball.faces].reshape(-1, 3), np.arange(3 * ball.num_faces).reshape(-1, 3))
+    assert shortfalls(ball, soup) == []
+    few = joined(*(cube().with_verts(cube().verts + 3 * k) for k in range(13)))
+    assert shortfalls(ball, few)[0].startswith("topology not matched: the target has 13 pieces")
+
+
 def test_cells_of_results_with_shortfalls_are_marked_and_explained_in_every_format():
     tables = build_tables([result_of(), cell_of("cow", "loop", 0, HANDLE)])
     for text, mark in ((to_text(tables), "†"), (to_markdown(tables), "†"), (to_latex(tables), r"\dag{}")):
