@@ -147,7 +147,7 @@ class Shape:
 
     def points(self, face: Int64[Tensor, " M"], weights: Float[Tensor, "M 3"]) -> Float[Tensor, "M 3"]:
         """Return the points of some faces at barycentric coordinates."""
-        corners = self.corners.view(-1, 9).index_select(0, face)
+        corners = self.corners.reshape(-1, 9).index_select(0, face)
         first, second, third = (corners[:, 3 * k : 3 * k + 3] * weights[:, k, None] for k in range(3))
         return first + second + third
 
