@@ -71,6 +71,10 @@ class MeshError(MeshfitError):
     """An unusable mesh or mesh file."""
 
 
+class NoFacesError(MeshError):
+    """A file or mesh of points alone where a surface is expected."""
+
+
 class FormatError(MeshError):
     """A mesh file whose format is not known, or not the one that its name or the caller gives.
 

@@ -8,7 +8,6 @@ import typer
 
 from meshfit.cli.console import out
 from meshfit.cli.options import Labels, Metric, RunDirs
-from meshfit.measuring.metrics import DEFAULT_METRIC
 
 if TYPE_CHECKING:
     from meshfit.report.tables.table import Table
@@ -17,7 +16,7 @@ if TYPE_CHECKING:
 def chart(
     runs: RunDirs,
     output: Annotated[Path, typer.Option("--output", "-o", help="Chart to write: .pdf, .svg or .png.", metavar="FILE")],
-    metric: Metric = DEFAULT_METRIC,
+    metric: Metric = None,
     labels: Labels = None,
 ) -> int:
     """Draw the results of some runs as a chart, and print the means.
@@ -40,7 +39,7 @@ def chart(
     from meshfit.report.tables.table import build_tables, styled
 
     require_suffix(output)
-    tables = build_tables(distinguish_definitions(in_planned_order(read_results(runs))), metric)
+    tables = build_tables(distinguish_definitions(in_planned_order(read_results(runs))), *filter(None, [metric]))
     tables = styled(tables, Style(), labels or ())
     write_chart(tables, output)
     _print_means(tables)

@@ -8,7 +8,6 @@ import typer
 from meshfit.cli import completions
 from meshfit.cli.console import out
 from meshfit.cli.options import OUTPUT, Labels, Metric, RunDirs, UpAxis, say_turned
-from meshfit.measuring.metrics import DEFAULT_METRIC
 from meshfit.specs import listed
 
 
@@ -17,7 +16,7 @@ def figure(
     output: Annotated[
         Path, typer.Option("--output", "-o", help="Figure to write: .pdf, .svg or .png.", metavar="FILE")
     ],
-    metric: Metric = DEFAULT_METRIC,
+    metric: Metric = None,
     targets: Annotated[
         str | None,
         typer.Option(
@@ -92,9 +91,11 @@ def figure(
     from meshfit.report.figures.representative_trial import select_trials
     from meshfit.report.tables.grouping import distinguish_definitions
     from meshfit.report.tables.style import parse_labels
+    from meshfit.report.tables.table import default_metric
 
     require_suffix(output)
     results = distinguish_definitions(in_planned_order(read_results(runs)))
+    metric = metric or default_metric(results)
     selection = select_trials(results, metric, targets=listed(targets or ""), schemes=listed(schemes or ""))
     known = [name for group in selection for name in (group.target, *(trial.scheme for trial in group.trials))]
     style = FigureStyle(width, columns, sources, parse_labels(labels or (), [*known, metric]))

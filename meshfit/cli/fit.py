@@ -1,6 +1,7 @@
 """`meshfit fit`: fit meshes to targets, from file to file."""
 
 import json
+import math
 import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -50,7 +51,7 @@ if TYPE_CHECKING:
     from meshfit.mesh.mesh import Mesh
     from meshfit.mesh.polygons import PolygonMesh
 
-_FIT = "Fit"
+_FIT, SCANS = "Fit", "Scans"
 _FORMAT_OF_MANY = "ply"
 
 
@@ -58,7 +59,7 @@ def fit(
     targets: Annotated[
         list[str],
         typer.Argument(
-            help="Mesh files, or names of targets; - is standard input.",
+            help="Files of meshes or points, or names of targets; - is standard input.",
             metavar="TARGET",
             autocompletion=completions.targets,
         ),
@@ -129,6 +130,38 @@ def fit(
             autocompletion=completions.targets,
         ),
     ] = "auto",
+    noise: Annotated[
+        str | None,
+        typer.Option(
+            "--noise",
+            help="Standard deviation of the target's points across its surface, in the unit of the file: the more, the "
+            "smoother the result; 0 follows every point.",
+            show_default="auto, an estimate",
+            metavar="auto|LENGTH",
+            rich_help_panel=SCANS,
+        ),
+    ] = None,
+    direction: Annotated[
+        Literal["both", "to-target", "to-source"] | None,
+        typer.Option(
+            "--direction",
+            help="Pairs of points that pull: both; to-target, from the surface to the target; or to-source, from the "
+            "target to the surface, for scans that show only a part.",
+            show_default="both",
+            metavar="WAY",
+            rich_help_panel=SCANS,
+        ),
+    ] = None,
+    sensor: Annotated[
+        str | None,
+        typer.Option(
+            "--sensor",
+            help="Position that points without normals were scanned from, in the frame and unit of the file.",
+            show_default="normals point outwards, from neighbour to neighbour",
+            metavar="X,Y,Z",
+            rich_help_panel=SCANS,
+        ),
+    ] = None,
     seed: Annotated[
         int, typer.Option("--seed", min=0, max=2**32 - 1, help="Seed.", metavar="N", rich_help_panel=_FIT)
     ] = 0,
@@ -188,7 +221,8 @@ def fit(
     """Fit a mesh to a target, from file to file.
 
     The result lies on the target, in its frame and unit. The fit is that of the config `accurate`: from the target
-    itself with few faces, so that its pieces, handles and openings are kept, or from a wrap around a soup of faces. It
+    itself with few faces, so that its pieces, handles and openings are kept, or from a wrap around a soup of faces or a
+    cloud of points, with or without normals. It
     ends with a verdict: distances, soundness, size and time.
 
     Texture coordinates, colours, materials and skin weights of a --source file survive: as they are with its own faces
@@ -200,6 +234,7 @@ def fit(
         meshfit fit bunny -o fitted.obj
         meshfit fit scan.stl -o fitted.ply --verts 40000 --measure
         meshfit fit parts.obj -o skin.glb --source wrap  # one closed surface
+        meshfit fit points.xyz -o surface.ply  # a cloud of points
         meshfit fit head.obj -o head-fitted.obj --source sphere --connectivity fixed
         meshfit fit scan.obj -o fitted.glb --source template.glb --connectivity fixed  # keeps its texture
         meshfit fit scans/*.obj -o fitted/ --output-format obj --jobs 4
@@ -218,7 +253,18 @@ def fit(
         raise ConfigError("--measure reads the target again, and a pipe can be read only once; use --json")
     _check_not_overwritten(targets, outputs, source)
     options = FitOptions(
-        verts, scheme, levels, connectivity, source, seed, device, CleaningOptions(weld, repair), overrides or ()
+        verts=verts,
+        scheme=scheme,
+        levels=levels,
+        connectivity=connectivity,
+        source=source,
+        seed=seed,
+        device=device,
+        sensor=None if sensor is None else _parse_position("--sensor", sensor),
+        noise=None if noise is None else _parse_noise(noise),
+        direction=direction,
+        cleaning=CleaningOptions(weld, repair),
+        overrides=overrides or (),
     )
     run_options = RunOptions(jobs=jobs, quiet=quiet, as_json=as_json)
     try:
@@ -244,6 +290,28 @@ def fit(
     if many and len(verdicts) < len(targets):
         err.print(f"fitted {len(verdicts)} of {count_text(len(targets), 'target')}", soft_wrap=True, markup=False)
     return 0 if len(verdicts) == len(targets) else EXIT_FAILED
+
+
+def _parse_position(option: str, text: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = map(float, text.split(","))
+    except ValueError:
+        x = y = z = math.nan
+    if not all(map(math.isfinite, (x, y, z))):
+        raise ConfigError(f"{option} {text}: expected three numbers with commas between them, such as 0,0,2.5")
+    return x, y, z
+
+
+def _parse_noise(text: str) -> Literal["auto"] | float:
+    if text == "auto":
+        return "auto"
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 <= value < math.inf:
+        raise ConfigError(f"--noise {text}: expected auto, or a length of 0 or more in the unit of the target's file")
+    return value
 
 
 def _check_targets(targets: Sequence[str]) -> None:

@@ -31,6 +31,9 @@ class FitOptions:
     source: str
     seed: int
     device: str | None
+    sensor: tuple[float, float, float] | None
+    noise: Literal["auto"] | float | None
+    direction: Literal["both", "to-target", "to-source"] | None
     cleaning: "CleaningOptions"
     overrides: Sequence[str]
 
@@ -52,6 +55,9 @@ def plan_fit(target: str, options: FitOptions) -> "Trial":
             resolve(spec, registry_with(own))
     plain = list(_plain(target, options))
     experiment = load_experiment("accurate", [*plain, *options.overrides])
+    if isinstance(options.noise, float):
+        plain.append(_setting("fit.noise", options.noise / _scale(target, options, experiment)))
+        experiment = load_experiment("accurate", [*plain, *options.overrides])
     if options.source not in BUILT:
         placed = list(_placed(target, options, experiment))
         experiment = load_experiment("accurate", [*plain, *placed, *options.overrides])
@@ -84,6 +90,7 @@ def _plain(target: str, options: FitOptions) -> Iterator[str]:
     yield _setting("repair", options.cleaning.repair)
     if options.device is not None:
         yield _setting("device", options.device)
+    yield from _of_scan(options)
     own_faces = options.connectivity == "fixed" and options.source not in BUILT
     levels = 0 if own_faces and options.levels is None else options.levels
     if levels is not None:
@@ -99,10 +106,28 @@ def _plain(target: str, options: FitOptions) -> Iterator[str]:
             yield _setting("source.wanted_verts", _control_verts(options))
 
 
+def _of_scan(options: FitOptions) -> Iterator[str]:
+    """Settings of scans; a noise that is a length follows once the frame is known."""
+    if options.sensor is not None:
+        yield _setting("target.sensor", list(options.sensor))
+    if options.noise == "auto":
+        yield _setting("fit.noise", options.noise)
+    if options.direction is not None:
+        yield _setting("fit.direction", options.direction)
+
+
 def _control_verts(options: FitOptions) -> int:
     """Vertices of the source, which each level makes into 4 V - 6 on a sphere."""
     levels = 1 if options.levels is None else options.levels
     return max(12, int(((options.verts or _FIXED_VERTS) - 2) / 4**levels) + 2)
+
+
+def _scale(target: str, options: FitOptions, experiment: "Experiment") -> float:
+    """The length of the target's file that is 1 in the normalised frame."""
+    from meshfit.mesh.normalisation import frame_of
+    from meshfit.mesh.targets import load_target
+
+    return frame_of(load_target(target, options.cleaning).verts, experiment.settings.normalise).scale
 
 
 def _placed(target: str, options: FitOptions, experiment: "Experiment") -> Iterator[str]:
@@ -110,12 +135,13 @@ def _placed(target: str, options: FitOptions, experiment: "Experiment") -> Itera
     import numpy as np
 
     from meshfit.mesh.alignment import describe_mismatch
+    from meshfit.mesh.any_target import require_mesh
     from meshfit.mesh.normalisation import frame_of
     from meshfit.mesh.targets import load_target
 
     target_mesh = load_target(target, options.cleaning)
     with _error_prefix("--source"):
-        control = load_target(options.source)
+        control = require_mesh(load_target(options.source), options.source)
     frame = frame_of(target_mesh.verts, experiment.settings.normalise)
     yield _setting("source.mesh", _absolute(options.source))
     yield _setting("source.levels", 0)

@@ -24,20 +24,21 @@ if TYPE_CHECKING:
     from meshfit.mesh.cleaning_options import CleaningOptions
     from meshfit.mesh.mesh import Mesh
     from meshfit.mesh.normalisation import Frame, Normalisation
+    from meshfit.mesh.point_cloud import PointCloud
 
 LIMITS = "Limits"
 
 _SAVE = "`meshfit save TRIAL -o FILE` writes"
 _WRITTEN = (".ply", ".vtp")
-_UNSIGNED = "unsigned, since the target is open"
+_UNSIGNED, _UNSIGNED_TO_POINTS = "unsigned, since the target is open", "unsigned, to the nearest points of the target"
 
 
 def measure(
     meshes: Annotated[
         list[str],
         typer.Argument(
-            help="The result, then the target: mesh files, names of targets, or - for standard input. With --target, "
-            "all are results.",
+            help="The result, then the target: mesh files, names of targets, or - for standard input; the target may "
+            "be a file of points. With --target, all are results.",
             metavar="MESHES",
             autocompletion=completions.targets,
         ),
@@ -47,7 +48,7 @@ def measure(
         typer.Option(
             "--target",
             "-t",
-            help="Mesh file or name of the target of all results, which become the rows of a table.",
+            help="File or name of the target of all results, which become the rows of a table.",
             metavar="TARGET",
             autocompletion=completions.targets,
         ),
@@ -157,14 +158,17 @@ def measure(
     """Measure a mesh against a target.
 
     The metrics are Hausdorff, mean and RMS distance and percentiles, chamfer distance, F-score, agreement of normals
-    and of creases, and mesh quality. Lengths are in the files' own units unless --normalise names a frame. Several
-    results are measured with --target; one that cannot be is named, the others are measured, and the exit code is 1.
+    and of creases, and mesh quality. Distances to a target of points are to the nearest of them, and thus too large by
+    a share of their spacing; those from it are exact. Lengths are in the files' own units unless --normalise names a
+    frame. Several results are measured with --target; one that cannot be is named, the others are measured, and the
+    exit code is 1.
 
     Examples:
         meshfit measure result.ply target.obj
         meshfit measure result.ply scan.stl --write errors.ply
         meshfit measure results/*.ply --target scan.stl --csv errors.csv
         meshfit measure skin.ply parts.obj --surface outer
+        meshfit measure result.ply points.xyz  # a cloud of points
         meshfit measure result.ply scan.stl --fail-above hausdorff=0.5%
         meshfit measure decimated.obj bunny --normalise tutorial --json
         zcat scan.ply.gz | meshfit measure - target.obj --format ply
@@ -174,7 +178,6 @@ def measure(
     from meshfit.mesh.cleaning_options import CleaningOptions
     from meshfit.mesh.geometry import bounding_box_diagonal
     from meshfit.mesh.normalisation import frame_of
-    from meshfit.mesh.topology import Topology
     from meshfit.settings import override
 
     results, target_name = _roles(meshes, target)
@@ -208,14 +211,22 @@ def measure(
     elif csv_file != STREAM:
         print_measured(measured, target_name, metrics, diagonal, surface=surface, single=target is None)
     if write is not None and not as_json and csv_file != STREAM:
-        side = "negative inside the target" if Topology.of(measuring.target).is_watertight else _UNSIGNED
-        out.print(f"wrote {path_text(write)}: distances, {side}", soft_wrap=True, markup=False)
+        out.print(f"wrote {path_text(write)}: distances, {_side(measuring.target)}", soft_wrap=True, markup=False)
     failed = any(each.error for each in measured)
     for each in measured:
         for line in _failures(each, limits, diagonal):
             print_error(f"{path_text(each.result)}: {line}")
             failed = True
     return EXIT_FAILED if failed else 0
+
+
+def _side(target: "Mesh | PointCloud") -> str:
+    from meshfit.mesh.mesh import Mesh
+    from meshfit.mesh.topology import Topology
+
+    if not isinstance(target, Mesh):
+        return _UNSIGNED_TO_POINTS
+    return "negative inside the target" if Topology.of(target).is_watertight else _UNSIGNED
 
 
 def _roles(meshes: Sequence[str], target: str | None) -> tuple[list[str], str]:
@@ -278,11 +289,11 @@ def _tau(text: str | None, normalise: str) -> float | str:
     return value
 
 
-def _loader(cleaning: "CleaningOptions", input_format: str | None) -> "Callable[[str], Mesh]":
-    """Return a function that loads a mesh; the format applies if the name does not tell it."""
+def _loader(cleaning: "CleaningOptions", input_format: str | None) -> "Callable[[str], Mesh | PointCloud]":
+    """Return a function that loads a mesh or points; the format applies if the name does not tell it."""
     from meshfit.mesh.targets import NAMED_TARGETS, load_target, open_target
 
-    def load(name: str) -> "Mesh":
+    def load(name: str) -> "Mesh | PointCloud":
         if name in NAMED_TARGETS or (format_suffix(name) in MESH_SUFFIXES and not is_pipe(name)):
             return load_target(name, cleaning)
         with suggest_option("--format"):
@@ -295,9 +306,9 @@ def _loader(cleaning: "CleaningOptions", input_format: str | None) -> "Callable[
 class _Measuring:
     """Measurement of results by name, against one target in the frame of both."""
 
-    load: "Callable[[str], Mesh]"
+    load: "Callable[[str], Mesh | PointCloud]"
     frame: "Frame"
-    target: "Mesh"
+    target: "Mesh | PointCloud"
     settings: "MeasureSettings"
     write: str | None
     target_name: str
@@ -310,10 +321,11 @@ class _Measuring:
         """
         from meshfit.measuring.deviation import deviation, encode_deviation
         from meshfit.measuring.measure import measure as measure_mesh
+        from meshfit.mesh.any_target import require_mesh
         from meshfit.mesh.io.mesh_file import write_file
         from meshfit.mesh.outer_surface import outer_surface
 
-        loaded = self.load(name)
+        loaded = require_mesh(self.load(name), name)
         result = self.frame.normalise(loaded)
         self._warn_of_mismatch(name, loaded, result)
         values = measure_mesh(result, self.target, self.settings).to_dict()
@@ -342,21 +354,21 @@ class _Measuring:
         print_warning(f"{names} {mismatch}: sizes {boxes[0]}, centres {boxes[1]}; {remedy}")
 
 
-def _mismatch_in(how: "Normalisation", result: "Mesh", target: "Mesh") -> str:
+def _mismatch_in(how: "Normalisation", result: "Mesh", target: "Mesh | PointCloud") -> str:
     from meshfit.mesh.alignment import describe_mismatch
     from meshfit.mesh.normalisation import frame_of
 
     return describe_mismatch(result, frame_of(target.verts, how).normalise(target))
 
 
-def _size_text(mesh: "Mesh") -> str:
+def _size_text(mesh: "Mesh | PointCloud") -> str:
     from meshfit.mesh.geometry import bounding_box
 
     low, high = bounding_box(mesh.verts)
     return " × ".join(f"{length:.3g}" for length in high - low)
 
 
-def _centre_text(mesh: "Mesh") -> str:
+def _centre_text(mesh: "Mesh | PointCloud") -> str:
     from meshfit.mesh.geometry import bounding_box
 
     low, high = bounding_box(mesh.verts)

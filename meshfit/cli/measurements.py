@@ -16,6 +16,7 @@ from meshfit.cli.console import out
 from meshfit.measuring.metrics import LENGTH, MEASURED
 from meshfit.paths import STREAM, path_text
 from meshfit.printable import csv_cell
+from meshfit.units import count_text
 
 GAP = 2
 _COLUMNS = (
@@ -30,6 +31,8 @@ _COLUMNS = (
 
 _WITH_TAU = ("f_score.", "edges.f1", "edges.precision", "edges.recall")
 """The starts of the names of metrics that count points within a distance."""
+_COLUMNS_OF_CLOUDS = ("distance.backward_rms", "distance.backward_mean", "hausdorff.backward", *_COLUMNS)
+"""Those where the target is a cloud of points, from which distances are exact."""
 
 _RESULT, _FAILED = "result", "failed"
 _LEAST = 12
@@ -168,11 +171,12 @@ def print_measured(
         notes = _tau_notes(measured, metrics, diagonal) if metrics else _notes(measured[0].values, diagonal)
     elif any(each.values for each in measured):
         out.print(against, soft_wrap=True, markup=False, style="italic")
-        for number, table in enumerate(_results_tables(measured, metrics or _COLUMNS, out.width)):
+        usual = _COLUMNS_OF_CLOUDS if any("cloud" in each.values for each in measured) else _COLUMNS
+        for number, table in enumerate(_results_tables(measured, metrics or usual, out.width)):
             if number:
                 out.print()
             out.print(table, width=max(out.width, _WIDEST), crop=False)
-        notes = _tau_notes(measured, metrics or _COLUMNS, diagonal)
+        notes = _tau_notes(measured, metrics or usual, diagonal)
     else:
         return
     for line in notes:
@@ -184,13 +188,21 @@ def _table(measured: Measured, metrics: Sequence[str] | None) -> Table:
     table.add_column("metric")
     table.add_column("value", justify="right", style="bold")
     before = ""
-    for name in metrics or MEASURED:
+    for name in metrics or _order(measured.values):
         group = name.partition(".")[0]
         if not metrics and before not in ("", group):
             table.add_row()
         table.add_row(MEASURED[name].title, _text(measured.values, name))
         before = group
     return table
+
+
+def _order(values: Values) -> list[str]:
+    """All metrics; for a target of points, first those from it to the result."""
+    if "cloud" not in values:
+        return list(MEASURED)
+    first = [name for name in MEASURED if ".backward" in name]
+    return [*first, *(name for name in MEASURED if name not in first)]
 
 
 def _results_tables(measured: Sequence[Measured], metrics: Sequence[str], width: int) -> Iterator[Table]:
@@ -240,8 +252,11 @@ def _notes(values: Values, diagonal: float) -> Iterator[str]:
     for direction, own, other in (("forward", "result", "target"), ("backward", "target", "result")):
         point = values["farthest"][direction]
         where, near = _position(point["position"]), _position(point["nearest"])
-        yield f"farthest from the {other}: {point['distance']:.4g} at {where}, face {point['face']} of the {own};"
-        yield f"  nearest to it: {near}, face {point['nearest_face']} of the {other}"
+        on, beside = _on(point["face"], own), _on(point["nearest_face"], other)
+        yield f"farthest from the {other}: {point['distance']:.4g} at {where}, {on};"
+        yield f"  nearest to it: {near}, {beside}"
+    if "cloud" in values:
+        yield from _notes_of_cloud(values["cloud"])
     yield (
         f"{values['hausdorff']['samples']:,} samples and {values['chamfer']['points']:,} points per surface, "
         f"{_tau_text(values, diagonal)}"
@@ -261,6 +276,19 @@ def _tau_notes(measured: Sequence[Measured], metrics: Sequence[str], diagonal: f
 def _tau_text(values: Values, diagonal: float) -> str:
     tau = values["f_score"]["tau"]
     return f"F-scores at τ = {tau:.4g}, {100 * tau / diagonal:.3g} % of the target's diagonal"
+
+
+def _notes_of_cloud(cloud: Mapping[str, Any]) -> Iterator[str]:
+    count = count_text(cloud["points"], "point")
+    spacing = f"{cloud['spacing']:.4g}"
+    yield f"the target is {count}, about {spacing} apart: distances from it are exact, those to it do not fall below"
+    yield "  about half of that, and grow where the result goes on beyond the scan"
+    if cloud["normals"] == "estimated":
+        yield "it has no normals: angles are to estimated ones, which have no side, and thus at most 90°"
+
+
+def _on(face: int | None, role: str) -> str:
+    return f"a point of the {role}" if face is None else f"face {face} of the {role}"
 
 
 def _position(point: Sequence[float]) -> str:

@@ -13,7 +13,7 @@ import typer
 from meshfit.cli import completions
 from meshfit.cli.console import err
 from meshfit.errors import ConfigError, FormatError, MeshError
-from meshfit.measuring.metrics import DEFAULT_METRIC, metric_named
+from meshfit.measuring.metrics import DEFAULT_METRIC, DEFAULT_METRIC_OF_CLOUDS, metric_named
 
 SELECTION, EXECUTION, OUTPUT = "Selection", "Execution", "Output"
 FORMATS, CLEANING = "File formats", "Cleaning of mesh files"
@@ -105,18 +105,22 @@ def split_metrics(texts: list[str] | None) -> list[str] | None:
     return list(dict.fromkeys(names)) or None
 
 
-def _one_metric(text: str) -> str:
+def _one_metric(text: str | None) -> str | None:
+    if text is None:
+        return None
     if "," in text:
         raise ConfigError(f"--metric {text}: expected one metric here, got several")
     return metric_named(text.strip())
 
+
+_DEFAULT_METRICS = f"{DEFAULT_METRIC}; {DEFAULT_METRIC_OF_CLOUDS} for points"
 
 Metrics = Annotated[
     list[str] | None,
     typer.Option(
         "--metric",
         help="Metric in the cells, such as distance.mean,quality.self_intersecting_faces. May be repeated.",
-        show_default=DEFAULT_METRIC,
+        show_default=_DEFAULT_METRICS,
         metavar="NAME,...",
         rich_help_panel=OUTPUT,
         autocompletion=completions.listed_metrics,
@@ -124,10 +128,11 @@ Metrics = Annotated[
     ),
 ]
 Metric = Annotated[
-    str,
+    str | None,
     typer.Option(
         "--metric",
         help="Metric to draw, such as distance.mean.",
+        show_default=_DEFAULT_METRICS,
         metavar="NAME",
         rich_help_panel=OUTPUT,
         autocompletion=completions.metrics,

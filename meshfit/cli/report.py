@@ -9,7 +9,6 @@ import typer
 from meshfit.cli.console import out
 from meshfit.cli.options import Baseline, Labels, Metrics, Quiet, RunDirs, UpAxis, say_turned
 from meshfit.cli.progress import show_parts
-from meshfit.measuring.metrics import DEFAULT_METRIC
 
 
 def report(
@@ -39,7 +38,7 @@ def report(
     now = datetime.now(UTC)
     with show_parts(quiet=quiet) as progress:
         progress("reading results", 0, 1)
-        data = read_report(runs, metrics or [DEFAULT_METRIC], baseline, now, labels or ())
+        data = read_report(runs, metrics or [], baseline, now, labels or ())
         make_folder(output)
         sections = read_page_sections(data, progress, up)
         text = render_page(data, sections, now, progress).encode()

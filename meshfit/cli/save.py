@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from meshfit.experiment.status.scan import ScannedTrial
     from meshfit.experiment.storage.run_directory import Result
     from meshfit.mesh.mesh import Mesh
+    from meshfit.mesh.point_cloud import PointCloud
     from meshfit.mesh.polygons import PolygonMesh
 
 _MESHES = {"result": "result.ply", "source": "source.ply", "control": "control.ply"}
@@ -71,16 +72,23 @@ def save(
     """
     from meshfit.experiment.status.scan import find_trial
     from meshfit.mesh.io.files import mesh_output_suffix, save_mesh
+    from meshfit.mesh.io.point_clouds import save_point_cloud
+    from meshfit.mesh.point_cloud import PointCloud
 
     with suggest_option("--output-format"):
         suffix = mesh_output_suffix(output, output_format)
     _, scanned = find_trial(trial, runs, datetime.now(UTC))
     mesh = _read(scanned, _record(scanned), what, frame)
-    save_mesh(mesh, output, file_format=output_format)
+    if isinstance(mesh, PointCloud):
+        save_point_cloud(mesh, output, file_format=output_format)
+    else:
+        save_mesh(mesh, output, file_format=output_format)
     console, name = (err, "standard output") if output in STDOUT_PATHS else (out, path_text(output))
     _warn_of_rounding(mesh, suffix, name)
     where = "in the frame of the target's file" if frame == "target" else "in the normalised frame"
     counts = f"{count_text(mesh.num_verts, 'vertex')}, {count_text(mesh.num_faces, 'face')}"
+    if isinstance(mesh, PointCloud):
+        counts = count_text(mesh.num_verts, "point")
     console.print(f"wrote {name}: {what} of {scanned.label}, {counts}, {where}", soft_wrap=True, markup=False)
     return 0
 
@@ -111,14 +119,14 @@ def _alternative(trial: "ScannedTrial") -> str:
 
 def _read(
     trial: "ScannedTrial", record: "Result", what: str, frame: Literal["target", "normalised"]
-) -> "Mesh | PolygonMesh":
+) -> "Mesh | PolygonMesh | PointCloud":
     """Read a mesh of a trial, in one of its frames."""
     from meshfit.experiment.storage.attributes import with_attributes
     from meshfit.experiment.storage.frame import frame_of, written_frame
     from meshfit.experiment.storage.run_directory import RESULT
     from meshfit.experiment.storage.targets import read_target, read_written_mesh
 
-    mesh: Mesh | PolygonMesh
+    mesh: Mesh | PolygonMesh | PointCloud
     try:
         map_of_trial, found = frame_of(record), written_frame(record)
     except (KeyError, TypeError, ValueError) as error:
@@ -136,7 +144,7 @@ def _read(
     return map_of_trial.restore(mesh) if frame == "target" else map_of_trial.normalise(mesh)
 
 
-def _warn_of_rounding(mesh: "Mesh | PolygonMesh", suffix: str, name: str) -> None:
+def _warn_of_rounding(mesh: "Mesh | PolygonMesh | PointCloud", suffix: str, name: str) -> None:
     """Warn where single precision is too coarse for a mesh far from the origin."""
     import numpy as np
 

@@ -12,7 +12,8 @@ from meshfit.cli.options import AsJson
 def targets(as_json: AsJson = False) -> int:
     """List the named targets.
 
-    Any mesh file (.obj, .ply, .stl, .off, .glb, .gltf) works as a target too.
+    Any mesh file (.obj, .ply, .stl, .off, .glb, .gltf) works as a target too, and any file of points (.ply, .xyz, .pcd,
+    .las and the like) for the Gauss–Newton engine.
 
     Example:
         meshfit targets

@@ -19,11 +19,12 @@ class Verdict:
     """Distances are in the unit of the target's file; percentages are of its diagonal.
 
     Attributes:
-        max_distance: the largest distance, of both directions.
-        mean_distance: the mean distance, of both directions.
+        max_distance: the largest distance, of both directions; from a cloud of points, that of its points alone.
+        mean_distance: the mean distance, of both directions; from a cloud of points, that of its points alone.
         crossing_faces: faces that cross others.
         source_topology: pieces and genus, which the result has too.
-        target_topology: those of the target.
+        target_topology: those of the target; empty for a cloud of points, of which they are not known.
+        target_points: number of points of a cloud; 0 for a mesh.
         seconds: of fitting and measuring.
         output: the file that was written.
         made_from: what the source was made from: `target`, `wrap`, `sphere`, `solid` or `file`.
@@ -43,6 +44,7 @@ class Verdict:
     result_topology: str
     source_topology: str
     target_topology: str
+    target_points: int
     verts: int
     faces: int
     seconds: float
@@ -58,18 +60,21 @@ class Verdict:
     def lines(self) -> list[str]:
         """Three lines: distances; soundness; size, time and file. Advice follows where there is some."""
         distances = (
-            f"distance: worst {self.max_distance:.4g} ({self.max_percent:.2g} % of the diagonal), "
+            f"distance{self._from}: worst {self.max_distance:.4g} ({self.max_percent:.2g} % of the diagonal), "
             f"mean {self.mean_distance:.4g} ({self.mean_percent:.2g} %), in the unit of the file"
         )
         sound = f"faces: {self.crossing_faces:,} crossing, {self.flipped_faces:,} flipped; {self.result_topology}"
-        if self.target_topology != self.result_topology:
+        if not self.target_topology:
+            sound += " (target: points, without pieces or genus)"
+        elif self.target_topology != self.result_topology:
             sound += f" (target: {self.target_topology})"
         return [distances, sound, f"{self._size}: wrote {self.output}", *(f"note: {text}" for text in self.advice)]
 
     @property
     def line(self) -> str:
         """One line, for one of many fits."""
-        parts = [f"worst {self.max_distance:.4g} ({self.max_percent:.2g} %)", f"mean {self.mean_distance:.4g}"]
+        worst = f"{self._from} worst {self.max_distance:.4g} ({self.max_percent:.2g} %)"
+        parts = [worst.strip(), f"mean {self.mean_distance:.4g}"]
         parts.append(f"{self.crossing_faces:,} crossing, {self.flipped_faces:,} flipped")
         parts += [] if self.closed else ["open"]
         parts.append(self._size)
@@ -79,15 +84,21 @@ class Verdict:
     @property
     def advice(self) -> Iterator[str]:
         """Advice on each shortfall: the finding, and what to try."""
-        if self.made_from == "wrap" and self.reason != "as set":
+        if self.made_from == "wrap" and self.reason != "as set" and not self.target_points:
             yield f"started from a wrap around the target: {self.reason}; --source target starts from the target itself"
         own = self.made_from == "target"
         for text in self.shortfalls:
             from_target = "" if own else "; try --source target, which starts from all of them"
             yield text + (from_target if text.startswith("topology") else "")
-        if self.max_percent > _FAR_PERCENT:
+        # A point may well lie off the surface, by noise.
+        if self.max_percent > _FAR_PERCENT and not self.target_points:
             also = "" if own else " or --source target"
             yield f"worst distance above {_FAR_PERCENT:g} % of the diagonal; try more --verts{also}"
+
+    @property
+    def _from(self) -> str:
+        """Words for the only direction that counts, of a cloud."""
+        return f" from {count_text(self.target_points, 'point')}" if self.target_points else ""
 
     @property
     def _size(self) -> str:
@@ -104,17 +115,20 @@ def verdict_of(target: str, output: str, folder: "Path", record: "Result") -> Ve
     from meshfit.experiment.storage.frame import frame_of
     from meshfit.experiment.storage.targets import read_target, read_written_mesh, triangles
     from meshfit.mesh.manifold import describe_topology
+    from meshfit.mesh.mesh import Mesh
     from meshfit.mesh.topology import Topology
 
     scale = frame_of(record).scale
-    meshes = (
-        triangles(read_written_mesh(folder / "result.ply")),
-        triangles(read_written_mesh(folder / "source.ply")),
-        read_target(folder, record),
-    )
-    topologies = [describe_topology(Topology.of(mesh)) for mesh in meshes]
-    worst, mean = record["hausdorff"]["symmetric"], record["distance"]["mean"]
-    percent = record["hausdorff"]["percent_of_diagonal"]
+    target_mesh = read_target(folder, record)
+    meshes = [triangles(read_written_mesh(folder / name)) for name in ("result.ply", "source.ply")]
+    meshes += [target_mesh] if isinstance(target_mesh, Mesh) else []
+    topologies = [*(describe_topology(Topology.of(mesh)) for mesh in meshes), ""]
+    way = "symmetric", "mean"
+    if "cloud" in record:  # its points stand for all of the surface that it shows, exactly
+        way = "backward", "backward_mean"
+    worst, mean = record["hausdorff"][way[0]], record["distance"][way[1]]
+    share = record["hausdorff"]["percent_of_diagonal"] / (record["hausdorff"]["symmetric"] or 1.0)
+    percent = worst * share
     quality = record["quality"]
     return Verdict(
         target,
@@ -122,13 +136,14 @@ def verdict_of(target: str, output: str, folder: "Path", record: "Result") -> Ve
         max_distance=worst * scale,
         max_percent=percent,
         mean_distance=mean * scale,
-        mean_percent=percent * mean / worst if worst else 0.0,
+        mean_percent=mean * share,
         crossing_faces=quality["self_intersecting_faces"],
         flipped_faces=quality["flipped_faces"],
         closed=quality["watertight"],
         result_topology=topologies[0],
         source_topology=topologies[1],
         target_topology=topologies[2],
+        target_points=0 if isinstance(target_mesh, Mesh) else target_mesh.num_verts,
         verts=quality["verts"],
         faces=quality["faces"],
         seconds=record["seconds"]["fit"] + record["seconds"]["measure"],

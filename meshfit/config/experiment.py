@@ -205,6 +205,15 @@ class SourceSettings(Settings):
         return self
 
 
+class TargetSettings(Settings):
+    """What is known of the targets besides their files."""
+
+    sensor: tuple[float, float, float] | None = None
+    """Position that a scan was taken from, in the coordinates and the unit of the target's file, towards which the
+    normals of its points are oriented where the file has none; null orients them from neighbour to neighbour, outwards.
+    Targets must be clouds of points."""
+
+
 class ViewSettings(Settings):
     """The view of pictures."""
 
@@ -220,7 +229,10 @@ class ExperimentSettings(Settings):
     model_config = ConfigDict(json_schema_extra={"patternProperties": {"^x-": {}}})
 
     targets: Annotated[tuple[str, ...], *NonEmptyUnique] = ("bunny", "mousehead")
-    """Named targets (see `meshfit targets`) or paths of mesh files, relative to this file."""
+    """Named targets (see `meshfit targets`) or paths of files of meshes or points, relative to this file. Points (PLY,
+    OBJ, XYZ, PTS, PCD, LAS and the like without faces) need `fit.method: gauss-newton`."""
+    target: TargetSettings = TargetSettings()
+    """What is known of the targets besides their files."""
     define: Annotated[Definitions, Field(examples=[_OWN_SCHEMES])] = Field(default_factory=dict)
     """Your own schemes by name, for `schemes` to list: defined by their masks, or as a push-back of another scheme
     towards interpolation."""

@@ -12,15 +12,17 @@ from typing import Any, NamedTuple
 from meshfit.config.experiment import NO_EFFECT_ON_RESULTS, ExperimentSettings, SourceSettings
 from meshfit.config.loading import Experiment
 from meshfit.config.sweeps import Variant, variants_of
-from meshfit.errors import Faults
+from meshfit.errors import ConfigError, Faults
 from meshfit.experiment.source import build_source, source_files, stand_in
-from meshfit.fitting.settings import ExternalSettings, FitSettings
+from meshfit.fitting.external.tools import TOOLS
+from meshfit.fitting.settings import ExternalSettings, FirstOrderSettings, FitSettings
 from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path, target_title
-from meshfit.paths import file_stem, is_regular_file
+from meshfit.paths import file_stem, is_regular_file, path_text
 from meshfit.printable import require_printable
 from meshfit.specs import spec_folder
 from meshfit.subdivision.registry import NamedScheme
+from meshfit.units import count_text
 
 RESULTS_VERSION = 3
 """Increased whenever the same settings give other numbers, so that older results are not taken for current ones.
@@ -187,23 +189,49 @@ def _check_inputs(
         source = _check_source(settings.source, schemes)
     for target in settings.targets:
         with faults.collected():
-            targets[target] = checked_target(target, settings.cleaning).sha256
+            checked = checked_target(target, settings.cleaning)
+            _check_kind(target, checked, settings)
+            targets[target] = checked.sha256
     faults.raise_any()
     return source, targets
 
 
 class CheckedTarget(NamedTuple):
-    """A target that can be loaded: the SHA-256 of its file, and its number of faces."""
+    """A target that can be loaded: the SHA-256 of its file, and its number of faces, or of points without faces."""
 
     sha256: str
     faces: int
+    points: int
 
 
 @cache
 def checked_target(target: str, cleaning: CleaningOptions) -> CheckedTarget:
     """Load a target, once in this process, and return what a plan needs to know of it."""
-    faces = load_target(target, cleaning).num_faces
-    return CheckedTarget(file_sha256(target_path(target)), faces)
+    loaded = load_target(target, cleaning)
+    points = 0 if loaded.num_faces else loaded.num_verts
+    return CheckedTarget(file_sha256(target_path(target)), loaded.num_faces, points)
+
+
+def _check_kind(target: str, checked: CheckedTarget, settings: ExperimentSettings) -> None:
+    """Refuse settings that do not go with a target of points, or with one of faces.
+
+    Raises:
+        ConfigError: naming the setting.
+    """
+    fit, name = settings.fit, path_text(target)
+    if not checked.points:
+        if settings.target.sensor is not None:
+            raise ConfigError(f"{name}: its faces tell the outside, so target.sensor has no effect; remove it")
+        return
+    cloud = f"{name}: a cloud of {count_text(checked.points, 'point')}, without the faces that"
+    if isinstance(fit, FirstOrderSettings):
+        raise ConfigError(f"{cloud} fit.method: first-order samples; use fit.method: gauss-newton")
+    if isinstance(fit, ExternalSettings) and not fit.takes_points:
+        able = [tool for tool, entry in TOOLS.items() if entry.points]
+        remedy = f"fit.tool: {', '.join(able)}" if fit.tool is not None else "fit.format: ply or obj"
+        raise ConfigError(f"{cloud} {fit.name} needs; use {remedy}, or fit.method: gauss-newton")
+    if settings.source.mesh == "target":
+        raise ConfigError(f"{cloud} source.mesh: target starts from; use source.mesh: wrap or auto")
 
 
 @cache

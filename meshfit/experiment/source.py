@@ -17,6 +17,7 @@ from meshfit.mesh.io.vertex_values import read_vertex_property, read_vertex_valu
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.meshlab import decimate
 from meshfit.mesh.normalisation import placed
+from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.solids import POLYGON_SOLIDS, SOLIDS
 from meshfit.mesh.targets import NAMED_TARGETS, load_target_with_vertex_map, target_path
@@ -44,7 +45,7 @@ AnyMesh = Mesh | PolygonMesh
 
 
 def build_source(
-    settings: SourceSettings, scheme: str | Scheme, name: str = "this scheme", target: Mesh | None = None
+    settings: SourceSettings, scheme: str | Scheme, name: str = "this scheme", target: Mesh | PointCloud | None = None
 ) -> AnyMesh:
     """Build the mesh that a fit starts from: polygons if the scheme refines polygons, else triangles.
 
@@ -99,7 +100,7 @@ def relocated(settings: SourceSettings, where: Callable[[str], str]) -> SourceSe
     return settings.model_copy(update=changes)
 
 
-def made_from_target(settings: SourceSettings, target: Mesh) -> ControlMesh | None:
+def made_from_target(settings: SourceSettings, target: Mesh | PointCloud) -> ControlMesh | None:
     """Return the control mesh that a source is made from with a trial's target; None if it is made without.
 
     Raises:
@@ -137,7 +138,7 @@ def expected_verts(settings: SourceSettings, scheme: Scheme) -> int:
     return build_source(stand_in(settings), scheme).num_verts
 
 
-def describe_source(settings: SourceSettings, target: Mesh) -> dict[str, object]:
+def describe_source(settings: SourceSettings, target: Mesh | PointCloud) -> dict[str, object]:
     """Return what a source is made from, and why, for the records of a trial."""
     made = made_from_target(settings, target)
     if made is not None:
@@ -146,7 +147,9 @@ def describe_source(settings: SourceSettings, target: Mesh) -> dict[str, object]
     return {"made_from": "file" if _control_mesh_path(settings.mesh) is not None else kind, "reason": "as set"}
 
 
-def _control_mesh(settings: SourceSettings, target: Mesh | None, *, polygons: bool) -> tuple[AnyMesh, VertexMap | None]:
+def _control_mesh(
+    settings: SourceSettings, target: Mesh | PointCloud | None, *, polygons: bool
+) -> tuple[AnyMesh, VertexMap | None]:
     """Load, decimate and place the control mesh.
 
     Returns:

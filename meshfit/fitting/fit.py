@@ -34,6 +34,7 @@ from meshfit.fitting.settings import (
 from meshfit.mesh.alignment import align as aligned
 from meshfit.mesh.alignment import boxes_are_disjoint
 from meshfit.mesh.any_mesh import MeshLike, as_mesh
+from meshfit.mesh.any_target import as_mesh_or_points
 from meshfit.mesh.cleaning import outward
 from meshfit.mesh.control_mesh import ORIGINS, USUAL_VERTS, Origin, control_mesh_of
 from meshfit.mesh.geometry import bounding_box_diagonal, face_areas
@@ -133,7 +134,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
             `wrap`, one closed surface around it, or `auto`, one of these two. Its faces are kept, refined or replaced,
             as the method has it. Polygons are triangulated; see `PolygonMesh.triangulated`.
         target: mesh to fit to, in any form that `as_mesh` takes. A closed one that is inside out is turned. Or the
-            points of a scan, as a `PointCloud`, for `gauss-newton`.
+            points of a scan, as a `PointCloud` or a file of points alone, for `gauss-newton`.
         settings: settings of either engine, or of another tool; the defaults are those of PyTorch3D's tutorial.
         method: engine: `first-order` (the default) or `gauss-newton`.
         seed: seed of the samples. The same seed, settings and machine give the same bytes on the CPU.
@@ -210,11 +211,11 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     if resume is not None and not (isinstance(resume, dict) and resume.keys() >= {"done", "trace", "generator"}):
         raise ConfigError(f"resume: expected a checkpoint that `save` was called with, got {described(resume)}")
     resolve(scheme)
-    target_mesh = target if isinstance(target, PointCloud) else as_mesh(target, "target", triangles=True)
+    target_mesh = as_mesh_or_points(target)
     _require_surface(target_mesh, "target")
     frame = frame_of(target_mesh.verts, _require_one_of("normalise", normalise, get_args(Normalisation)))
     goal = target_mesh.with_verts((target_mesh.verts - frame.centre) / frame.scale)
-    goal = goal if isinstance(goal, PointCloud) else outward(goal)
+    goal = outward(goal)
     start = _placed_source(source, frame, goal, settings, scheme, _require_one_of("align", align, get_args(Placement)))
     restored = _Restored(None if normalise == "none" else frame, on_snapshot)
     shown = shown_progress(settings, on_step, source_verts=start.num_verts, scheme=scheme)
@@ -409,8 +410,7 @@ def _from_target(
     verts = USUAL_VERTS
     if isinstance(settings, GaussNewtonSettings) and settings.connectivity == "fixed":
         verts = max(12, int((settings.verts - 2) / 4**settings.levels) + 2)
-    target = Mesh(goal.verts, []) if isinstance(goal, PointCloud) else goal
-    mesh = control_mesh_of(target, origin, verts=verts).mesh
+    mesh = control_mesh_of(goal, origin, verts=verts).mesh
     return PolygonMesh.of(mesh) if isinstance(resolve(scheme), PolygonScheme) else mesh
 
 

@@ -8,6 +8,7 @@ from meshfit.doors import no_type_check
 from meshfit.errors import ConfigError, TrialError
 from meshfit.fitting.callbacks import Step
 from meshfit.mesh.any_mesh import MeshLike, as_mesh
+from meshfit.mesh.any_target import as_mesh_or_points
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.polygons import PolygonMesh
@@ -201,7 +202,7 @@ class Problem:
         start = as_mesh(source, "source")
         polygons = start if isinstance(start, PolygonMesh) else polygons
         triangles = start.triangulated() if isinstance(start, PolygonMesh) else start
-        goal = target if isinstance(target, PointCloud) else as_mesh(target, "target", triangles=True)
+        goal = as_mesh_or_points(target)
         values = (triangles, goal, seed, on_step, resume, save, scheme, on_snapshot, polygons)
         for attribute, value in zip(fields(self), values, strict=True):
             object.__setattr__(self, attribute.name, value)

@@ -238,6 +238,11 @@ class ExternalSettings(Settings):
             return TOOLS[self.tool].seeded
         return any("{seed}" in part for part in self.command or ())
 
+    @property
+    def takes_points(self) -> bool:
+        """Whether the target may be a cloud of points: for some tools, and for commands that get a file of points."""
+        return self.format != "stl" if self.tool is None else TOOLS[self.tool].points
+
     @model_validator(mode="after")
     def _either_tool_or_command(self) -> "ExternalSettings":
         if (self.tool is None) == (self.command is None):

@@ -12,9 +12,13 @@ from meshfit.mesh.any_mesh import MeshLike
 from meshfit.mesh.io.ply import write_ply_values
 from meshfit.mesh.io.vtk_xml import write_vtp_values
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.nearest import nearest_point_query
+from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.proximity import is_inside, point_distances
 from meshfit.mesh.topology import Topology
 from meshfit.units import count_text
+
+Points = Float64[np.ndarray, "N 3"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,12 +53,13 @@ class Deviation:
 
 
 @no_type_check
-def deviation(result: "MeshLike", target: "MeshLike") -> Deviation:
+def deviation(result: "MeshLike", target: "MeshLike | PointCloud") -> Deviation:
     """Return the distance of each vertex and face of a mesh from a target, signed if the target is closed.
 
     Args:
         result: V vertices, F faces, in any form that `as_mesh` takes, such as a `FitResult`; polygons are triangulated.
-        target: the mesh to measure to, in any form that `as_mesh` takes. A closed one that is inside out is turned.
+        target: the mesh to measure to, in any form that `as_mesh` takes. A closed one that is inside out is turned. Or
+            points, to the nearest of which distances are.
 
     Example:
         >>> import meshfit
@@ -66,14 +71,22 @@ def deviation(result: "MeshLike", target: "MeshLike") -> Deviation:
     Raises:
         MeasureError: a mesh without a surface.
     """
-    result, target = as_triangles(result, "result"), as_target(target)
-    require_surface(result, "result")
-    centroids = result.verts[result.faces].mean(axis=1)
-    points = np.concatenate([result.verts, centroids])
-    distances, signed = point_distances(target, points), Topology.of(target).is_watertight
-    if signed:
-        distances = np.where(is_inside(target, points, distances), -distances, distances)
-    return Deviation(distances[: result.num_verts], distances[result.num_verts :], signed)
+    surface, goal = as_triangles(result, "result"), as_target(target)
+    require_surface(surface, "result")
+    points = np.concatenate([surface.verts, surface.verts[surface.faces].mean(axis=1)])
+    distances = distances_to_target(goal, points)
+    signed = isinstance(goal, Mesh) and Topology.of(goal).is_watertight
+    if isinstance(goal, Mesh) and signed:
+        distances = np.where(is_inside(goal, points, distances), -distances, distances)
+    return Deviation(distances[: surface.num_verts], distances[surface.num_verts :], signed)
+
+
+def distances_to_target(target: Mesh | PointCloud, points: Points) -> Float64[np.ndarray, " N"]:
+    """Return (N,) the distance from each point to the surface of a mesh, or to the nearest point of a cloud."""
+    if not isinstance(target, PointCloud):
+        return point_distances(target, points)
+    nearest = nearest_point_query(target.verts)(points)
+    return np.asarray(np.linalg.norm(points - target.verts[nearest], axis=1))
 
 
 def encode_deviation(mesh: Mesh, values: Deviation, file_format: str = ".ply") -> bytes:
@@ -89,7 +102,7 @@ def encode_deviation(mesh: Mesh, values: Deviation, file_format: str = ".ply") -
     """
     if file_format == ".vtp":
         return write_vtp_values(mesh, {values.name: values.verts}, {values.name: values.faces})
-    side = "negative inside the target" if values.signed else "unsigned, since the target is open"
+    side = "negative inside the target" if values.signed else "unsigned, since the target is not a closed surface"
     comment = f"{values.name}: {side}; of faces at their centroids"
     return write_ply_values(mesh, _named(values, values.verts), _named(values, values.faces), comment)
 

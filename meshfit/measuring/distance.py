@@ -108,16 +108,16 @@ class FarthestPoint:
     Attributes:
         distance: its distance.
         position: of the point.
-        face: a face with the point, of the surface that it is on.
+        face: a face with the point, of the surface that it is on; None for a point of a cloud.
         nearest: position of the nearest point on the other surface.
-        nearest_face: a face of the other surface with that point.
+        nearest_face: a face of the other surface with that point; None for a point of a cloud.
     """
 
     distance: float
     position: Position
-    face: int
+    face: int | None
     nearest: Position
-    nearest_face: int
+    nearest_face: int | None
 
 
 @dataclass(frozen=True)
@@ -180,21 +180,21 @@ def surface_distances(
     return (
         Hausdorff(*largest, max(largest), samples, percent),
         Distance(sum(means) / 2, math.hypot(*roots) / math.sqrt(2), *means, *roots, *percentiles),
-        _normal_angle(np.concatenate([forward.angles, backward.angles])),
+        normal_angle(np.concatenate([forward.angles, backward.angles])),
         Farthest(forward.farthest, backward.farthest),
     )
 
 
 def _directed(origin: Mesh, destination: Mesh, samples: int, generator: np.random.Generator) -> _Directed:
-    uniform, features = sample_surface(origin, samples, generator), _feature_points(origin)
+    uniform, features = sample_surface(origin, samples, generator), feature_points(origin)
     points, faces = np.concatenate([uniform.points, features.points]), np.concatenate([uniform.faces, features.faces])
     nearest = nearest_on_surface(destination, points)
     worst = int(nearest.distances.argmax())
     farthest = FarthestPoint(
         distance=float(nearest.distances[worst]),
-        position=_position(points[worst]),
+        position=position(points[worst]),
         face=int(faces[worst]),
-        nearest=_position(nearest.points[worst]),
+        nearest=position(nearest.points[worst]),
         nearest_face=int(nearest.faces[worst]),
     )
     own, other = face_normals(origin)[uniform.faces], face_normals(destination)[nearest.faces[:samples]]
@@ -208,13 +208,14 @@ def angles_between(first: Float64[np.ndarray, "N 3"], second: Float64[np.ndarray
     return np.asarray(np.degrees(2 * np.arctan2(difference, total)))
 
 
-def _normal_angle(angles: Float64[np.ndarray, " N"]) -> NormalAngle:
+def normal_angle(angles: Float64[np.ndarray, " N"]) -> NormalAngle:
+    """Return the mean and the percentiles of angles; None where there are none."""
     if not len(angles):
         return NormalAngle(None, None, None, None, None)
     return NormalAngle(float(angles.mean()), *map(float, np.percentile(angles, PERCENTILES)))
 
 
-def _feature_points(mesh: Mesh) -> SurfacePoints:
+def feature_points(mesh: Mesh) -> SurfacePoints:
     """Return the vertices that faces use, and the midpoint of every edge, each with a face."""
     topology = Topology.of(mesh)
     used, first_corner = np.unique(mesh.faces, return_index=True)
@@ -223,6 +224,7 @@ def _feature_points(mesh: Mesh) -> SurfacePoints:
     return SurfacePoints(np.concatenate([mesh.verts[used], mesh.verts[topology.edges].mean(axis=1)]), faces)
 
 
-def _position(point: Float64[np.ndarray, "3"]) -> Position:
+def position(point: Float64[np.ndarray, "3"]) -> Position:
+    """Return a point as plain numbers."""
     x, y, z = point.tolist()
     return x, y, z

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from meshfit.errors import ConfigError
-from meshfit.measuring.metrics import LENGTH, MEASURED, metric_named
+from meshfit.measuring.metrics import LENGTH, MEASURED, NO_SIDE, metric_named
 from meshfit.specs import suggest
 
 _LIMIT = re.compile(r"(?P<name>[^=]*)=\s*(?P<number>[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?)\s*(?P<unit>.*)", re.IGNORECASE)
@@ -40,7 +40,7 @@ class Limit:
         limit = self.value / 100 * diagonal if self.percent else self.value
         side = "above" if self.above else "below"
         if value is None:
-            reason = values[group].get("reason") or "no face has a normal"
+            reason = values[group].get("reason") or ("no face has a normal" if "cloud" not in values else NO_SIDE)
             return f"{self.metric} has no value to compare with {limit:g}: {reason}"
         if not (value > limit if self.above else value < limit):
             return None

@@ -7,6 +7,7 @@ import numpy as np
 
 from meshfit.doors import no_type_check
 from meshfit.errors import ConfigError
+from meshfit.measuring.cloud import CloudFacts, measure_to_cloud
 from meshfit.measuring.distance import (
     Distance,
     Farthest,
@@ -27,6 +28,7 @@ from meshfit.mesh.geometry import bounding_box_diagonal
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.outer_surface import outer_surface
 from meshfit.mesh.proximity import nearest_on_surface
+from meshfit.mesh.point_cloud import PointCloud
 from meshfit.optional import import_pandas
 from meshfit.printable import value_text
 from meshfit.settings import override
@@ -46,6 +48,9 @@ _SHOWN_FIRST = (
 )
 
 
+_SHOWN_FIRST_OF_CLOUDS = ("distance.backward_rms", "distance.backward_mean", "hausdorff.backward")
+
+
 @dataclass(frozen=True)
 class Measurement:
     """Distances of a result from its target, and its mesh quality; lengths are in the frame of both meshes.
@@ -60,6 +65,7 @@ class Measurement:
         edges: agreement of creases.
         quality: mesh quality of the result; independent of the target.
         farthest: where the largest distances are.
+        cloud: facts of the target where it is a cloud of points; None for a mesh.
 
     Example:
         >>> import meshfit
@@ -79,6 +85,7 @@ class Measurement:
     edges: Edges
     quality: Quality
     farthest: Farthest
+    cloud: CloudFacts | None = None
 
     def __repr__(self) -> str:
         """Return the most important numbers."""
@@ -87,13 +94,17 @@ class Measurement:
         closed = "watertight" if quality.watertight else "not watertight"
         crossing = count_text(quality.self_intersecting_faces, "crossing face")
         distances = f"Hausdorff distance {hausdorff.symmetric:.4g} ({share}), mean {self.distance.mean:.4g}"
+        if self.cloud is not None:
+            to_result = f"RMS {self.distance.backward_rms:.4g}, mean {self.distance.backward_mean:.4g}"
+            distances = f"{to_result}, largest {hausdorff.backward:.4g} from {count_text(self.cloud.points, 'point')}"
         return f"Measurement({distances}, {closed}, {crossing})"
 
     def _repr_html_(self) -> str:
         """Return the most important metrics as a table, and one of all to open, for notebooks."""
         values = self.flat()
         rows = {name: (MEASURED[name].title, MEASURED[name].text(value)) for name, value in values.items()}
-        first = html_table(("metric", "value"), (rows[name] for name in _SHOWN_FIRST))
+        names = _SHOWN_FIRST if self.cloud is None else (*_SHOWN_FIRST_OF_CLOUDS, *_SHOWN_FIRST)
+        first = html_table(("metric", "value"), (rows[name] for name in names))
         return (
             f"{first}<details><summary>all metrics</summary>{html_table(('metric', 'value'), rows.values())}</details>"
         )
@@ -114,9 +125,12 @@ class Measurement:
     def to_dict(self) -> dict[str, dict[str, Any]]:
         """Return nested dicts of plain values for JSON; `MEASURED` names each metric as `group.name`.
 
-        Besides metrics, there are the numbers of points, tau, the reason of a missing value, and the farthest points.
+        Besides metrics, there are the numbers of points, tau, the reason of a missing value, the farthest points, and
+        for a target of points `cloud`.
         """
         values = asdict(self)
+        if self.cloud is None:
+            del values["cloud"]
         for point in values["farthest"].values():
             point |= {key: list(point[key]) for key in ("position", "nearest")}
         return values
@@ -125,7 +139,7 @@ class Measurement:
 @no_type_check
 def measure(  # noqa: PLR0913  the settings, by name
     result: "MeshLike",
-    target: "MeshLike",
+    target: "MeshLike | PointCloud",
     settings: MeasureSettings | None = None,
     *,
     surface: Literal["all", "outer"] | None = None,
@@ -151,7 +165,10 @@ def measure(  # noqa: PLR0913  the settings, by name
     Args:
         result: the fitted mesh, in any form that `as_mesh` takes, such as a `FitResult`. Polygons are triangulated.
         target: the mesh that it was fitted to, in any form that `as_mesh` takes. A closed one that is inside out is
-            turned, as it is for a fit.
+            turned, as it is for a fit. Or the points that it was fitted to, as a `PointCloud` or a file of points
+            alone: distances from the target are then exact, and weighted by the area that each point stands for; those
+            to the target are to its nearest points, and thus too large by a share of their spacing. Without normals of
+            its own, angles are up to 90°, and the signed normal consistency is missing; so are the scores of creases.
         settings: numbers of samples and points, tau and seed; defaults if not given.
         surface: `outer` measures between what can be seen of the two meshes from outside, as `outer_surface` returns
             it, so that parts inside others do not count; `all` between all of both. Mesh quality is that of all.
@@ -180,9 +197,13 @@ def measure(  # noqa: PLR0913  the settings, by name
     if settings is not None and not isinstance(settings, MeasureSettings):
         raise ConfigError(f"settings: expected MeasureSettings, got {value_text(settings)}")
     settings = override(settings or MeasureSettings(f_score_tau=TAU_OF_FILES), changes)
-    whole, target = as_triangles(result, "result"), as_target(target)
+    whole, goal = as_triangles(result, "result"), as_target(target)
     require_surface(whole, "result")
-    result = whole
+    if isinstance(goal, PointCloud):
+        surface = outer_surface(whole) if settings.surface == "outer" else whole
+        parts = measure_to_cloud(surface, goal, settings)
+        return Measurement(**parts._asdict(), quality=mesh_quality(whole, "result"))
+    result, target = whole, goal
     all_of_target = target
     if settings.surface == "outer":
         result, target = outer_surface(whole), outer_surface(target)

@@ -119,6 +119,12 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
 """All metrics of a result: those of its measurement, those of the source, which no seed affects, time and memory."""
 
 DEFAULT_METRIC = "hausdorff.symmetric"
+DEFAULT_METRIC_OF_CLOUDS = "distance.backward_rms"
+"""The metric of tables of fits to points: distances to points are too large by a share of their spacing, and a scan
+that shows only a part is no measure of what a result adds to it."""
+
+NO_SIDE = "the target is a cloud of points without normals; estimated ones have no side"
+"""Why a signed normal consistency is missing."""
 
 _SETTINGS = {
     "hausdorff.samples": "measure.samples",

@@ -53,16 +53,19 @@ class NormalConsistency:
     """Mean cosine between the normals of nearest points (Mescheder et al. 2019, Occupancy Networks, sec. 4).
 
     Attributes:
-        signed: mean of both directions; -1 where one surface is the other turned inside out.
+        signed: mean of both directions; -1 where one surface is the other turned inside out. None for a cloud whose
+            normals are estimated, which have no side.
         absolute: mean of the absolute cosines, whatever the orientation.
     """
 
-    signed: float
+    signed: float | None
     absolute: float
 
 
 @dataclass(frozen=True, eq=False)
-class _Cloud:
+class Samples:
+    """Points on a surface, with its unit normals there."""
+
     points: Float64[np.ndarray, "N 3"]
     normals: Float64[np.ndarray, "N 3"]
 
@@ -85,7 +88,12 @@ def point_scores(
     require_surface(result, "result")
     require_surface(target, "target")
     for_result, for_target = np.random.default_rng(seed).spawn(2)
-    on_result, on_target = _cloud(result, count, for_result), _cloud(target, count, for_target)
+    return scores_of(surface_samples(result, count, for_result), surface_samples(target, count, for_target), tau)
+
+
+def scores_of(on_result: Samples, on_target: Samples, tau: float) -> tuple[Chamfer, FScore, NormalConsistency]:
+    """Return chamfer distance, F-score and normal consistency of as many points on each of two surfaces."""
+    count = len(on_result.points)
     forward, forward_cosine = _to_nearest(on_result, on_target)
     backward, backward_cosine = _to_nearest(on_target, on_result)
     cosines = np.stack([forward_cosine, backward_cosine])
@@ -96,12 +104,13 @@ def point_scores(
     )
 
 
-def _cloud(mesh: Mesh, count: int, generator: np.random.Generator) -> _Cloud:
+def surface_samples(mesh: Mesh, count: int, generator: np.random.Generator) -> Samples:
+    """Return area-uniform points on a mesh."""
     samples = sample_surface(mesh, count, generator)
-    return _Cloud(samples.points, face_normals(mesh)[samples.faces])
+    return Samples(samples.points, face_normals(mesh)[samples.faces])
 
 
-def _to_nearest(origin: _Cloud, destination: _Cloud) -> tuple[Float64[np.ndarray, " N"], Float64[np.ndarray, " N"]]:
+def _to_nearest(origin: Samples, destination: Samples) -> tuple[Float64[np.ndarray, " N"], Float64[np.ndarray, " N"]]:
     """Return the distance from each point to the nearest of the other cloud, and the cosine between their normals."""
     nearest = nearest_point_query(destination.points)(origin.points)
     distance = np.linalg.norm(origin.points - destination.points[nearest], axis=1)

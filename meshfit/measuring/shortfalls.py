@@ -5,6 +5,8 @@ import numpy as np
 from meshfit.mesh.geometry import bounding_box_diagonal
 from meshfit.mesh.manifold import TopologyCounts
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.nearest import nearest_point_query
+from meshfit.mesh.point_cloud import PointCloud, is_at_rim, local_areas
 from meshfit.mesh.proximity import point_distances
 from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.topology import Topology
@@ -16,18 +18,24 @@ FAR_ON_AVERAGE = 0.1
 """That of fits which minimise a mean distance: ears that they cut short are their numbers, not parts they miss."""
 _PART = 0.005  # parts of less area are not reported
 _POINTS = 5000
+_SPACINGS = 2.0
 # A target of more pieces than these, with fewer faces each on average, is a soup: its pieces are nothing to match.
 _FEWEST_FACES = 12
 
 
-def shortfalls(result: Mesh, target: Mesh, far: float = FAR) -> list[str]:
+def shortfalls(result: Mesh, target: Mesh | PointCloud, far: float = FAR) -> list[str]:
     """Return what a result lacks of its target, in words, each of which names the finding and its size.
+
+    Pieces, openings and handles of a cloud are not known. Where a result goes on beyond the rim of a cloud, or over a
+    gap in it, the cloud shows nothing that it could be off.
 
     Args:
         result: the surface of the result.
-        target: the surface that it was fitted to.
+        target: the surface or the points that it was fitted to.
         far: share of the target's diagonal from which a point is not reached, or off the target.
     """
+    if isinstance(target, PointCloud):
+        return _of_cloud(result, target, far)
     length = far * bounding_box_diagonal(target.verts)
     unreached, beyond = _share_beyond(length, target, result), _share_beyond(length, result, target)
     texts = _of_topology(result, target)
@@ -36,6 +44,31 @@ def shortfalls(result: Mesh, target: Mesh, far: float = FAR) -> list[str]:
         texts.append(f"not reached: {100 * unreached:.1f} % of the target's area is {distance} result")
     if beyond > _PART:
         texts.append(f"off the target: {100 * beyond:.1f} % of the result's area is {distance} target")
+    return texts
+
+
+def _of_cloud(result: Mesh, cloud: PointCloud, least: float) -> list[str]:
+    diagonal = bounding_box_diagonal(cloud.verts)
+    areas = local_areas(cloud.verts)
+    areas = areas if areas.sum() > 0 else np.ones_like(areas)
+    # Between points that are far apart, a surface is no farther from them than that.
+    share = max(least, _SPACINGS * float(np.sqrt(np.median(areas))) / diagonal)
+    far = share * diagonal
+    unreached = float(np.average(point_distances(result, cloud.verts) > far, weights=areas))
+    texts = []
+    distance = f"farther than {100 * share:.2g} % of the target's diagonal from"
+    if unreached > _PART:
+        texts.append(f"not reached: {100 * unreached:.1f} % of the target's points are {distance} the result")
+    points = sample_surface(result, _POINTS, np.random.default_rng(0)).points
+    nearest = nearest_point_query(cloud.verts)(points)
+    is_far = np.linalg.norm(points - cloud.verts[nearest], axis=1) > far
+    off = is_far.copy()
+    off[is_far] = ~is_at_rim(cloud.verts, nearest[is_far])
+    beyond = float(off.mean())
+    if beyond > _PART:
+        texts.append(
+            f"off the target: {100 * beyond:.1f} % of the result's area is {distance} all points, and not beyond a rim"
+        )
     return texts
 
 

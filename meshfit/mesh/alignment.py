@@ -58,7 +58,7 @@ def boxes_are_disjoint(source: Mesh | PolygonMesh, target: Mesh | PolygonMesh | 
     return bool((source_low > target_high).any() or (target_low > source_high).any())
 
 
-def describe_mismatch(first: Mesh, second: Mesh) -> str:
+def describe_mismatch(first: Mesh | PointCloud, second: Mesh | PointCloud) -> str:
     """Return how the bounding boxes of two meshes that should lie on each other differ; empty if they do not.
 
     They do where they differ in size more than tenfold, or hardly overlap: by less than 5 % of the smaller box.

@@ -24,7 +24,7 @@ _ALLOWED = (
 # By the end of a class's name: what to call on an object of it to get a surface.
 _REMEDIES = {
     "Scene": "give its to_mesh()",
-    "PointCloud": "it has no faces; reconstruct a surface first",
+    "PointCloud": "it has no faces; fit a surface to it first: meshfit.fit('auto', points, method='gauss-newton')",
     "UnstructuredGrid": "give its extract_surface()",
     "StructuredGrid": "give its extract_surface()",
     "ImageData": "give its extract_surface()",

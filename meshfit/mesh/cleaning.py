@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float64
@@ -20,6 +21,7 @@ from meshfit.mesh.manifold import (
 )
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.pieces import wound_alike
+from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
 from meshfit.mesh.topology import NONE, Indices, Mask, PolygonTopology, Topology
 from meshfit.mesh.triangulation import triangle_corners, triangulate
@@ -40,6 +42,7 @@ _SOME_FACES = 1000
 # Faces of a smaller area, relative to the square of their longest edge, are flat.
 _FLAT = 1e-14
 # Corner data that says, while a mesh is cleaned, which corner of the file each of its corners is.
+_Target = TypeVar("_Target", Mesh, PointCloud, Mesh | PointCloud)
 _ORIGIN = "origin"
 
 
@@ -384,11 +387,15 @@ def has_negative_volume(mesh: Mesh) -> bool:
     return signed_volume(mesh) < -_ROUNDING * bounding_box_diagonal(mesh.verts) ** 3
 
 
-def outward(mesh: Mesh) -> Mesh:
+def outward(mesh: _Target) -> _Target:
     """Turn the faces of a closed mesh that is inside out, and those that are wound unlike most of their piece.
 
-    A mesh that needs neither is returned as it is; others lose their attributes.
+    A mesh that needs neither is returned as it is, and so are points; others lose their attributes.
     """
+    return _outward(mesh) if isinstance(mesh, Mesh) else mesh
+
+
+def _outward(mesh: Mesh) -> Mesh:
     mesh = wound_alike(mesh)
     if not has_negative_volume(mesh) or not Topology.of(mesh).is_watertight:
         return mesh

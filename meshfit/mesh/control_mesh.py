@@ -18,6 +18,7 @@ from meshfit.mesh.mesh import Mesh, SameContent
 from meshfit.mesh.meshlab import alpha_wrap, decimate, refine_long_edges
 from meshfit.mesh.nearest import nearest_point_query
 from meshfit.mesh.pieces import crossing_faces, manifold_pieces, piece_of_face
+from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.topology import Topology
 from meshfit.units import count_text
@@ -95,7 +96,7 @@ class ControlMesh:
 
 
 def control_mesh_of(
-    target: Mesh,
+    target: Mesh | PointCloud,
     origin: Origin = "auto",
     *,
     verts: int | None = None,
@@ -105,7 +106,7 @@ def control_mesh_of(
     """Make a control mesh from a target; the same target and arguments give the same bytes in any process.
 
     Args:
-        target: faces of any kind; a cloud of points if there are none.
+        target: faces of any kind, or a cloud of points.
         origin: `target` decimates the target itself; `wrap` makes one closed surface around it, which is decimated;
             `auto` takes the target unless it is a cloud, or a soup whose faces cross each other.
         verts: about the largest number of vertices; more where topology needs them.
@@ -115,7 +116,8 @@ def control_mesh_of(
     Raises:
         MeshError: nothing to make it from.
     """
-    return _made(SameContent(target), origin, verts, faces, wrap or Wrap())
+    mesh = Mesh(target.verts, []) if isinstance(target, PointCloud) else target
+    return _made(SameContent(mesh), origin, verts, faces, wrap or Wrap())
 
 
 @lru_cache(maxsize=8)  # the schemes and seeds of a target start from one control mesh

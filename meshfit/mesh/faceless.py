@@ -2,7 +2,7 @@
 
 from meshfit.units import count_text
 
-POINTS_REMEDY = "reconstruct a surface first, for example with MeshLab's screened Poisson reconstruction"
+POINTS_REMEDY = "reconstruct a surface first: meshfit fit POINTS -o surface.ply"
 
 
 def no_faces_message(num_points: int, num_segments: int = 0) -> str:

@@ -10,13 +10,14 @@ from meshfit.errors import ConfigError, MeshError
 from meshfit.mesh.any_mesh import MeshLike, as_mesh
 from meshfit.mesh.geometry import bounding_box, bounding_box_diagonal
 from meshfit.mesh.mesh import Mesh, Verts
+from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.printable import option_text
 from meshfit.specs import suggest
 
 Normalisation = Literal["tutorial", "box", "none"]
 
-_AnyMesh = TypeVar("_AnyMesh", Mesh, PolygonMesh, Mesh | PolygonMesh)
+_AnyMesh = TypeVar("_AnyMesh", Mesh, PolygonMesh, PointCloud, Mesh | PolygonMesh, Mesh | PointCloud)
 
 
 @dataclass(frozen=True)
@@ -40,23 +41,23 @@ class Frame:
         return f"Frame(centre=({', '.join(f'{value:g}' for value in self.centre)}), scale={self.scale:g})"
 
     @overload
-    def normalise(self, mesh: _AnyMesh) -> _AnyMesh: ...
+    def normalise(self, mesh: _AnyMesh) -> _AnyMesh: ...  # type: ignore[overload-overlap]
     @overload
     def normalise(self, mesh: "MeshLike") -> Mesh | PolygonMesh: ...
     @no_type_check
-    def normalise(self, mesh: "MeshLike") -> Mesh | PolygonMesh:
-        """Return a mesh, in any form that `as_mesh` takes, in normalised coordinates."""
-        mesh = as_mesh(mesh)
+    def normalise(self, mesh: "MeshLike | PointCloud") -> Mesh | PolygonMesh | PointCloud:
+        """Return a mesh, in any form that `as_mesh` takes, or points, in normalised coordinates."""
+        mesh = mesh if isinstance(mesh, PointCloud) else as_mesh(mesh)
         return mesh.with_verts((mesh.verts - self.centre) / self.scale)
 
     @overload
-    def restore(self, mesh: _AnyMesh) -> _AnyMesh: ...
+    def restore(self, mesh: _AnyMesh) -> _AnyMesh: ...  # type: ignore[overload-overlap]
     @overload
     def restore(self, mesh: "MeshLike") -> Mesh | PolygonMesh: ...
     @no_type_check
-    def restore(self, mesh: "MeshLike") -> Mesh | PolygonMesh:
-        """Return a normalised mesh, in any form that `as_mesh` takes, in its original coordinates."""
-        mesh = as_mesh(mesh)
+    def restore(self, mesh: "MeshLike | PointCloud") -> Mesh | PolygonMesh | PointCloud:
+        """Return a normalised mesh, in any form that `as_mesh` takes, or points, in its original coordinates."""
+        mesh = mesh if isinstance(mesh, PointCloud) else as_mesh(mesh)
         return mesh.with_verts(mesh.verts * self.scale + self.centre)
 
 
@@ -65,11 +66,11 @@ IDENTITY = Frame((0.0, 0.0, 0.0), 1.0)
 
 
 @no_type_check
-def frame_of(target: "MeshLike | Verts", how: Normalisation = "tutorial") -> Frame:
+def frame_of(target: "MeshLike | PointCloud | Verts", how: Normalisation = "tutorial") -> Frame:
     """Return the frame of a target.
 
     Args:
-        target: in any form that `as_mesh` takes, or its (V, 3) vertices alone.
+        target: in any form that `as_mesh` takes, or points, or its (V, 3) vertices alone.
         how: `tutorial` puts the mean of the vertices at 0 and the largest |coordinate| at 1, as PyTorch3D's tutorial
             does; `box` puts the centre of the bounding box at 0 and its diagonal at 1; `none` changes nothing.
 
@@ -87,6 +88,8 @@ def frame_of(target: "MeshLike | Verts", how: Normalisation = "tutorial") -> Fra
     """
     if not isinstance(how, str) or how not in get_args(Normalisation):
         raise ConfigError(f"frame: got {option_text(how)}; {suggest(str(how), get_args(Normalisation))}")
+    if isinstance(target, PointCloud):
+        target = target.verts
     verts = target if isinstance(target, np.ndarray) else as_mesh(target, "target").verts
     if verts.ndim != 2 or verts.shape[1] != 3 or not len(verts):
         raise MeshError(f"target: expected (V, 3) vertices, got an array of shape {verts.shape}")

@@ -27,6 +27,9 @@ _NEIGHBOURS, _MOST_NEIGHBOURS = 16, 96
 _LINKS, _DENSITY = 10, 8
 # Neighbours of a point at a rim, and the angle without any of them, seen along the normal.
 _RIM_NEIGHBOURS, _RIM_ANGLE = 24, 0.85 * np.pi
+# Points at the rim or next to it, and points over which areas are averaged.
+_BESIDE_RIM, _AVERAGED = 8, 24
+_ROUNDING = 1e-12
 # At most this many points decide how large a neighbourhood is.
 _SOME = 2000
 
@@ -37,7 +40,7 @@ class PointCloud:
 
     Attributes:
         verts: (V, 3) float64, positions.
-        normals: (V, 3) float64, unit normals that point outwards; None if they are not known.
+        normals: (V, 3) float64, unit normals that point outwards, 0 where one is not known; None if none is.
 
     Example:
         >>> import meshfit
@@ -61,8 +64,9 @@ class PointCloud:
         if directions is not None and directions.shape != array.shape:
             raise MeshError(f"normals: expected shape {array.shape}, got {directions.shape}")
         if directions is not None:
-            directions = unit_vectors(directions)
+            directions = _unit_or_zero(directions)
             directions.setflags(write=False)
+            directions = directions if directions.any() else None
         array.setflags(write=False)
         object.__setattr__(self, "verts", array)
         object.__setattr__(self, "normals", directions)
@@ -95,8 +99,9 @@ class PointCloud:
 def oriented_cloud(cloud: PointCloud, sensor: ArrayLike | None = None) -> PointCloud:
     """Return the cloud with normals: its own, or estimated ones.
 
-    Each normal is that of the plane of nearest neighbours, orthogonal to the direction of least variance. Normals are
-    oriented towards the sensor if it is given. Otherwise orientation is passed on along a minimum spanning tree over
+    Each estimated normal is that of the plane of nearest neighbours, the direction of least variance. Normals are
+    oriented towards the sensor if it is given. Where only some points of a cloud have normals, the others follow the
+    nearest of these. Otherwise orientation is passed on along a minimum spanning tree over
     neighbours, whose links cost 1 - |n · n'| (Hoppe et al. 1992, sec. 3.3), from the highest point of each connected
     part, where the normal points up.
 
@@ -104,15 +109,26 @@ def oriented_cloud(cloud: PointCloud, sensor: ArrayLike | None = None) -> PointC
         cloud: N points.
         sensor: position that all points were seen from.
     """
-    if cloud.normals is not None:
+    own = cloud.normals
+    known = np.zeros(cloud.num_verts, dtype=bool) if own is None else np.asarray(own.any(axis=1))
+    if known.all():
         return cloud
     tree = cKDTree(cloud.verts)
     normals = _plane_normals(cloud.verts, tree)
+    if own is not None:
+        towards = own[known][cKDTree(cloud.verts[known]).query(cloud.verts)[1]]
+        turned = np.where(np.einsum("nk,nk->n", normals, towards)[:, None] < 0, -normals, normals)
+        return PointCloud(cloud.verts, np.where(known[:, None], own, turned))
     if sensor is not None:
         towards = np.asarray(sensor, dtype=np.float64) - cloud.verts
         away = np.einsum("nk,nk->n", normals, towards) < 0
         return PointCloud(cloud.verts, np.where(away[:, None], -normals, normals))
     return PointCloud(cloud.verts, _consistently_oriented(cloud.verts, normals, tree))
+
+
+def plane_normals(points: Points) -> Normals:
+    """Return (N, 3) unit normals of the planes of nearest neighbours, on either side."""
+    return _plane_normals(points, cKDTree(points))
 
 
 def sampled_areas(points: Points) -> Float64[np.ndarray, " N"]:
@@ -132,12 +148,44 @@ def rim_of(cloud: PointCloud) -> Bool[np.ndarray, " N"]:
         cloud: N points with normals.
     """
     assert cloud.normals is not None  # noqa: S101  the caller has oriented them
-    count = min(_RIM_NEIGHBOURS, cloud.num_verts - 1)
-    tree, rim = cKDTree(cloud.verts), np.zeros(cloud.num_verts, dtype=bool)
-    for start in range(0, cloud.num_verts, 1 << 16):
+    return _at_rim(cloud.verts, cKDTree(cloud.verts), np.arange(cloud.num_verts), cloud.normals)
+
+
+def is_at_rim(points: Points, rows: Indices) -> Bool[np.ndarray, " M"]:
+    """Return which of some points of a cloud are at a boundary, or have a neighbour that is, by estimated normals.
+
+    Args:
+        points: (N, 3) all points.
+        rows: (M,) indices of the points to look at.
+    """
+    tree = cKDTree(points)
+    around = np.asarray(tree.query(points[rows], min(_BESIDE_RIM, len(points)))[1])
+    looked_at, inverse = np.unique(around, return_inverse=True)
+    rim = _at_rim(points, tree, looked_at, _plane_normals(points, tree, looked_at))
+    return np.asarray(rim[inverse.reshape(around.shape)].any(axis=1))
+
+
+def local_areas(points: Points) -> Float64[np.ndarray, " N"]:
+    """Return the area that each point stands for, as `sampled_areas` does, averaged over neighbours.
+
+    It tells how dense points are, and hardly how far one of them lies off the others by noise.
+    """
+    areas, tree = sampled_areas(points), cKDTree(points)
+    count, smooth = min(_AVERAGED, len(points)), np.empty(len(points))
+    for start in range(0, len(points), 1 << 16):
         block = slice(start, start + (1 << 16))
-        offsets = cloud.verts[tree.query(cloud.verts[block], count + 1)[1]] - cloud.verts[block][:, None]
-        first, second = _tangents(cloud.normals[block])
+        smooth[block] = areas[tree.query(points[block], count)[1]].mean(axis=1)
+    return smooth
+
+
+def _at_rim(points: Points, tree: "cKDTree[None]", rows: Indices, normals: Normals) -> Bool[np.ndarray, " M"]:
+    count = min(_RIM_NEIGHBOURS, len(points) - 1)
+    rim = np.zeros(len(rows), dtype=bool)
+    for start in range(0, len(rows), 1 << 16):
+        block = slice(start, start + (1 << 16))
+        some = points[rows[block]]
+        offsets = points[tree.query(some, count + 1)[1]] - some[:, None]
+        first, second = tangent_vectors(normals[block])
         x, y = (np.einsum("nki,ni->nk", offsets[:, 1:], axis) for axis in (first, second))
         angles = np.sort(np.arctan2(y, x), axis=1)
         gaps = np.diff(angles, axis=1, append=angles[:, :1] + 2 * np.pi)
@@ -145,19 +193,27 @@ def rim_of(cloud: PointCloud) -> Bool[np.ndarray, " N"]:
     return rim
 
 
-def _tangents(normals: Normals) -> tuple[Normals, Normals]:
+def tangent_vectors(normals: Normals) -> tuple[Normals, Normals]:
     """Return two unit vectors orthogonal to each normal and to each other."""
     least = np.eye(3)[np.abs(normals).argmin(axis=1)]
     first = unit_vectors(np.cross(normals, least))
     return first, np.cross(normals, first)
 
 
-def _plane_normals(points: Points, tree: "cKDTree[None]") -> Normals:
+def _unit_or_zero(vectors: Normals) -> Normals:
+    """Return unit vectors, and 0 for those that are not finite; what is of unit length keeps its bits."""
+    known = np.where(np.isfinite(vectors).all(axis=1, keepdims=True), vectors, 0.0)
+    is_unit = np.abs(np.linalg.norm(known, axis=1, keepdims=True) - 1) < _ROUNDING
+    return np.where(is_unit, known, unit_vectors(known))
+
+
+def _plane_normals(points: Points, tree: "cKDTree[None]", rows: Indices | None = None) -> Normals:
     count = _num_neighbours(points, tree)
-    normals = np.empty_like(points)
-    for start in range(0, len(points), 1 << 16):
+    some = points if rows is None else points[rows]
+    normals = np.empty_like(some)
+    for start in range(0, len(some), 1 << 16):
         block = slice(start, start + (1 << 16))
-        neighbours = points[tree.query(points[block], count)[1]]
+        neighbours = points[tree.query(some[block], count)[1]]
         offsets = neighbours - neighbours.mean(axis=1, keepdims=True)
         normals[block] = np.linalg.eigh(np.einsum("nki,nkj->nij", offsets, offsets))[1][:, :, 0]
     return normals

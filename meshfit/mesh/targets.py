@@ -7,10 +7,10 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypeVar
+from typing import TYPE_CHECKING, Literal, TypeVar, overload
 
 from meshfit.doors import no_type_check
-from meshfit.errors import MeshError, MeshfitWarning
+from meshfit.errors import MeshError, MeshfitWarning, NoFacesError
 from meshfit.mesh.io.mesh_file import MeshFile, read_file
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh
@@ -31,10 +31,12 @@ from meshfit.paths import (
 )
 from meshfit.printable import described
 from meshfit.specs import suggest
+from meshfit.units import count_text
 
 if TYPE_CHECKING:
     from meshfit.mesh.cleaning import VertexMap
     from meshfit.mesh.cleaning_options import CleaningOptions
+    from meshfit.mesh.point_cloud import PointCloud
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,8 @@ class NamedTarget:
     origin: str
 
 
+# A mesh in which faces use a smaller share of the vertices is a cloud with stray faces.
+_STRAY_FACES = 0.1
 _WHEEL = "sample mesh of the pymeshlab wheel"
 
 NAMED_TARGETS: dict[str, NamedTarget] = {
@@ -143,6 +147,22 @@ def open_target(target: str, kind: Literal["mesh", "curve"] = "mesh", file_forma
     return open_mesh_file(target if is_stream else target_path(target), kind, file_format)
 
 
+@overload
+def load_target(
+    target: Literal["bunny", "mousehead", "cow", "bone", "airplane"],
+    cleaning: "CleaningOptions | None" = None,
+    *,
+    file: None = None,
+    attributes: bool = False,
+) -> Mesh: ...
+@overload
+def load_target(
+    target: str | Path,
+    cleaning: "CleaningOptions | None" = None,
+    *,
+    file: MeshFile | None = None,
+    attributes: bool = False,
+) -> "Mesh | PointCloud": ...
 @no_type_check
 def load_target(
     target: str | Path,
@@ -150,12 +170,15 @@ def load_target(
     *,
     file: MeshFile | None = None,
     attributes: bool = False,
-) -> Mesh:
+) -> "Mesh | PointCloud":
     """Load a target, by name or path, in its own coordinates; its shape alone, as fits and measurements need no more.
+
+    A file of points alone gives a `PointCloud`, as `load_point_cloud` reads it; so does a mesh file in which faces use
+    less than a tenth of the vertices.
 
     Args:
         target: as for `target_path`.
-        cleaning: distance of welding, and repair of what is not manifold.
+        cleaning: distance of welding, and repair of what is not manifold; without effect on points.
         file: its file, if `open_target` has read it already.
         attributes: read texture coordinates, colours, materials and the like too.
 
@@ -165,15 +188,14 @@ def load_target(
         Mesh(1,513 verts, 3,022 faces, box 0.9493 × 0.1923 × 0.4345)
 
     Raises:
-        MeshError: as `target_path` and `load_mesh` do.
+        MeshError: as `target_path`, `load_mesh` and `load_point_cloud` do.
     """
     from meshfit.mesh.any_mesh import as_path
-    from meshfit.mesh.io.files import load_mesh
 
     if file is not None and not isinstance(file, MeshFile):
         raise MeshError(f"file: expected a file that has been read, got {described(file)}; give its path as the target")
     name = target if isinstance(target, str) else os.fspath(as_path(target, role="target"))
-    return _load(name, file, lambda path: load_mesh(path, cleaning, attributes=attributes))
+    return _load(name, file, lambda path: _mesh_or_points(path, cleaning, attributes=attributes))
 
 
 def load_target_with_vertex_map(
@@ -197,6 +219,36 @@ def load_target_with_vertex_map(
         load_polygons_with_vertex_map if polygons else load_mesh_with_vertex_map
     )
     return _load(target, file, lambda path: load(path, cleaning, attributes=attributes))
+
+
+@no_type_check
+def _mesh_or_points(
+    path: Path | MeshFile, cleaning: "CleaningOptions | None", *, attributes: bool
+) -> "Mesh | PointCloud":
+    from meshfit.mesh.io.files import POINT_FORMATS, load_mesh_with_vertex_map, open_mesh_file
+    from meshfit.mesh.io.point_clouds import load_point_cloud
+    from meshfit.mesh.topology import NONE
+
+    file = path if isinstance(path, MeshFile) else open_mesh_file(path, "mesh")
+    if file.suffix in POINT_FORMATS:
+        return load_point_cloud(file)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", MeshfitWarning)
+        try:
+            loaded = load_mesh_with_vertex_map(file, cleaning, attributes=attributes)
+        except NoFacesError:
+            loaded = None
+    if loaded is None:
+        return load_point_cloud(file)
+    mesh, vertex_map = loaded
+    used = int((vertex_map.first != NONE).sum())
+    if used < _STRAY_FACES * vertex_map.num_file_verts:
+        text = f"its faces use only {used:,} of its {count_text(vertex_map.num_file_verts, 'vertex')}"
+        warnings.warn(f"{file.name}: read as points without its faces, as {text}", MeshfitWarning, stacklevel=5)
+        return load_point_cloud(file)
+    for warning in caught:
+        warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
+    return mesh
 
 
 def _load(target: str, file: MeshFile | None, load: Callable[[Path | MeshFile], _Loaded]) -> _Loaded:

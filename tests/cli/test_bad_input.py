@@ -129,7 +129,6 @@ BAD_FILES = {
     "cut.ply": (BINARY[:-5], "cannot be read as PLY: the file ends within 'face', of which it announces 8"),
     "text.off": (b"hello", "cannot be read as OFF: line 1: expected 'OFF'"),
     "model.fbx": (b"Kaydara FBX", "FBX cannot be read; export it as OBJ, PLY or GLB"),
-    "points.obj": (OBJ[:32].encode(), "expected a surface, got a cloud of 4 points and no faces; reconstruct"),
     "nan.obj": (OBJ.replace("v 1", "v nan").encode(), "vertex 1 has a coordinate that is not finite: [nan, 0.0, 0.0]"),
     "index.obj": (
         OBJ.replace("f 1 2 4", "f 1 2 5").encode(),

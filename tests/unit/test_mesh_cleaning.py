@@ -131,8 +131,8 @@ def test_everything_at_once_is_told_in_a_line_each():
         (
             np.eye(3),
             np.empty((0, 3), int),
-            "it: expected a surface, got a cloud of 3 points and no faces; reconstruct a surface first, for example "
-            "with MeshLab's screened Poisson reconstruction",
+            "it: expected a surface, got a cloud of 3 points and no faces; reconstruct a surface first: "
+            "meshfit fit POINTS -o surface.ply",
         ),
         (np.eye(3), [[0, 1, 2], [0, 1, 3]], "it: face 1 is [0, 1, 3], but vertices are numbered 0 to 2"),
         (np.eye(3), [[0, -1, 2]], "it: face 0 is [0, -1, 2], but vertices are numbered 0 to 2"),

@@ -56,7 +56,9 @@ from meshfit.mesh.manifold import describe_topology
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.nearest import nearest_point_query
 from meshfit.mesh.normalisation import Frame, Normalisation, frame_of
+from meshfit.mesh.point_cloud import PointCloud, oriented_cloud
 from meshfit.mesh.polygons import PolygonMesh
+from meshfit.mesh.proximity import point_distances
 from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.targets import file_sha256, load_target, target_path
 from meshfit.mesh.topology import Topology
@@ -99,7 +101,8 @@ class TrialRunner:
             inputs = dict(self.trial.inputs)
             name = self.trial.current_path(self.trial.target)
             carried = carried_path(self.trial, self.store)
-            target = _load_target(name, inputs.get("target"), settings.normalise, settings.cleaning, carried)
+            sensor = settings.target.sensor
+            target = _load_target(name, inputs.get("target"), settings.normalise, settings.cleaning, sensor, carried)
             carry(carried, lambda: outward(load_target(name, settings.cleaning)))  # removed since it was loaded
             self._frame, self._target = target.frame, target.mesh
             source_settings = relocated(settings.source, self.trial.current_path)
@@ -268,13 +271,18 @@ class _Target(NamedTuple):
     """A normalised target, its frame, and the warnings of loading it."""
 
     frame: Frame
-    mesh: Mesh
+    mesh: Mesh | PointCloud
     warnings: tuple[str, ...]
 
 
 @lru_cache(maxsize=2)  # a worker runs the trials of a target in succession, and loading takes longer than measuring
 def _load_target(
-    name: str, sha256: str | None, normalise: Normalisation, cleaning: CleaningOptions, carried: Path | None
+    name: str,
+    sha256: str | None,
+    normalise: Normalisation,
+    cleaning: CleaningOptions,
+    sensor: tuple[float, float, float] | None,
+    carried: Path | None,
 ) -> _Target:
     _check_unchanged(name, sha256)
     with warnings.catch_warnings(record=True) as caught:
@@ -285,6 +293,8 @@ def _load_target(
         texts = with_turning(texts, "fit")
     carry(carried, lambda: turned)
     frame = frame_of(mesh.verts, normalise)
+    if isinstance(turned, PointCloud) and sensor is not None:
+        turned = oriented_cloud(turned, sensor)
     return _Target(frame, frame.normalise(turned), tuple(texts))
 
 
@@ -312,12 +322,13 @@ def _texts(caught: Sequence[warnings.WarningMessage]) -> list[str]:
     return [str(warning.message) for warning in caught if issubclass(warning.category, MeshfitWarning)]
 
 
-def _warn_of_differences(source: Mesh, target: Mesh, fit: FitSettings) -> None:
+def _warn_of_differences(source: Mesh, target: Mesh | PointCloud, fit: FitSettings) -> None:
     """Warn of a source that the fit cannot bring onto the target; a tool may start from the target, or cut and glue."""
     tool = fit.tool if isinstance(fit, ExternalSettings) else None
     if works_from_target(tool):
         return
-    of_source, of_target = (describe_topology(Topology.of(mesh)) for mesh in (source, target))
+    of_source = describe_topology(Topology.of(source))
+    of_target = of_source if isinstance(target, PointCloud) else describe_topology(Topology.of(target))
     if of_source != of_target and (tool is not None or not isinstance(fit, ExternalSettings)):
         text = f"source and target differ in topology ({of_source}; {of_target}); the fit keeps that of the source"
         warnings.warn(text, MeshfitWarning, stacklevel=2)
@@ -333,7 +344,7 @@ def _warn_of_differences(source: Mesh, target: Mesh, fit: FitSettings) -> None:
         warnings.warn(text, MeshfitWarning, stacklevel=2)
 
 
-def _warn_if_farther(source: Mesh, result: Mesh, target: Mesh, fit: FitSettings) -> None:
+def _warn_if_farther(source: Mesh, result: Mesh, target: Mesh | PointCloud, fit: FitSettings) -> None:
     """Warn of a result that is farther from the target than the source was."""
     before, after = (_mean_distance(mesh, target) for mesh in (source, result))
     if after > _FARTHER * before:
@@ -344,8 +355,11 @@ def _warn_if_farther(source: Mesh, result: Mesh, target: Mesh, fit: FitSettings)
         warnings.warn(f"{text}{remedy}", MeshfitWarning, stacklevel=2)
 
 
-def _mean_distance(mesh: Mesh, target: Mesh) -> float:
-    """Return about the mean distance of two surfaces, both ways, from samples of both."""
+def _mean_distance(mesh: Mesh, target: Mesh | PointCloud) -> float:
+    """Return about the mean distance of two surfaces, both ways, from samples of both; of points, from them."""
+    if isinstance(target, PointCloud):
+        some = target.verts[:: max(1, target.num_verts // _POINTS)]
+        return float(point_distances(mesh, some).mean())
     generator = np.random.default_rng(0)
     first, second = (sample_surface(each, _POINTS, generator).points for each in (mesh, target))
     ways = ((first, second), (second, first))

@@ -30,6 +30,7 @@ _ANYWHERE = Path()
 _ANY: _Key = (_ANYWHERE, "", 0)
 _PROBE_SECONDS = {"first-order": 2.0, "gauss-newton": 8.0}
 _WARM_UP_STEPS = 3
+_SPHERE_LEVEL = 5
 _START_SECONDS = 3.0
 _VERTS_PER_SAMPLE = 4  # in a step, a vertex costs about a quarter of a sample: see the table of `make bench`
 
@@ -292,11 +293,14 @@ def _probe(trial: "Trial", threads: int) -> tuple[float, float]:
 
 
 def _seconds_to_measure(trial: "Trial") -> float:
-    """Seconds to measure the target against itself, which a good result is close to."""
+    """Seconds to measure the target against itself, which a good result is close to; a sphere, against points."""
     from meshfit.measuring.measure import measure
+    from meshfit.mesh.point_cloud import PointCloud
     from meshfit.mesh.targets import load_target
+    from meshfit.subdivision.sphere import icosphere
 
     target = load_target(trial.current_path(trial.target), trial.settings.cleaning)
     start = time.perf_counter()
-    measure(target, target, trial.settings.measure)
+    surface = icosphere(_SPHERE_LEVEL) if isinstance(target, PointCloud) else target
+    measure(surface, target, trial.settings.measure)
     return time.perf_counter() - start

@@ -1,7 +1,8 @@
 """Carried targets: copies of the targets of trials in the run directory, which make it complete without other files.
 
 `targets/HASH.ply` is the target as it was fitted to: cleaned, turned if it was inside out, in its own coordinates and
-double precision; the hash is that of the original file, as in the identity of a trial.
+double precision; of a cloud, its points with the normals of its file, if it had some. The hash is that of the original
+file, as in the identity of a trial.
 """
 
 import os
@@ -21,6 +22,7 @@ from meshfit.mesh.cleaning_options import CleaningOptions
 if TYPE_CHECKING:
     from meshfit.experiment.plan import Trial
     from meshfit.mesh.mesh import Mesh
+    from meshfit.mesh.point_cloud import PointCloud
     from meshfit.mesh.polygons import PolygonMesh
 
 _CARRIED = re.compile(r"[0-9a-f]{64}")
@@ -36,7 +38,7 @@ def carried_path(trial: "Trial", store: RunDirectory) -> Path | None:
     return store.root / TARGETS / _name(sha256, trial.settings.cleaning)
 
 
-def carry(path: Path | None, load: Callable[[], "Mesh"]) -> None:
+def carry(path: Path | None, load: Callable[[], "Mesh | PointCloud"]) -> None:
     """Write a carried target unless it exists, whole or not at all; of several processes, one writes.
 
     Args:
@@ -49,10 +51,13 @@ def carry(path: Path | None, load: Callable[[], "Mesh"]) -> None:
     if path is None or path.is_file():
         return
     from meshfit.mesh.io.files import encode_mesh
+    from meshfit.mesh.io.point_clouds import encode_point_cloud
+    from meshfit.mesh.point_cloud import PointCloud
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MeshfitWarning)  # the trial reports them
-        content = encode_mesh(load(), ".ply")
+        target = load()
+        content = encode_point_cloud(target) if isinstance(target, PointCloud) else encode_mesh(target, ".ply")
     make_folder(path.parent)
     with FileLock(path.parent / LOCK):
         for part in path.parent.glob(f".{path.name}.*"):  # left by a killed process
@@ -121,10 +126,10 @@ def remove_targets(root: Path, paths: Iterable[Path]) -> None:
         raise StoreError(f"{error.filename or folder}: cannot be removed: {error.strerror}") from error
 
 
-def read_target(folder: Path, record: Result) -> "Mesh":
+def read_target(folder: Path, record: Result) -> "Mesh | PointCloud":
     """Read the target of a trial in its own coordinates: the carried one, else its file if that has not changed.
 
-    One that is inside out is turned, as it was for the fit.
+    A mesh that is inside out is turned, as it was for the fit; points that a sensor saw have normals towards it.
 
     Args:
         folder: the folder of the trial.
@@ -133,16 +138,14 @@ def read_target(folder: Path, record: Result) -> "Mesh":
     Raises:
         MeshError: neither can be read.
     """
-    from meshfit.mesh.cleaning import outward
-
     carried, damage = find_carried(folder, record), None
     if carried is not None:
         try:
-            return outward(triangles(read_written_mesh(carried)))
+            return _as_fitted(_read_carried(carried), record)
         except MeshError as error:
             damage = error
     try:
-        return outward(_original(record))
+        return _as_fitted(_original(record), record)
     except MeshError as error:
         if damage is not None:
             raise damage from None
@@ -150,14 +153,34 @@ def read_target(folder: Path, record: Result) -> "Mesh":
         raise MeshError(f"{error}; {remedy}") from None
 
 
-def _original(record: Result) -> "Mesh":
+def _as_fitted(target: "Mesh | PointCloud", record: Result) -> "Mesh | PointCloud":
+    from meshfit.mesh.cleaning import outward
+    from meshfit.mesh.point_cloud import PointCloud, oriented_cloud
+
+    sensor = record.get("settings", {}).get("target", {}).get("sensor")
+    if isinstance(target, PointCloud):
+        return target if sensor is None else oriented_cloud(target, sensor)
+    mesh: Mesh = outward(target)
+    return mesh
+
+
+def _read_carried(path: Path) -> "Mesh | PointCloud":
+    from meshfit.mesh.io.files import open_mesh_file
+    from meshfit.mesh.io.point_clouds import read_written_points
+
+    points = read_written_points(open_mesh_file(path, "mesh"))
+    return triangles(read_written_mesh(path)) if points is None else points
+
+
+def _original(record: Result) -> "Mesh | PointCloud":
     from meshfit.mesh.targets import file_sha256, load_target, target_path
 
     target, expected = record["settings"]["targets"][0], record.get("inputs", {}).get("target")
     path = target_path(target)
     if expected is not None and file_sha256(path) != expected:
         raise MeshError(f"{path}: not the file that the trial was fitted to: it has changed since")
-    return load_target(target, CleaningOptions.of(record["settings"]))
+    loaded: Mesh | PointCloud = load_target(target, CleaningOptions.of(record["settings"]))
+    return loaded
 
 
 def read_written_mesh(path: Path) -> "Mesh | PolygonMesh":

@@ -24,8 +24,9 @@ from meshfit.fitting.problem import Checkpoint, Problem
 from meshfit.fitting.settings import PLACEHOLDERS, ExternalSettings, command_name
 from meshfit.mesh.attributes import NO_ATTRIBUTES
 from meshfit.mesh.io.files import load_polygons, save_mesh
+from meshfit.mesh.io.point_clouds import encode_point_cloud
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.point_cloud import PointCloud
+from meshfit.mesh.point_cloud import PointCloud, oriented_cloud
 from meshfit.mesh.polygons import PolygonMesh
 
 _VERSION_SECONDS = 20.0
@@ -108,11 +109,11 @@ def run_external(problem: Problem, settings: ExternalSettings) -> tuple[PolygonM
     """Run the tool on one problem.
 
     Raises:
-        ConfigError: the target is a point cloud.
+        ConfigError: the target is a cloud of points, which the tool cannot take.
         ToolError: it cannot be started, fails, exceeds a limit, or writes nothing that can be used.
     """
-    if isinstance(problem.target, PointCloud):
-        raise ConfigError("target: a point cloud has no faces, which other tools get; use method: gauss-newton")
+    if isinstance(problem.target, PointCloud) and not settings.takes_points:
+        raise ConfigError(f"target: a point cloud has no faces, which {settings.name} needs; use method: gauss-newton")
     suffix = f".{settings.format}"
     with TemporaryDirectory(prefix="meshfit-tool-") as outer:
         inputs, folder = Path(outer, "inputs"), Path(outer, "work")
@@ -121,7 +122,10 @@ def run_external(problem: Problem, settings: ExternalSettings) -> tuple[PolygonM
         source, target, result = inputs / f"source{suffix}", inputs / f"target{suffix}", folder / f"result{suffix}"
         start = problem.source if problem.polygons is None or suffix == ".stl" else problem.polygons
         save_mesh(start.with_attributes(NO_ATTRIBUTES), source)
-        save_mesh(problem.target.with_attributes(NO_ATTRIBUTES), target)
+        if isinstance(problem.target, PointCloud):
+            target.write_bytes(encode_point_cloud(_cloud_for(settings, problem.target), suffix))
+        else:
+            save_mesh(problem.target.with_attributes(NO_ATTRIBUTES), target)
         paths = {"source": str(source), "target": str(target), "result": str(result), "folder": str(folder)}
         values = paths | {"seed": str(problem.seed), "threads": os.environ.get("OMP_NUM_THREADS", "1")}
         command, environment = _command(settings, values, folder), environment_of(settings.environment, folder)
@@ -139,6 +143,11 @@ def run_external(problem: Problem, settings: ExternalSettings) -> tuple[PolygonM
         mesh, texts = _read(result, settings, ended)
         seconds = _seconds_of_call(folder) if settings.tool is not None else ended.seconds
     return mesh, ToolRun(settings.name, version, seconds, ended.peak_memory_mb, ended.output, texts)
+
+
+def _cloud_for(settings: ExternalSettings, cloud: PointCloud) -> PointCloud:
+    """Return the points that a tool gets: with normals where it needs them, with the file's own for a command."""
+    return oriented_cloud(cloud) if settings.tool == "poisson" else cloud
 
 
 def _command(settings: ExternalSettings, values: dict[str, str], folder: Path) -> list[str]:

@@ -25,11 +25,14 @@ from meshfit.fitting.external.tools import (
     SpheresOptions,
     ToolName,
 )
+from meshfit.mesh.any_target import require_mesh
 from meshfit.mesh.geometry import bounding_box_diagonal, face_normals
 from meshfit.mesh.io.files import load_mesh, save_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.meshlab import alpha_wrap, decimate, screened_poisson
+from meshfit.mesh.point_cloud import PointCloud, oriented_cloud, sampled_areas
 from meshfit.mesh.sampling import sample_surface
+from meshfit.mesh.targets import load_target
 from meshfit.settings import Settings, build
 
 _MARGIN = 0.1
@@ -39,8 +42,13 @@ class Task(NamedTuple):
     """The meshes and the seed of a call, in the normalised frame."""
 
     source: Mesh
-    target: Mesh
+    target: Mesh | PointCloud
     seed: int
+
+    @property
+    def target_mesh(self) -> Mesh:
+        """The target of a tool that takes no points."""
+        return require_mesh(self.target, "target")
 
 
 def main() -> None:
@@ -50,7 +58,8 @@ def main() -> None:
     warnings.simplefilter("ignore")  # of libraries, and about meshes that meshfit itself wrote
     name: ToolName = content["tool"]
     options = build(TOOLS[name].options, content["options"])
-    task = Task(load_mesh(content["source"]), load_mesh(content["target"]), int(content["seed"]))
+    target = load_target(Path(content["target"]))
+    task = Task(load_mesh(content["source"]), target, int(content["seed"]))
     function = _FUNCTIONS[name]
     try:
         mesh, seconds = function(task, options)
@@ -80,26 +89,39 @@ Outcome = tuple[Mesh, float]
 def _poisson(task: Task, options: Settings) -> Outcome:
     chosen = cast(PoissonOptions, options)
     with _Clock() as clock:
-        samples = sample_surface(task.target, chosen.samples, np.random.default_rng(task.seed))
-        mesh = screened_poisson(
-            samples.points, face_normals(task.target)[samples.faces], chosen.depth, chosen.point_weight
-        )
+        points, normals = _points_with_normals(task, chosen.samples)
+        mesh = screened_poisson(points, normals, chosen.depth, chosen.point_weight)
         mesh = _decimated(mesh, chosen.verts)
     return mesh, clock.seconds
+
+
+def _points_with_normals(task: Task, count: int) -> tuple[Float64[np.ndarray, "N 3"], Float64[np.ndarray, "N 3"]]:
+    if isinstance(task.target, PointCloud):
+        cloud = oriented_cloud(task.target)
+        assert cloud.normals is not None  # noqa: S101  oriented
+        return cloud.verts, cloud.normals
+    samples = sample_surface(task.target, count, np.random.default_rng(task.seed))
+    return samples.points, face_normals(task.target)[samples.faces]
 
 
 def _alpha_wrap(task: Task, options: Settings) -> Outcome:
     chosen = cast(AlphaWrapOptions, options)
     size = bounding_box_diagonal(task.target.verts)
     with _Clock() as clock:
-        mesh = _decimated(alpha_wrap(task.target, chosen.alpha * size, chosen.offset * size), chosen.verts)
+        mesh = _decimated(
+            alpha_wrap(_mesh_to_wrap(task.target), chosen.alpha * size, chosen.offset * size), chosen.verts
+        )
     return mesh, clock.seconds
+
+
+def _mesh_to_wrap(target: Mesh | PointCloud) -> Mesh:
+    return Mesh(target.verts, []) if isinstance(target, PointCloud) else target
 
 
 def _quadric(task: Task, options: Settings) -> Outcome:
     chosen = cast(QuadricOptions, options)
     with _Clock() as clock:
-        mesh = _decimated(task.target, chosen.verts)
+        mesh = _decimated(task.target_mesh, chosen.verts)
     return mesh, clock.seconds
 
 
@@ -107,7 +129,9 @@ def _nricp(task: Task, options: Settings) -> Outcome:
     trimesh: Any = importlib.import_module("trimesh")
     chosen = cast(NricpOptions, options)
     register = {"amberg": trimesh.registration.nricp_amberg, "sumner": trimesh.registration.nricp_sumner}
-    source, target = (trimesh.Trimesh(mesh.verts, mesh.faces, process=False) for mesh in (task.source, task.target))
+    source, target = (
+        trimesh.Trimesh(mesh.verts, mesh.faces, process=False) for mesh in (task.source, task.target_mesh)
+    )
     with _Clock() as clock:
         verts = register[chosen.variant](source, target, distance_threshold=chosen.distance)
     return task.source.with_verts(np.asarray(verts)), clock.seconds
@@ -119,7 +143,7 @@ def _pycpd(task: Task, options: Settings) -> Outcome:
     with _Clock() as clock:
         # The library draws the start of its eigenvectors from numpy's own generator.
         np.random.seed(task.seed % 2**32)  # noqa: NPY002
-        points = sample_surface(task.target, chosen.points, np.random.default_rng(task.seed)).points
+        points = _some_points(task, chosen.points)
         registration = pycpd.DeformableRegistration(
             X=points,
             Y=task.source.verts,
@@ -133,17 +157,26 @@ def _pycpd(task: Task, options: Settings) -> Outcome:
     return task.source.with_verts(verts), clock.seconds
 
 
+def _some_points(task: Task, count: int) -> Float64[np.ndarray, "N 3"]:
+    generator = np.random.default_rng(task.seed)
+    if not isinstance(task.target, PointCloud):
+        return sample_surface(task.target, count, generator).points
+    areas = sampled_areas(task.target.verts).cumsum()
+    at = (np.arange(count) + generator.random(count)) * (areas[-1] / count)
+    return np.asarray(task.target.verts[np.unique(np.searchsorted(areas, at).clip(max=task.target.num_verts - 1))])
+
+
 def _meshmonk(task: Task, options: Settings) -> Outcome:
     meshmonk: Any = importlib.import_module("meshmonk")
     chosen = cast(MeshMonkOptions, options)
     register = {"pyramid": meshmonk.pyramid_register, "nonrigid": meshmonk.nonrigid_register}[chosen.variant]
     with _Clock() as clock:
-        features = [meshmonk.features_from_vertices(mesh.verts, mesh.faces) for mesh in (task.source, task.target)]
+        features = [meshmonk.features_from_vertices(mesh.verts, mesh.faces) for mesh in (task.source, task.target_mesh)]
         result = register(
             floating_features=features[0],
             target_features=features[1],
             floating_faces=task.source.faces,
-            target_faces=task.target.faces,
+            target_faces=task.target_mesh.faces,
             floating_flags=np.ones(task.source.num_verts),
             target_flags=np.ones(task.target.num_verts),
             num_iterations=chosen.iterations,
@@ -154,7 +187,7 @@ def _meshmonk(task: Task, options: Settings) -> Outcome:
 def _reach_for_the_spheres(task: Task, options: Settings) -> Outcome:
     gpytoolbox: Any = importlib.import_module("gpytoolbox")
     chosen = cast(SpheresOptions, options)
-    target = task.target
+    target = task.target_mesh
     both = np.concatenate([task.source.verts, target.verts])
     lows, highs = both.min(axis=0), both.max(axis=0)
     margin = _MARGIN * float((highs - lows).max())

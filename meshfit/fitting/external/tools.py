@@ -22,7 +22,8 @@ class PoissonOptions(Settings):
     """Options of `poisson`."""
 
     samples: Annotated[int, Field(ge=100)] = 100_000
-    """Number of points with normals on the target, uniform by area, that the surface is made from."""
+    """Number of points with normals on the target, uniform by area, that the surface is made from; of a target of
+    points, all are taken."""
     depth: Annotated[int, Field(ge=3, le=12)] = 8
     """Depth of the octree (3 to 12)."""
     point_weight: Annotated[float, Field(ge=0)] = 4.0
@@ -100,6 +101,7 @@ class Tool:
         requires: modules that must be installed.
         options: the model of its options.
         seeded: whether the result depends on the seed.
+        points: whether the target may be a cloud of points.
         title: what it does, in a few words.
         from_target: whether it makes its result from the target alone, whatever the source.
     """
@@ -110,6 +112,7 @@ class Tool:
     seeded: bool
     title: str
     from_target: bool = False
+    points: bool = False
 
     @property
     def version(self) -> str:
@@ -129,9 +132,16 @@ TOOLS: Mapping[ToolName, Tool] = MappingProxyType(
             seeded=True,
             title="screened Poisson surface through points of the target",
             from_target=True,
+            points=True,
         ),
         "alpha-wrap": Tool(
-            "pymeshlab", (), AlphaWrapOptions, seeded=False, title="alpha wrap around the target", from_target=True
+            "pymeshlab",
+            (),
+            AlphaWrapOptions,
+            seeded=False,
+            title="alpha wrap around the target",
+            from_target=True,
+            points=True,
         ),
         "quadric": Tool(
             "pymeshlab", (), QuadricOptions, seeded=False, title="quadric decimation of the target", from_target=True
@@ -144,7 +154,12 @@ TOOLS: Mapping[ToolName, Tool] = MappingProxyType(
             title="non-rigid iterated closest points of the source",
         ),
         "pycpd": Tool(
-            "pycpd", ("pycpd",), CpdOptions, seeded=True, title="deformable coherent point drift of the source"
+            "pycpd",
+            ("pycpd",),
+            CpdOptions,
+            seeded=True,
+            title="deformable coherent point drift of the source",
+            points=True,
         ),
         "meshmonk": Tool(
             "meshmonk", ("meshmonk",), MeshMonkOptions, seeded=False, title="MeshMonk's registration of the source"

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from meshfit.doors import no_type_check
-from meshfit.errors import DomainError, MeshError, MeshfitWarning
+from meshfit.errors import DomainError, MeshError, MeshfitWarning, NoFacesError
 from meshfit.mesh.any_mesh import MeshLike, as_mesh, as_path
 from meshfit.mesh.attributes import MATERIAL
 from meshfit.mesh.cleaning import VertexMap, clean, require_finite_verts
@@ -33,6 +33,7 @@ from meshfit.mesh.io.mesh_file import (
     wrong_format,
 )
 from meshfit.mesh.io.mtl import has_look, library_beside
+from meshfit.mesh.io.raw_points import RawPoints
 from meshfit.mesh.io.recognition import format_name
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
@@ -82,7 +83,7 @@ class ReadOnlyFormat(NamedTuple):
 class PointFormat(NamedTuple):
     """A format of point clouds: its reader, and a way to count the points without reading them, if there is one."""
 
-    read: Callable[[bytes], Verts]
+    read: Callable[[bytes], RawPoints]
     num_points: Callable[[bytes], int] | None = None
 
 
@@ -125,7 +126,8 @@ READ_ONLY_FORMATS = {
 }
 READABLE_FORMATS: dict[str, Format | ReadOnlyFormat] = {**FORMATS, **READ_ONLY_FORMATS}
 POINT_FORMATS = {
-    **dict.fromkeys((".xyz", ".xyzn", ".xyzrgb", ".pts", ".txt", ".asc", ".csv"), PointFormat(xyz.read_xyz)),
+    **dict.fromkeys((".xyz", ".xyzn", ".pts", ".txt", ".asc", ".csv"), PointFormat(xyz.read_xyz)),
+    ".xyzrgb": PointFormat(partial(xyz.read_xyz, with_normals=False)),
     **dict.fromkeys((".las", ".laz"), PointFormat(las.read_las, las.count_las)),
     ".pcd": PointFormat(pcd.read_pcd),
 }
@@ -435,13 +437,15 @@ def _read_surface(file: MeshFile, *, attributes: bool) -> PolygonSoup:
     """Return the raw content of a mesh file that has faces; refuse points and curves as what they are."""
     if file.suffix in POINT_FORMATS:
         read, count = POINT_FORMATS[file.suffix]
-        num_points = parse_file(file, count or (lambda content: len(read(content))), READABLE_FORMATS | POINT_FORMATS)
-        raise MeshError(f"{file.name}: {no_faces_message(num_points)}")
+        num_points = parse_file(
+            file, count or (lambda content: len(read(content).verts)), READABLE_FORMATS | POINT_FORMATS
+        )
+        raise NoFacesError(f"{file.name}: {no_faces_message(num_points)}")
     soup = read_soup(file, attributes=attributes)
     if not len(soup.sizes):
         curves = CURVE_FORMATS.get(file.suffix)
         num_segments = len(parse_file(file, curves.read, CURVE_FORMATS)[1]) if curves else 0
-        error = DomainError if num_segments else MeshError
+        error = DomainError if num_segments else NoFacesError
         raise error(f"{file.name}: {no_faces_message(len(soup.verts), num_segments)}")
     return soup
 

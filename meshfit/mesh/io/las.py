@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float64
 from numpy.typing import NDArray
 
 from meshfit.errors import MeshError
+from meshfit.mesh.io.raw_points import RawPoints
 
 _COMPRESSED = 0b1100_0000
 # A LAZ file may announce this many points for nothing, and one more for each byte.
@@ -31,7 +31,7 @@ class _Header(NamedTuple):
     offset: NDArray[np.float64]
 
 
-def read_las(content: bytes) -> Float64[np.ndarray, "N 3"]:
+def read_las(content: bytes) -> RawPoints:
     """Read the points of a LAS or LAZ file, in its units.
 
     Raises:
@@ -43,7 +43,7 @@ def read_las(content: bytes) -> Float64[np.ndarray, "N 3"]:
         points = integers * header.scale + header.offset
     if not np.isfinite(points).all():
         raise MeshError("its scale or offset makes coordinates that are not finite")
-    return np.asarray(points)
+    return RawPoints(np.asarray(points))
 
 
 def count_las(content: bytes) -> int:

@@ -48,6 +48,7 @@ _STATEMENTS = {"usemtl": MATERIAL, "g": GROUP, "o": GROUP}
 _NONE = {MATERIAL: {"", NO_MATERIAL}, GROUP: {"", "default"}}
 _FIRST_OF_STATEMENTS = np.frombuffer(b"umgo", np.uint8)
 _CORNER = re.compile(rb"(?<=[ \t\v])[-+]?\d+(?:/([-+]?\d{1,15}))?\S*")
+_NORMAL = re.compile(rb"^[ \t]*vn[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)", re.MULTILINE)
 _LARGEST_FRACTION = 255
 # Runs of vertices, such as those of objects, whose first one is looked at for a colour.
 _MOST_RUNS = 1000
@@ -112,6 +113,15 @@ def obj_files(content: bytes, folder: Path) -> list[Path]:
         text = _element_text(content)
     names = [line.decode("utf-8", "surrogateescape").strip() for line in _LIBRARY.findall(text)]
     return library_files([name for name in names if name], folder)
+
+
+def read_obj_normals(content: bytes) -> NDArray[np.float64] | None:
+    """Read (N, 3) all normals, in file order, as programs write one per point of a cloud; None if there are none."""
+    words = _NORMAL.findall(content)
+    try:
+        return np.array(words, dtype=bytes).astype(np.float64) if words else None
+    except ValueError:
+        return None
 
 
 def write_obj(mesh: Mesh | PolygonMesh, normals: NDArray[np.float64] | None = None, *, library: str = "") -> bytes:

@@ -6,16 +6,17 @@ import warnings
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float64
 from numpy.typing import NDArray
 
 from meshfit.errors import MeshError, MeshfitWarning
+from meshfit.mesh.io.raw_points import RawPoints
 from meshfit.units import count_text
 
 _HEADER = re.compile(rb"(?:[^\n]*\n)*?DATA[ \t]+(ascii|binary|binary_compressed)[ \t]*\r?\n", re.IGNORECASE)
 _KINDS = {b"F": "f", b"I": "i", b"U": "u"}
 _SIZES = {"f": (4, 8), "i": (1, 2, 4, 8), "u": (1, 2, 4, 8)}
 _LONGEST_HEADER = 10_000
+_AXES, _NORMALS = ("x", "y", "z"), ("normal_x", "normal_y", "normal_z")
 
 
 class _Layout(NamedTuple):
@@ -24,9 +25,16 @@ class _Layout(NamedTuple):
     dtype: np.dtype[np.void]
     num_points: int
 
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The fields that are read: coordinates, and normals if it has some."""
+        return _AXES + _NORMALS if _NORMALS[0] in (self.dtype.names or ()) else _AXES
 
-def read_pcd(content: bytes) -> Float64[np.ndarray, "N 3"]:
-    """Read the points of a PCD file; leave out those that are not finite, which stand for pixels without a point.
+
+def read_pcd(content: bytes) -> RawPoints:
+    """Read the points of a PCD file, with normals in fields normal_x, normal_y and normal_z.
+
+    Points that are not finite, which stand for pixels without a point, are left out.
 
     Raises:
         MeshError: a damaged file.
@@ -41,14 +49,16 @@ def read_pcd(content: bytes) -> Float64[np.ndarray, "N 3"]:
         )
     layout = _layout(found.group())
     body, form = content[found.end() :], found[1].lower()
-    points = {b"ascii": _text, b"binary": _binary, b"binary_compressed": _compressed}[form](body, layout)
+    read = {b"ascii": _text, b"binary": _binary, b"binary_compressed": _compressed}[form]
+    columns = read(body, layout)
+    points, normals = columns[:, :3], columns[:, 3:] if columns.shape[1] > len(_AXES) else None
     finite = np.isfinite(points).all(axis=1)
     if not finite.all():
         left_out = count_text(int((~finite).sum()), "point")
         warnings.warn(f"left out {left_out} with a coordinate that is not finite", MeshfitWarning, stacklevel=2)
     if not finite.any():
         raise MeshError("no points in it")
-    return np.asarray(points[finite])
+    return RawPoints(points[finite], None if normals is None else normals[finite])
 
 
 def _layout(header: bytes) -> _Layout:
@@ -69,8 +79,10 @@ def _layout(header: bytes) -> _Layout:
     if max(counts) > 10_000:
         raise MeshError(f"its header has a COUNT of {max(counts)}")
     points = _integers(rows, b"POINTS") or [math.prod(_integers(rows, b"WIDTH") + _integers(rows, b"HEIGHT"))]
+    has_normals = all(names.count(axis) == 1 and counts[names.index(axis)] == 1 for axis in map(str.encode, _NORMALS))
+    kept = {axis.encode() for axis in (_AXES + _NORMALS if has_normals else _AXES)}
     fields = [
-        (name.decode() if name in (b"x", b"y", b"z") else f"column {place}", code, (count,))
+        (name.decode() if name in kept else f"column {place}", code, (count,))
         for place, (name, code, count) in enumerate(zip(names, codes, counts, strict=True))
     ]
     return _Layout(np.dtype(fields), points[0])
@@ -90,11 +102,11 @@ def _text(body: bytes, layout: _Layout) -> NDArray[np.float64]:
     if len(words) != width * layout.num_points:
         raise MeshError(f"expected {layout.num_points} points of {width} numbers, got {len(words)} numbers")
     rows = np.array(words, dtype=bytes).reshape(-1, max(width, 1))
-    chosen = [int(places[list(widths).index(axis)]) for axis in "xyz"]
+    chosen = [int(places[list(widths).index(axis)]) for axis in layout.columns]
     try:
         return rows[:, chosen].astype(np.float64)
     except ValueError:
-        raise MeshError("expected numbers in the columns x, y and z") from None
+        raise MeshError(f"expected numbers in the columns {', '.join(layout.columns)}") from None
 
 
 def _binary(body: bytes, layout: _Layout) -> NDArray[np.float64]:
@@ -102,7 +114,7 @@ def _binary(body: bytes, layout: _Layout) -> NDArray[np.float64]:
         found = len(body) // layout.dtype.itemsize
         raise MeshError(f"cut short: its header announces {layout.num_points} points, but the file has {found}")
     records = np.frombuffer(body, layout.dtype, layout.num_points)
-    return np.stack([records[axis][:, 0].astype(np.float64) for axis in "xyz"], axis=1)
+    return np.stack([records[axis][:, 0].astype(np.float64) for axis in layout.columns], axis=1)
 
 
 def _compressed(body: bytes, layout: _Layout) -> NDArray[np.float64]:
@@ -115,10 +127,10 @@ def _compressed(body: bytes, layout: _Layout) -> NDArray[np.float64]:
     columns = _decompressed(body[8 : 8 + packed], size)
     start, points = 0, {}
     for name, field in (layout.dtype.fields or {}).items():
-        if name in "xyz":
+        if name in layout.columns:
             points[name] = np.frombuffer(columns, field[0].base, layout.num_points, start).astype(np.float64)
         start += layout.num_points * field[0].itemsize
-    return np.stack([points[axis] for axis in "xyz"], axis=1)
+    return np.stack([points[axis] for axis in layout.columns], axis=1)
 
 
 def _decompressed(data: bytes, size: int) -> bytes:

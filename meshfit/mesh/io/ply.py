@@ -111,6 +111,17 @@ def ply_files(content: bytes, folder: Path) -> list[Path]:
     return files.found
 
 
+def read_ply_normals(content: bytes) -> NDArray[np.float64] | None:
+    """Read (V, 3) the normals of vertices, in file order; None if there are none.
+
+    Raises:
+        MeshError: the file is damaged.
+    """
+    rows = read_elements(content).rows
+    names = {prop.name for prop in rows["vertex"].element.properties} if "vertex" in rows else set()
+    return rows["vertex"].numbers(*_NORMALS) if names.issuperset(_NORMALS) else None
+
+
 def write_ply(
     mesh: Mesh | PolygonMesh, normals: NDArray[np.float64] | None = None, *, textures: Sequence[str] = ()
 ) -> bytes:

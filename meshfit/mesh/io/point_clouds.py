@@ -1,13 +1,28 @@
-"""Load point clouds, and the vertices of meshes."""
+"""Load point clouds, with their normals, and the vertices of meshes."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float64
 
+from meshfit.doors import no_type_check
+from meshfit.errors import MeshError, MeshfitWarning
+from meshfit.mesh.any_mesh import as_path
 from meshfit.mesh.cleaning import require_finite_verts
-from meshfit.mesh.io.files import POINT_FORMATS, open_mesh_file, parse_file, read_soup
-from meshfit.mesh.io.mesh_file import MeshFile
+from meshfit.mesh.io.files import POINT_FORMATS, encode_mesh, mesh_output_suffix, open_mesh_file, parse_file, read_soup
+from meshfit.mesh.io.mesh_file import MeshFile, write_file
+from meshfit.mesh.io.obj import read_obj_normals
+from meshfit.mesh.io.ply import read_ply_normals
+from meshfit.mesh.io.raw_points import RawPoints
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.point_cloud import PointCloud
+from meshfit.paths import path_text
+from meshfit.units import count_text
+
+_NORMALS = {".ply": read_ply_normals, ".obj": read_obj_normals}
+# Points on a line, up to rounding, are no surface.
+_THIN = 1e-9
 
 
 def load_points(path: str | Path | MeshFile, *, file_format: str | None = None) -> Float64[np.ndarray, "N 3"]:
@@ -25,10 +40,97 @@ def load_points(path: str | Path | MeshFile, *, file_format: str | None = None) 
             finite or beyond 1e60.
     """
     file = path if isinstance(path, MeshFile) else open_mesh_file(path, "mesh", file_format)
-    if file.suffix in POINT_FORMATS:
-        points = parse_file(file, POINT_FORMATS[file.suffix].read, POINT_FORMATS)
-    else:
-        points = read_soup(file).verts
-    points = np.asarray(points, dtype=np.float64)
+    points = np.asarray(_read(file).verts, dtype=np.float64)
     require_finite_verts(points, file.name)
     return points
+
+
+@no_type_check
+def load_point_cloud(path: str | Path | MeshFile, *, file_format: str | None = None) -> PointCloud:
+    """Read a point cloud, with its normals if it has some: PLY, OBJ, XYZ, PTS, TXT, ASC, CSV, PCD, LAS or LAZ.
+
+    Of a mesh file, the points are its vertices. Duplicates and points that are not finite are left out.
+
+    Args:
+        path: of the file, which may be compressed; the text `-` is standard input.
+        file_format: the format, such as `xyz`, in place of the suffix.
+
+    Example:
+        >>> import meshfit
+        >>> meshfit.save_mesh("octahedron", "points.obj")
+        >>> meshfit.load_point_cloud("points.obj")
+        PointCloud(6 points, box 2 × 2 × 2)
+
+    Raises:
+        MeshError: no such file, an unknown format, an unreadable file, fewer than four points, or points on a line.
+
+    Warns:
+        MeshfitWarning: of points and normals that are left out.
+    """
+    file = path if isinstance(path, MeshFile) else open_mesh_file(as_path(path), "mesh", file_format)
+    raw = _read(file)
+    verts, normals = np.asarray(raw.verts, dtype=np.float64), raw.normals
+    if normals is not None and len(normals) != len(verts):
+        counts = f"{count_text(len(normals), 'normal')}, as there are {count_text(len(verts), 'point')}"
+        warnings.warn(f"{file.name}: left out {counts}", MeshfitWarning, stacklevel=2)
+        normals = None
+    finite = np.isfinite(verts).all(axis=1)
+    if not finite.all():
+        left_out = count_text(int((~finite).sum()), "point")
+        text = f"{file.name}: left out {left_out} with a coordinate that is not finite"
+        warnings.warn(text, MeshfitWarning, stacklevel=2)
+        verts, normals = verts[finite], None if normals is None else normals[finite]
+    require_finite_verts(verts, file.name)
+    first = np.sort(np.unique(verts, axis=0, return_index=True)[1])
+    if len(first) < len(verts):
+        text = f"{file.name}: left out {count_text(len(verts) - len(first), 'duplicate point')}"
+        warnings.warn(text, MeshfitWarning, stacklevel=2)
+        verts, normals = verts[first], None if normals is None else normals[first]
+    try:
+        cloud = PointCloud(verts, normals)
+    except MeshError as error:
+        raise MeshError(f"{file.name}: {error}") from None
+    sizes = np.linalg.svd(verts - verts.mean(axis=0), compute_uv=False)
+    if sizes[1] <= _THIN * sizes[0]:
+        raise MeshError(
+            f"{file.name}: its {count_text(len(verts), 'point')} lie on a line: there is no surface in them"
+        )
+    return cloud
+
+
+def encode_point_cloud(cloud: PointCloud, suffix: str = ".ply") -> bytes:
+    """Return the bytes of a file of points, with their normals, which is read back to the last bit."""
+    return encode_mesh(Mesh(cloud.verts, []), suffix, cloud.normals)
+
+
+def save_point_cloud(cloud: PointCloud, path: str | Path, *, file_format: str | None = None) -> None:
+    """Write points, with their normals, as PLY or OBJ, in double precision.
+
+    Args:
+        cloud: the points.
+        path: of the file, as for `save_mesh`.
+        file_format: the format, such as `ply`, in place of the suffix.
+
+    Raises:
+        MeshError: another format, or a path that cannot be written.
+    """
+    suffix = mesh_output_suffix(path, file_format)
+    if suffix not in _NORMALS:
+        raise MeshError(f"{path_text(path)}: points are written as PLY or OBJ; give a name in .ply or .obj")
+    write_file(path, encode_point_cloud(cloud, suffix))
+
+
+def read_written_points(file: MeshFile) -> PointCloud | None:
+    """Return the points of a file that `encode_point_cloud` wrote, exactly; None if it has faces."""
+    soup = read_soup(file)
+    if len(soup.sizes):
+        return None
+    return PointCloud(soup.verts, read_ply_normals(file.content))
+
+
+def _read(file: MeshFile) -> RawPoints:
+    if file.suffix in POINT_FORMATS:
+        return parse_file(file, POINT_FORMATS[file.suffix].read, POINT_FORMATS)
+    verts = read_soup(file).verts
+    read = _NORMALS.get(file.suffix)
+    return RawPoints(verts, None if read is None else parse_file(file, read, _NORMALS))

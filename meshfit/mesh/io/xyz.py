@@ -8,10 +8,14 @@ from jaxtyping import Float64, Int64
 from numpy.typing import NDArray
 
 from meshfit.errors import MeshError
+from meshfit.mesh.io.raw_points import RawPoints
 
 _COMMENT = re.compile(rb"(?:#|//)[^\n]*")
 _BLANK_BETWEEN = re.compile(rb"[^\s,;][ \t]+[^\s,;]")
 _LONGEST = 40
+_NORMALS = ((b"nx", b"ny", b"nz"), (b"normal_x", b"normal_y", b"normal_z"), (b"normalx", b"normaly", b"normalz"))
+# Rows are taken for normals if their lengths differ from 1 by less than this, as numbers of three digits do.
+_UNIT = 0.01
 
 
 class _Table(NamedTuple):
@@ -31,11 +35,16 @@ class _Table(NamedTuple):
         return _Table(self.words[int(self.sizes[0]) :], self.numbers[1:], self.sizes[1:])
 
 
-def read_xyz(content: bytes) -> Float64[np.ndarray, "N 3"]:
+def read_xyz(content: bytes, *, with_normals: bool = True) -> RawPoints:
     """Read the first three columns of each line, or those named x, y and z.
 
-    Blanks, commas or semicolons separate columns; `#` and `//` begin comments. A line of one integer announces the
-    number of points that follow it, in one block or several.
+    Normals are in columns named nx, ny and nz, or normal_x and so on; without names, they are the next three columns,
+    or the last three, if each of these rows has length 1. Blanks, commas or semicolons separate columns; `#` and `//`
+    begin comments. A line of one integer announces the number of points that follow it, in one block or several.
+
+    Args:
+        content: of the file.
+        with_normals: whether it may have normals.
 
     Raises:
         MeshError: naming the line at fault.
@@ -44,11 +53,13 @@ def read_xyz(content: bytes) -> Float64[np.ndarray, "N 3"]:
     if not len(table.sizes):
         raise MeshError("no points in it")
     columns: tuple[int, ...] = (0, 1, 2)
+    of_normals: list[tuple[int, ...]] | None = None
     if not _is_number(table.words[0]):
-        columns = _named_columns(table.line(0), int(table.numbers[0]))
+        columns, of_normals = _named_columns(table.line(0), int(table.numbers[0]))
         table = table.without_first()
     _check_blocks(table)
-    return _coordinates(table, columns)
+    points = _coordinates(table, columns)
+    return RawPoints(points, _normals(table, of_normals) if with_normals else None)
 
 
 def _table(content: bytes) -> _Table:
@@ -79,11 +90,13 @@ def _without_separators(text: bytes) -> bytes:
     return text.replace(b";", b" ").replace(b",", b" ")
 
 
-def _named_columns(names: list[bytes], number: int) -> tuple[int, ...]:
+def _named_columns(names: list[bytes], number: int) -> tuple[tuple[int, ...], list[tuple[int, ...]]]:
+    """Return the columns of coordinates, and those of normals, if there are some."""
     lower = [name.strip(b"\"'").lower() for name in names]
     if not {b"x", b"y", b"z"} <= set(lower):
         raise MeshError(f"line {number}: expected numbers, or columns named x, y and z, got {_shown(names)}")
-    return tuple(lower.index(name) for name in (b"x", b"y", b"z"))
+    named = [axes for axes in _NORMALS if set(axes) <= set(lower)]
+    return tuple(map(lower.index, (b"x", b"y", b"z"))), [tuple(map(lower.index, axes)) for axes in named[:1]]
 
 
 def _check_blocks(table: _Table) -> None:
@@ -125,6 +138,24 @@ def _coordinates(table: _Table, columns: tuple[int, ...]) -> Float64[np.ndarray,
             f"line {table.numbers[rows[bad]]}: expected numbers, got {_shown(words[bad].tolist())}"
         ) from None
     return _finite(points, table.numbers[rows])
+
+
+def _normals(table: _Table, named: list[tuple[int, ...]] | None) -> NDArray[np.float64] | None:
+    """Return (N, 3) the normals in named columns, or in some whose rows have length 1; None if there are none."""
+    rows = np.flatnonzero(table.sizes > 1)
+    width = int(table.sizes[rows[0]])
+    unnamed = [(3, 4, 5), (width - 3, width - 2, width - 1)] if width >= 6 else []
+    starts = (np.cumsum(table.sizes) - table.sizes)[rows]
+    for columns in dict.fromkeys(unnamed if named is None else named):
+        try:
+            vectors = np.array(table.words, dtype=bytes)[starts[:, None] + np.array(columns)].astype(np.float64)
+        except (ValueError, IndexError):
+            continue
+        lengths = np.linalg.norm(np.nan_to_num(vectors), axis=1)
+        known = lengths > 0
+        if named is not None or (known.any() and np.abs(lengths[known] - 1).max() < _UNIT):
+            return np.asarray(vectors)
+    return None
 
 
 def _finite(points: NDArray[np.float64], numbers: Int64[np.ndarray, " N"]) -> Float64[np.ndarray, "N 3"]:

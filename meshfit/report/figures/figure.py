@@ -173,7 +173,7 @@ def _rows(
 ) -> tuple[tuple[tuple[Panel | None, ...], ...], ColourBar]:
     """The pictures of a target: sources, if there are several, then results, then distances; and their colour bar."""
     camera, aspect = target.camera, target.aspect
-    distances = [distances_to(meshes.result, meshes.target) for meshes in target.meshes]
+    distances = [distances_to(meshes.result, meshes.measured_to) for meshes in target.meshes]
     limit = shared_limit(distances)
     results = [
         mesh_panel(meshes.result, camera, size, *result_lines(trial, metric, style))

@@ -12,9 +12,11 @@ from meshfit.experiment.storage.plan_file import UpChoice, planned_up
 from meshfit.experiment.storage.run_directory import RESULT
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.normalisation import frame_of
+from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.targets import NAMED_TARGETS, load_target, target_title
 from meshfit.paths import is_folder, is_regular_file, path_text
 from meshfit.report.figures.camera import Camera, camera_of, is_turned
+from meshfit.report.figures.cloud_surfels import drawn, measurable
 from meshfit.report.figures.colours import shared_limit
 from meshfit.report.figures.layout import DPI, ColourBar, PanelRow, distance_panel, mesh_panel, write_rows
 from meshfit.report.figures.trial_meshes import distances_to, read_trial_meshes
@@ -32,10 +34,11 @@ class RenderedMesh:
 
     Attributes:
         title: text below it.
-        mesh: the mesh.
+        mesh: the mesh; of a cloud of points, their discs.
         viewed_like: the mesh whose camera it is seen from, its target; meshes with the same one share a camera.
         against: the mesh that its distances are measured to; None for a single colour.
         up: the axis that points up, of the experiment that it is from.
+        cloud: the points that the discs of the mesh show; None for a mesh.
     """
 
     title: str
@@ -43,6 +46,7 @@ class RenderedMesh:
     viewed_like: Mesh
     against: Mesh | None = None
     up: UpChoice = "auto"
+    cloud: PointCloud | None = None
 
 
 def collect_meshes(names: Sequence[str], against: str | None = None) -> tuple[list[RenderedMesh], str]:
@@ -59,7 +63,8 @@ def collect_meshes(names: Sequence[str], against: str | None = None) -> tuple[li
     # Trials know their own target, whose file may be gone.
     only_trials = all(is_folder(text.rpartition("=")[2]) for text in names)
     target = None if against is None or only_trials else _load(against)
-    first_file = target
+    measured_to = None if target is None else measurable(target)
+    first_file = None if target is None else drawn(target)
     meshes: list[RenderedMesh] = []
     frames: dict[str, None] = {}
     for text in names:
@@ -68,10 +73,13 @@ def collect_meshes(names: Sequence[str], against: str | None = None) -> tuple[li
             of_trial, frame = _trial(Path(name), title, against)
             meshes += of_trial
         else:
-            mesh, frame = _load(name), _frame(against or name)
+            loaded, frame = _load(name), _frame(against or name)
+            mesh, cloud = drawn(loaded), loaded if isinstance(loaded, PointCloud) else None
             own_view = target is None and name in NAMED_TARGETS
             like = mesh if own_view or first_file is None else first_file
-            meshes.append(RenderedMesh(title or target_title(name), mesh, like, target))
+            # Points are not measured to others: their discs are wider than they are.
+            goal = measured_to if cloud is None else None
+            meshes.append(RenderedMesh(title or target_title(name), mesh, like, goal, cloud=cloud))
             if first_file is None and name not in NAMED_TARGETS:
                 first_file = mesh
         frames[frame] = None
@@ -200,8 +208,8 @@ def _frame(name: str) -> str:
     return "tutorial" if name in NAMED_TARGETS else "none"
 
 
-def _load(name: str) -> Mesh:
-    """A named target in its tutorial frame, or a mesh file in its own coordinates."""
+def _load(name: str) -> Mesh | PointCloud:
+    """A named target in its tutorial frame, or a file of a mesh or points in its own coordinates."""
     mesh = load_target(name)
     return frame_of(mesh.verts, "tutorial").normalise(mesh) if name in NAMED_TARGETS else mesh
 
@@ -224,12 +232,11 @@ def _trial(folder: Path, title: str, against: str | None) -> tuple[list[Rendered
     measured_to = None
     if against is not None:
         own = _is_target(against, settings["targets"][0])
-        measured_to = trial.target if own else trial.frame.normalise(load_target(against))
-    shown = (
-        (f"source, {name}", trial.source, None),
-        (f"result, {name}", trial.result, measured_to),
-        (trial.facts["target_title"], trial.target, None),
-    )
-    up = planned_up(folder)
-    meshes = [RenderedMesh(text, mesh, trial.target, measured, up) for text, mesh, measured in shown]
+        measured_to = trial.measured_to if own else measurable(trial.frame.normalise(load_target(against)))
+    up, like = planned_up(folder), trial.target
+    meshes = [
+        RenderedMesh(f"source, {name}", trial.source, like, None, up),
+        RenderedMesh(f"result, {name}", trial.result, like, measured_to, up),
+        RenderedMesh(trial.facts["target_title"], trial.target, like, None, up, trial.cloud),
+    ]
     return meshes, settings.get("normalise", "tutorial")

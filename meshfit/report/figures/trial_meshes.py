@@ -16,7 +16,9 @@ from meshfit.mesh.geometry import bounding_box_diagonal
 from meshfit.mesh.io.files import load_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.normalisation import Frame
+from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.proximity import point_distances
+from meshfit.report.figures.cloud_surfels import drawn, measurable
 
 SOURCE, FITTED = "source.ply", "result.ply"
 
@@ -34,7 +36,9 @@ class TrialMeshes:
         frame: map from the target file's coordinates to the normalised ones.
         source: the subdivided source mesh.
         result: the fitted mesh.
-        target: the target.
+        target: the target, as it is drawn: points as discs.
+        measured_to: the target, as distances are measured to it.
+        cloud: the points of the target; None if it is a mesh.
     """
 
     facts: Result
@@ -42,6 +46,8 @@ class TrialMeshes:
     source: Mesh
     result: Mesh
     target: Mesh
+    measured_to: Mesh
+    cloud: PointCloud | None = None
 
 
 def read_trial_meshes(folder: Path) -> TrialMeshes:
@@ -57,7 +63,9 @@ def read_trial_meshes(folder: Path) -> TrialMeshes:
     except (KeyError, TypeError, IndexError, ValueError) as error:
         raise StoreError(f"{folder / RESULT}: not the result of a trial: {error}") from None
     source, result = (read_normalised(folder / name, facts) for name in (SOURCE, FITTED))
-    return TrialMeshes(facts, frame, source, result, frame.normalise(read_target(folder, facts)))
+    target = frame.normalise(read_target(folder, facts))
+    cloud = target if isinstance(target, PointCloud) else None
+    return TrialMeshes(facts, frame, source, result, drawn(target), measurable(target), cloud)
 
 
 def read_normalised(path: Path, facts: Result) -> Mesh:

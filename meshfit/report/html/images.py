@@ -59,14 +59,17 @@ def draw_pictures(section: TargetSection) -> Iterator[Picture]:
         return
     camera, aspect = _framed(section)
     size = _WIDTH, round(_WIDTH / aspect)
-    if section.target is not None:
-        yield _picture(section.target, camera, size, "target", section.title, f"The target, {section.title}")
+    if section.drawn_target is not None:
+        alt = f"The target, {section.title}: {section.target_size}"
+        yield _picture(section.drawn_target, camera, size, "target", section.title, alt)
     for name, mesh in section.sources:
-        detail, alt = name if len(section.sources) > 1 else "", f"The source of {name} for {section.title}"
+        detail = name if len(section.sources) > 1 else ""
+        alt = f"The source of {name} for {section.title}: {mesh.num_faces:,} faces"
         yield _picture(mesh, camera.centred_on(mesh, aspect), size, "source", detail, alt)
     for trial in section.trials:
         detail = f"{section.metric} {trial.value}, seed {trial.seed}" if trial.value else ""
-        yield _picture(trial.mesh, camera, size, trial.label, detail, f"The result of {trial.label} on {section.title}")
+        alt = f"The result of {trial.label} on {section.title}: {trial.mesh.num_faces:,} faces"
+        yield _picture(trial.mesh, camera, size, trial.label, detail, alt)
 
 
 def draw_distances(section: TargetSection) -> Iterator[Picture]:
@@ -83,14 +86,14 @@ def draw_distances(section: TargetSection) -> Iterator[Picture]:
 def _framed(section: TargetSection) -> tuple[Camera, float]:
     """The camera that frames target and results, and width by height of its pictures, which are not too tall."""
     meshes = [trial.mesh for trial in section.trials]
-    meshes = meshes if section.target is None else [section.target, *meshes]
+    meshes = meshes if section.drawn_target is None else [section.drawn_target, *meshes]
     camera, aspect = camera_of(meshes[0], section.up).framing(*meshes)
     return camera.framing(*meshes, aspect=_SMALLEST_ASPECT) if aspect < _SMALLEST_ASPECT else (camera, aspect)
 
 
 def _picture(mesh: Mesh, camera: Camera, size: tuple[int, int], title: str, detail: str, alt: str) -> Picture:
     image = draw(mesh, camera, size=size, background=None)
-    return Picture(_data_uri(image), size, title, detail, f"{alt}: {mesh.num_faces:,} faces")
+    return Picture(_data_uri(image), size, title, detail, alt)
 
 
 def _distance_picture(

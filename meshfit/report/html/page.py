@@ -63,7 +63,7 @@ def read_report(
 
     Args:
         roots: the run directories.
-        metrics: names of metrics; pictures and curves are of the first.
+        metrics: names of metrics; pictures and curves are of the first. Without any, that of `build_tables`.
         baseline: the scheme that others are compared with; by default the first.
         now: the time, for how long trials have been running.
         labels: names to print, each as NAME=LABEL.

@@ -15,7 +15,9 @@ from meshfit.experiment.storage.targets import read_target
 from meshfit.fitting.external.tools import works_from_target
 from meshfit.measuring.metrics import METRICS
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.point_cloud import PointCloud
 from meshfit.report.figures.camera import is_turned
+from meshfit.report.figures.cloud_surfels import drawn, measurable
 from meshfit.report.figures.colours import shared_limit
 from meshfit.report.figures.representative_trial import RepresentativeTrial, TrialIndex, representative
 from meshfit.report.figures.trial_meshes import (
@@ -29,6 +31,7 @@ from meshfit.report.tables.layout import SHORTFALL, row_titles
 from meshfit.report.tables.notes import FRAMES
 from meshfit.report.tables.numbers import format_number
 from meshfit.report.tables.table import Row, Table
+from meshfit.units import count_text
 
 TrialsByRow = Mapping[int, Mapping[int, Result]]
 """Results on one target, by index of the table's row, then by seed."""
@@ -71,7 +74,7 @@ class TargetSection:
         rows: labels of the table's rows.
         trials_by_row: all results on the target.
         values_by_row: their values of the first metric.
-        target: the target mesh; None if it is missing or has changed.
+        target: the target; None if it is missing or has changed.
         trials: the loaded trials, one per row that can be read.
         left_out: labels of the rows that there is no room for.
         problems: messages about files that could not be read.
@@ -85,7 +88,7 @@ class TargetSection:
     rows: Sequence[str]
     trials_by_row: TrialsByRow
     values_by_row: Mapping[int, Mapping[int, float]]
-    target: Mesh | None
+    target: Mesh | PointCloud | None
     trials: Sequence[LoadedTrial]
     left_out: Sequence[str]
     problems: Sequence[str]
@@ -101,6 +104,23 @@ class TargetSection:
         return [(name, mesh) for name, (_, mesh) in zip(names, groups, strict=True)]
 
     @cached_property
+    def drawn_target(self) -> Mesh | None:
+        """The target as it is drawn: points as discs."""
+        return None if self.target is None else drawn(self.target)
+
+    @cached_property
+    def measured_to(self) -> Mesh | None:
+        """The target as distances are measured to it."""
+        return None if self.target is None else measurable(self.target)
+
+    @property
+    def target_size(self) -> str:
+        """The size of the target in words."""
+        if self.target is None:
+            return ""
+        return count_text(self.target.num_faces or self.target.num_verts, "face" if self.target.num_faces else "point")
+
+    @cached_property
     def distances(self) -> list[Float64[np.ndarray, " V"]]:
         """The distances of all trials that have some."""
         return [trial.distances for trial in self.trials if trial.distances is not None]
@@ -113,9 +133,9 @@ class TargetSection:
     @property
     def first_mesh(self) -> Mesh | None:
         """The mesh that sets the view: the target, or a result without it; None where nothing is shown."""
-        if self.target is None:
+        if self.drawn_target is None:
             return self.trials[0].mesh if self.trials else None
-        return self.target
+        return self.drawn_target
 
     @property
     def is_turned(self) -> bool:
@@ -196,10 +216,11 @@ def _read_section(
     chosen = {place: representative(by_seed, values[place]) for place, by_seed in trials.items()}
     shown = list(chosen)[:most]
     problems: list[str] = []
-    mesh = _read_target(chosen[shown[0]], problems)
+    target_mesh = _read_target(chosen[shown[0]], problems)
+    measured_to = None if target_mesh is None else measurable(target_mesh)
     whole = METRICS[metric].format == "d"
     schemes = {row: table.scheme_title(chosen[row].scheme) for row in shown}
-    loaded = [_load(chosen[row], row, (titles[row], schemes[row]), mesh, problems, whole=whole) for row in shown]
+    loaded = [_load(chosen[row], row, (titles[row], schemes[row]), measured_to, problems, whole=whole) for row in shown]
     return TargetSection(
         key=key,
         title=title,
@@ -208,7 +229,7 @@ def _read_section(
         rows=titles,
         trials_by_row=trials,
         values_by_row=values,
-        target=mesh,
+        target=target_mesh,
         trials=[trial for trial in loaded if trial is not None],
         left_out=[titles[row] for row in list(chosen)[most:]],
         problems=problems,
@@ -216,7 +237,7 @@ def _read_section(
     )
 
 
-def _read_target(trial: RepresentativeTrial, problems: list[str]) -> Mesh | None:
+def _read_target(trial: RepresentativeTrial, problems: list[str]) -> Mesh | PointCloud | None:
     try:
         return frame_of(trial.result).normalise(read_target(trial.folder, trial.result))
     except MeshfitError as error:

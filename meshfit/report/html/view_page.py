@@ -10,7 +10,6 @@ import numpy as np
 
 from meshfit.experiment.storage.plan_file import UpChoice
 from meshfit.experiment.storage.run_directory import RESULT
-from meshfit.measuring.metrics import DEFAULT_METRIC
 from meshfit.mesh.geometry import bounding_box
 from meshfit.optional import import_optional
 from meshfit.paths import is_folder
@@ -25,6 +24,7 @@ from meshfit.report.html.viewer import (
     ViewerMesh,
     compress,
     pack_scene,
+    viewer_cloud,
     viewer_mesh,
     viewer_meshes,
     viewer_scene,
@@ -67,7 +67,7 @@ def collect_scenes(names: Sequence[str], against: str | None = None, up: UpChoic
 
 
 def _scenes_of_runs(runs: Sequence[Path], up: UpChoice | None) -> list[Scene]:
-    data = read_report(runs, [DEFAULT_METRIC], None, datetime.now(UTC))
+    data = read_report(runs, [], None, datetime.now(UTC))
     sections = read_sections(data.tables, data.results, MOST_TRIALS, lambda *_: None, up)
     read = [(section, tuple(viewer_meshes(section))) for section in sections]
     return [
@@ -96,6 +96,8 @@ def _scene(shown: Sequence[RenderedMesh], up: UpChoice | None) -> Scene:
     limit = shared_limit([values for values in distances if values is not None])
     meshes = tuple(
         viewer_mesh(each.mesh, values, limit, each.title, each.against)
+        if each.cloud is None
+        else viewer_cloud(each.cloud, limit, each.title)
         for each, values in zip(shown, distances, strict=True)
     )
     verts = np.concatenate([each.mesh.verts for each in shown])

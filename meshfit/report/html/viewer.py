@@ -13,7 +13,9 @@ from jaxtyping import Float64
 from meshfit.mesh.geometry import bounding_box
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.meshlab import decimate
+from meshfit.mesh.point_cloud import PointCloud
 from meshfit.report.figures.camera import Vector, camera_of
+from meshfit.report.figures.cloud_surfels import surfels
 from meshfit.report.figures.trial_meshes import distances_to
 from meshfit.report.html.target_section import TargetSection
 
@@ -46,10 +48,10 @@ class ViewerMesh:
 def viewer_meshes(section: TargetSection) -> Iterator[ViewerMesh]:
     """Quantise the target and the results of a section, in the order of the page."""
     if section.target is not None and section.trials:
-        small, note = _decimated(section.target)
+        small, note = _small_target(section.target)
         yield quantise(small, None, section.limit, "target", note)
     for trial in section.trials:
-        yield viewer_mesh(trial.mesh, trial.distances, section.limit, trial.label, section.target)
+        yield viewer_mesh(trial.mesh, trial.distances, section.limit, trial.label, section.measured_to)
 
 
 def viewer_mesh(
@@ -60,6 +62,12 @@ def viewer_mesh(
     if small is not mesh and target is not None:
         distances = distances_to(small, target)
     return quantise(small, distances, limit, title, note)
+
+
+def viewer_cloud(cloud: PointCloud, limit: float, title: str) -> ViewerMesh:
+    """Quantise the points of a cloud as triangles; of many, some."""
+    small, note = _small_target(cloud)
+    return quantise(small, None, limit, title, note)
 
 
 def viewer_scene(section: TargetSection, meshes: Sequence[ViewerMesh]) -> bytes:
@@ -114,6 +122,14 @@ def quantise(
     if distances is not None:
         arrays["values"] = np.rint(np.clip(distances / limit, 0.0, 1.0) * 255).astype("u1").tobytes()
     return ViewerMesh(title, note, (float(low[0]), float(low[1]), float(low[2])), extent, wide, arrays)
+
+
+def _small_target(target: Mesh | PointCloud) -> tuple[Mesh, str]:
+    """A target of at most `MOST_FACES` faces, one for each point of a cloud, and a note if it was reduced."""
+    if not isinstance(target, PointCloud):
+        return _decimated(target)
+    small = surfels(target, MOST_FACES, corners=3)
+    return small, f"{small.num_faces:,} of {target.num_verts:,} points" if small.num_faces < target.num_verts else ""
 
 
 def _decimated(mesh: Mesh) -> tuple[Mesh, str]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from meshfit.errors import ConfigError
 from meshfit.experiment.storage.run_directory import Result
-from meshfit.measuring.metrics import DEFAULT_METRIC, METRICS, require_metric
+from meshfit.measuring.metrics import DEFAULT_METRIC, DEFAULT_METRIC_OF_CLOUDS, METRICS, require_metric
 from meshfit.report.tables.grouping import (
     Variation,
     differing_keys,
@@ -205,6 +205,15 @@ def _best(samples: Mapping[Row, BySeed], *, smaller_is_better: bool | None) -> R
     return best if all(differ(samples[best], samples[row]) for row in samples if row != best) else None
 
 
+def default_metric(results: Iterable[Result]) -> str:
+    """Return the metric of results if none is chosen: from the target to the result, where a target is points.
+
+    Open meshes keep the symmetric distance: it is to their surface, without the spacing of points in it, and an open
+    sheet that is fitted by a sheet is to be matched both ways.
+    """
+    return DEFAULT_METRIC_OF_CLOUDS if any("cloud" in result for result in results) else DEFAULT_METRIC
+
+
 def build_tables(
     results: Sequence[Result],
     *metrics: str,
@@ -216,7 +225,7 @@ def build_tables(
 
     Args:
         results: the contents of `result.json` files.
-        metrics: names of `METRICS`; by default `DEFAULT_METRIC`.
+        metrics: names of `METRICS`; by default `default_metric` of the results.
         baseline: the scheme that others are compared with; by default the first of each variation.
         schemes: order of the rows, as for `group_results`.
         targets: order of the columns, as for `group_results`.
@@ -226,7 +235,7 @@ def build_tables(
         SchemeError: the baseline is not a scheme.
         StoreError: results that contradict each other.
     """
-    metrics = tuple(dict.fromkeys(metrics or (DEFAULT_METRIC,)))
+    metrics = tuple(dict.fromkeys(metrics or (default_metric(results),)))
     for metric in metrics:
         require_metric(metric)
     if baseline is not None:
