@@ -324,13 +324,16 @@ class _Measuring:
         from meshfit.mesh.any_target import require_mesh
         from meshfit.mesh.io.mesh_file import write_file
         from meshfit.mesh.outer_surface import outer_surface
+        from meshfit.mesh.point_cloud import PointCloud
 
         loaded = require_mesh(self.load(name), name)
         result = self.frame.normalise(loaded)
         self._warn_of_mismatch(name, loaded, result)
         values = measure_mesh(result, self.target, self.settings).to_dict()
         if self.write is not None:
-            target = outer_surface(self.target) if self.settings.surface == "outer" else self.target
+            target = self.target
+            if self.settings.surface == "outer" and not isinstance(target, PointCloud):
+                target = outer_surface(target)
             content = encode_deviation(result, deviation(result, target), format_suffix(self.write))
             write_file(self.write, content)
         return values

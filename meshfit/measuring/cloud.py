@@ -180,7 +180,11 @@ def _scores(
     at = (np.arange(settings.points) + for_target.random(settings.points)) * (total[-1] / settings.points)
     drawn = np.searchsorted(total, at, side="right").clip(max=cloud.num_verts - 1)
     on_target = Samples(cloud.verts[drawn], normals[drawn])
-    return scores_of(surface_samples(result, settings.points, for_result), on_target, settings.f_score_tau)
+    return scores_of(
+        surface_samples(result, settings.points, for_result),
+        on_target,
+        settings.tau(bounding_box_diagonal(cloud.verts)),
+    )
 
 
 def _normal_angle(ways: tuple[_Directed, _Directed], *, signed: bool) -> NormalAngle:

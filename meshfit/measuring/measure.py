@@ -27,8 +27,8 @@ from meshfit.mesh.any_mesh import MeshLike
 from meshfit.mesh.geometry import bounding_box_diagonal
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.outer_surface import outer_surface
-from meshfit.mesh.proximity import nearest_on_surface
 from meshfit.mesh.point_cloud import PointCloud
+from meshfit.mesh.proximity import nearest_on_surface
 from meshfit.optional import import_pandas
 from meshfit.printable import value_text
 from meshfit.settings import override
@@ -200,8 +200,9 @@ def measure(  # noqa: PLR0913  the settings, by name
     whole, goal = as_triangles(result, "result"), as_target(target)
     require_surface(whole, "result")
     if isinstance(goal, PointCloud):
-        surface = outer_surface(whole) if settings.surface == "outer" else whole
-        parts = measure_to_cloud(surface, goal, settings)
+        seen = outer_surface(whole) if settings.surface == "outer" else whole
+        parts = measure_to_cloud(seen, goal, settings)
+        parts = parts._replace(farthest=_with_faces_of(parts.farthest, (seen, whole), None))
         return Measurement(**parts._asdict(), quality=mesh_quality(whole, "result"))
     result, target = whole, goal
     all_of_target = target
@@ -218,14 +219,17 @@ def measure(  # noqa: PLR0913  the settings, by name
     )
 
 
-def _with_faces_of(farthest: Farthest, results: tuple[Mesh, Mesh], targets: tuple[Mesh, Mesh]) -> Farthest:
+def _with_faces_of(farthest: Farthest, results: tuple[Mesh, Mesh], targets: tuple[Mesh, Mesh] | None) -> Farthest:
     """Replace the faces of outer surfaces, which come first, by those of the meshes that they are parts of."""
 
-    def in_whole(meshes: tuple[Mesh, Mesh], face: int, position: Position) -> int:
-        outer, whole = meshes
-        return face if outer is whole else int(nearest_on_surface(whole, np.array([position])).faces[0])
+    def in_whole(meshes: tuple[Mesh, Mesh] | None, face: int | None, position: Position) -> int | None:
+        if meshes is None or meshes[0] is meshes[1]:
+            return face
+        return int(nearest_on_surface(meshes[1], np.array([position])).faces[0])
 
-    def replaced(point: FarthestPoint, origin: tuple[Mesh, Mesh], other: tuple[Mesh, Mesh]) -> FarthestPoint:
+    def replaced(
+        point: FarthestPoint, origin: tuple[Mesh, Mesh] | None, other: tuple[Mesh, Mesh] | None
+    ) -> FarthestPoint:
         face, nearest = in_whole(origin, point.face, point.position), in_whole(other, point.nearest_face, point.nearest)
         return replace(point, face=face, nearest_face=nearest)
 
