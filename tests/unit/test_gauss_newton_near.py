@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from meshfit.fitting.gauss_newton import engine as gauss_newton
-from meshfit.fitting.gauss_newton.closeness import Closeness, is_near
+from meshfit.fitting.gauss_newton.closeness import Closeness, hidden_share, is_near
 from meshfit.fitting.gauss_newton.engine import GaussNewton
 from meshfit.fitting.gauss_newton.fit_state import FitState
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
@@ -62,6 +62,16 @@ def test_closeness_of_concentric_spheres_is_the_difference_of_their_radii():
     found = Closeness.of(outer, goal)
     assert found.rms == pytest.approx(0.1, rel=0.05)
     assert 0.09 < found.worst < 0.12
+
+
+def test_what_parts_of_a_target_hide_of_each_other_is_a_share_of_its_area():
+    outer, inner = ball(3), ball(3, 0.5)
+    goal = Mesh(
+        np.concatenate([outer.verts, inner.verts]), np.concatenate([outer.faces, inner.faces + outer.num_verts])
+    )
+    assert hidden_share(outer) == 0
+    assert hidden_share(goal) == pytest.approx(0.2, rel=0.05)  # 0.5² of 1 + 0.5²
+    assert hidden_share(Mesh(goal.verts, goal.faces[1:])) == 0
 
 
 def test_a_fit_from_a_near_source_skips_the_search_and_keeps_genus_and_detail():

@@ -24,24 +24,31 @@ FIRST, SECOND, THIRD = (surface(make()) for make in (icosahedron, octahedron, la
 
 
 @pytest.mark.parametrize(
-    ("shares", "best", "settled"),
-    [((0.9, 0.8, 0.95), 2, False), ((0.9, 0.97, 0.95), 1, False), ((0.999, 0.8, 1.0), 0, True)],
+    ("shares", "hidden", "best", "settled"),
+    [
+        ((0.8, 0.9, 0.95), 0.0, 2, False),
+        ((0.9, 0.97, 0.95), 0.0, 1, True),
+        ((0.999, 0.8, 1.0), 0.0, 0, True),
+        ((0.9, 0.91, 1.0), 0.0, 1, True),  # the second gained too little for a third
+        ((0.9, 0.91, 1.0), 0.4, 0, True),  # what is left is hidden
+    ],
 )
-def test_the_search_with_most_matched_points_is_kept_and_a_good_one_is_enough(shares, best, settled):
+def test_the_search_with_most_matched_points_is_kept_and_a_good_one_is_enough(shares, hidden, best, settled):
     rough = Restarts()
     assert not rough.settled
     for share, found in zip(shares, (FIRST, SECOND, THIRD), strict=True):
         rough.matched = share
-        kept = rough.end_search(found)
+        kept = rough.end_search(found, lambda: hidden)
     assert kept is (FIRST, SECOND, THIRD)[best]
     assert rough.settled == settled
 
 
 @pytest.mark.parametrize("best", [None, FIRST])
 def test_restarts_are_restored_to_the_byte(best):
-    rough = Restarts(best, 0.5, 0.25, 0.125)
+    rough = Restarts(best, 0.5, 0.25, 0.125, settled=best is None)
     again = Restarts.restored(rough.saved(), torch.float64, torch.device("cpu"))
     assert (again.share, again.matched, again.distance) == (0.5, 0.25, 0.125)
+    assert again.settled == rough.settled
     assert (again.best is None) == (best is None)
     if again.best is not None:
         assert torch.equal(again.best.verts, best.verts)

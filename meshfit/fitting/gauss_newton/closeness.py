@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float64
@@ -10,10 +11,12 @@ from torch import Generator
 from meshfit.fitting.gauss_newton.correspondences import find_correspondences
 from meshfit.fitting.gauss_newton.surface import Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
-from meshfit.mesh.geometry import bounding_box_diagonal
+from meshfit.mesh.geometry import bounding_box_diagonal, face_normals
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.proximity import point_distances
+from meshfit.mesh.point_cloud import PointCloud
+from meshfit.mesh.proximity import is_inside, point_distances
 from meshfit.mesh.sampling import sample_surface
+from meshfit.mesh.topology import Topology
 
 # A surface is near if its mean distance from the target is below this share of its mean edge length, and of the
 # target's diagonal; if this share of its points is matched; and if nearly all points are within so many edge lengths.
@@ -23,6 +26,8 @@ _NEAR_MATCHED = 0.9
 _NEARLY_ALL, _FAR_EDGES = 0.98, 2.0
 # Samples of each surface that distances are measured from; about as many vertices are added.
 _SAMPLES = 20_000
+# Samples of the target that are tested for whether they are hidden, and their distance from it in diagonals.
+_HIDDEN_SAMPLES, _OFF = 5000, 0.002
 # A fit ends worse than it began if its root mean square distance is larger, and more than this share of the diagonal;
 # or if its largest one is so many times as large, and more than that share.
 _WORSE_RMS, _FAR_RMS = 1.02, 1e-4
@@ -54,6 +59,18 @@ class Closeness:
         """Return whether a fit that ends so has lost what it began with."""
         farther = self.worst > max(_WORSE_MAX * other.worst, _FAR_DIAGONAL * self.diagonal)
         return self.rms > max(_WORSE_RMS * other.rms, _FAR_RMS * self.diagonal) or farther
+
+
+@lru_cache(maxsize=8)
+def hidden_share(target: Mesh | PointCloud) -> float:
+    """Return the share of a closed target's area that lies inside other parts of it; 0 for any other target."""
+    if isinstance(target, PointCloud) or not Topology.of(target).is_watertight:
+        return 0.0
+    samples = sample_surface(target, _HIDDEN_SAMPLES, np.random.default_rng(0))
+    off = _OFF * bounding_box_diagonal(target.verts)
+    points = samples.points + off * face_normals(target)[samples.faces]
+    # The exact winding number is not needed so far from where it changes.
+    return float(is_inside(target, points, np.full(len(points), np.inf)).mean())
 
 
 def _distances(origin: Mesh, surface: Mesh) -> Float64[np.ndarray, " N"]:

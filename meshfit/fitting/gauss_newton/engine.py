@@ -1,6 +1,6 @@
 """The Gauss–Newton engine: fits that follow a schedule of stages, with restarts of the rough shape."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from typing import Any
@@ -10,12 +10,12 @@ from torch import Generator, Tensor
 
 from meshfit.errors import ConfigError
 from meshfit.fitting.gauss_newton.attributes import carried_attributes, initial_rest
-from meshfit.fitting.gauss_newton.closeness import Closeness, is_near
+from meshfit.fitting.gauss_newton.closeness import Closeness, hidden_share, is_near
 from meshfit.fitting.gauss_newton.fit_state import FitState
 from meshfit.fitting.gauss_newton.refinement import control_mesh, linearly_refined, refine_state, with_control_mesh
 from meshfit.fitting.gauss_newton.schedule import Stage, rough_verts, schedule
 from meshfit.fitting.gauss_newton.sphere_map import initial_sphere_map
-from meshfit.fitting.gauss_newton.step_limiting import unsound_faces
+from meshfit.fitting.gauss_newton.step_limiting import faults_of, unsound_faces
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.fitting.loop import Engine
@@ -30,13 +30,16 @@ from meshfit.mesh.topology import PolygonTopology, Topology
 from meshfit.subdivision.limit import has_loop_limit
 from meshfit.subdivision.refine import growth
 from meshfit.subdivision.registry import resolve
+from meshfit.units import count_text
 
 COLUMNS = ("step", "distance", "verts", "matched", "fairness", "point_weight", "held_back")
 
 _REMEDY = "raise fit.fairness, or place the source nearer to the target"
 # From this share of matched points on, a restart gains nothing: the points of membranes and of pinched-off parts are
-# among the unmatched.
-_ENOUGH = 0.992
+# among the unmatched. Nor does it where the last one left more than the second number of what was unmatched before.
+_ENOUGH, _WORTHWHILE = 0.992, 0.75
+# Share of the target's points among all that are matched, on the rough shape: 4 of 13 per vertex.
+_OF_TARGET = 4 / 13
 # From this share on, a search for the rough shape ends once its fairness is lowest; and a level ends at a step before
 # which the distance is more than the second number times that of the step before.
 _COMPLETE, _STILL = 0.999, 0.97
@@ -51,6 +54,7 @@ class Restarts:
         share: its share of matched points; -1 before the end of the first search.
         matched: share of matched points in the last step.
         distance: distance before the last step.
+        settled: whether no further restart is necessary, or none promises more.
         still: whether the last step of the present stage hardly changed the surface, so that its others are left out.
     """
 
@@ -58,17 +62,13 @@ class Restarts:
     share: float = -1.0
     matched: float = 0.0
     distance: float = 0.0
+    settled: bool = False
     still: bool = False
 
     @classmethod
     def unneeded(cls, distance: float) -> "Restarts":
         """Return no searches at all, for a source at this distance from the target, which is small."""
-        return cls(None, 1.0, 1.0, distance)
-
-    @property
-    def settled(self) -> bool:
-        """Whether no further restart is necessary."""
-        return self.share >= _ENOUGH
+        return cls(None, 1.0, 1.0, distance, settled=True)
 
     def record(self, stage: Stage, number: int, distance: float, matched: float) -> None:
         """Take note of a step, and of whether the rest of its stage, or of its search, is unnecessary."""
@@ -80,24 +80,33 @@ class Restarts:
             self.still = stage.settles and softest and slow
         self.matched, self.distance = matched, distance
 
-    def end_search(self, state: FitState) -> FitState:
-        """Record the state at the end of a search, and return the best state so far."""
+    def end_search(self, state: FitState, hidden: Callable[[], float]) -> FitState:
+        """Record the state at the end of a search, and return the best state so far.
+
+        Args:
+            state: the state.
+            hidden: returns the share of the target that no surface can match.
+        """
         self.still = False
-        if self.best is None or (not self.settled and self.matched > self.share):
+        if self.settled:
+            return self.best or state
+        promising = self.best is None or 1 - self.matched < _WORTHWHILE * (1 - self.share)
+        if self.best is None or self.matched > self.share:
             self.best, self.share = state, self.matched
+        self.settled = not promising or self.share >= _ENOUGH or self.share + _OF_TARGET * hidden() >= _ENOUGH
         return self.best
 
     def saved(self) -> dict[str, Any]:
         """Return everything as numbers and tensors, for `restored`."""
         best = None if self.best is None else self.best.saved()
-        numbers = {"share": self.share, "matched": self.matched, "distance": self.distance, "still": self.still}
-        return {"best": best} | numbers
+        numbers = {"share": self.share, "matched": self.matched, "distance": self.distance}
+        return {"best": best, "settled": self.settled, "still": self.still} | numbers
 
     @classmethod
     def restored(cls, saved: dict[str, Any], dtype: torch.dtype, device: torch.device) -> "Restarts":
         """Return the restarts that `saved` returned."""
         best = None if saved["best"] is None else FitState.restored(saved["best"], dtype, device)
-        return cls(best, saved["share"], saved["matched"], saved["distance"], saved["still"])
+        return cls(best, saved["share"], saved["matched"], saved["distance"], saved["settled"], saved["still"])
 
 
 class GaussNewton(Engine):
@@ -195,16 +204,34 @@ class GaussNewton(Engine):
         stage, _ = plan[self.done]
         self.done += 1
         if stage.attempt is not None and (self.done == self.steps or plan[self.done][0].attempt != stage.attempt):
-            self._states = [past.end_search(state) for past, state in zip(self._restarts, self._states, strict=True)]
+            self._states = [self._end_search(member, state) for member, state in enumerate(self._states)]
         if self.done == self.steps:
             # Steps make no sound face unsound; those left were so when they were put in place.
             self._states = [state.untangled() for state in self._states]
             self._states = [self._not_worse(member, state) for member, state in enumerate(self._states)]
+            for member, state in enumerate(self._states):
+                self._shortfalls[member] += self._faults(state)
         return distances
+
+    def _end_search(self, member: int, state: FitState) -> FitState:
+        target = self.problems[member].target
+        return self._restarts[member].end_search(state, lambda: hidden_share(target))
 
     def shortfalls(self, member: int) -> list[str]:
         """Return what the fit did not reach, in words."""
         return self._shortfalls[member]
+
+    def _faults(self, state: FitState) -> list[str]:
+        """Return what is not as wanted of the surface itself, in words."""
+        count, wanted = len(state.verts), self.settings.verts
+        if not bool(state.verts.isfinite().all()):
+            return []
+        texts = faults_of(state.shape)
+        if self.settings.connectivity == "remeshed" and count > wanted:
+            pieces = state.pattern.connectivity.pieces[0]
+            why = f"its {count_text(pieces, 'piece')} cannot do with fewer" if pieces > 1 else "it cannot do with fewer"
+            texts.append(f"too many vertices: {count:,}, more than the {wanted:,} wanted, as {why}")
+        return texts
 
     def _not_worse(self, member: int, state: FitState) -> FitState:
         """Return the state at the end, or the source's own surface where a fit from a near source has lost by it."""

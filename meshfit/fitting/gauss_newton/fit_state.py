@@ -23,8 +23,11 @@ from meshfit.remeshing.state import RemeshState
 _REMESH_ROUNDS = 3
 # Lengths fall with curvature to this power where a connectivity is placed; the sphere map follows in part only.
 _PLACED_POWER = 0.55
-# Shares of the largest number of vertices to aim for, in turn, until a remesh stays below it.
-_SHARES = (0.96, 0.9, 0.82)
+# Shares of the largest number of vertices to aim for, in turn, until a remesh stays below it; with more than the second
+# number times as many, no share will do.
+_SHARES, _FAR_ABOVE = (0.96, 0.9, 0.82), 1.2
+# Least number of vertices of a piece without boundary, and of one with a boundary.
+_LEAST_CLOSED, _LEAST_OPEN = 4, 3
 _MAP_STEPS, _LAST_MAP_STEPS = 4, 40
 # Where a step was held back, fairness is multiplied by this, up to the second number; the factor then decays.
 _STIFFER, _STIFFEST, _DECAY = 4.0, 64.0, 0.8
@@ -117,6 +120,12 @@ class FitState:
         }
 
     @property
+    def least_verts(self) -> int:
+        """Number of vertices below which no surface has these pieces."""
+        closed = not len(self.pattern.connectivity.edges.outer)
+        return (_LEAST_CLOSED if closed else _LEAST_OPEN) * self.pattern.connectivity.pieces[0]
+
+    @property
     def shape(self) -> Shape:
         """The current surface."""
         if self.controlled is not None:
@@ -158,9 +167,11 @@ class FitState:
             num_verts: largest number of vertices, which is nearly reached.
             target: shortens edges where it is curved; None for edges of one length.
         """
+        if self.least_verts > num_verts:
+            return self
         for share in _SHARES:
             state = self._remeshed_once(share * num_verts, target)
-            if len(state.verts) <= num_verts:
+            if len(state.verts) <= num_verts or len(state.verts) > _FAR_ABOVE * num_verts:
                 break
         unsound = int(unsound_faces(state.shape).sum())
         if len(state.verts) > num_verts or unsound > int(unsound_faces(self.shape).sum()):
@@ -169,6 +180,8 @@ class FitState:
 
     def decimated(self, num_verts: int) -> "FitState":
         """Return the surface reduced to a number of vertices by quadrics, with no more unsound faces than before."""
+        if self.least_verts > num_verts:
+            return self.untangled()
         faces, before = self.pattern.connectivity.faces, int(unsound_faces(self.shape).sum())
         state = self
         for careful in (False, True):

@@ -1,5 +1,7 @@
 """Step limiting: steps are shortened where faces would intersect, flip, or become needles."""
 
+import math
+
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
@@ -7,7 +9,11 @@ from torch import Tensor
 from meshfit.fitting.gauss_newton.equations import ControlledSurface
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.remeshing.self_intersections import intersecting_faces
+from meshfit.remeshing.triangle_geometry import corners_of, normal_and_sine
+from meshfit.units import count_text
 
+# Angle in degrees below which a face is reported.
+_LEAST_ANGLE = 1.0
 # Least double area of a face, in squares of its longest edge.
 _NEEDLE = 0.02
 _ATTEMPTS, _HALVINGS = 12, 4
@@ -29,6 +35,16 @@ def unsound_faces(shape: Shape, among: Bool[Tensor, " F"] | None = None) -> Bool
     longest = shape.edge_lengths[connectivity.edges.of_side].amax(1)
     bad = connectivity.edges.flipped(shape.normals) | ~(shape.double_area >= _NEEDLE * longest.square())
     return bad | intersecting_faces(connectivity.apart(shape.verts), connectivity.faces, among=among)
+
+
+def faults_of(shape: Shape) -> list[str]:
+    """Return in words how many faces cross others or have a tiny angle; other pieces count unless they may cross."""
+    connectivity, verts = shape.connectivity, shape.verts.double()
+    _, sines = normal_and_sine(*corners_of(verts, connectivity.faces))
+    crossing = int(intersecting_faces(connectivity.apart(verts), connectivity.faces).sum())
+    needles = int((sines < math.sin(math.radians(_LEAST_ANGLE))).sum())
+    texts = [f"self-intersecting: {count_text(crossing, 'face')}"] if crossing else []
+    return texts + ([f"thin faces: {count_text(needles, 'face')} with an angle below 1 degree"] if needles else [])
 
 
 def limit_step(

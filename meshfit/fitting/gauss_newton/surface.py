@@ -34,11 +34,16 @@ class Connectivity:
     crossing: bool = False
 
     @cached_property
-    def cells(self) -> Float[Tensor, "V 3"]:
-        """The cell of a cubic grid for each vertex, one for each piece."""
+    def pieces(self) -> tuple[int, Int64[np.ndarray, " V"]]:
+        """The number of pieces, and the piece of each vertex."""
         faces = self.faces.cpu().numpy()
         ends = np.concatenate([faces[:, 0], faces[:, 1]]), np.concatenate([faces[:, 1], faces[:, 2]])
-        count, piece = graph_components(*ends, self.num_verts)
+        return graph_components(*ends, self.num_verts)
+
+    @cached_property
+    def cells(self) -> Float[Tensor, "V 3"]:
+        """The cell of a cubic grid for each vertex, one for each piece."""
+        count, piece = self.pieces
         side = math.ceil(count ** (1 / 3))
         cell = np.stack([piece % side, piece // side % side, piece // side**2], axis=1) - (side - 1) / 2
         return torch.tensor(cell, dtype=self.dtype, device=self.faces.device)
