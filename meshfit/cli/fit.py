@@ -162,6 +162,16 @@ def fit(
             rich_help_panel=SCANS,
         ),
     ] = None,
+    surface: Annotated[
+        Literal["all", "outer"],
+        typer.Option(
+            "--surface",
+            help="Surface to fit to: all of the target, or outer, what can be seen of it from outside, as one skin "
+            "without the parts inside.",
+            metavar="all|outer",
+            rich_help_panel=_FIT,
+        ),
+    ] = "all",
     seed: Annotated[
         int, typer.Option("--seed", min=0, max=2**32 - 1, help="Seed.", metavar="N", rich_help_panel=_FIT)
     ] = 0,
@@ -233,7 +243,7 @@ def fit(
     Examples:
         meshfit fit bunny -o fitted.obj
         meshfit fit scan.stl -o fitted.ply --verts 40000 --measure
-        meshfit fit parts.obj -o skin.glb --source wrap  # one closed surface
+        meshfit fit parts.obj -o skin.glb --surface outer  # one skin, without what lies inside
         meshfit fit points.xyz -o surface.ply  # a cloud of points
         meshfit fit head.obj -o head-fitted.obj --source sphere --connectivity fixed
         meshfit fit scan.obj -o fitted.glb --source template.glb --connectivity fixed  # keeps its texture
@@ -258,6 +268,7 @@ def fit(
         levels=levels,
         connectivity=connectivity,
         source=source,
+        surface=surface,
         seed=seed,
         device=device,
         sensor=None if sensor is None else _parse_position("--sensor", sensor),
@@ -286,7 +297,7 @@ def fit(
         from meshfit.cli.measure import measure as print_metrics
 
         for verdict, _ in verdicts:
-            print_metrics([verdict.output, verdict.target], weld=weld, repair=repair)
+            print_metrics([verdict.output, verdict.target], surface=surface, weld=weld, repair=repair)
     if many and len(verdicts) < len(targets):
         err.print(f"fitted {len(verdicts)} of {count_text(len(targets), 'target')}", soft_wrap=True, markup=False)
     return 0 if len(verdicts) == len(targets) else EXIT_FAILED

@@ -29,6 +29,7 @@ class FitOptions:
     levels: int | None
     connectivity: Literal["remeshed", "fixed"]
     source: str
+    surface: Literal["all", "outer"]
     seed: int
     device: str | None
     sensor: tuple[float, float, float] | None
@@ -84,6 +85,8 @@ def _plain(target: str, options: FitOptions) -> Iterator[str]:
     yield _setting("targets", [_absolute(target)])
     yield _setting("schemes", [options.scheme])
     yield _setting("seeds", [options.seed])
+    if options.surface != "all":
+        yield _setting("target.surface", options.surface)
     yield _setting("fit.connectivity", options.connectivity)
     if options.cleaning.weld:
         yield _setting("weld", options.cleaning.weld)

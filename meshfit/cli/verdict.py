@@ -30,6 +30,7 @@ class Verdict:
         made_from: what the source was made from: `target`, `wrap`, `sphere`, `solid` or `file`.
         reason: why.
         shortfalls: what the result lacks of the target, in words.
+        surface: the part of the target that distances are from, `all` or `outer`.
     """
 
     target: str
@@ -51,6 +52,7 @@ class Verdict:
     made_from: str
     reason: str
     shortfalls: tuple[str, ...]
+    surface: str
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values and the advice as plain data."""
@@ -97,7 +99,9 @@ class Verdict:
 
     @property
     def _from(self) -> str:
-        """Words for the only direction that counts, of a cloud."""
+        """Words for the only direction that counts, of a cloud, or for the outer surface."""
+        if self.surface == "outer":
+            return " from the outer surface"
         return f" from {count_text(self.target_points, 'point')}" if self.target_points else ""
 
     @property
@@ -150,4 +154,10 @@ def verdict_of(target: str, output: str, folder: "Path", record: "Result") -> Ve
         made_from=record["source"].get("made_from", ""),
         reason=record["source"].get("reason", ""),
         shortfalls=tuple(record.get("shortfalls", ())),
+        surface=_surface(record["settings"]),
     )
+
+
+def _surface(settings: "Result") -> str:
+    surfaces = (settings.get(key, {}).get("surface", "all") for key in ("target", "measure"))
+    return "outer" if "outer" in surfaces else "all"

@@ -19,7 +19,7 @@ from pydantic import (
 from meshfit.errors import SchemeError
 from meshfit.fitting.settings import METHODS, Dtype, FirstOrderSettings, FitSettings, default_fit
 from meshfit.measuring.settings import MeasureSettings
-from meshfit.mesh.cleaning_options import CleaningOptions, Repair
+from meshfit.mesh.cleaning_options import CleaningOptions, Repair, Surface
 from meshfit.settings import DEFAULT_KIND, KIND_KEY, Settings
 from meshfit.subdivision.registry import SURFACES, Definitions, canonical, entry_of, registry_with, schemes_on, spec_of
 
@@ -140,7 +140,8 @@ class SourceSettings(Settings):
 
     mesh: str = "icosahedron"
     """Control mesh: `target`, the trial's target with few faces; `wrap`, one closed surface around it; `auto`, the
-    target, or a wrap where it is a cloud or a soup that crosses itself; `sphere`, a small one inside the target;
+    target, or a wrap where it is a cloud or a soup that crosses itself, and where the outer surface of a target is in
+    open pieces; `sphere`, a small one inside the target;
     `icosahedron`, `octahedron`, `tetrahedron`, `cube`, `icosphere` or `icosphere:level=N`; the name of a target, or the
     path of a mesh file."""
     decimate: Annotated[int, Field(ge=4)] | None = None
@@ -206,8 +207,11 @@ class SourceSettings(Settings):
 
 
 class TargetSettings(Settings):
-    """What is known of the targets besides their files."""
+    """What is known of the targets besides their files, and what of them counts."""
 
+    surface: Surface = "all"
+    """Part of a target's surface that is fitted to and measured from: `all`, or what can be seen of it from outside,
+    `outer`: then parts that lie inside others are left out, and a source made from the target is one skin."""
     sensor: tuple[float, float, float] | None = None
     """Position that a scan was taken from, in the coordinates and the unit of the target's file, towards which the
     normals of its points are oriented where the file has none; null orients them from neighbour to neighbour, outwards.
@@ -232,7 +236,7 @@ class ExperimentSettings(Settings):
     """Named targets (see `meshfit targets`) or paths of files of meshes or points, relative to this file. Points (PLY,
     OBJ, XYZ, PTS, PCD, LAS and the like without faces) need `fit.method: gauss-newton`."""
     target: TargetSettings = TargetSettings()
-    """What is known of the targets besides their files."""
+    """What is known of the targets besides their files, and what of them counts."""
     define: Annotated[Definitions, Field(examples=[_OWN_SCHEMES])] = Field(default_factory=dict)
     """Your own schemes by name, for `schemes` to list: defined by their masks, or as a push-back of another scheme
     towards interpolation."""

@@ -9,7 +9,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from meshfit.config.experiment import NO_EFFECT_ON_RESULTS, ExperimentSettings, SourceSettings
+from meshfit.config.experiment import NO_EFFECT_ON_RESULTS, ExperimentSettings, SourceSettings, TargetSettings
 from meshfit.config.loading import Experiment
 from meshfit.config.sweeps import Variant, variants_of
 from meshfit.errors import ConfigError, Faults
@@ -91,11 +91,14 @@ class Trial:
     def plain_settings(self) -> dict[str, Any]:
         """The settings as plain data, without those that have no effect on results.
 
-        Definitions, creases, alphas, `wanted_verts` and `wrap` are left out where they are not set, so that trials of
-        older versions, which did not have them, keep their identities.
+        Definitions, creases, alphas, `wanted_verts`, `wrap` and `target` are left out where they are not set, so that
+        trials of older versions, which did not have them, keep their identities.
         """
+        default = {"target"} if self.settings.target == TargetSettings() else set()
         unset = {key for key in _KEYS_OMITTED_IF_NULL if getattr(self.settings.source, key) is None}
-        plain = self.settings.model_dump(mode="json", exclude=NO_EFFECT_ON_RESULTS | {"source": unset})
+        plain = self.settings.model_dump(
+            mode="json", exclude=NO_EFFECT_ON_RESULTS | {"source": unset, **dict.fromkeys(default, True)}
+        )
         return plain if plain["define"] else {key: value for key, value in plain.items() if key != "define"}
 
     @property
@@ -230,6 +233,8 @@ def _check_kind(target: str, checked: CheckedTarget, settings: ExperimentSetting
         able = [tool for tool, entry in TOOLS.items() if entry.points]
         remedy = f"fit.tool: {', '.join(able)}" if fit.tool is not None else "fit.format: ply or obj"
         raise ConfigError(f"{cloud} {fit.name} needs; use {remedy}, or fit.method: gauss-newton")
+    if settings.target.surface == "outer":
+        raise ConfigError(f"{cloud} target.surface: outer selects from; remove it")
     if settings.source.mesh == "target":
         raise ConfigError(f"{cloud} source.mesh: target starts from; use source.mesh: wrap or auto")
 

@@ -11,7 +11,7 @@ import numpy as np
 from meshfit.config.experiment import MADE_FROM_TARGET, MAX_LEVELS, SourceSettings
 from meshfit.errors import ConfigError, MeshError, MeshfitError
 from meshfit.mesh.cleaning import VertexMap
-from meshfit.mesh.cleaning_options import CleaningOptions
+from meshfit.mesh.cleaning_options import CleaningOptions, Surface
 from meshfit.mesh.control_mesh import ORIGINS, ControlMesh, Wrap, control_mesh_of
 from meshfit.mesh.io.vertex_values import read_vertex_property, read_vertex_values
 from meshfit.mesh.mesh import Mesh, Verts
@@ -45,7 +45,12 @@ AnyMesh = Mesh | PolygonMesh
 
 
 def build_source(
-    settings: SourceSettings, scheme: str | Scheme, name: str = "this scheme", target: Mesh | PointCloud | None = None
+    settings: SourceSettings,
+    scheme: str | Scheme,
+    name: str = "this scheme",
+    target: Mesh | PointCloud | None = None,
+    *,
+    surface: Surface = "all",
 ) -> AnyMesh:
     """Build the mesh that a fit starts from: polygons if the scheme refines polygons, else triangles.
 
@@ -57,6 +62,7 @@ def build_source(
         scheme: the scheme that refines it, or its spec.
         name: the scheme's name in messages; its spec if that is given.
         target: the trial's target in its normalised frame, which some control meshes are made from.
+        surface: the part of the target's surface that this is.
 
     Raises:
         ConfigError: the control mesh is neither built in, nor a target, nor a file; or it is decimated or made from the
@@ -67,7 +73,7 @@ def build_source(
     if isinstance(scheme, str):
         name = scheme
     scheme = resolve(scheme)
-    mesh, vertex_map = _control_mesh(settings, target, polygons=isinstance(scheme, PolygonScheme))
+    mesh, vertex_map = _control_mesh(settings, target, surface, polygons=isinstance(scheme, PolygonScheme))
     creases = _creases(settings, scheme, name, mesh, vertex_map)
     scheme = _with_alphas(settings, scheme, name, vertex_map)
     try:
@@ -100,7 +106,9 @@ def relocated(settings: SourceSettings, where: Callable[[str], str]) -> SourceSe
     return settings.model_copy(update=changes)
 
 
-def made_from_target(settings: SourceSettings, target: Mesh | PointCloud) -> ControlMesh | None:
+def made_from_target(
+    settings: SourceSettings, target: Mesh | PointCloud, surface: Surface = "all"
+) -> ControlMesh | None:
     """Return the control mesh that a source is made from with a trial's target; None if it is made without.
 
     Raises:
@@ -113,7 +121,7 @@ def made_from_target(settings: SourceSettings, target: Mesh | PointCloud) -> Con
     verts = max(4, round(wanted / 4**settings.levels)) if settings.decimate is None else None
     wrap = None if settings.wrap is None else Wrap(settings.wrap.alpha, settings.wrap.offset)
     with _error_prefix("source.mesh"):
-        return control_mesh_of(target, origin, verts=verts, faces=settings.decimate, wrap=wrap)
+        return control_mesh_of(target, origin, verts=verts, faces=settings.decimate, wrap=wrap, surface=surface)
 
 
 def stand_in(settings: SourceSettings) -> SourceSettings:
@@ -138,9 +146,9 @@ def expected_verts(settings: SourceSettings, scheme: Scheme) -> int:
     return build_source(stand_in(settings), scheme).num_verts
 
 
-def describe_source(settings: SourceSettings, target: Mesh | PointCloud) -> dict[str, object]:
+def describe_source(settings: SourceSettings, target: Mesh | PointCloud, surface: Surface = "all") -> dict[str, object]:
     """Return what a source is made from, and why, for the records of a trial."""
-    made = made_from_target(settings, target)
+    made = made_from_target(settings, target, surface)
     if made is not None:
         return made.record
     kind = "sphere" if settings.project == "sphere" else "solid"
@@ -148,7 +156,7 @@ def describe_source(settings: SourceSettings, target: Mesh | PointCloud) -> dict
 
 
 def _control_mesh(
-    settings: SourceSettings, target: Mesh | PointCloud | None, *, polygons: bool
+    settings: SourceSettings, target: Mesh | PointCloud | None, surface: Surface, *, polygons: bool
 ) -> tuple[AnyMesh, VertexMap | None]:
     """Load, decimate and place the control mesh.
 
@@ -160,7 +168,7 @@ def _control_mesh(
     if settings.is_made_from_target:
         if target is None:
             raise MeshError(f"source.mesh: {settings.mesh}: made from the target of a trial, and there is none")
-        made = made_from_target(settings, target)
+        made = made_from_target(settings, target, surface)
         assert made is not None  # noqa: S101  as it is made from the target
         return PolygonMesh.of(made.mesh) if polygons else made.mesh, None
     mesh, vertex_map = _load(settings.mesh, settings.cleaning, polygons=polygons)

@@ -36,10 +36,12 @@ from meshfit.mesh.alignment import boxes_are_disjoint
 from meshfit.mesh.any_mesh import MeshLike, as_mesh
 from meshfit.mesh.any_target import as_mesh_or_points
 from meshfit.mesh.cleaning import outward
+from meshfit.mesh.cleaning_options import Surface
 from meshfit.mesh.control_mesh import ORIGINS, USUAL_VERTS, Origin, control_mesh_of
 from meshfit.mesh.geometry import bounding_box_diagonal, face_areas
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.normalisation import Frame, Normalisation, frame_of, placed
+from meshfit.mesh.outer_surface import outer_surface
 from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.printable import described, option_text, value_text
@@ -86,6 +88,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     progress: bool = False,
     normalise: Normalisation = "tutorial",
     align: Placement = "auto",
+    surface: Surface = "all",
     # both engines
     trace_every: int | None = None,
     snapshots: int | None = None,
@@ -147,6 +150,8 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
             times larger or smaller: then it is moved and scaled to the target, with a warning; `none` always leaves
             it; `sphere` moves and scales it to the place of the source `sphere`; `center` aligns centroids, `pca`
             principal axes and size as well, and `icp` refines that by iterated closest points.
+        surface: part of the target that is fitted: `all`, or what can be seen of it from outside, `outer`, as
+            `outer_surface` returns it; then the source `auto` is one skin.
         trace_every: number of steps between two rows of the trace.
         snapshots: number of steps between two calls of `on_snapshot`.
         steps: first-order: number of steps.
@@ -216,7 +221,12 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     frame = frame_of(target_mesh.verts, _require_one_of("normalise", normalise, get_args(Normalisation)))
     goal = target_mesh.with_verts((target_mesh.verts - frame.centre) / frame.scale)
     goal = outward(goal)
-    start = _placed_source(source, frame, goal, settings, scheme, _require_one_of("align", align, get_args(Placement)))
+    if _require_one_of("surface", surface, get_args(Surface)) == "outer":
+        if isinstance(target_mesh, PointCloud):
+            raise ConfigError("surface: outer: a cloud of points has no faces, so none are hidden; remove it")
+        goal = frame.normalise(outer_surface(outward(target_mesh)))
+    _require_one_of("align", align, get_args(Placement))
+    start = _placed_source(source, frame, goal, settings, scheme, align, surface)
     restored = _Restored(None if normalise == "none" else frame, on_snapshot)
     shown = shown_progress(settings, on_step, source_verts=start.num_verts, scheme=scheme)
     with shown if progress else nullcontext(on_step) as step_made:
@@ -369,12 +379,13 @@ def _placed_source(
     settings: FitSettings,
     scheme: str | Scheme,
     how: Placement,
+    surface: Surface,
 ) -> Mesh | PolygonMesh:
     """Return the source in the normalised frame, aligned with the target."""
     if isinstance(source, str) and source == "sphere":
         return _around(goal, _sphere(settings, scheme))
     if isinstance(source, str) and source in ORIGINS:
-        return _from_target(goal, source, settings, scheme)
+        return _from_target(goal, source, settings, scheme, surface)
     mesh = as_mesh(source, "source")
     _require_surface(as_mesh(mesh, "source", triangles=True), "source")
     mesh = mesh.with_verts((mesh.verts - frame.centre) / frame.scale)
@@ -404,13 +415,13 @@ def _sphere(settings: FitSettings, scheme: str | Scheme) -> Mesh | PolygonMesh:
 
 
 def _from_target(
-    goal: Mesh | PointCloud, origin: Origin, settings: FitSettings, scheme: str | Scheme
+    goal: Mesh | PointCloud, origin: Origin, settings: FitSettings, scheme: str | Scheme, surface: Surface
 ) -> Mesh | PolygonMesh:
     """Return the source of the bundled config `accurate`: a control mesh made from the target."""
     verts = USUAL_VERTS
     if isinstance(settings, GaussNewtonSettings) and settings.connectivity == "fixed":
         verts = max(12, int((settings.verts - 2) / 4**settings.levels) + 2)
-    mesh = control_mesh_of(goal, origin, verts=verts).mesh
+    mesh = control_mesh_of(goal, origin, verts=verts, surface=surface).mesh
     return PolygonMesh.of(mesh) if isinstance(resolve(scheme), PolygonScheme) else mesh
 
 

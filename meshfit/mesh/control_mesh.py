@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from meshfit.errors import MeshError
+from meshfit.mesh.cleaning_options import Surface
 from meshfit.mesh.geometry import bounding_box_diagonal, face_areas, signed_volume
 from meshfit.mesh.manifold import describe_topology, euler_number
 from meshfit.mesh.mesh import Mesh, SameContent
@@ -102,6 +103,7 @@ def control_mesh_of(
     verts: int | None = None,
     faces: int | None = None,
     wrap: Wrap | None = None,
+    surface: Surface = "all",
 ) -> ControlMesh:
     """Make a control mesh from a target; the same target and arguments give the same bytes in any process.
 
@@ -112,16 +114,19 @@ def control_mesh_of(
         verts: about the largest number of vertices; more where topology needs them.
         faces: number of faces instead; a target with fewer keeps its own.
         wrap: lengths of the wrap.
+        surface: the part of a target that this is: where an outer surface is in open pieces, `auto` makes one skin.
 
     Raises:
         MeshError: nothing to make it from.
     """
     mesh = Mesh(target.verts, []) if isinstance(target, PointCloud) else target
-    return _made(SameContent(mesh), origin, verts, faces, wrap or Wrap())
+    return _made(SameContent(mesh), origin, verts, faces, wrap or Wrap(), surface)
 
 
 @lru_cache(maxsize=8)  # the schemes and seeds of a target start from one control mesh
-def _made(content: SameContent, origin: Origin, verts: int | None, faces: int | None, wrap: Wrap) -> ControlMesh:
+def _made(
+    content: SameContent, origin: Origin, verts: int | None, faces: int | None, wrap: Wrap, surface: Surface
+) -> ControlMesh:
     target = content.mesh
     if not target.num_verts:
         raise MeshError("the target has no vertices")
@@ -130,11 +135,15 @@ def _made(content: SameContent, origin: Origin, verts: int | None, faces: int | 
     reason = "as set"
     pieces = manifold_pieces(target) if target.num_faces else target
     if origin == "auto":
-        origin, reason = _choice(pieces)
+        count, is_closed = piece_of_face(pieces)[0], Topology.of(pieces).is_watertight
+        if surface == "outer" and count > 1 and not is_closed:
+            origin, reason = "wrap", f"one skin around an outer surface in {count} open pieces"
+        else:
+            origin, reason = _choice(pieces)
     if origin == "target":
         return ControlMesh(_reduced(pieces, verts, faces), "target", reason)
-    surface, lengths = _wrapped(target, wrap)
-    return ControlMesh(_reduced(surface, verts, faces), "wrap", reason, lengths)
+    skin, lengths = _wrapped(target, wrap)
+    return ControlMesh(_reduced(skin, verts, faces), "wrap", reason, lengths)
 
 
 def _choice(pieces: Mesh) -> tuple[Literal["target", "wrap"], str]:

@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 
+import meshfit
 from meshfit.errors import MeshError
 from meshfit.mesh.io.files import load_mesh, save_mesh
 from meshfit.mesh.mesh import Mesh
@@ -13,6 +14,7 @@ from meshfit.mesh.solids import octahedron
 from meshfit.subdivision.refine import subdivide
 from tests.cli import invoke, refused, trials_in_this_process
 from tests.shapes import torus
+from tests.soups import ball, joined, two_balls
 
 FEW = ("--set", "fit={coarse_steps: 3, tries: 1, level_steps: 2, last_steps: 1}")
 QUICK = ("--verts", "100", *FEW, "--set", "measure={samples: 500, points: 500}")
@@ -182,3 +184,33 @@ def test_options_at_fault_are_named():
     bumpy("scan.ply")
     for option in ("--scheme", "--source"):
         assert refused("fit", "scan.ply", "-o", "out.obj", option, "foo").startswith(f"error: {option}: 'foo' is n")
+
+
+def test_an_outer_surface_is_fitted_as_one_skin(tmp_path):
+    save_mesh(two_balls(2), "parts.ply")
+    ran = invoke("fit", "parts.ply", "-o", "skin.ply", "--surface", "outer", *QUICK, "--keep", "kept", "--json")
+    assert ran.code == 0, ran.err
+    verdict = json.loads(ran.out)
+    assert verdict["surface"] == "outer"
+    assert verdict["result_topology"] == verdict["target_topology"] == "1 piece, closed, genus 0"
+    assert verdict["crossing_faces"] == 0
+    assert not verdict["shortfalls"]
+    (log,) = (tmp_path / "kept").rglob("*.log")
+    assert re.search(r"target: its outer surface, [\d,]+ faces; 2\d\.\d% of its area is hidden", log.read_text())
+    both = invoke("fit", "parts.ply", "-o", "both.ply", *QUICK, "--json")
+    assert json.loads(both.out)["result_topology"].startswith("2 pieces, closed")
+    measured = json.loads(invoke("measure", "skin.ply", "parts.ply", "--surface", "outer", "--json").out)
+    assert measured["surface"] == "outer"
+    assert measured["hausdorff"]["symmetric"] < 0.2
+    assert json.loads(invoke("measure", "skin.ply", "parts.ply", "--json").out)["hausdorff"]["symmetric"] > 0.8
+    assert invoke("show", *(tmp_path / "kept").rglob("seed-*")).code == 0
+
+
+def test_the_library_fits_an_outer_surface_to_the_same_bytes(tmp_path):
+    save_mesh(joined(ball(level=2), ball(radius=0.5, level=1)), "parts.ply")
+    ran = invoke("fit", "parts.ply", "-o", "skin.ply", "--surface", "outer", *QUICK, "--set", "fit.noise=0")
+    assert ran.code == 0, ran.err
+    settings = meshfit.GaussNewtonSettings(coarse_steps=3, tries=1, level_steps=2, last_steps=1, verts=100, noise=0)
+    with pytest.warns(meshfit.MeshfitWarning, match="2 separate components"):
+        fitted = meshfit.fit("auto", "parts.ply", settings, surface="outer", device="cpu")
+    np.testing.assert_array_equal(load_mesh("skin.ply").verts, fitted.mesh.verts)

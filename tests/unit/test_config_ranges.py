@@ -30,6 +30,7 @@ RANGES = {
     "source.repair": (["split", "refuse"], ["Split", "null", "true"]),
     "weld": (["null", "1e-9", "2.5"], ["0", "-1", ".inf", "small"]),
     "repair": (["split", "refuse"], ["Split", "null", "true"]),
+    "target.surface": (["all", "outer"], ["inner", "null"]),
     "targets": (["[cow]"], ["[]", "cow", "[1]", "[cow, cow]", "null"]),
     "define": (["{}", "{mine: {base: loop}}"], ["null", "[1]", "{Mine: {base: loop}}", "{mine: 3}", "{mine: {}}"]),
     "schemes": (["[loop, 'loop:weights=warren']"], ["[]", "[lop]", "[loop, loop]", "['interp-loop:alpha=2']", "[3]"]),

@@ -37,3 +37,12 @@ def test_the_source_of_all_trials(source, message):
 def test_what_differs_from_trial_to_trial_is_told_to_vary():
     line = source_line({"project": "sphere"}, {"project": "none"})
     assert line.startswith("Source: icosahedron, 4 levels, projection varied")
+
+
+def test_outer_surfaces_are_named():
+    settings = {"target": {"surface": "outer"}, "measure": {"surface": "outer"}}
+    one = result_of(seed=0, steps=100)
+    (table,) = build_tables([one | {"settings": deep_merge(one["settings"], settings)}])
+    fit = setting_lines(table)[1]
+    assert ", to the outer surface of each target; measured on" in fit
+    assert fit.endswith("samples of the outer surfaces, without what they hide")

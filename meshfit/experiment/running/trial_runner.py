@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from meshfit.config.experiment import TargetSettings
 from meshfit.config.strict_yaml import dump
 from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.experiment.plan import Trial, command_files
@@ -56,12 +57,14 @@ from meshfit.mesh.manifold import describe_topology
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.nearest import nearest_point_query
 from meshfit.mesh.normalisation import Frame, Normalisation, frame_of
+from meshfit.mesh.outer_surface import outer_surface
 from meshfit.mesh.point_cloud import PointCloud, oriented_cloud
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.proximity import point_distances
 from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.targets import file_sha256, load_target, target_path
 from meshfit.mesh.topology import Topology
+from meshfit.units import count_text
 
 # A source whose box has this many times the diagonal of the target's is reported; so is a result whose distance is that
 # many times the source's, with a margin for the samples that it is estimated from.
@@ -101,8 +104,9 @@ class TrialRunner:
             inputs = dict(self.trial.inputs)
             name = self.trial.current_path(self.trial.target)
             carried = carried_path(self.trial, self.store)
-            sensor = settings.target.sensor
-            target = _load_target(name, inputs.get("target"), settings.normalise, settings.cleaning, sensor, carried)
+            target = _load_target(
+                name, inputs.get("target"), settings.normalise, settings.cleaning, settings.target, carried
+            )
             carry(carried, lambda: outward(load_target(name, settings.cleaning)))  # removed since it was loaded
             self._frame, self._target = target.frame, target.mesh
             source_settings = relocated(settings.source, self.trial.current_path)
@@ -110,15 +114,16 @@ class TrialRunner:
                 _check_unchanged(name, inputs.get(role))
             for role, path in command_files(settings.fit).items():
                 _check_unchanged(path, inputs.get(role))
-            built = build_source(source_settings, scheme, target=self._target)
-            made = made_from_target(source_settings, self._target)
-            self._source_record = describe_source(source_settings, self._target)
+            built = build_source(source_settings, scheme, target=self._target, surface=settings.target.surface)
+            made = made_from_target(source_settings, self._target, settings.target.surface)
+            self._source_record = describe_source(source_settings, self._target, settings.target.surface)
             triangles = built.triangulated() if isinstance(built, PolygonMesh) else built
             self._source = align(triangles, self._target, "none" if made is not None else settings.source.align)
             _warn_of_differences(self._source, self._target, settings.fit)
         self._warnings = [*target.warnings, *_texts(caught)]
-        if made is not None:
-            self._log.note(made.line)
+        for line in (target.note, "" if made is None else made.line):
+            if line:
+                self._log.note(line)
         for text in self._warnings:
             self._log.note(f"warning: {text}")
         self.store.write(self.trial, CONFIG, dump(self.trial.config))
@@ -268,11 +273,12 @@ class TrialRunner:
 
 
 class _Target(NamedTuple):
-    """A normalised target, its frame, and the warnings of loading it."""
+    """A normalised target, its frame, the warnings of loading it, and a note for the log."""
 
     frame: Frame
     mesh: Mesh | PointCloud
     warnings: tuple[str, ...]
+    note: str
 
 
 @lru_cache(maxsize=2)  # a worker runs the trials of a target in succession, and loading takes longer than measuring
@@ -281,7 +287,7 @@ def _load_target(
     sha256: str | None,
     normalise: Normalisation,
     cleaning: CleaningOptions,
-    sensor: tuple[float, float, float] | None,
+    settings: TargetSettings,
     carried: Path | None,
 ) -> _Target:
     _check_unchanged(name, sha256)
@@ -293,9 +299,19 @@ def _load_target(
         texts = with_turning(texts, "fit")
     carry(carried, lambda: turned)
     frame = frame_of(mesh.verts, normalise)
-    if isinstance(turned, PointCloud) and sensor is not None:
-        turned = oriented_cloud(turned, sensor)
-    return _Target(frame, frame.normalise(turned), tuple(texts))
+    fitted, note = turned, ""
+    if isinstance(turned, PointCloud):
+        fitted = turned if settings.sensor is None else oriented_cloud(turned, settings.sensor)
+    elif settings.surface == "outer":
+        fitted = outer_surface(turned)
+        note = "" if fitted is turned else _hidden_share(turned, fitted)
+    return _Target(frame, frame.normalise(fitted), tuple(texts), note)
+
+
+def _hidden_share(whole: Mesh, outer: Mesh) -> str:
+    areas = [float(face_areas(mesh).sum()) for mesh in (whole, outer)]
+    faces = count_text(outer.num_faces, "face")
+    return f"target: its outer surface, {faces}; {1 - areas[1] / areas[0]:.1%} of its area is hidden"
 
 
 def _check_unchanged(name: str, sha256: str | None) -> None:

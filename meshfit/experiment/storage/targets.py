@@ -129,7 +129,8 @@ def remove_targets(root: Path, paths: Iterable[Path]) -> None:
 def read_target(folder: Path, record: Result) -> "Mesh | PointCloud":
     """Read the target of a trial in its own coordinates: the carried one, else its file if that has not changed.
 
-    A mesh that is inside out is turned, as it was for the fit; points that a sensor saw have normals towards it.
+    A mesh is as it was for the fit: turned if it is inside out, and its outer surface alone where the settings say so;
+    points that a sensor saw have normals towards it.
 
     Args:
         folder: the folder of the trial.
@@ -157,11 +158,16 @@ def _as_fitted(target: "Mesh | PointCloud", record: Result) -> "Mesh | PointClou
     from meshfit.mesh.cleaning import outward
     from meshfit.mesh.point_cloud import PointCloud, oriented_cloud
 
-    sensor = record.get("settings", {}).get("target", {}).get("sensor")
+    settings = record.get("settings", {}).get("target", {})
+    sensor = settings.get("sensor")
     if isinstance(target, PointCloud):
         return target if sensor is None else oriented_cloud(target, sensor)
     mesh: Mesh = outward(target)
-    return mesh
+    if settings.get("surface", "all") == "all":
+        return mesh
+    from meshfit.mesh.outer_surface import outer_surface
+
+    return outer_surface(mesh)
 
 
 def _read_carried(path: Path) -> "Mesh | PointCloud":

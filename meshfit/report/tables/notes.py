@@ -61,10 +61,11 @@ def setting_lines(table: Table) -> list[str]:
         value = settings.get(key)
         return "?" if value is None else str(value)
 
+    measured = f"measured on {get('measure.samples')} samples{_measured_surface(settings)}"
     scheme = f"; scheme {table.scheme_title(table.schemes[0])}" if _one_scheme(table) else ""
     return [
         f"Lengths in {FRAMES.get(get('normalise'), get('normalise'))}",
-        f"Fit: {_fit(get)}; measured on {get('measure.samples')} samples{_measured_surface(settings)}",
+        f"Fit: {_fit(get)}{_fitted_surface(settings)}; {measured}",
         f"Source: {', '.join(_source(settings, get))}{scheme}",
     ]
 
@@ -72,6 +73,13 @@ def setting_lines(table: Table) -> list[str]:
 def _one_scheme(table: Table) -> bool:
     """Return whether variations of a single scheme are compared."""
     return len(table.variations) > 1 and len(table.schemes) == 1
+
+
+def _fitted_surface(settings: Mapping[str, Any]) -> str:
+    surface = settings.get("target.surface", "all")
+    if surface == VARIED:
+        return ", to surfaces that vary"
+    return ", to the outer surface of each target" if surface == "outer" else ""
 
 
 def _measured_surface(settings: Mapping[str, Any]) -> str:
