@@ -138,7 +138,7 @@ SAID = [
     ("fit", "3", ": expected a mapping of keys to values, got 3"),
     ("fit.stps", "3", ": no such key: did you mean 'steps'? allowed: method, steps"),
     ("fit.losses.egde", "3", ": no such key: did you mean 'edge'? allowed: chamfer, normal, edge"),
-    ("seed", "3", ": no such key: did you mean 'seeds'? allowed: targets, define, schemes"),
+    ("seed", "3", ": no such key: did you mean 'seeds'? allowed: targets, target, define, schemes"),
     ("1", "3", ": no such key: allowed: targets"),
     ("source.creases", "30", ": expected a mapping of keys to values, got 30"),
     ("source.creases", "{}", ": expected either angle or file, got neither"),
