@@ -8,8 +8,8 @@ from meshfit.mesh.mesh import Mesh, Verts
 
 def area_vectors(mesh: Mesh) -> Float64[np.ndarray, "F 3"]:
     """Return half the cross product of two edges of each face: its direction is the normal, its length the area."""
-    corners = mesh.verts[mesh.faces]
-    return np.asarray(0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    a, b, c = (mesh.verts.take(mesh.faces[:, k], axis=0) for k in range(3))
+    return np.asarray(0.5 * np.cross(b - a, c - a))
 
 
 def vert_area_vectors(mesh: Mesh) -> Float64[np.ndarray, "V 3"]:

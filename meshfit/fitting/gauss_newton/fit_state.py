@@ -160,6 +160,11 @@ class FitState:
             return self
         return replace(self, verts=untangle(self.pattern.connectivity, self.verts)[0])
 
+    def is_as_sound_as(self, other: "FitState") -> bool:
+        """Return whether the surface has no more unsound faces than another, which counts only if it has any."""
+        count = int(unsound_faces(self.shape).sum())
+        return not count or count <= int(unsound_faces(other.shape).sum())
+
     def remeshed(self, num_verts: float, target: TargetCloud | None) -> "FitState":
         """Return the surface with new connectivity; unchanged if it would have too many vertices or become unsound.
 
@@ -173,8 +178,7 @@ class FitState:
             state = self._remeshed_once(share * num_verts, target)
             if len(state.verts) <= num_verts or len(state.verts) > _FAR_ABOVE * num_verts:
                 break
-        unsound = int(unsound_faces(state.shape).sum())
-        if len(state.verts) > num_verts or unsound > int(unsound_faces(self.shape).sum()):
+        if len(state.verts) > num_verts or not state.is_as_sound_as(self):
             return self
         return state.with_better_map(_MAP_STEPS)
 
@@ -182,12 +186,11 @@ class FitState:
         """Return the surface reduced to a number of vertices by quadrics, with no more unsound faces than before."""
         if self.least_verts > num_verts:
             return self.untangled()
-        faces, before = self.pattern.connectivity.faces, int(unsound_faces(self.shape).sum())
-        state = self
+        faces, state = self.pattern.connectivity.faces, self
         for careful in (False, True):
             reduced = decimate(self.verts, faces, num_verts, without_crossings=careful)
             state = FitState.of(*reduced, crossing=self.crossing)
-            if int(unsound_faces(state.shape).sum()) <= before and len(state.verts) <= num_verts:
+            if len(state.verts) <= num_verts and state.is_as_sound_as(self):
                 return state
         # So tight a surface that not enough edges may collapse.
         if len(state.verts) > num_verts:
