@@ -3,7 +3,7 @@
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TextIO
@@ -167,7 +167,8 @@ def exit_code_of(command: Callable[[], int]) -> int:
             print_error(fault)
         return error.exit_code
     except KeyboardInterrupt:
-        err.print("interrupted; run the same command again to resume", style="bold magenta")
+        resume = "; run the same command again to resume" if _resumes(sys.argv[1:]) else ""
+        err.print(f"interrupted{resume}", style="bold magenta")
         return EXIT_INTERRUPTED
     except BrokenPipeError:  # the reader, such as `head`, has had enough
         _discard(sys.stdout)
@@ -175,6 +176,11 @@ def exit_code_of(command: Callable[[], int]) -> int:
     except OSError as error:
         print_error(f"{error.filename}: {error.strerror}" if error.filename else str(error))
         return EXIT_USAGE
+
+
+def _resumes(words: Sequence[str]) -> bool:
+    """Whether a command line keeps what it has done when it is interrupted."""
+    return words[:1] in (["run"], ["compare"]) or any(word.partition("=")[0] == "--keep" for word in words)
 
 
 def _discard(stream: TextIO) -> None:

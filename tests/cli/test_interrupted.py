@@ -3,10 +3,12 @@
 import os
 import signal
 import subprocess
+import sys
 import time
 
 import pytest
 
+from tests.cli import invoke
 from tests.cli.kills import main
 from tests.cli.processes import contents, meshfit, start, wait_until, workers_of
 from tests.small import CONFIG, config_file
@@ -51,6 +53,41 @@ def test_ctrl_c_while_workers_start_is_as_quiet(tmp_path):
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130
     assert "Traceback" not in err
+
+
+IMPORTING = """
+import os, signal, sys
+from meshfit.__main__ import main
+class Interrupting:
+    def find_spec(name, *_):
+        if name == "typer":
+            os.kill(os.getpid(), signal.SIGINT)
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.meta_path.insert(0, Interrupting)
+main()
+"""
+
+
+def test_ctrl_c_while_commands_are_imported_ends_without_a_traceback():
+    ran = subprocess.run([sys.executable, "-c", IMPORTING], capture_output=True, check=False)
+    assert (ran.returncode, ran.stdout, ran.stderr) == (-signal.SIGINT, b"", b"")
+
+
+def test_commands_that_keep_what_they_have_done_say_so_when_they_are_interrupted(tmp_path, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    for name in ("meshfit.mesh.targets.load_target", "meshfit.experiment.plan.plan"):
+        monkeypatch.setattr(name, interrupted)
+    resume = "; run the same command again to resume"
+    for arguments, end in (
+        (["measure", "bone", "bone"], ""),
+        (["fit", "bone", "-o", tmp_path / "a.ply"], "; unfinished results were not written"),
+        (["fit", "bone", "-o", tmp_path / "a.ply", "--keep", tmp_path / "runs"], resume),
+        (["run", "quickstart", "--runs", tmp_path / "runs"], resume),
+    ):
+        ran = invoke(*arguments)
+        assert (ran.code, ran.out, ran.err) == (130, "", f"interrupted{end}\n"), arguments
 
 
 @pytest.mark.slow
