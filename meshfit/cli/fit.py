@@ -7,8 +7,9 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
-from tempfile import TemporaryDirectory, TemporaryFile, mkdtemp
+from tempfile import TemporaryFile, mkdtemp
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
@@ -16,7 +17,7 @@ import typer
 from meshfit.cli import completions
 from meshfit.cli.console import EXIT_FAILED, EXIT_INTERRUPTED, err, out, print_error, warn_once
 from meshfit.cli.fit_command import is_config_name
-from meshfit.cli.fit_plan import FitOptions, plan_fit
+from meshfit.cli.fit_plan import FitOptions, check_options, plan_fit
 from meshfit.cli.options import (
     EXECUTION,
     OUTPUT,
@@ -30,6 +31,7 @@ from meshfit.cli.options import (
     Weld,
     suggest_option,
 )
+from meshfit.cli.scratch import scratch_folder
 from meshfit.errors import ConfigError, MeshError, MeshfitError
 from meshfit.paths import (
     MESH_SUFFIXES,
@@ -53,6 +55,8 @@ if TYPE_CHECKING:
 
 _FIT, SCANS = "Fit", "Scans"
 _FORMAT_OF_MANY = "ply"
+_INPUTS, _DIGITS = "inputs", 12
+"""Folder of what came through pipes, and digits of the hash by which its files are told apart."""
 
 
 def fit(
@@ -277,6 +281,7 @@ def fit(
         cleaning=CleaningOptions(weld, repair),
         overrides=overrides or (),
     )
+    check_options(options)
     run_options = RunOptions(jobs=jobs, quiet=quiet, as_json=as_json)
     try:
         with _folder(keep) as folder:
@@ -372,6 +377,7 @@ class _Fitting:
 
     def _file_of(self, target: str, input_format: str | None) -> str:
         """The file of a target; the content of standard input and of pipes is saved in the folder."""
+        from meshfit.experiment.storage.run_directory import make_folder
         from meshfit.mesh.io.mesh_file import write_file
         from meshfit.mesh.targets import NAMED_TARGETS, open_target
 
@@ -379,7 +385,9 @@ class _Fitting:
             return target
         file = open_target(target, file_format=input_format)
         stem = "standard-input" if target == STREAM else file_stem(target)
-        path = self.folder / f"{stem}{file.suffix}"
+        # Pipes of equal names differ in content.
+        path = self.folder / _INPUTS / sha256(file.content).hexdigest()[:_DIGITS] / f"{stem}{file.suffix}"
+        make_folder(path.parent)
         write_file(path, file.content)
         return str(path)
 
@@ -441,10 +449,11 @@ class _Fitting:
         if written_frame(record) == "normalised":
             mesh = frame_of(record).restore(mesh)
         _save(mesh, job.output, _FORMAT_OF_MANY if many and self.output_format is None else self.output_format)
+        stem = file_stem(job.target)
         for text in record["warnings"]:
             # The verdict says this itself.
             if not text.startswith("source and target differ in topology") and text not in record["shortfalls"]:
-                warn_once(text)
+                warn_once(text if not many or stem in text.partition(": ")[0] else f"{path_text(job.target)}: {text}")
         name = "standard output" if job.output in STDOUT_PATHS else path_text(job.output)
         verdict = verdict_of(job.target, name, folder, record)
         # Lines of stderr go above the bars that are shown there.
@@ -468,8 +477,8 @@ def _folder(keep: Path | None) -> Iterator[Path]:
         make_folder(keep)
         yield keep
         return
-    with TemporaryDirectory(prefix="meshfit-", ignore_cleanup_errors=True) as folder:
-        yield Path(folder)
+    with scratch_folder() as folder:
+        yield folder
 
 
 def _check_printed(output: str, *, measure: bool, as_json: bool) -> None:

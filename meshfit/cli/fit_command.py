@@ -1,8 +1,10 @@
 """The `meshfit fit` command that a message shows to one who has typed something else."""
 
+import os
 from collections.abc import Sequence
+from pathlib import Path
 
-from meshfit.paths import MESH_SUFFIXES, file_stem, format_suffix, is_regular_file, shell_path
+from meshfit.paths import MESH_SUFFIXES, bundled_folder, file_stem, format_suffix, is_regular_file, shell_path
 
 
 def is_mesh_name(name: str) -> bool:
@@ -11,8 +13,11 @@ def is_mesh_name(name: str) -> bool:
 
 
 def is_config_name(word: str) -> bool:
-    """Whether a word is the path of a config that exists."""
-    return word.endswith((".yaml", ".yml")) and is_regular_file(word)
+    """Whether a word is the path of a config that exists, or the name of a bundled one."""
+    if word.endswith((".yaml", ".yml")):
+        return is_regular_file(word)
+    is_name = Path(word).name == word and not os.path.lexists(word)
+    return is_name and (bundled_folder("configs") / f"{word}.yaml").is_file()
 
 
 def fit_command(words: Sequence[str]) -> str:

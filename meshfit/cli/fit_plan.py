@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from meshfit.experiment.plan import Trial
     from meshfit.mesh.cleaning_options import CleaningOptions
 
-_NAME = "fit"
+_NAME, _ANY_TARGET = "fit", "bunny"
 _FIXED_VERTS = 10242
 BUILT = ("auto", "target", "wrap", "sphere")
 """Sources that are made, not read from a file."""
@@ -39,6 +39,23 @@ class FitOptions:
     overrides: Sequence[str]
 
 
+def check_options(options: FitOptions) -> None:
+    """Refuse settings that fit no target.
+
+    Raises:
+        MeshfitError: a setting or the scheme cannot be used.
+    """
+    from meshfit.config.loading import load_experiment
+    from meshfit.config.scheme_files import resolve_specs
+    from meshfit.subdivision.registry import registry_with, resolve
+
+    if not any(setting.startswith("define") for setting in options.overrides):
+        with _error_prefix("--scheme"):
+            (spec,), own = resolve_specs([options.scheme], {})
+            resolve(spec, registry_with(own))
+    load_experiment("accurate", [*_plain(_ANY_TARGET, options), *options.overrides])
+
+
 def plan_fit(target: str, options: FitOptions) -> "Trial":
     """Return the trial that fits one target.
 
@@ -46,14 +63,8 @@ def plan_fit(target: str, options: FitOptions) -> "Trial":
         MeshfitError: a setting, the target, the source or the device cannot be used.
     """
     from meshfit.config.loading import load_experiment
-    from meshfit.config.scheme_files import resolve_specs
     from meshfit.experiment.plan import plan
-    from meshfit.subdivision.registry import registry_with, resolve
 
-    if not any(setting.startswith("define") for setting in options.overrides):
-        with _error_prefix("--scheme"):
-            (spec,), own = resolve_specs([options.scheme], {})
-            resolve(spec, registry_with(own))
     plain = list(_plain(target, options))
     experiment = load_experiment("accurate", [*plain, *options.overrides])
     if isinstance(options.noise, float):

@@ -186,6 +186,9 @@ def _finding(command: str, message: str) -> str:
     """Return the message of a usage error; one of `fit` without its mesh or file names the whole command to type."""
     if command.endswith(" fit") and message.startswith(("Missing argument", "Missing option")):
         words = sys.argv[sys.argv.index("fit") + 1 :] if "fit" in sys.argv else []
+        if configs := [word for word in words if is_config_name(word)]:
+            command = f"meshfit run {shell_path(configs[0])}"
+            return f"{path_text(configs[0])} is a config, not a mesh; to run it: {command}."
         missing = "give the mesh to fit" if message.startswith("Missing argument") else "give the file to write"
         return f"{missing}: {fit_command([word for word in words if not word.startswith('-')])}."
     return f"{message}{'' if message.endswith(('.', '?')) else '.'}"

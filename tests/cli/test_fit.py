@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import meshfit
+from meshfit.cli.scratch import scratch_folder
 from meshfit.errors import MeshError
 from meshfit.mesh.io.files import load_mesh, save_mesh
 from meshfit.mesh.mesh import Mesh
@@ -80,6 +81,30 @@ def test_of_many_a_broken_one_is_named_and_the_others_go_on(tmp_path):
     assert ran.err.splitlines()[-1] == "fitted 2 of 3 targets"
 
 
+def test_inputs_of_one_name_are_kept_apart(tmp_path):
+    for number, name in enumerate(("a", "b")):
+        (tmp_path / name).mkdir()
+        bumpy("scan.ply", 1000.0 * number)
+        (tmp_path / "scan.ply").rename(tmp_path / name / "scan")
+    ran = invoke("fit", "a/scan", "b/scan", "-o", "out/", "--format", "ply", "-q", *QUICK)
+    assert (ran.code, ran.err) == (0, "")
+    centres = [load_mesh(f"out/{name}.ply").verts.mean() for name in ("scan", "scan-2")]
+    assert centres == pytest.approx([0, 1000], abs=5)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b", "out"]
+
+
+def test_folders_of_killed_processes_are_removed_and_those_in_use_are_not(tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with scratch_folder() as used:
+        (abandoned := tmp_path / "meshfit-run-killed").mkdir()
+        (abandoned / ".lock").touch()
+        (abandoned / "result.ply").touch()
+        (starting := tmp_path / "meshfit-run-starting").mkdir()
+        with scratch_folder() as other:
+            assert {used, other, starting} == set(tmp_path.iterdir())
+    assert [starting] == list(tmp_path.iterdir())
+
+
 def test_a_source_from_the_target_and_fixed_faces():
     bumpy("scan.ply")
     assert invoke("fit", "scan.ply", "-o", "a.ply", "--source", "target", *QUICK).code == 0
@@ -105,6 +130,10 @@ def test_other_ways_lead_to_the_command():
 
 
 def test_what_is_no_mesh_is_told_its_own_command(tmp_path):
+    message = "error: accurate is a config, not a mesh; to run it: meshfit run accurate"
+    assert refused("fit", "accurate", "-o", "out.ply") == message
+    assert refused("fit", "accurate").startswith(f"{message}. See ")
+    assert refused("accurate").endswith("a config, not a command; to run it: meshfit run accurate")
     bumpy("scan.ply")
     (tmp_path / "folder").mkdir()
     (tmp_path / "own.yaml").write_text("targets: [cow]\n")
@@ -181,6 +210,10 @@ def test_a_result_that_cannot_be_written_is_kept_and_its_place_is_said(monkeypat
 
 
 def test_options_at_fault_are_named():
+    message = refused("fit", "bone", "cow", "-o", "out/", "--set", "fit.nosuch=1")
+    assert message.startswith("error: --set: fit.nosuch: no such key")
+    message = refused("fit", "bone", "cow", "-o", "out/", "--scheme", "nosuch")
+    assert message.startswith("error: --scheme: 'nosuch' is not a scheme")
     bumpy("scan.ply")
     for option in ("--scheme", "--source"):
         assert refused("fit", "scan.ply", "-o", "out.obj", option, "foo").startswith(f"error: {option}: 'foo' is n")
