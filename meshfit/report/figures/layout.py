@@ -155,13 +155,15 @@ def require_suffix(path: Path) -> None:
     """Refuse an output path that cannot be written to, before anything is drawn.
 
     Raises:
-        ConfigError: the suffix is not one of `SUFFIXES`, the folder does not exist, or matplotlib is not installed.
+        ConfigError: the suffix is unknown, the folder does not exist, the path is a folder, or matplotlib is missing.
     """
     if path.suffix.lower() not in SUFFIXES:
         found = f"'{path.suffix}'" if path.suffix else "no suffix"
         raise ConfigError(f"{path}: {found} is not a known picture format; allowed: {', '.join(SUFFIXES)}")
     if not path.parent.is_dir():
         raise ConfigError(f"{path}: cannot be written: no folder {path.parent}")
+    if path.is_dir():
+        raise ConfigError(f"{path}: cannot be written: it is a folder")
     import_optional("matplotlib")
 
 
