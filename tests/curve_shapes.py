@@ -1,6 +1,6 @@
 """Small curves for tests: open and closed, as short as possible, several at once, in any numbering."""
 
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 
@@ -53,7 +53,7 @@ SHAPES = {
 }
 
 
-@lru_cache(maxsize=64)
+@cache
 def refined(curves: Curves, spec: str, levels: int = 1) -> CurveRefinement:
     """The refinement of the chains of curves."""
     return refine(Chains.of(curves), resolve(spec), levels)

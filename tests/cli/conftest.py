@@ -1,6 +1,9 @@
 """Fixtures of the command tests: one real run, and shell completion."""
 
+import json
+
 import pytest
+from filelock import FileLock
 
 from tests.cli import answered
 from tests.cli.processes import meshfit
@@ -8,10 +11,21 @@ from tests.small import config_file
 
 
 @pytest.fixture(scope="session")
-def small_run(tmp_path_factory):
-    """A folder in which the small experiment was run in a process of its own, with its stdout and stderr."""
-    folder = tmp_path_factory.mktemp("complete")
-    return folder, meshfit("run", config_file(folder), folder=folder)
+def small_run(tmp_path_factory, worker_id):
+    """A folder in which the small experiment was run in a process of its own, with its stdout and stderr.
+
+    The workers of pytest-xdist share it.
+    """
+    root = tmp_path_factory.getbasetemp()
+    folder = (root if worker_id == "master" else root.parent) / "complete"
+    printed = folder.with_name("complete.json")
+    with FileLock(folder.with_name("complete.lock")):
+        if not printed.is_file():
+            folder.mkdir()
+            printed.write_text(
+                json.dumps(meshfit("run", config_file(folder), "-j", 1, folder=folder)), encoding="utf-8"
+            )
+    return folder, tuple(json.loads(printed.read_text(encoding="utf-8")))
 
 
 @pytest.fixture

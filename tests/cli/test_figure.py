@@ -26,6 +26,13 @@ pytest.importorskip("pyvista")
 pytest.importorskip("matplotlib")
 
 
+@pytest.fixture
+def coarse(monkeypatch):
+    """Let pictures have few pixels, in tests that do not look at them."""
+    for suffix in DPI:
+        monkeypatch.setitem(DPI, suffix, 40)
+
+
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
     root = tmp_path_factory.mktemp("runs")
@@ -38,7 +45,7 @@ def runs(tmp_path_factory):
     return root
 
 
-def test_a_figure_is_written_with_its_captions(runs, tmp_path):
+def test_a_figure_is_written_with_its_captions(runs, tmp_path, coarse):
     message = answered("figure", runs, "-o", tmp_path / "figure.pdf")
     for name in ("figure.pdf", "figure.txt", "figure.tex"):
         assert name in message
@@ -51,7 +58,7 @@ def test_a_figure_is_written_with_its_captions(runs, tmp_path):
     assert "the bone: loop seed 1, interp-loop seed 1" in about
 
 
-def test_the_latex_has_no_comment_and_asks_for_the_figure(runs, tmp_path):
+def test_the_latex_has_no_comment_and_asks_for_the_figure(runs, tmp_path, coarse):
     answered("figure", runs, "-o", tmp_path / "my fig_1.png", "--metric", "hausdorff.percent_of_diagonal")
     latex = (tmp_path / "my fig_1.tex").read_text()
     assert not re.search(r"(?<!\\)%", re.sub(r"(?m)^%.*", "", latex))
@@ -61,7 +68,9 @@ def test_the_latex_has_no_comment_and_asks_for_the_figure(runs, tmp_path):
     assert r"\label{fig:my-fig-1}" in latex
 
 
-def test_a_pdf_has_its_fonts_as_truetype_in_it_and_pictures_of_300_dpi(runs, tmp_path):
+def test_a_pdf_has_its_fonts_as_truetype_in_it_and_pictures_of_300_dpi(runs, tmp_path, monkeypatch):
+    assert DPI[".pdf"] == 300
+    monkeypatch.setitem(DPI, ".pdf", 100)
     answered("figure", runs, "-o", tmp_path / "figure.pdf", "--schemes", "loop")
     content = (tmp_path / "figure.pdf").read_bytes()
     assert b"/FontFile2" in content
@@ -73,7 +82,7 @@ def test_a_pdf_has_its_fonts_as_truetype_in_it_and_pictures_of_300_dpi(runs, tmp
     assert sum(width == pytest.approx(WIDTHS["double"] / columns * DPI[".pdf"], rel=0.1) for width in widths) == 4
 
 
-def test_a_figure_is_as_wide_as_its_column_and_names_what_the_user_names(runs, tmp_path):
+def test_a_figure_is_as_wide_as_its_column_and_names_what_the_user_names(runs, tmp_path, coarse):
     labels = ["--label", "interp-loop=Interp. Loop", "--label", "bone=A bone"]
     answered("figure", runs, "-o", tmp_path / "one.png", "--width", "single", "--sources", "none", *labels)
     with png.open(tmp_path / "one.png") as image:

@@ -18,6 +18,9 @@ pytest.importorskip("matplotlib")
 OWN = Frame((0.0, 0.0, 0.0), 1.0)
 
 
+SMALL = ("--size", 150)
+
+
 def pixels(path):
     return np.asarray(png.open(path).convert("L"), dtype=float)
 
@@ -52,7 +55,7 @@ def test_meshes_are_drawn_side_by_side(tmp_path):
 
 def test_edges_make_a_picture_darker(tmp_path):
     for name, options in (("plain", []), ("edges", ["--edges"])):
-        assert invoke("render", "bone", "-o", tmp_path / f"{name}.png", *options).code == 0
+        assert invoke("render", "bone", "-o", tmp_path / f"{name}.png", *options, *SMALL).code == 0
     assert pixels(tmp_path / "edges.png").mean() < pixels(tmp_path / "plain.png").mean() - 1
 
 
@@ -67,12 +70,13 @@ def test_a_trial_is_drawn_as_source_result_and_target(tmp_path):
 
 def test_a_trial_looks_the_same_in_whichever_frame_it_was_written(tmp_path):
     frame = Frame((1.0, -2.0, 3.0), 2.5)
-    own, other = write_trial(tmp_path / "own", frame=frame), write_trial(tmp_path / "other", frame=frame)
-    write_trial(other, frame=frame, write_frame="target")
+    save_mesh(frame.restore(Mesh(icosahedron().verts * [1.0, 0.8, 0.5], icosahedron().faces)), tmp_path / "target.ply")
+    own, other = (write_trial(tmp_path / name, str(tmp_path / "target.ply"), frame) for name in ("own", "other"))
+    write_trial(other, str(tmp_path / "target.ply"), frame, write_frame="target")
     for name in ("source.ply", "result.ply"):
         save_mesh(frame.restore(icosahedron()), other / name)
     for folder in (own, other):
-        answered("render", folder, "-o", tmp_path / f"{folder.name}.png", "--against", "bone")
+        answered("render", folder, "-o", tmp_path / f"{folder.name}.png", "--against", tmp_path / "target.ply")
     assert np.abs(pixels(tmp_path / "own.png") - pixels(tmp_path / "other.png")).mean() < 0.1
 
 

@@ -1,6 +1,6 @@
 """The polygon schemes and meshes over which the laws are stated."""
 
-from functools import cache, lru_cache
+from functools import cache
 
 import numpy as np
 
@@ -36,7 +36,7 @@ def shape_of(name: str) -> PolygonMesh:
     return EVERY[name]()
 
 
-@lru_cache(maxsize=64)
+@cache
 def refined(mesh: PolygonMesh, spec: str, levels: int = 1) -> PolygonRefinement:
     """The refinement of a mesh's connectivity."""
     return refine(PolygonTopology.of(mesh), resolve(spec), levels)

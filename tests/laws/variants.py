@@ -1,6 +1,6 @@
 """The triangle schemes over which the laws are stated: the whole table, and more values of parameters."""
 
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 
@@ -42,7 +42,7 @@ INTERPOLATORY = (
 )
 
 
-@lru_cache(maxsize=64)
+@cache
 def refined(mesh: Mesh, spec: str, levels: int = 1) -> Refinement:
     """The refinement of a mesh's connectivity."""
     return refine(Topology.of(mesh), resolve(spec), levels)

@@ -102,7 +102,7 @@ def test_a_fit_that_would_end_worse_returns_the_surface_of_its_source_and_says_s
         )
 
     monkeypatch.setattr(gauss_newton.FitState, "step", spoiled)
-    fit = to_the_end(engine(source, goal, SETTINGS.model_copy(update={"connectivity": connectivity})))
+    fit = to_the_end(engine(source, goal, SETTINGS.model_copy(update={"connectivity": connectivity, "verts": 300})))
     (text,) = fit.shortfalls(0)
     assert "farther from the target than its source" in text
     before, after = (Closeness.of(mesh, goal) for mesh in (source, fit.mesh(0)))

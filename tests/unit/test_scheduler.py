@@ -67,6 +67,7 @@ def test_results_do_not_depend_on_workers_or_companions_and_a_failing_trial_take
         folders = [store.folder(trial) for trial in complete]
         contents.append([(folder / name).read_bytes() for folder in folders for name in ("result.ply", "trace.csv")])
         contents[-1] += [store.result(trial)["hausdorff"] for trial in complete]
+        contents[-1] += [sorted(path.name for path in folder.iterdir()) for folder in folders]
     assert outcomes[0].status is TrialStatus.FAILED
     assert contents[0] == contents[1]
 
@@ -121,16 +122,16 @@ def test_a_trial_that_is_killed_once_goes_on_from_its_checkpoint_and_disturbs_no
 
 
 @pytest.fixture(scope="module")
-def run_by_one_worker(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("one_worker")
+def run_here(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("here")
     trials, here = plan([experiment(folder, seeds=[0, 1])]), RunDirectory(folder / "here")
-    run_trials(trials, here, jobs=1)
+    run_trials(trials, here, remote=Remote(Inline(), transfer="shared"))
     return trials, here
 
 
 @pytest.mark.parametrize("transfer", ["auto", "shared", "returned"])
-def test_any_executor_can_run_trials(tmp_path, run_by_one_worker, transfer):
-    trials, here = run_by_one_worker
+def test_any_executor_can_run_trials(tmp_path, run_here, transfer):
+    trials, here = run_here
     there = RunDirectory(tmp_path / "there")
     with ThreadPoolExecutor(2) as pool:
         outcomes = run_trials(trials, there, remote=Remote(pool, transfer=transfer))

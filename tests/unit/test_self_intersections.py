@@ -237,7 +237,7 @@ def test_faces_of_very_different_sizes_are_as_meshlab_has_them(shift):
     assert torch.equal(theirs, ours)
 
 
-@over("seed", range(8))
+@over("seed", range(4))
 def test_soups_are_as_exact_arithmetic_has_them(seed):
     verts, faces = soup(seed)
     verts[:, 0] *= [1, 1, 5, 0.2][seed % 4]
@@ -246,7 +246,7 @@ def test_soups_are_as_exact_arithmetic_has_them(seed):
     assert pairs(verts, faces) == expected
 
 
-@pytest.mark.parametrize("noise", [0.2, 0.5, 2.0])
+@pytest.mark.parametrize("noise", [0.2, 2.0])
 def test_small_shaken_spheres_are_as_exact_arithmetic_has_them(noise):
     mesh = shaken(1, noise)
     assert pairs(mesh.verts, mesh.faces) == exactly(mesh.verts, mesh.faces)
