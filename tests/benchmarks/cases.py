@@ -27,6 +27,7 @@ from meshfit.mesh.solids import icosahedron
 from meshfit.mesh.targets import load_target
 from meshfit.subdivision.refine import subdivide
 from tests.benchmarks.cuda_cases import CUDA_CASES
+from tests.benchmarks.fit_cases import FIT_CASES
 from tests.benchmarks.loading_cases import LOADING_CASES
 from tests.benchmarks.plain_twin import PlainTwin
 from tests.benchmarks.timing import Benchmark
@@ -133,22 +134,26 @@ def _overhead() -> Benchmark:
     return Benchmark(lambda: run_batch([trial], store, lambda *_: None, force=True), 3, limit=5)
 
 
-CASES: dict[str, Callable[[], Benchmark]] = {
-    "loop: icosahedron, 5 levels": lambda: _subdivision("loop", icosahedron, 5, 15),
-    "interp-loop: icosahedron, 5 levels": lambda: _subdivision("interp-loop", icosahedron, 5, 15),
-    "loop: bunny, 2 levels": lambda: _subdivision("loop", lambda: load_target("bunny"), 2, 5),
-    "interp-loop: bunny, 2 levels": lambda: _subdivision("interp-loop", lambda: load_target("bunny"), 2, 5),
-    "step, 2,562 verts, 5,000 samples: far from the target": lambda: _step(0),
-    "step, 2,562 verts, 5,000 samples: near the target": lambda: _step(_STEPS_UNTIL_NEAR),
-    "of such a step, the nearest points": _floor,
-    "step, 50,000 samples": lambda: _growth(12, samples=50_000),
-    "step, 40,962 verts": lambda: _growth(6, levels=6),
-    "16 small fits in one batch": _batch,
-    "8 trials of the tutorial on 2 workers": _side_by_side,
-    "a trial on the bunny but for its steps": _overhead,
-    "measure 10,002 verts against the bunny": lambda: Benchmark(
-        partial(measure, decimate(_bunny(), 20_000), _bunny()), 3
-    ),
-} | LOADING_CASES
+CASES: dict[str, Callable[[], Benchmark]] = (
+    {
+        "loop: icosahedron, 5 levels": lambda: _subdivision("loop", icosahedron, 5, 15),
+        "interp-loop: icosahedron, 5 levels": lambda: _subdivision("interp-loop", icosahedron, 5, 15),
+        "loop: bunny, 2 levels": lambda: _subdivision("loop", lambda: load_target("bunny"), 2, 5),
+        "interp-loop: bunny, 2 levels": lambda: _subdivision("interp-loop", lambda: load_target("bunny"), 2, 5),
+        "step, 2,562 verts, 5,000 samples: far from the target": lambda: _step(0),
+        "step, 2,562 verts, 5,000 samples: near the target": lambda: _step(_STEPS_UNTIL_NEAR),
+        "of such a step, the nearest points": _floor,
+        "step, 50,000 samples": lambda: _growth(12, samples=50_000),
+        "step, 40,962 verts": lambda: _growth(6, levels=6),
+        "16 small fits in one batch": _batch,
+        "8 trials of the tutorial on 2 workers": _side_by_side,
+        "a trial on the bunny but for its steps": _overhead,
+        "measure 10,002 verts against the bunny": lambda: Benchmark(
+            partial(measure, decimate(_bunny(), 20_000), _bunny()), 3
+        ),
+    }
+    | FIT_CASES
+    | LOADING_CASES
+)
 if torch.cuda.is_available():
     CASES |= CUDA_CASES

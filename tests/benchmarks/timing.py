@@ -20,8 +20,8 @@ class Benchmark:
         ratio: `faster`: the time of the other over ours, to be at least the target; `growth`: ours over the other's, to
             be at most the target.
         target: of the ratio.
-        clock: which time the ratio is of.
-        limit: most seconds of wall time that are allowed.
+        clock: which time the ratio and the limit are of.
+        limit: most seconds that are allowed.
         memory_limit_mb: most memory that is allowed.
         calls, other_calls: how often each is called in a row at its turn; times are those of one call.
     """
@@ -86,7 +86,7 @@ def run(benchmark: Benchmark) -> Outcome:
             other.append(_once(benchmark.other, benchmark.other_calls))
     mine, theirs = _median(ours), _median(other) if other else None
     ratio = None if theirs is None else _ratio(benchmark, mine, theirs)
-    late = benchmark.limit is not None and mine.wall > benchmark.limit
+    late = benchmark.limit is not None and _time(benchmark, mine) > benchmark.limit
     short = ratio is not None and benchmark.target is not None and not _reached(benchmark, ratio)
     return Outcome(
         mine, theirs, benchmark.other_name, ratio, _asked(benchmark), late or short, benchmark.memory_limit_mb
@@ -94,8 +94,12 @@ def run(benchmark: Benchmark) -> Outcome:
 
 
 def _ratio(benchmark: Benchmark, ours: Timing, other: Timing) -> float:
-    mine, theirs = (timing.wall if benchmark.clock == "wall" else timing.cpu for timing in (ours, other))
+    mine, theirs = (_time(benchmark, timing) for timing in (ours, other))
     return theirs / mine if benchmark.ratio == "faster" else mine / theirs
+
+
+def _time(benchmark: Benchmark, timing: Timing) -> float:
+    return timing.wall if benchmark.clock == "wall" else timing.cpu
 
 
 def _reached(benchmark: Benchmark, ratio: float) -> bool:
