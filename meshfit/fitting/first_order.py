@@ -184,7 +184,7 @@ class FirstOrder(Engine):
 
     def _fail(self, member: int, term: str) -> None:
         mesh, polygons = self._as_mesh(member, self._last_good), self.problems[member].polygons
-        last_good = mesh if polygons is None else polygons.with_verts(mesh.verts)
+        last_good = mesh if polygons is None else PolygonMesh(mesh.verts, polygons.corners, polygons.sizes)
         self.failed.setdefault(member, Diverged(self.done, term, last_good, self.traces[member]))
 
     def _rows(self, member: int) -> slice:

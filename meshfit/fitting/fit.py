@@ -181,7 +181,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         on_step: called after every step; may raise `Interrupted`.
         resume: checkpoint of the same fit to continue from.
         save: called with a checkpoint every few seconds, and when `on_step` raises `Interrupted`.
-        on_snapshot: called with the number of steps made and the surface every `snapshots` steps.
+        on_snapshot: called with the number of steps made and the surface, without attributes, every `snapshots` steps.
         allow_commands: whether settings with a `command`, which may come from a file of someone else, may run it.
         **unknown: refused, with the names that are allowed.
 

@@ -14,6 +14,7 @@ from meshfit.fitting.external.tools import ToolRun
 from meshfit.fitting.problem import COLUMNS, Checkpoint, Diverged, Problem, Trace
 from meshfit.fitting.settings import FitSettings
 from meshfit.mesh.any_mesh import MeshLike
+from meshfit.mesh.attributes import NO_ATTRIBUTES
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.normalisation import IDENTITY, Frame
 from meshfit.mesh.point_cloud import PointCloud
@@ -255,9 +256,11 @@ def _report(engine: Engine, losses: list[float], before: list[int]) -> None:
 
 
 def _take_snapshots(engine: Engine) -> None:
+    """Hand out the shapes alone: snapshots are for films and diagnosis, and only results carry attributes."""
     for member, problem in _running(engine):
         if problem.on_snapshot is not None:
-            problem.on_snapshot(engine.done, engine.polygons(member) or engine.mesh(member))
+            mesh = engine.polygons(member) or engine.mesh(member)
+            problem.on_snapshot(engine.done, mesh.with_attributes(NO_ATTRIBUTES))
 
 
 def _save(engine: Engine) -> None:

@@ -214,7 +214,8 @@ class Diverged(TrialError):  # noqa: N818  an outcome of a fit, under its usual 
     Attributes:
         step: number of the step, from 0.
         term: the quantity that was not finite: a loss term, `gradient of TERM`, `vertex position` or `the step`.
-        last_good: the mesh before the step, with the polygons of its source if it has any.
+        last_good: the mesh before the step, with the polygons of its source if it has any; its shape alone, without
+            attributes.
         trace: the rows before the step.
 
     Example:

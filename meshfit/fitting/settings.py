@@ -85,7 +85,8 @@ class FirstOrderSettings(Settings):
     trace_every: Every = 10
     """Number of steps (1 or more) from one row of `trace.csv` to the next; the first and last steps always have one."""
     snapshots: Every | None = None
-    """Number of steps (1 or more) between snapshots for `meshfit animate`, or null for none; no effect on results."""
+    """Number of steps (1 or more) between snapshots for `meshfit animate`, or null for none; no effect on results.
+    They are shapes alone: only results carry texture coordinates, colours and the like."""
 
 
 class GaussNewtonSettings(Settings):
@@ -142,7 +143,8 @@ class GaussNewtonSettings(Settings):
     trace_every: Every = 1
     """Number of steps (1 or more) from one row of `trace.csv` to the next; the first and last steps always have one."""
     snapshots: Every | None = None
-    """Number of steps (1 or more) between snapshots for `meshfit animate`, or null for none; no effect on results."""
+    """Number of steps (1 or more) between snapshots for `meshfit animate`, or null for none; no effect on results.
+    They are shapes alone: only results carry texture coordinates, colours and the like."""
 
     @property
     def steps(self) -> int:

@@ -1,7 +1,9 @@
 """Snapshots: taken at the steps in their names, without effect on results, and the same after an interruption."""
 
+import numpy as np
 import pytest
 
+import meshfit
 from meshfit.errors import ConfigError
 from meshfit.experiment.plan import plan
 from meshfit.experiment.running.batch_runner import run_batch
@@ -10,8 +12,9 @@ from meshfit.experiment.storage.checkpoint import SNAPSHOTS, snapshots_in
 from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.experiment.trial_status import TrialStatus
 from meshfit.fitting.callbacks import Interrupted
+from meshfit.mesh.attributes import Attributes
 from meshfit.mesh.io.files import load_mesh
-from meshfit.mesh.solids import octahedron
+from meshfit.mesh.solids import cube, octahedron, quad_cube
 from tests.fits import fit
 from tests.small import experiment
 from tests.unit.test_trial_runner import prepared, run_trial
@@ -21,6 +24,21 @@ pytestmark = pytest.mark.usefixtures("without_shape_checks", "fewer_target_point
 FIRST = {"steps": 20}
 SECOND = {"method": "gauss-newton", "verts": 200, "coarse_steps": 6, "tries": 1, "level_steps": 4, "last_steps": 2}
 ENGINES = {"first-order": FIRST, "gauss-newton": SECOND}
+
+
+def test_snapshots_and_the_last_good_mesh_are_shapes_alone():
+    heat = Attributes(vertex={"heat": np.arange(8.0)})
+    for source, scheme in ((cube(), "loop"), (quad_cube(), "catmull-clark")):
+        taken, dressed = {}, source.with_attributes(heat)
+        options = {"steps": 2, "samples": 100, "scheme": scheme, "device": "cpu"}
+        result = meshfit.fit(dressed, octahedron(), snapshots=1, on_snapshot=taken.__setitem__, **options)
+        assert result.mesh.attributes
+        assert taken
+        with pytest.raises(meshfit.Diverged) as caught:
+            meshfit.fit(dressed, octahedron(), optimizer={"lr": 1e30}, **options | {"steps": 9})
+        for mesh in (caught.value.last_good, *taken.values()):
+            assert isinstance(mesh, type(source))
+            assert not mesh.attributes
 
 
 def quietly(_progress):
