@@ -241,6 +241,8 @@ def details(targets: Sequence[FigureTarget], metric: str, style: FigureStyle) ->
         ),
         "A colour scale ends where 99 % of the vertices of each result are nearer",
     ]
+    if any(meshes.cloud is not None for target in targets for meshes in target.meshes):
+        sentences.append("Points are drawn as discs; distances to them are to discs as wide as points are apart")
     if metric.startswith("hausdorff."):
         sentences.append(
             "A Hausdorff distance can exceed the colours: it covers all points of the faces, and both directions"

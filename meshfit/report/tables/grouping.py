@@ -47,6 +47,7 @@ class Variation:
         name: name among the variations of a table; empty for a single one.
         shortfalls: what results lack of their target, in words, by target and scheme, then by seed; only where there
             are some.
+        clouds: number of points, spacing and kind of normals, of the targets that are clouds of points.
     """
 
     title: str
@@ -60,6 +61,7 @@ class Variation:
     place: tuple[int, ...] = ()
     name: str = ""
     shortfalls: Mapping[tuple[str, str], Mapping[int, tuple[str, ...]]] = field(default_factory=dict)
+    clouds: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
 def group_results(
@@ -115,6 +117,7 @@ def group_results(
                 samples={cell: sample for metric in metrics for cell, sample in _samples(group, metric).items()},
                 place=min(place.variation for place in places),
                 shortfalls=_shortfalls(group),
+                clouds={target_key(result): result["cloud"] for result in group if "cloud" in result},
             )
         )
     return variations

@@ -353,8 +353,9 @@ def notes(table: Table) -> list[str]:
     if table.style.notes == "none":
         return []
     if table.style.notes == "short":
-        return [*_few_seeds(table), *_significance(table), *_stand_ins(table)]
-    return [*_few_seeds(table), *_about_comparisons(table), *_stand_ins(table), *_about_paper(table)]
+        return [*_few_seeds(table), *_significance(table), *_stand_ins(table), *_about_clouds(table)]
+    about_targets = (*_stand_ins(table), *_about_clouds(table))
+    return [*_few_seeds(table), *_about_comparisons(table), *about_targets, *_about_paper(table)]
 
 
 def _few_seeds(table: Table) -> Iterator[str]:
@@ -404,11 +405,35 @@ def _about_comparisons(table: Table) -> Iterator[str]:
     yield "Seeds needed: on each target, for significance in 4 of 5 experiments"
 
 
+_TO_POINTS = (
+    *("hausdorff.forward", "hausdorff.symmetric", "hausdorff.percent", "distance.mean", "distance.rms"),
+    *("distance.forward", "chamfer.", "f_score."),
+)
+"""The starts of the names of metrics that depend on distances from the result to a target of points."""
+
+
 def _stand_ins(table: Table) -> Iterator[str]:
     own_titles = [title for variation in table.variations for title in variation.targets.items()]
     for target in dict.fromkeys(target for target, title in own_titles if _STAND_IN in title):
         title = table.targets[target]
         yield f"{title}: replaces the paper's model, which is not public; not comparable with the paper's numbers"
+
+
+def _about_clouds(table: Table) -> Iterator[str]:
+    """Say what numbers of clouds of points mean, where the table has such numbers."""
+    clouds = {target: cloud for target, cloud in table.clouds.items() if target in table.targets}
+    if not clouds:
+        return
+    sizes = (f"{table.targets[target]} ({count_text(cloud['points'], 'point')})" for target, cloud in clouds.items())
+    text = f"Points: {', '.join(sizes)}"
+    if any(metric.startswith(_TO_POINTS) for metric in table.metrics):
+        apart = ", ".join(dict.fromkeys(f"{cloud['spacing']:.2g}" for cloud in clouds.values()))
+        text += f"; distances to them are to the nearest, and too large by a share of their spacing, about {apart}"
+    missing = {"edges.": "creases of points are not known"}
+    if any(cloud["normals"] == "estimated" for cloud in clouds.values()):
+        missing["normal_consistency.signed"] = "estimated normals have no side"
+    reasons = [reason for start, reason in missing.items() if any(metric.startswith(start) for metric in table.metrics)]
+    yield text + (f"; missing: {', and '.join(reasons)}" if reasons else "")
 
 
 def _about_paper(table: Table) -> Iterator[str]:

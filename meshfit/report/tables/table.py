@@ -137,6 +137,11 @@ class Table:
             if (sample := self.variations[row.variation].samples.get((metric, target, row.scheme)))
         }
 
+    @cached_property
+    def clouds(self) -> dict[str, Mapping[str, Any]]:
+        """Number of points, spacing and kind of normals of each target that is a cloud of points."""
+        return {target: cloud for variation in self.variations for target, cloud in variation.clouds.items()}
+
     def shortfalls(self, target: str, row: Row) -> Mapping[int, tuple[str, ...]]:
         """Return what the results of a cell lack of their target, in words, by seed; only where there is something."""
         return self.variations[row.variation].shortfalls.get((target, row.scheme), {})
