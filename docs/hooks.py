@@ -28,8 +28,9 @@ from notebooks import as_markdown, executed
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pictures in data/pictures, which the README shows too, as pictures/ of the site."""
     data = Path(config.config_file_path).parent / "data"
-    for picture in sorted((data / "pictures").glob("*.png")):
-        files.append(File(f"pictures/{picture.name}", str(data), config.site_dir, use_directory_urls=True))
+    for picture in sorted((data / "pictures").rglob("*.png")):
+        name = picture.relative_to(data).as_posix()
+        files.append(File(name, str(data), config.site_dir, use_directory_urls=True))
     for path in sorted(Path(config.docs_dir).glob("notebooks/*.ipynb")):
         page, pictures = as_markdown(executed(path), path.name)
         files.append(File.generated(config, f"notebooks/{path.stem}.md", content=page))

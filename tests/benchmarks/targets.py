@@ -6,7 +6,7 @@ python -m tests.benchmarks.targets > docs/background/targets.md
 import sys
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from math import sqrt
 from typing import NamedTuple
 
@@ -50,7 +50,7 @@ class _Case(NamedTuple):
 def main() -> int:
     warnings.simplefilter("ignore")
     sys.stdout.write(_INTRO)
-    for make in (_handles, _pieces, _shells, _crossing, _noisy, _holes, _half, _cloud, _clean):
+    for make in CASES.values():
         case = make()
         start = time.process_time()
         fitted = meshfit.fit("auto", case.target, method="gauss-newton", verts=_VERTS, device="cpu").mesh
@@ -186,6 +186,20 @@ def _part(mesh: Mesh, kept: np.ndarray) -> Mesh:
 
 def _cleaned(mesh: Mesh) -> Mesh:
     return clean(PolygonSoup.of_triangles(mesh.verts, mesh.faces), "target", triangles=True)[0].triangulated()
+
+
+CASES: Mapping[str, Callable[[], _Case]] = {
+    "handles": _handles,
+    "pieces": _pieces,
+    "shells": _shells,
+    "crossing": _crossing,
+    "noisy": _noisy,
+    "holes": _holes,
+    "half": _half,
+    "cloud": _cloud,
+    "animal": _clean,
+}
+"""Targets by the name of their kind, in the order of the table."""
 
 
 if __name__ == "__main__":

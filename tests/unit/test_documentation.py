@@ -114,3 +114,21 @@ def test_every_path_named_exists():
         walked = [f"meshfit/{path}" for path in re.findall(r"^([a-z_/]+\.py) ", text, flags=re.MULTILINE)]
         for name in (*named, *walked):
             assert (ROOT / name).exists() or "NAME" in name, f"{page}: {name}"
+
+
+def test_every_picture_shown_exists_and_is_described():
+    shown = [(page, *found) for page, text in PAGES.items() for found in re.findall(r"!\[([^\]]*)\]\(([^)]+)\)", text)]
+    assert len(shown) > 15
+    for page, words, name in shown:
+        picture = ROOT / "data" / name[name.index("pictures/") :] if "pictures/" in name else ROOT / name
+        assert picture.is_file(), f"{page}: {name}"
+        assert len(words) > 5, f"{page}: {name}"
+
+
+def test_the_page_of_sources_fits_the_targets_that_its_script_writes():
+    pytest.importorskip("PIL")
+    from tests.benchmarks.target_pictures import KINDS
+
+    page = PAGES["docs/guide/which-source.md"]
+    assert set(re.findall(r"targets/(\w+)\.(?:ply|xyz)\b", page)) == set(KINDS)
+    assert set(re.findall(r"kinds/(\w+)\.png", page)) == set(KINDS)
