@@ -28,11 +28,12 @@ _SIZE, _DPI, _FONT, _COLOURS = 300, 150, 9.0, 48
 
 
 class _Kind(NamedTuple):
-    """A target, the options of its fit, and whether its picture shows it cut open."""
+    """A target, the options of its fit, whether its picture shows it cut open, and its file if that is another's."""
 
     make: Callable[[], Mesh | PointCloud]
     options: tuple[str, ...] = ()
     cut: bool = False
+    file: str = ""
 
 
 def _sheet() -> Mesh:
@@ -63,6 +64,7 @@ def _soup() -> Mesh:
 
 KINDS: Mapping[str, _Kind] = {
     **{name: _Kind(lambda make=make: make().target, cut=name in _HOLLOW) for name, make in CASES.items()},
+    "skin": _Kind(lambda: CASES["crossing"]().target, ("--surface", "outer"), cut=True, file="crossing"),
     "sheet": _Kind(_sheet),
     "soup": _Kind(_soup),
 }
@@ -81,7 +83,7 @@ def main(arguments: list[str]) -> int:
 
 def write_target(folder: Path, name: str) -> Path:
     """Write the target of a kind, and return its file."""
-    target = KINDS[name].make()
+    target, name = KINDS[name].make(), KINDS[name].file or name
     if isinstance(target, PointCloud):
         file = folder / f"{name}.xyz"
         np.savetxt(file, target.verts, fmt="%.6f")
@@ -93,8 +95,8 @@ def write_target(folder: Path, name: str) -> Path:
 
 def _draw(target: Path, kind: _Kind, picture: Path) -> None:
     """Fit a target as the page says, and draw it with source and result."""
-    runs, result = target.parent / "runs", target.parent / "fitted" / f"{target.stem}.ply"
-    result.parent.mkdir(exist_ok=True)
+    runs, result = target.parent / "runs" / picture.stem, target.parent / "fitted" / f"{picture.stem}.ply"
+    result.parent.mkdir(parents=True, exist_ok=True)
     picture.parent.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-m", "meshfit", "fit", target, "-o", result, "--keep", runs, *kind.options]
     subprocess.run(list(map(str, command)), check=True)
