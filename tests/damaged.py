@@ -6,6 +6,7 @@ import warnings
 import numpy as np
 
 from meshfit.errors import MeshError, MeshfitWarning
+from meshfit.mesh.io.raw_points import RawPoints
 
 # Pieces of messages of Python and its libraries, which say nothing to who has a damaged file.
 OF_EXCEPTIONS = re.compile(
@@ -73,6 +74,9 @@ def soup_or_refused(read, content):
         require_plain(str(warning.message))
     if isinstance(found, np.ndarray):
         assert found.shape == (len(found), 3)
+    elif isinstance(found, RawPoints):
+        assert found.verts.shape == (len(found.verts), 3)
+        assert found.normals is None or found.normals.shape == found.verts.shape
     elif found is not None:
         assert found.verts.shape == (len(found.verts), 3)
         assert found.corners.shape == (found.sizes.sum(),)
