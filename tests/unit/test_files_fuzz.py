@@ -16,7 +16,7 @@ from tests import scenes
 from tests.damaged import damaged, read_or_refused, soup_or_refused
 from tests.loops import over
 
-MUTATIONS, MANY_MUTATIONS, LOADED = 2_000, 20_000, 60
+MUTATIONS, MANY_MUTATIONS, LOADED = 1_000, 20_000, 60
 SECONDS = 2
 MEGABYTE = 2**20
 POINTS = b"0 0 0\n1 0 0\n0 1 0\n0 0 1\n"

@@ -31,6 +31,7 @@ def moved(mesh, scale=1000.0, offset=1e4):
     return mesh.with_verts(mesh.verts * scale + offset)
 
 
+@pytest.mark.usefixtures("fewer_target_points")
 @pytest.mark.parametrize("settings", [FIT, SMALL | {"device": "cpu"}], ids=["first-order", "gauss-newton"])
 @over(("source", "normalise"), [("sphere", "tutorial"), (HALF, "tutorial"), (HALF, "box")])
 def test_a_fit_in_another_unit_and_at_another_place_is_the_same_fit(settings, source, normalise):
