@@ -2,9 +2,10 @@
 
 import json
 import math
+from collections.abc import Callable
 from typing import Annotated, Any
 
-from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, WrapValidator
+from pydantic import Field, ValidationError, WrapValidator
 
 from meshfit.mesh.cleaning_options import Surface
 from meshfit.settings import Settings
@@ -25,7 +26,7 @@ def share_of_diagonal(text: str) -> float | None:
     return share if text.strip().endswith("%") and 0 < share < math.inf else None
 
 
-def _length_or_share(value: Any, validate: ValidatorFunctionWrapHandler) -> Any:  # noqa: ANN401  any YAML value
+def _length_or_share(value: Any, validate: Callable[[Any], Any]) -> Any:  # noqa: ANN401  any YAML value
     """Report one error in place of one for each of the two types."""
     try:
         checked = validate(value)
