@@ -49,7 +49,8 @@ def nearest_on_surface(surface: Mesh, points: Points) -> NearestPoints:
     """
     order = spatial_order(points)  # queries that are close to each other find the same parts of the tree in the cache
     found = _tree(surface).squared_distance(surface.verts, surface.faces, points[order])
-    squared, faces, nearest = (np.empty_like(values) for values in found)
+    number = len(points)
+    squared, faces, nearest = np.empty(number), np.empty(number, dtype=np.int64), np.empty((number, 3))
     squared[order], faces[order], nearest[order] = found
     return NearestPoints(np.sqrt(squared), nearest, faces)
 
