@@ -1,6 +1,8 @@
 """Attributes of vertices, faces and corners follow them through cleaning and triangulation."""
 
+import io
 import warnings
+import zipfile
 
 import numpy as np
 
@@ -8,9 +10,9 @@ from meshfit.errors import MeshfitWarning
 from meshfit.mesh.attributes import Attributes, Material
 from meshfit.mesh.cleaning import clean
 from meshfit.mesh.cleaning_options import CleaningOptions
-from meshfit.mesh.io.files import load_mesh
+from meshfit.mesh.io.files import encode_mesh, load_mesh
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
-from meshfit.mesh.solids import icosahedron, quad_cube
+from meshfit.mesh.solids import icosahedron, octahedron, quad_cube
 from tests import scenes
 from tests.loops import over
 from tests.quads import mixed, prism
@@ -90,8 +92,30 @@ def test_texture_coordinates_go_to_corners_and_the_first_skin_weights_stay():
     assert np.isnan(mesh.attributes.vertex["nan"]).all()
 
 
-def test_attributes_that_a_read_only_format_has_are_named_in_one_line(tmp_path):
+def test_attributes_that_a_format_has_but_none_reads_are_named_in_one_line(tmp_path):
+    faces = b"3 0 2 1\n3 0 1 3\n3 1 2 3\n3 2 0 3\n"
+    coloured = faces.replace(b"\n", b" 0.5 0 1\n")
+    off = b"OFF\n4 4 6\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n"
+    vert_colours = b"COFF\n4 4 6\n" + b"".join(b"%b 9 9 9 255\n" % line for line in off.splitlines()[2:])
+    rows = "".join(
+        f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in ((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3))
+    )
+    points = "".join(f'<vertex x="{x}" y="{y}" z="{z}"/>' for x, y, z in ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)))
+    package = io.BytesIO()
+    with zipfile.ZipFile(package, "w") as archive:
+        archive.writestr(
+            "3D/3dmodel.model",
+            f'<model xmlns:m="a"><resources><m:colorgroup id="2"/><basematerials id="3"/><object id="1"><mesh>'
+            f"<vertices>{points}</vertices><triangles>{rows}</triangles></mesh></object></resources></model>",
+        )
+    stl = encode_mesh(octahedron(), ".stl")
     texts = {
+        "a.off": (off + coloured, "colours of faces are not read from OFF"),
+        "b.off": (vert_colours + faces, "colours are not read from OFF"),
+        "plain.off": (off + faces, None),
+        "plain.stl": (stl, None),
+        "a.stl": (b"COLOR=".ljust(80, b"\1") + stl[80:], "colours are not read from STL"),
+        "a.3mf": (package.getvalue(), "materials, colours are not read from 3MF"),
         "a.dae": (scenes.DAE.replace(b'semantic="POSITION"', b'semantic="POSITION" name="semantic=\'TEXCOORD\'"'),
                   "texture coordinates are not read from DAE"),
         "a.vtk": (b"# vtk DataFile Version 3.0\nx\nASCII\nDATASET POLYDATA\nPOINTS 4 float\n0 0 0 1 0 0 0 1 0 0 0 1\n"
@@ -105,4 +129,4 @@ def test_attributes_that_a_read_only_format_has_are_named_in_one_line(tmp_path):
                 warnings.simplefilter("always")
                 load_mesh(tmp_path / name, attributes=attributes)
             found = [str(warning.message) for warning in caught if "are not read" in str(warning.message)]
-            assert found == ([f"{tmp_path / name}: {expected}"] if attributes else [])
+            assert found == ([f"{tmp_path / name}: {expected}"] if attributes and expected else [])

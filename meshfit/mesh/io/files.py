@@ -56,7 +56,8 @@ class Format(NamedTuple):
     A format with normals has a writer that takes them as a second argument; one with `folder`, a reader that takes the
     folder of the file, as it refers to files in it; one with `attributes`, a reader that takes whether to read them.
 
-    `left_out` returns, in words, the attributes of a mesh that its writer leaves out.
+    `left_out` returns, in words, the attributes of a mesh that its writer leaves out; `unread` is that of a
+    `ReadOnlyFormat`.
     """
 
     read: Callable[..., PolygonSoup]
@@ -66,6 +67,7 @@ class Format(NamedTuple):
     folder: bool = False
     attributes: bool = False
     left_out: Callable[[PolygonMesh], list[str]] = _all_attributes
+    unread: Mapping[str, bytes] = MappingProxyType({})
 
 
 class ReadOnlyFormat(NamedTuple):
@@ -95,6 +97,13 @@ class CurveFormat(NamedTuple):
     elements: str
 
 
+# In OFF, letters before the keyword announce columns of vertices; the colour of a face follows its corners.
+_UNREAD_OF_OFF = {
+    "texture coordinates": rb"(?i)\A\s*[CN4]*ST[CN4]*OFF",
+    "colours": rb"(?i)\A\s*(?:ST|[N4])*C(?:ST|[CN4])*OFF",
+    "colours of faces": rb"(?m)^[ \t]*(?:3(?:[ \t]+\d+){3}|4(?:[ \t]+\d+){4})(?:[ \t]+\d*\.?\d+){3,4}[ \t\r]*$",
+}
+_UNREAD_OF_STL = {"colours": rb"\A[^\0]{0,70}COLOR="}
 _GLTF = Format(gltf.read_gltf, gltf.write_glb, double=False, folder=True, attributes=True, left_out=left_out_of_gltf)
 FORMATS = {
     ".obj": Format(
@@ -103,8 +112,8 @@ FORMATS = {
     ".ply": Format(
         ply.read_ply, ply.write_ply, normals=True, folder=True, attributes=True, left_out=ply.left_out_of_ply
     ),
-    ".stl": Format(stl.read_stl, stl.write_stl, double=False),
-    ".off": Format(off.read_off, off.write_off),
+    ".stl": Format(stl.read_stl, stl.write_stl, double=False, unread=_UNREAD_OF_STL),
+    ".off": Format(off.read_off, off.write_off, unread=_UNREAD_OF_OFF),
     ".glb": _GLTF,
     ".gltf": _GLTF._replace(write=gltf.write_gltf),
 }
@@ -118,7 +127,7 @@ _UNREAD_OF_VTK = {
     rb"|<(?:Point|Cell)Data[^>]*>\s*<DataArray(?![^>]*Name=\"Normals\")"
 }
 READ_ONLY_FORMATS = {
-    ".3mf": ReadOnlyFormat(threemf.read_3mf),
+    ".3mf": ReadOnlyFormat(threemf.read_3mf, attributes=True),
     ".dae": ReadOnlyFormat(collada.read_dae, unread=_UNREAD_OF_COLLADA),
     ".vtk": ReadOnlyFormat(vtk_legacy.read_vtk, unread=_UNREAD_OF_VTK),
     ".vtp": ReadOnlyFormat(vtk_legacy.read_vtk, unread=_UNREAD_OF_VTK),
@@ -425,7 +434,7 @@ def read_soup(file: MeshFile, *, attributes: bool = False) -> PolygonSoup:
     soup = parse_file(file, partial(form.read, **options), READABLE_FORMATS)
     if not len(soup.verts):
         raise _unreadable(file, "no vertices in it; another format, or cut short", READABLE_FORMATS)
-    if attributes and isinstance(form, ReadOnlyFormat):
+    if attributes and form.unread:
         unread = [words for words, pattern in form.unread.items() if re.search(pattern, file.content)]
         if unread:
             text = f"{', '.join(unread)} are not read from {format_name(file.suffix)}"

@@ -29,6 +29,8 @@ _MODEL = "3D/3dmodel.model"
 _MILLIMETRES = {"micron": 1e-3, "millimeter": 1.0, "centimeter": 10.0, "inch": 25.4, "foot": 304.8, "meter": 1e3}
 # Extensions that leave the triangles as they are, by a part of their namespace.
 _NEUTRAL = ("/production/", "/material/", "/slice/", "/trianglesets/", "/core/")
+_UNREAD = {"materials": "basematerials", "colours": "colorgroup", "textures": "texture2dgroup"}
+"""Elements that give triangles a look, by what they are in words."""
 _FREE_BYTES = 16_000_000
 _BYTES_PER_PACKED_BYTE = 100
 
@@ -49,16 +51,20 @@ class _Object(NamedTuple):
     components: list[_Use]
 
 
-def read_3mf(content: bytes) -> PolygonSoup:
+def read_3mf(content: bytes, *, attributes: bool = False) -> PolygonSoup:
     """Read the triangles of the build items of a 3MF file, in its unit.
 
     A file without build items gives each object that no other uses.
+
+    Args:
+        content: of the file.
+        attributes: warn of materials, colours and textures, which are not read.
 
     Raises:
         MeshError: a damaged file, or a required extension that is not supported.
 
     Warns:
-        MeshfitWarning: with the number of objects that the build does not use.
+        MeshfitWarning: with the number of objects that the build does not use; of materials, if that is wanted.
     """
     package = _Package(content)
     root = package.root_part()
@@ -71,6 +77,8 @@ def read_3mf(content: bytes) -> PolygonSoup:
     if unused := len([key for key, thing in package.objects.items() if thing.mesh is not None and key not in used]):
         objects = count_text(unused, "object")
         warnings.warn(f"passed over {objects} that the build does not use", MeshfitWarning, stacklevel=2)
+    if attributes and (unread := package.unread):
+        warnings.warn(f"{', '.join(unread)} are not read from 3MF", MeshfitWarning, stacklevel=2)
     return placed.soup()
 
 
@@ -134,6 +142,12 @@ class _Package:
                 for element in children(resources, "object"):
                     self._add_object(element, part, _MILLIMETRES[unit] / self._scale)
         return self._models[part]
+
+    @property
+    def unread(self) -> list[str]:
+        """The kinds of properties of triangles in the models that were read, in words."""
+        groups = [group for model in self._models.values() for group in children(model, "resources")]
+        return [words for words, name in _UNREAD.items() if any(child(group, name) is not None for group in groups)]
 
     def object(self, key: _Key) -> _Object:
         """Return an object of a model, which is read if it was not yet."""
