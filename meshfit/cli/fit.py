@@ -440,6 +440,8 @@ class _Fitting:
         from meshfit.experiment.storage.frame import frame_of, written_frame
         from meshfit.experiment.storage.targets import read_written_mesh
         from meshfit.measuring.metrics import MEASURED
+        from meshfit.mesh.attributes import SUPPORTED
+        from meshfit.mesh.io.files import mesh_output_suffix
 
         folder, record = store.folder(job.trial), store.result(job.trial)
         if record is None:
@@ -448,7 +450,11 @@ class _Fitting:
         mesh = with_attributes(read_written_mesh(path), path, record)
         if written_frame(record) == "normalised":
             mesh = frame_of(record).restore(mesh)
-        _save(mesh, job.output, _FORMAT_OF_MANY if many and self.output_format is None else self.output_format)
+        chosen = _FORMAT_OF_MANY if many and self.output_format is None else self.output_format
+        if mesh_output_suffix(job.output, chosen) != ".ply":
+            # The share is in the verdict, and other formats have no place for the marks.
+            mesh = mesh.with_attributes(mesh.attributes.without(SUPPORTED))
+        _save(mesh, job.output, chosen)
         stem = file_stem(job.target)
         for text in record["warnings"]:
             # The verdict says this itself.

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from meshfit.experiment.storage.run_directory import Result
 
 _FAR_PERCENT = 1.0
+# Shares of the surface from here on are all of it.
+_ALL_BUT_NOTHING = 0.999
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,7 @@ class Verdict:
         reason: why.
         shortfalls: what the result lacks of the target, in words.
         surface: the part of the target that distances are from, `all` or `outer`.
+        supported: share of the surface that the target shows; None if it has no holes.
     """
 
     target: str
@@ -53,6 +56,7 @@ class Verdict:
     reason: str
     shortfalls: tuple[str, ...]
     surface: str
+    supported: float | None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values and the advice as plain data."""
@@ -88,6 +92,8 @@ class Verdict:
         """Advice on each shortfall: the finding, and what to try."""
         if self.made_from == "wrap" and self.reason != "as set" and not self.target_points:
             yield f"started from a wrap around the target: {self.reason}; --source target starts from the target itself"
+        if self.supported is not None and self.supported < _ALL_BUT_NOTHING:
+            yield f"{100 * (1 - self.supported):.2g} % of the surface is filled in: the target shows nothing there"
         own = self.made_from == "target"
         for text in self.shortfalls:
             from_target = "" if own else "; try --source target, which starts from all of them"
@@ -155,6 +161,7 @@ def verdict_of(target: str, output: str, folder: "Path", record: "Result") -> Ve
         reason=record["source"].get("reason", ""),
         shortfalls=tuple(record.get("shortfalls", ())),
         surface=_surface(record["settings"]),
+        supported=record.get("supported"),
     )
 
 

@@ -113,6 +113,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     fairness: float | None = None,
     last_fairness: float | None = None,
     noise: Literal["auto"] | float | None = None,
+    robust: Literal["auto", "off"] | None = None,
     direction: Literal["both", "to-target", "to-source"] | None = None,
     # the computation
     device: str = "auto",
@@ -173,6 +174,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         fairness: gauss-newton: weight of smoothness at the end of each level.
         last_fairness: gauss-newton: weight of smoothness at the end of the last steps.
         noise: gauss-newton: standard deviation of the target's points across its surface, or `auto`.
+        robust: gauss-newton: `auto` gives up outliers of clouds and of meshes with noise, `off` follows every point.
         direction: gauss-newton: pairs that pull: `both`, only those from the surface `to-target`, or only `to-source`.
         device: `auto`, `cpu`, `cuda`, `cuda:N` or `mps`.
         dtype: precision of the computation; meshes are float64 in any case.

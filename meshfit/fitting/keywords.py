@@ -56,4 +56,5 @@ class FitKeys(TypedDict, total=False):
     fairness: float | None
     last_fairness: float | None
     noise: Literal["auto"] | float | None
+    robust: Literal["auto", "off"] | None
     direction: Literal["both", "to-target", "to-source"] | None

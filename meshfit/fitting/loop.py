@@ -14,7 +14,8 @@ from meshfit.fitting.external.tools import ToolRun
 from meshfit.fitting.problem import COLUMNS, Checkpoint, Diverged, Problem, Trace
 from meshfit.fitting.settings import FitSettings
 from meshfit.mesh.any_mesh import MeshLike
-from meshfit.mesh.attributes import NO_ATTRIBUTES
+from meshfit.mesh.attributes import NO_ATTRIBUTES, SUPPORTED
+from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.normalisation import IDENTITY, Frame
 from meshfit.mesh.point_cloud import PointCloud
@@ -170,6 +171,18 @@ class FitResult:
         """Return the mesh, the number of steps and the last value of the objective."""
         words = [repr(self.polygons or self.mesh), *([self.trace.summary] if self.trace.rows else []), self.device]
         return f"FitResult({', '.join(words)})"
+
+    @property
+    def supported(self) -> float | None:
+        """Share of the area that the target shows; None if it has no rim, and so shows all of it.
+
+        `mesh.attributes.vertex["supported"]`, and `face`, tell which vertices and faces these are.
+        """
+        shown = self.mesh.attributes.face.get(SUPPORTED)
+        if shown is None:
+            return None
+        areas = face_areas(self.mesh)
+        return float((areas * (shown != 0)).sum() / areas.sum())
 
     def show(self, *, edges: bool = True, up: str = "y", image: bool | None = None) -> Any:  # noqa: ANN401
         """Show the result, and the target beside it: in a window, in a notebook, or as an image without a display.

@@ -137,6 +137,9 @@ class GaussNewtonSettings(Settings):
     noise: Literal["auto"] | Weight = "auto"
     """Standard deviation (0 or more) of the target's points or vertices across its surface: the more, the smoother the
     result. `auto` estimates it; 0 follows every point. It is in the normalised frame."""
+    robust: Literal["auto", "off"] = "auto"
+    """Outliers of the target: `auto` leaves out stray points of a cloud and spikes of a mesh that has noise, and lets
+    points far from the surface count little once those around them are reached; `off` follows every point."""
     direction: Literal["both", "to-target", "to-source"] = "both"
     """Pairs of points that pull: `both`; `to-target`, from the surface to its nearest points on the target, for targets
     larger than the source; or `to-source`, from the target to the surface, for targets that show only a part."""

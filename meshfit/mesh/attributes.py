@@ -16,6 +16,7 @@ Values = NDArray[Any]
 """One row for each vertex, face or corner, of any numeric type."""
 
 UV, COLOR, JOINTS, WEIGHTS, MATERIAL, GROUP = "uv", "color", "joints", "weights", "material", "group"
+SUPPORTED = "supported"
 """Names with a meaning.
 
 uv: (C, 2) of corners, texture coordinates with v upwards; `uv1`, `uv2` for further sets.
@@ -23,6 +24,7 @@ color: (·, 3) or (·, 4) of vertices, faces or corners: uint8, uint16, or float
 joints, weights: (V, J) of vertices: the joints of the skin that move a vertex, and by how much.
 material: (F,) of faces, an index into `materials`; -1 for none.
 group: (F,) of faces, an index into `groups`; -1 for none.
+supported: (V,) of vertices and (F,) of faces of a result: 1 where the target shows a surface, 0 where it has a hole.
 """
 
 
@@ -135,6 +137,14 @@ class Attributes:
     def __reduce__(self) -> tuple[Any, ...]:
         """Return how to make the attributes again in another process; a read-only mapping cannot be sent."""
         return Attributes, (*map(dict, (self.vertex, self.face, self.corner)), self.materials, self.groups, self.skin)
+
+    def without(self, name: str) -> "Attributes":
+        """Return all but the data of vertices, faces and corners of this name."""
+        vertex, face, corner = (
+            {key: values for key, values in rows.items() if key != name}
+            for rows in (self.vertex, self.face, self.corner)
+        )
+        return replace(self, vertex=vertex, face=face, corner=corner)
 
     @property
     def num_values(self) -> int:

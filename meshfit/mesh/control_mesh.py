@@ -18,6 +18,7 @@ from meshfit.mesh.manifold import describe_topology, euler_number
 from meshfit.mesh.mesh import Mesh, SameContent
 from meshfit.mesh.meshlab import alpha_wrap, decimate, refine_long_edges
 from meshfit.mesh.nearest import nearest_point_query
+from meshfit.mesh.outliers import stray_points
 from meshfit.mesh.pieces import crossing_faces, manifold_pieces, piece_of_face
 from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.sampling import sample_surface
@@ -142,6 +143,8 @@ def _made(
             origin, reason = _choice(pieces)
     if origin == "target":
         return ControlMesh(_reduced(pieces, verts, faces), "target", reason)
+    if not target.num_faces:
+        target = Mesh(target.verts[~stray_points(target.verts)], [])
     skin, lengths = _wrapped(target, wrap)
     return ControlMesh(_reduced(skin, verts, faces), "wrap", reason, lengths)
 

@@ -67,9 +67,7 @@ def noise_of_mesh(mesh: Mesh) -> float:
     between = inner[tail] & inner[head]
     if not between.any():
         return 0.0
-    normals = smoothed_normals(mesh, vert_area_vectors(mesh), _SMOOTHINGS)
-    middle = _sum_of_neighbours(mesh.verts, tail, head) / np.maximum(valence, 1)[:, None]
-    heights = np.einsum("nk,nk->n", mesh.verts - middle, unit_vectors(normals))
+    heights = heights_over_neighbours(mesh)
     size = float(np.median(np.abs(heights[inner])))
     if size == 0:
         return 0.0
@@ -78,6 +76,15 @@ def noise_of_mesh(mesh: Mesh) -> float:
     share = np.clip((_SMOOTH - correlation) / (_SMOOTH - _INDEPENDENT), 0, 1)
     of_noise = 1 + (1 / valence[inner]).mean()
     return float(_NORMAL_MEDIAN * size * np.sqrt(share / of_noise))
+
+
+def heights_over_neighbours(mesh: Mesh) -> Float64[np.ndarray, " V"]:
+    """Return the height of each vertex over the mean of its neighbours, along a smooth normal."""
+    tail, head = Topology.of(mesh).edges.T
+    valence = np.bincount(np.concatenate([tail, head]), minlength=mesh.num_verts)
+    normals = smoothed_normals(mesh, vert_area_vectors(mesh), _SMOOTHINGS)
+    middle = _sum_of_neighbours(mesh.verts, tail, head) / np.maximum(valence, 1)[:, None]
+    return np.asarray(np.einsum("nk,nk->n", mesh.verts - middle, unit_vectors(normals)))
 
 
 def smoothed_normals(mesh: Mesh, normals: Float64[np.ndarray, "V 3"], rounds: int) -> Float64[np.ndarray, "V 3"]:

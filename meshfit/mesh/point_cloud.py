@@ -25,6 +25,7 @@ _LEAST = 4
 _NEIGHBOURS, _MOST_NEIGHBOURS = 16, 96
 # Neighbours of a point along which orientation is passed on, and from whose distance density is estimated.
 _LINKS, _DENSITY = 10, 8
+_LARGEST_AREA = 2.0
 # Neighbours of a point at a rim, and the angle without any of them, seen along the normal.
 _RIM_NEIGHBOURS, _RIM_ANGLE = 24, 0.85 * np.pi
 # Points at the rim or next to it, and points over which areas are averaged.
@@ -134,11 +135,13 @@ def plane_normals(points: Points) -> Normals:
 def sampled_areas(points: Points) -> Float64[np.ndarray, " N"]:
     """Return the area of the surface that each point stands for, from the distance of its neighbours.
 
-    Where points are dense, each stands for little, so that a surface that was scanned twice counts once.
+    Where points are dense, each stands for little, so that a surface that was scanned twice counts once. A point has
+    at most twice the median of its neighbours, so that one off the surface stands for hardly more than others.
     """
     count = min(_DENSITY, len(points) - 1)
-    distances, _ = cKDTree(points).query(points, count + 1)
-    return np.asarray(np.pi * np.asarray(distances)[:, -1] ** 2 / count)
+    distances, neighbours = cKDTree(points).query(points, count + 1)
+    areas = np.pi * np.asarray(distances)[:, -1] ** 2 / count
+    return np.asarray(np.minimum(areas, _LARGEST_AREA * np.median(areas[neighbours], axis=1)))
 
 
 def rim_of(cloud: PointCloud) -> Bool[np.ndarray, " N"]:

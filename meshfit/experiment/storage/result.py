@@ -29,6 +29,7 @@ def result_record(trial: "Trial", frame: Result, fitted: "FitResult", measured: 
 
     last = fitted.trace.rows[-1] if fitted.trace.rows else ()
     tool = {} if fitted.tool is None else {"tool": fitted.tool.to_dict()}
+    supported = {} if fitted.supported is None else {"supported": fitted.supported}
     return {
         "schema_version": RESULTS_VERSION,
         "identity": trial.identity,
@@ -37,6 +38,7 @@ def result_record(trial: "Trial", frame: Result, fitted: "FitResult", measured: 
         **measured.to_dict(),
         "fit": {"steps": trial.settings.fit.steps, "device": fitted.device, "final_loss": last[1] if last else None},
         **tool,
+        **supported,
         "frame": frame,
         "inputs": dict(trial.inputs),
         "settings": trial.plain_settings,

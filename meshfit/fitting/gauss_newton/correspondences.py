@@ -5,15 +5,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
 import torch
 from jaxtyping import Float, Int64
+from scipy.spatial import cKDTree
 from torch import Generator, Tensor
 
 from meshfit.fitting.gauss_newton.fairness import in_membranes, membrane_share
 from meshfit.fitting.gauss_newton.surface import Shape
 from meshfit.fitting.gauss_newton.target import TargetBoundary, TargetCloud
 from meshfit.fitting.nearest_neighbours import nearest_neighbour_search
-from meshfit.remeshing.triangle_geometry import dot, unit
+from meshfit.remeshing.triangle_geometry import dot, length_of, unit
 
 Direction = Literal["both", "to-target", "to-source"]
 
@@ -28,6 +30,10 @@ _LEAST_DRAWN, _DRAWN_PER_VERT = 2000, 4
 _FACING, _FACING_BACK = 0.0, -0.3
 # Weight of the boundary: that of a strip of the surface of this many edge lengths.
 _STRIP = 4.0
+# Standard deviation of normal values over the median of their absolute ones, less what a vector has more.
+_NORMAL_MEDIAN = 1.4826
+# Neighbours that tell whether a part of the target is out of reach, or a point of it an outlier.
+_AROUND = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +66,11 @@ class Correspondences:
 
 
 def find_correspondences(
-    shape: Shape, target: TargetCloud, generator: Generator, direction: Direction = "both"
+    shape: Shape,
+    target: TargetCloud,
+    generator: Generator,
+    direction: Direction = "both",
+    robust: float | None = None,
 ) -> Correspondences:
     """Pair points of the surface with the nearest of the target, and the other way round, where normals agree.
 
@@ -74,6 +84,7 @@ def find_correspondences(
         target: the target.
         generator: generator of the random points, on the CPU.
         direction: pairs to return.
+        robust: number of robust standard deviations beyond which residuals count little; None for no limit.
     """
     pattern = _FACE_POINTS[: 1 if len(shape.connectivity.faces) > _MANY_FACES else None]
     face, corners, weights = _surface_points(shape, pattern)
@@ -93,25 +104,55 @@ def find_correspondences(
         forward = torch.zeros_like(forward)
     if direction == "to-target":
         backward = torch.zeros_like(backward)
+    weights = weights[forward]
     hit, drawn = hit[backward], drawn[backward]
     goals = torch.cat([nearest[forward], drawn])
     faces = torch.cat([face[forward], face[hit]])
     at = torch.cat(
         [corners[forward], nearest_in_triangles(target.points[drawn], shape.corners.index_select(0, face[hit]))]
     )
-    start = shape.points(faces, at)
+    residuals = target.points.index_select(0, goals) - shape.points(faces, at)
+    weights = torch.cat([weights, weights.new_full((len(drawn),), 1 / len(backward))])
+    if robust is not None and target.noise and len(drawn):
+        weights = weights * _welsch(residuals, target, drawn, robust)
     pairs = Correspondences(
         face=faces,
         corners=at,
         normals=target.normals.index_select(0, goals),
-        residuals=target.points.index_select(0, goals) - start,
-        weights=torch.cat([weights[forward], weights.new_full((len(drawn),), 1 / len(backward))]),
+        residuals=residuals,
+        weights=weights,
         matched=matched,
         membranes=membrane_share(shape, spanning_in_faces.to(points).mean(1)),
     )
     if target.boundary is None or not len(shape.connectivity.edges.outer):
         return pairs
     return _with_boundary(pairs, shape, target.boundary, generator)
+
+
+def _welsch(
+    residuals: Float[Tensor, "M 3"], target: TargetCloud, drawn: Int64[Tensor, " N"], robust: float
+) -> Float[Tensor, " M"]:
+    """Return the weights of residuals, the last N of which are those of points of the target (Welsch's function).
+
+    Those of the surface's points stay 1. So do those of points of the target around which most others are as far from
+    the surface: it has yet to reach them.
+    """
+    lengths, weights = length_of(residuals), torch.ones_like(residuals[:, 0])
+    scale = robust * max(target.noise, _NORMAL_MEDIAN * float(lengths.median()))
+    lengths = lengths[len(lengths) - len(drawn) :]
+    far = lengths > scale
+    # A point may be drawn more than once.
+    rows, first = np.unique(drawn.cpu().numpy(), return_index=True)
+    if bool(far.any()) and len(rows) > _AROUND:
+        points, far_rows = target.points[drawn].cpu().double().numpy(), far.cpu().numpy()
+        around = cKDTree(points[first]).query(points[far_rows], _AROUND + 1)[1][:, 1:]
+        reached = (~far_rows[first])[around].sum(axis=1) * 2 >= _AROUND
+        far[far.clone()] = torch.tensor(reached, device=far.device)
+    else:
+        far[:] = False
+    within = (lengths <= scale) | far
+    weights[len(weights) - len(drawn) :] = torch.where(within, (-(lengths / scale).square()).exp(), 1.0)
+    return weights
 
 
 def _surface_points(shape: Shape, face_points: Sequence[Sequence[float]]) -> tuple[Tensor, Tensor, Tensor]:

@@ -16,11 +16,13 @@ from meshfit.fitting.gauss_newton.refinement import control_mesh, linearly_refin
 from meshfit.fitting.gauss_newton.schedule import Stage, rough_verts, schedule
 from meshfit.fitting.gauss_newton.sphere_map import initial_sphere_map
 from meshfit.fitting.gauss_newton.step_limiting import faults_of, unsound_faces
+from meshfit.fitting.gauss_newton.support import with_support
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.fitting.loop import Engine
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem
 from meshfit.fitting.settings import GaussNewtonSettings
+from meshfit.mesh.attributes import NO_ATTRIBUTES
 from meshfit.mesh.manifold import require_manifold
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.pieces import crossing_faces, piece_of_face
@@ -40,6 +42,8 @@ _REMEDY = "raise fit.fairness, or place the source nearer to the target"
 _ENOUGH, _WORTHWHILE = 0.992, 0.75
 # Share of the target's points among all that are matched, on the rough shape: 4 of 13 per vertex.
 _OF_TARGET = 4 / 13
+# Share of outliers from which on they are reported.
+_MANY_OUTLIERS = 0.01
 # From this share on, a search for the rough shape ends once its fairness is lowest; and a level ends at a step before
 # which the distance is more than the second number times that of the step before.
 _COMPLETE, _STILL = 0.999, 0.97
@@ -129,7 +133,8 @@ class GaussNewton(Engine):
         super().__init__(problems, settings, device, dtype, pool)
         targets = dict.fromkeys(problem.target for problem in problems)
         noise = None if settings.noise == "auto" else settings.noise
-        clouds = {target: TargetCloud.of(target, dtype, device, noise) for target in targets}
+        robust = settings.robust == "auto"
+        clouds = {target: TargetCloud.of(target, dtype, device, noise, robust=robust) for target in targets}
         self._targets = [clouds[problem.target] for problem in problems]
         self._generators = [Generator().manual_seed(problem.seed) for problem in problems]
         for problem in problems:
@@ -143,7 +148,7 @@ class GaussNewton(Engine):
             self._start(problem, near=near) for problem, (near, _) in zip(problems, self._near, strict=True)
         ]
         self._restarts = [Restarts.unneeded(distance) if near else Restarts() for near, distance in self._near]
-        self._shortfalls: list[list[str]] = [[] for _ in problems]
+        self._shortfalls = [outliers_left_out(target) for target in self._targets]
         self._made = [0] * len(problems)
 
     def progress(self, member: int) -> tuple[int, int]:
@@ -182,12 +187,15 @@ class GaussNewton(Engine):
         return None if state.controlled is None else control_mesh(state, self.problems[member].scheme)
 
     def with_attributes(self, member: int, surface: Mesh | PolygonMesh) -> Mesh | PolygonMesh:
-        """Return the surface at the end with the attributes of the source: refined, or projected if it was remeshed."""
-        problem = self.problems[member]
-        if not problem.source.attributes:
-            return surface
-        state, levels = self._states[member], self.settings.levels
-        return surface.with_attributes(carried_attributes(surface, problem, self.settings, state, levels=levels))
+        """Return the surface at the end with the attributes of the source: refined, or projected if it was remeshed.
+
+        Vertices and faces that the target shows are marked, if it has a rim.
+        """
+        problem, attributes = self.problems[member], NO_ATTRIBUTES
+        if problem.source.attributes:
+            state, levels = self._states[member], self.settings.levels
+            attributes = carried_attributes(surface, problem, self.settings, state, levels=levels)
+        return surface.with_attributes(with_support(attributes, surface, self._targets[member]))
 
     def control_with_attributes(self, member: int) -> Mesh | PolygonMesh | None:
         """Return the control mesh at the end, if one is solved for, with the attributes of the source."""
@@ -338,7 +346,8 @@ class GaussNewton(Engine):
             before = self._changed(before, problem, stage, target)
         fairness, point_weight = stage.weights[number]
         fairness = max(fairness, target.least_fairness(len(before.verts)))
-        report = before.step(target, fairness, point_weight, self._generators[member], self.settings.direction)
+        robust = stage.robust if self.settings.robust == "auto" else None
+        report = before.step(target, fairness, point_weight, self._generators[member], self.settings.direction, robust)
         distance, matched, after = report.pairs.distance, report.pairs.matched, report.state
         if not bool(after.verts.isfinite().all()):
             last_good = _polygons_at(before) or _mesh_at(before)
@@ -380,6 +389,15 @@ class GaussNewton(Engine):
         """Return the number of vertices at the end of the rough shape."""
         factor = growth(resolve(problem.scheme), self.settings.levels)
         return rough_verts(self.settings, problem.source.num_verts, factor)
+
+
+def outliers_left_out(target: TargetCloud) -> list[str]:
+    """Return in words how many points were left out as outliers, if they are more than a few."""
+    left_out, count = target.num_outliers, target.num_independent + target.num_outliers
+    if left_out < _MANY_OUTLIERS * count:
+        return []
+    share = f"{100 * left_out / count:.2g} % of the target's points were left out as outliers"
+    return [f"{share}; fit.robust: off follows them"]
 
 
 def _mesh_at(state: FitState) -> Mesh:

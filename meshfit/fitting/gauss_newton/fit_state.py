@@ -139,10 +139,11 @@ class FitState:
         point_weight: float,
         generator: Generator,
         direction: Direction = "both",
+        robust: float | None = None,
     ) -> StepReport:
         """Make a Gauss–Newton step towards the target, as far as the surface stays sound."""
         shape, connectivity, controlled = self.shape, self.pattern.connectivity, self.controlled
-        pairs = find_correspondences(shape, target, generator, direction)
+        pairs = find_correspondences(shape, target, generator, direction, robust)
         tension = membrane_tension(shape, pairs.membranes, fairness) if controlled is None else None
         smoothness = Fairness(connectivity, self.stiffness * (fairness / len(self.verts)), tension)
         step, _ = solve_step(self.pattern, self.verts, pairs, smoothness, point_weight, controlled)

@@ -19,6 +19,9 @@ _LEVEL_FACTOR = 0.7
 _POINT, _LAST_POINT = (0.5, 0.85, 0.05), (0.05, 0.85, 0.01)
 # Fairness and point weight fall faster on the fine surface, which is near the target.
 _FINE_FACTOR, _FINE_POINT = 0.5, (0.05, 0.7, 0.01)
+# Residuals beyond so many robust standard deviations count little, on noisy targets: at the levels, and in the last
+# steps.
+_ROBUST, _LAST_ROBUST = 6.0, 3.0
 # Number of steps after decimation, and number of vertices before it beyond which it gains too little for its time.
 _STEPS_DECIMATED, _MOST_FINE = 2, 60_000
 
@@ -53,6 +56,7 @@ class Stage:
         settles: whether the remaining steps are left out once the surface hardly moves; of the search for the rough
             shape, once all of it is matched.
         refined: for `remesh`, number of subdivision levels by which the number of vertices grows beyond `share`.
+        robust: number of robust standard deviations beyond which residuals of noisy targets count little; None for all.
     """
 
     name: str
@@ -63,6 +67,7 @@ class Stage:
     attempt: int | None = None
     settles: bool = False
     refined: int = 0
+    robust: float | None = None
 
 
 def fairness_of(settings: GaussNewtonSettings, *, near: bool) -> LevelFairness:
@@ -84,21 +89,32 @@ def schedule(settings: GaussNewtonSettings, *, near: bool = False) -> list[Stage
     remeshed = settings.connectivity == "remeshed"
     weights = _weights((fairness.start, _LEVEL_FACTOR, fairness.level), _POINT, settings.level_steps)
     last = _weights((fairness.level / 2, _LEVEL_FACTOR, fairness.last), _LAST_POINT, settings.last_steps)
-    stages.append(Stage("level 0", "remesh" if remeshed else "place", 1.0, remeshed, weights, settles=remeshed))
+    change: Change = "remesh" if remeshed else "place"
+    stages.append(Stage("level 0", change, 1.0, remeshed, weights, settles=remeshed, robust=_ROBUST))
     if settings.variables == "control":
-        return [*stages, Stage("control mesh", "control", 1.0, sized=False, weights=weights + last)]
+        return [*stages, Stage("control mesh", "control", 1.0, sized=False, weights=weights + last, robust=_ROBUST)]
     names = [f"level {k}" for k in range(1, settings.levels + 1)]
-    stages += [Stage(name, "refine", 1.0, sized=False, weights=weights, settles=remeshed) for name in names]
+    stages += [
+        Stage(name, "refine", 1.0, sized=False, weights=weights, settles=remeshed, robust=_ROBUST) for name in names
+    ]
     if not remeshed:
-        return [*stages, Stage("last", "none", 1.0, sized=False, weights=last)]
+        return [*stages, Stage("last", "none", 1.0, sized=False, weights=last, robust=_LAST_ROBUST)]
     share = min(settings.decimate_from, max(1.0, _MOST_FINE / settings.verts))
     after = min(_STEPS_DECIMATED, settings.last_steps - 1)
     if share == 1 or after < 1:
-        return [*stages, Stage("last", "remesh", 1.0, sized=True, weights=last, refined=settings.levels)]
+        return [
+            *stages,
+            Stage("last", "remesh", 1.0, sized=True, weights=last, refined=settings.levels, robust=_LAST_ROBUST),
+        ]
     least = _NEAR.last if settings.last_fairness is None else settings.last_fairness
     last = _weights((fairness.level / 4, _FINE_FACTOR, least), _FINE_POINT, settings.last_steps)
-    stages.append(Stage("fine", "remesh", share, sized=True, weights=last[:-after], refined=settings.levels))
-    return [*stages, Stage("last", "decimate", 1.0, sized=True, weights=last[-after:], refined=settings.levels)]
+    stages.append(
+        Stage("fine", "remesh", share, sized=True, weights=last[:-after], refined=settings.levels, robust=_LAST_ROBUST)
+    )
+    return [
+        *stages,
+        Stage("last", "decimate", 1.0, sized=True, weights=last[-after:], refined=settings.levels, robust=_LAST_ROBUST),
+    ]
 
 
 def rough_verts(settings: GaussNewtonSettings, source_verts: int, growth: float) -> float:

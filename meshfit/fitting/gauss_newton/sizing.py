@@ -43,7 +43,9 @@ def lengths_for(
 
 
 def _scaled(shape: Shape, lengths: Tensor, num_verts: float) -> Tensor:
-    return lengths * math.sqrt(num_verts_for(shape.verts, shape.connectivity.faces, lengths) / num_verts)
+    # Of a surface with many handles, the prediction may be below 0.
+    predicted = max(1.0, num_verts_for(shape.verts, shape.connectivity.faces, lengths))
+    return lengths * math.sqrt(predicted / num_verts)
 
 
 def _curvature(shape: Shape, target: TargetCloud) -> Tensor:

@@ -14,6 +14,7 @@ from meshfit.fitting.nearest_neighbours import nearest_neighbour_search
 from meshfit.mesh.geometry import face_areas, face_normals, unit_vectors, vert_area_vectors
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.noise import NEIGHBOURHOOD, noise_of_mesh, noise_of_points, smoothed_normals
+from meshfit.mesh.outliers import spikes, stray_points
 from meshfit.mesh.point_cloud import PointCloud, oriented_cloud, rim_of, sampled_areas
 from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.topology import Topology
@@ -77,6 +78,7 @@ class TargetCloud:
         spacing: mean distance of neighbouring points.
         noise: standard deviation of its points across the surface; 0 if there is none to speak of.
         num_independent: number of its points whose noise is independent.
+        num_outliers: number of vertices or points that were left out.
         nearest: maps (M, 3) points to the (M,) indices of the nearest points of the cloud.
     """
 
@@ -89,11 +91,18 @@ class TargetCloud:
     spacing: float
     noise: float
     num_independent: int
+    num_outliers: int
     nearest: Callable[[Tensor], Tensor]
 
     @classmethod
     def of(
-        cls, target: Mesh | PointCloud, dtype: torch.dtype, device: torch.device, noise: float | None = None
+        cls,
+        target: Mesh | PointCloud,
+        dtype: torch.dtype,
+        device: torch.device,
+        noise: float | None = None,
+        *,
+        robust: bool = True,
     ) -> "TargetCloud":
         """Return the points of a target, always the same.
 
@@ -102,16 +111,25 @@ class TargetCloud:
             dtype: of the points.
             device: of the points.
             noise: standard deviation of the target's vertices or points across its surface; None to estimate it.
+            robust: whether to leave out outliers: stray points of a scan, and spikes of a mesh that has noise.
         """
         if isinstance(target, PointCloud):
-            return cls._of_points(target, dtype, device, noise)
-        return cls._of_mesh(target, dtype, device, noise)
+            return cls._of_points(target, dtype, device, noise, robust=robust)
+        return cls._of_mesh(target, dtype, device, noise, robust=robust)
 
     @classmethod
-    def _of_mesh(cls, mesh: Mesh, dtype: torch.dtype, device: torch.device, noise: float | None) -> "TargetCloud":
+    def _of_mesh(
+        cls, mesh: Mesh, dtype: torch.dtype, device: torch.device, noise: float | None, *, robust: bool
+    ) -> "TargetCloud":
         """Return one random point per stratum of equal area, and all vertices."""
-        samples = sample_surface(mesh, _POINTS, np.random.default_rng(0))
         noise = noise_of_mesh(mesh) if noise is None else noise
+        boundary, outliers = TargetBoundary.of(mesh, dtype, device), 0
+        if noise and robust:
+            spiky = spikes(mesh, noise)
+            outliers = int(spiky.sum())
+            # The holes that spikes leave are no boundary: what is around them closes them.
+            mesh = mesh if not outliers else Mesh(mesh.verts, mesh.faces[~spiky[mesh.faces].any(axis=1)])
+        samples = sample_surface(mesh, _POINTS, np.random.default_rng(0))
         normals = vert_area_vectors(mesh)
         used = normals.any(axis=1)
         of_faces = face_normals(mesh)
@@ -121,7 +139,6 @@ class TargetCloud:
         points = np.concatenate([samples.points, mesh.verts[used]])
         normals = np.concatenate([of_faces[samples.faces], unit_vectors(normals[used])])
         cloud = torch.tensor(points, dtype=dtype, device=device)
-        boundary = TargetBoundary.of(mesh, dtype, device)
         spacing = math.sqrt(float(face_areas(mesh).sum()) / _POINTS)
         rim = None
         if boundary is not None:
@@ -137,16 +154,18 @@ class TargetCloud:
             spacing=spacing,
             noise=noise,
             num_independent=int(used.sum()),
+            num_outliers=outliers,
             nearest=nearest_neighbour_search(cloud, scattered=True),
         )
 
     @classmethod
     def _of_points(
-        cls, scan: PointCloud, dtype: torch.dtype, device: torch.device, noise: float | None
+        cls, scan: PointCloud, dtype: torch.dtype, device: torch.device, noise: float | None, *, robust: bool
     ) -> "TargetCloud":
         if scan.num_verts > _MOST_POINTS:
             scan = scan.subset(np.sort(np.random.default_rng(0).permutation(scan.num_verts)[:_MOST_POINTS]))
-        scan = oriented_cloud(scan)
+        stray = stray_points(scan.verts) if robust else np.zeros(scan.num_verts, dtype=bool)
+        scan = oriented_cloud(scan.subset(np.flatnonzero(~stray)))
         areas = sampled_areas(scan.verts)
         order = cKDTree(scan.verts).indices  # neighbours are close in memory, which makes queries fast
         cloud = torch.tensor(scan.verts[order], dtype=dtype, device=device)
@@ -161,6 +180,7 @@ class TargetCloud:
             spacing=float(np.sqrt(np.median(areas))),
             noise=noise_of_points(scan.verts) if noise is None else noise,
             num_independent=len(cloud),
+            num_outliers=int(stray.sum()),
             nearest=nearest_neighbour_search(cloud, scattered=True),
         )
 

@@ -29,7 +29,7 @@ FAILURE_HEAD = ("failure.kind", "failure.message")
 
 # Order of the columns after metrics and settings, by prefix.
 _AFTER = (
-    *("fit.", "tool.", "seconds.", "peak_memory_mb", "warnings", "shortfalls"),
+    *("fit.", "tool.", "seconds.", "peak_memory_mb", "supported", "warnings", "shortfalls"),
     *("frame.", "versions.", "platform.", "inputs."),
 )
 _OMITTED = {*HEAD, "settings", "traceback", "log"}
