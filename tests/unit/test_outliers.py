@@ -1,8 +1,10 @@
 """Outliers of targets: stray points and spikes, found and given up, on surfaces that are known."""
 
 import numpy as np
+import pytest
 import torch
 
+from meshfit.errors import MeshfitWarning
 from meshfit.fitting.fit import fit
 from meshfit.fitting.gauss_newton.correspondences import find_correspondences
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
@@ -84,7 +86,8 @@ def test_a_wrap_goes_around_the_points_and_not_around_stray_ones():
 def test_a_cloud_with_stray_points_gives_the_ball():
     clean, stray = ball(3000, 0.1)
     settings = {"verts": 500, "levels": 0, "last_steps": 3, "decimate_from": 1.0, "device": "cpu", "normalise": "none"}
-    result = fit("auto", PointCloud(np.concatenate([clean, stray])), method="gauss-newton", **settings).mesh
+    with pytest.warns(MeshfitWarning, match=r"% of the target's points were left out as outliers"):
+        result = fit("auto", PointCloud(np.concatenate([clean, stray])), method="gauss-newton", **settings).mesh
     away = off_ball(result.verts)
     assert np.median(away) < 2 * NOISE
     # Points apart from the surface by no more than its own points from each other look like a part of it.
