@@ -44,9 +44,8 @@ def _stray_among(points: Float64[np.ndarray, "N 3"]) -> Bool[np.ndarray, " N"]:
     reach, neighbours = np.empty(len(points)), np.empty((len(points), count), dtype=np.int64)
     for start in range(0, len(points), _BLOCK):
         block = slice(start, start + _BLOCK)
-        distances, neighbours_and_itself = tree.query(points[block], count + 1)
-        reach[block] = np.sqrt(np.square(distances[:, 1:]).mean(axis=1))
-        neighbours[block] = neighbours_and_itself[:, 1:]
+        distances, rows = (np.asarray(found)[:, 1:] for found in tree.query(points[block], count + 1))
+        reach[block], neighbours[block] = np.sqrt(np.square(distances).mean(axis=1)), rows
     stray = np.asarray(reach > _LONELY * np.median(reach[neighbours], axis=1))
     sparse = np.flatnonzero((reach > _SPARSE * np.median(reach)) & ~stray)
     offsets = points[neighbours[sparse]] - points[sparse][:, None]

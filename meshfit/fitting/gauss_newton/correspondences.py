@@ -145,7 +145,7 @@ def _welsch(
     rows, first = np.unique(drawn.cpu().numpy(), return_index=True)
     if bool(far.any()) and len(rows) > _AROUND:
         points, far_rows = target.points[drawn].cpu().double().numpy(), far.cpu().numpy()
-        around = cKDTree(points[first]).query(points[far_rows], _AROUND + 1)[1][:, 1:]
+        around = np.asarray(cKDTree(points[first]).query(points[far_rows], _AROUND + 1)[1])[:, 1:]
         reached = (~far_rows[first])[around].sum(axis=1) * 2 >= _AROUND
         far[far.clone()] = torch.tensor(reached, device=far.device)
     else:

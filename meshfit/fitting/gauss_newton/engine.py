@@ -251,6 +251,8 @@ class GaussNewton(Engine):
             return state
         if isinstance(problem.target, PointCloud) or self._targets[member].noise:
             return state  # a smooth surface is farther from noise than one that follows it
+        if self._targets[member].rim is not None and Topology.of(problem.source).is_watertight:
+            return state  # what fills holes smoothly is farther from their rims than what spans them
         before = Closeness.of(problem.source, problem.target)
         if not Closeness.of(_mesh_at(state), problem.target).is_worse_than(before):
             return state
