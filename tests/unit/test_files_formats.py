@@ -64,6 +64,7 @@ VARIANTS = {
 
 
 @over("name", VARIANTS)
+@pytest.mark.filterwarnings("ignore:.*colours.* are not read from OFF")
 def test_all_ways_of_writing_a_tetrahedron_give_the_same_mesh(tmp_path, name):
     (tmp_path / name).write_text(VARIANTS[name], encoding="utf-8", newline="")
     found = load_mesh(tmp_path / name)
