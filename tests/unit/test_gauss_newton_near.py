@@ -16,7 +16,7 @@ from meshfit.mesh.manifold import describe_topology
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.meshlab import decimate
 from meshfit.mesh.pieces import crossing_faces, manifold_pieces
-from meshfit.mesh.solids import icosahedron
+from meshfit.mesh.solids import cube, icosahedron
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.refine import subdivide
 from tests.shapes import torus
@@ -52,9 +52,18 @@ def to_the_end(fit):
 def test_decimated_targets_are_near_and_spheres_of_other_sizes_are_far():
     for goal in (torus(24, 16), ball(3)):
         for faces in (60, 200, 400):
-            assert is_near(shape(decimate(goal, faces)), cloud(goal))[0], faces
+            assert is_near(shape(decimate(goal, faces)), cloud(goal), goal)[0], faces
         for levels, radius in ((0, 1.6), (2, 0.3), (3, 0.3), (3, 1.4)):
-            assert not is_near(shape(ball(levels, radius)), cloud(goal))[0], (levels, radius)
+            assert not is_near(shape(ball(levels, radius)), cloud(goal), goal)[0], (levels, radius)
+
+
+def test_a_plate_is_near_to_itself_however_thin_it_is_and_is_not_lost():
+    plate = subdivide(cube(), "midpoint", 2)
+    plate = plate.with_verts(plate.verts * [1.0, 0.02, 0.0002])
+    fit = engine(plate, plate)
+    assert fit.progress(0) == (0, SETTINGS.steps - SETTINGS.tries * SETTINGS.coarse_steps)
+    before, after = (Closeness.of(mesh, plate) for mesh in (plate, to_the_end(fit).mesh(0)))
+    assert not after.is_worse_than(before)
 
 
 def test_closeness_of_concentric_spheres_is_the_difference_of_their_radii():

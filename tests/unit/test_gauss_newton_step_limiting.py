@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from meshfit.fitting.gauss_newton.step_limiting import limit_step, unsound_faces, untangle
+from meshfit.fitting.gauss_newton.fit_state import FitState
+from meshfit.fitting.gauss_newton.step_limiting import faults_of, limit_step, unsound_faces, untangle
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.measuring.quality import degenerate_faces, flipped_faces
 from meshfit.mesh.mesh import Mesh
@@ -181,3 +182,32 @@ def test_what_cannot_be_mended_is_no_worse_than_before():
     verts, left = untangle(connectivity(mesh), torch.tensor(mesh.verts))
     assert left == 4
     assert int(unsound_faces(Shape(connectivity(mesh), verts)).sum()) == 4
+
+
+def test_faces_that_cross_or_have_a_tiny_angle_are_named_with_their_number():
+    mesh = ball(1)
+
+    def faults(verts, faces, *, crossing=False):
+        connectivity = Connectivity(torch.tensor(faces), len(verts), torch.float64, crossing)
+        return faults_of(Shape(connectivity, torch.tensor(verts)))
+
+    assert faults(mesh.verts, mesh.faces) == []
+    both = (
+        np.concatenate([mesh.verts, mesh.verts + np.array([1.0, 0.1, 0.2])]),
+        np.concatenate([mesh.faces, mesh.faces + 42]),
+    )
+    (text,) = faults(*both)
+    assert text.startswith("self-intersecting: ")
+    assert faults(*both, crossing=True) == []
+    flat = mesh.verts.copy()
+    start, end, third = mesh.faces[0]
+    flat[third] = 0.5 * (flat[start] + flat[end]) + 1e-4 * (flat[third] - flat[start])
+    assert any(text.startswith("thin faces: ") for text in faults(flat, mesh.faces))
+
+
+def test_pieces_have_a_least_number_of_vertices():
+    mesh = icosahedron()
+    verts, faces = np.concatenate([mesh.verts, mesh.verts + 5]), np.concatenate([mesh.faces, mesh.faces + 12])
+    state = FitState.of(torch.tensor(verts), torch.tensor(faces))
+    assert state.least_verts == 8
+    assert state.remeshed(7.0, None) is state

@@ -17,6 +17,7 @@ from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.proximity import is_inside, point_distances
 from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.topology import Topology
+from meshfit.remeshing.triangle_geometry import length_of
 
 # A surface is near if its mean distance from the target is below this share of its mean edge length, and of the
 # target's diagonal; if this share of its points is matched; and if nearly all points are within so many edge lengths.
@@ -24,10 +25,15 @@ from meshfit.mesh.topology import Topology
 _NEAR_EDGES, _NEAR_DIAGONAL = 0.5, 0.02
 _NEAR_MATCHED = 0.9
 _NEARLY_ALL, _FAR_EDGES = 0.98, 2.0
+# Or if this share is matched, and no point is farther than this share of the diagonal.
+_LEAST_MATCHED = 0.4
 # Samples of each surface that distances are measured from; about as many vertices are added.
 _SAMPLES = 20_000
 # Samples of the target that are tested for whether they are hidden, and their distance from it in diagonals.
 _HIDDEN_SAMPLES, _OFF = 5000, 0.002
+# A surface has lost its shape if its root mean square distance is so many times as large, and its largest one more than
+# this share of the diagonal.
+_LOST, _LOST_DIAGONAL = 5.0, 0.02
 # A fit ends worse than it began if its root mean square distance is larger, and more than this share of the diagonal;
 # or if its largest one is so many times as large, and more than that share.
 _WORSE_RMS, _FAR_RMS = 1.02, 1e-4
@@ -60,6 +66,10 @@ class Closeness:
         farther = self.worst > max(_WORSE_MAX * other.worst, _FAR_DIAGONAL * self.diagonal)
         return self.rms > max(_WORSE_RMS * other.rms, _FAR_RMS * self.diagonal) or farther
 
+    def has_lost(self, other: "Closeness") -> bool:
+        """Return whether a fit that ends so has lost the shape that it began with."""
+        return self.rms > _LOST * other.rms and self.worst > _LOST_DIAGONAL * self.diagonal
+
 
 @lru_cache(maxsize=8)
 def hidden_share(target: Mesh | PointCloud) -> float:
@@ -80,8 +90,14 @@ def _distances(origin: Mesh, surface: Mesh) -> Float64[np.ndarray, " N"]:
     return point_distances(surface, np.concatenate([points, verts]))
 
 
-def is_near(shape: Shape, target: TargetCloud) -> tuple[bool, float]:
-    """Return whether a surface is so near to the target that only details are missing, and its distance from it."""
+def is_near(shape: Shape, target: TargetCloud, goal: Mesh | PointCloud) -> tuple[bool, float]:
+    """Return whether a surface is so near to the target that only details are missing, and its distance from it.
+
+    Args:
+        shape: the surface.
+        target: points of the target.
+        goal: the target itself.
+    """
     pairs = find_correspondences(shape, target, Generator().manual_seed(0))
     if not len(pairs.residuals):
         return False, pairs.distance
@@ -91,4 +107,12 @@ def is_near(shape: Shape, target: TargetCloud) -> tuple[bool, float]:
     edge = float(shape.edge_lengths.mean())
     diagonal = float((target.points.amax(0) - target.points.amin(0)).square().sum().sqrt())
     small = mean < min(_NEAR_EDGES * edge, _NEAR_DIAGONAL * diagonal) and nearly_all < _FAR_EDGES * edge
-    return small and pairs.matched > _NEAR_MATCHED, pairs.distance
+    if small and pairs.matched > _NEAR_MATCHED:
+        return True, pairs.distance
+    if pairs.matched < _LEAST_MATCHED:
+        return False, pairs.distance
+    # Between the two sides of a thin plate, the nearest point is often on the other side, and its faces may be needles.
+    away = length_of(shape.verts - target.points[target.nearest(shape.verts)])
+    if isinstance(goal, PointCloud) or float(away.quantile(_NEARLY_ALL)) > _NEAR_DIAGONAL * diagonal:
+        return False, pairs.distance
+    return Closeness.of(shape.connectivity.mesh(shape.verts), goal).worst < _NEAR_DIAGONAL * diagonal, pairs.distance

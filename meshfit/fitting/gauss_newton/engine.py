@@ -140,7 +140,7 @@ class GaussNewton(Engine):
         for problem in problems:
             self._check(problem)
         pairs = zip(problems, self._targets, strict=True)
-        self._near = [is_near(self._shape(problem), target) for problem, target in pairs]
+        self._near = [is_near(self._shape(problem), target, problem.target) for problem, target in pairs]
         self._plans = {near: _steps_of(schedule(settings, near=near)) for near in (False, True)}
         self._sphere_maps = dict[Mesh, Tensor | None]()
         self._crossing = dict[Mesh, bool]()
@@ -237,7 +237,11 @@ class GaussNewton(Engine):
         texts = faults_of(state.shape)
         if self.settings.connectivity == "remeshed" and count > wanted:
             pieces = state.pattern.connectivity.pieces[0]
-            why = f"its {count_text(pieces, 'piece')} cannot do with fewer" if pieces > 1 else "it cannot do with fewer"
+            why = (
+                f"its {count_text(pieces, 'piece')} cannot do with fewer"
+                if pieces > 1
+                else "no more edges may collapse"
+            )
             texts.append(f"too many vertices: {count:,}, more than the {wanted:,} wanted, as {why}")
         return texts
 
@@ -254,11 +258,16 @@ class GaussNewton(Engine):
         if self._targets[member].rim is not None and Topology.of(problem.source).is_watertight:
             return state  # what fills holes smoothly is farther from their rims than what spans them
         before = Closeness.of(problem.source, problem.target)
-        if not Closeness.of(_mesh_at(state), problem.target).is_worse_than(before):
+        after = Closeness.of(_mesh_at(state), problem.target)
+        if not after.is_worse_than(before):
             return state
         kept = self._source_surface(problem)
         words = "the fit ended farther from the target than its source was"
-        less_sound = kept is not None and int(unsound_faces(kept.shape).sum()) > int(unsound_faces(state.shape).sum())
+        less_sound = (
+            kept is not None
+            and not after.has_lost(before)
+            and int(unsound_faces(kept.shape).sum()) > int(unsound_faces(state.shape).sum())
+        )
         if kept is None or less_sound or Closeness.of(_mesh_at(kept), problem.target).is_worse_than(before):
             self._shortfalls[member].append(words)
             return state
