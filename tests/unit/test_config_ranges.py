@@ -31,6 +31,7 @@ RANGES = {
     "weld": (["null", "1e-9", "2.5"], ["0", "-1", ".inf", "small"]),
     "repair": (["split", "refuse"], ["Split", "null", "true"]),
     "target.surface": (["all", "outer"], ["inner", "null"]),
+    "target.sensor": (["null", "[0, 1.5, -2]"], ["5", "[0, 1]", "[0, 1, .inf]"]),
     "targets": (["[cow]"], ["[]", "cow", "[1]", "[cow, cow]", "null"]),
     "define": (["{}", "{mine: {base: loop}}"], ["null", "[1]", "{Mine: {base: loop}}", "{mine: 3}", "{mine: {}}"]),
     "schemes": (["[loop, 'loop:weights=warren']"], ["[]", "[lop]", "[loop, loop]", "['interp-loop:alpha=2']", "[3]"]),
