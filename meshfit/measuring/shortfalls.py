@@ -2,10 +2,12 @@
 
 import numpy as np
 
+from meshfit.mesh.cleaning_options import Surface
 from meshfit.mesh.geometry import bounding_box_diagonal
 from meshfit.mesh.manifold import TopologyCounts
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.nearest import nearest_point_query
+from meshfit.mesh.outer_surface import outer_surface
 from meshfit.mesh.point_cloud import PointCloud, is_at_rim, local_areas
 from meshfit.mesh.proximity import point_distances
 from meshfit.mesh.sampling import sample_surface
@@ -23,22 +25,27 @@ _SPACINGS = 2.0
 _FEWEST_FACES = 12
 
 
-def shortfalls(result: Mesh, target: Mesh | PointCloud, far: float = FAR) -> list[str]:
+def shortfalls(result: Mesh, target: Mesh | PointCloud, far: float = FAR, *, surface: Surface = "all") -> list[str]:
     """Return what a result lacks of its target, in words, each of which names the finding and its size.
 
     Pieces, openings and handles of a cloud are not known. Where a result goes on beyond the rim of a cloud, or over a
-    gap in it, the cloud shows nothing that it could be off.
+    gap in it, the cloud shows nothing that it could be off. Nor are those of an outer surface to be matched where it is
+    open, by cuts or gaps that one skin closes.
 
     Args:
         result: the surface of the result.
         target: the surface or the points that it was fitted to.
         far: share of the target's diagonal from which a point is not reached, or off the target.
+        surface: `outer` compares what can be seen of both from outside.
     """
     if isinstance(target, PointCloud):
         return _of_cloud(result, target, far)
+    if surface == "outer":
+        result, target = outer_surface(result), outer_surface(target)
     length = far * bounding_box_diagonal(target.verts)
     unreached, beyond = _share_beyond(length, target, result), _share_beyond(length, result, target)
-    texts = _of_topology(result, target)
+    one_skin = surface == "outer" and not Topology.of(target).is_watertight
+    texts = [] if one_skin else _of_topology(result, target)
     distance = f"farther than {100 * far:g} % of the target's diagonal from the"
     if unreached > _PART:
         texts.append(f"not reached: {100 * unreached:.1f} % of the target's area is {distance} result")

@@ -36,7 +36,7 @@ _PLAIN_SIGHT = 0.1
 _DIRECTIONS, _LOOKED_AT, _FEWEST_LOOKED_AT = 24, 4000, 3
 # A part whose area agrees to this share goes as a whole.
 _WHOLE = 0.95
-_FACES_JUDGED = 5
+_FACES_JUDGED, _NEIGHBOURS = 5, 5
 
 
 @no_type_check
@@ -278,12 +278,14 @@ class _Sight:
         return np.stack(sides, axis=1)
 
     def in_plain_sight(self, mesh: Mesh, part: Indices) -> Mask:
-        """Return (F,) for which faces of a mesh the nearest one of the same part is in plain sight."""
+        """Return (F,) for which faces of a mesh the nearest ones of the same part are in plain sight."""
         apart = 4 * bounding_box_diagonal(mesh.verts)
         middle = mesh.verts[mesh.faces].mean(axis=1)
         tree = cKDTree(np.column_stack([self.points, apart * self.parts]))
-        nearest = tree.query(np.column_stack([middle, apart * part]))[1]
-        return np.asarray((self.seen.max(axis=1) >= _PLAIN_SIGHT)[nearest])
+        found = tree.query(np.column_stack([middle, apart * part]), k=range(1, min(_NEIGHBOURS, len(self.points)) + 1))
+        away, nearest = (np.asarray(values) for values in found)
+        same, seen = away < apart, self.seen.max(axis=1)[nearest]
+        return np.asarray((seen * same).sum(axis=1) >= _PLAIN_SIGHT * same.sum(axis=1))
 
 
 def _directions(count: int) -> Float64[np.ndarray, "D 3"]:

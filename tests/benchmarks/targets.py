@@ -8,7 +8,7 @@ import time
 import warnings
 from collections.abc import Callable, Mapping
 from math import sqrt
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import manifold3d
 import numpy as np
@@ -19,11 +19,13 @@ from meshfit.mesh.cleaning import clean
 from meshfit.mesh.geometry import bounding_box_diagonal, face_normals, unit_vectors, vert_area_vectors
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.meshlab import alpha_wrap, decimate, screened_poisson
+from meshfit.mesh.outer_surface import outer_surface
 from meshfit.mesh.point_cloud import PointCloud, oriented_cloud
 from meshfit.mesh.polygons import PolygonSoup
 from meshfit.mesh.proximity import nearest_on_surface
 from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.targets import load_target
+from tests.soups import figure, teapot
 
 _VERTS = 10_242
 _SAMPLES = 50_000
@@ -33,8 +35,9 @@ _NOISE = 0.005
 _INTRO = f"""# Targets of each kind
 
 Made by `make targets-bench`. Distances are root mean squares in percent of the diagonal of the true shape's bounding
-box, from result to shape / from shape to result. *True shape* is the target without its noise, holes and cuts. All
-results have at most {_VERTS:,} vertices; seconds are CPU time on one core, and crossing faces those of ours.
+box, from result to shape / from shape to result. *True shape* is the target without its noise, holes and cuts, or what
+can be seen of it from outside, *outer surface*. All results have at most {_VERTS:,} vertices; seconds are CPU time on
+one core, and crossing faces those of ours.
 
 | target | meshfit fit | seconds | crossing faces | screened Poisson | alpha wrap | quadric decimation |
 | --- | --: | --: | --: | --: | --: | --: |
@@ -45,6 +48,7 @@ class _Case(NamedTuple):
     name: str
     target: Mesh | PointCloud
     shape: Mesh
+    surface: Literal["all", "outer"] = "all"
 
 
 def main() -> int:
@@ -53,7 +57,9 @@ def main() -> int:
     for make in CASES.values():
         case = make()
         start = time.process_time()
-        fitted = meshfit.fit("auto", case.target, method="gauss-newton", verts=_VERTS, device="cpu").mesh
+        fitted = meshfit.fit(
+            "auto", case.target, method="gauss-newton", verts=_VERTS, surface=case.surface, device="cpu"
+        ).mesh
         seconds = time.process_time() - start
         crossing = meshfit.measure(fitted, case.shape, samples=1000, points=1000).quality.self_intersecting_faces
         others = [_outcome(tool, case) for tool in (_poisson, _wrap, _decimation)]
@@ -127,6 +133,26 @@ def _crossing() -> _Case:
     return _same("two balls that cross", _joined(ball, ball.with_verts(ball.verts + np.array([1.1, 0.2, 0.0]))))
 
 
+def _figure() -> _Case:
+    return _same("40 ellipsoids that cross", figure(40, 4))
+
+
+def _skin_of_figure() -> _Case:
+    return _outer("40 ellipsoids that cross", figure(40, 4))
+
+
+def _skin_of_teapot() -> _Case:
+    return _outer("teapot of open parts", teapot(3))
+
+
+def _skin_of_cow() -> _Case:
+    return _outer("cow", load_target("cow"))
+
+
+def _outer(name: str, mesh: Mesh) -> _Case:
+    return _Case(f"{name}, outer surface", mesh, outer_surface(mesh), "outer")
+
+
 def _noisy() -> _Case:
     bunny = load_target("bunny")
     sigma = _NOISE * bounding_box_diagonal(bunny.verts)
@@ -193,6 +219,10 @@ CASES: Mapping[str, Callable[[], _Case]] = {
     "pieces": _pieces,
     "shells": _shells,
     "crossing": _crossing,
+    "figure": _figure,
+    "skin of a figure": _skin_of_figure,
+    "skin of a teapot": _skin_of_teapot,
+    "skin of an animal": _skin_of_cow,
     "noisy": _noisy,
     "holes": _holes,
     "half": _half,

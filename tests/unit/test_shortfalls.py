@@ -9,6 +9,7 @@ import numpy as np
 from meshfit.measuring.shortfalls import FAR_ON_AVERAGE, shortfalls
 from meshfit.mesh.manifold import TopologyCounts
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.outer_surface import outer_surface
 from meshfit.mesh.solids import cube, icosahedron
 from meshfit.mesh.topology import Topology
 from meshfit.report.tables.formats.data import to_csv, to_json
@@ -21,6 +22,7 @@ from meshfit.report.tables.table import build_tables, merge_tables, styled
 from meshfit.subdivision.refine import subdivide
 from tests.runs import result_of
 from tests.shapes import patch, torus
+from tests.soups import two_balls
 
 
 def joined(*meshes):
@@ -146,3 +148,17 @@ def test_first_order_fits_miss_parts_farther_off_than_the_ears_that_they_cut_sho
     assert len(shortfalls(near, ball)) == 2
     assert shortfalls(near, ball, FAR_ON_AVERAGE) == []
     assert "farther than 10 %" in shortfalls(near, joined(ball, ball.with_verts(ball.verts + 3)), FAR_ON_AVERAGE)[1]
+
+
+def test_what_is_hidden_is_not_missed():
+    balls = two_balls(2)
+    skin = outer_surface(balls)
+    assert [text.split(":")[0] for text in shortfalls(skin, balls)] == ["topology not matched", "not reached"]
+    assert not shortfalls(skin, balls, surface="outer")
+    # A lid that is apart from a pot by a gap is no piece to be matched by one skin, but a part to be reached.
+    gap = np.array([0.0, 0.0, 0.02])
+    upper = balls.verts[balls.faces].mean(axis=1)[:, 2] > 0
+    parts = joined(Mesh(balls.verts, balls.faces[~upper]), Mesh(balls.verts + gap, balls.faces[upper]))
+    assert not shortfalls(skin, parts, surface="outer")
+    reached = [text.split(":")[0] for text in shortfalls(balls.with_verts(0.9 * balls.verts), parts, surface="outer")]
+    assert reached == ["not reached"]

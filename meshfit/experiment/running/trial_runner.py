@@ -50,7 +50,7 @@ from meshfit.measuring.measure import measure
 from meshfit.measuring.shortfalls import FAR, FAR_ON_AVERAGE, shortfalls
 from meshfit.mesh.alignment import align, boxes_are_disjoint
 from meshfit.mesh.cleaning import outward, with_turning
-from meshfit.mesh.cleaning_options import CleaningOptions
+from meshfit.mesh.cleaning_options import CleaningOptions, Surface
 from meshfit.mesh.geometry import bounding_box_diagonal, face_areas
 from meshfit.mesh.io.files import encode_mesh
 from meshfit.mesh.manifold import describe_topology
@@ -119,7 +119,7 @@ class TrialRunner:
             self._source_record = describe_source(source_settings, self._target, settings.target.surface)
             triangles = built.triangulated() if isinstance(built, PolygonMesh) else built
             self._source = align(triangles, self._target, "none" if made is not None else settings.source.align)
-            _warn_of_differences(self._source, self._target, settings.fit)
+            _warn_of_differences(self._source, self._target, settings.fit, settings.target.surface)
         self._warnings = [*target.warnings, *_texts(caught)]
         for line in (target.note, "" if made is None else made.line):
             if line:
@@ -168,7 +168,9 @@ class TrialRunner:
             _warn_if_farther(self._source, fitted.mesh, self._target, self.trial.settings.fit)
         short = list(fitted.shortfalls)
         far = FAR_ON_AVERAGE if isinstance(self.trial.settings.fit, FirstOrderSettings) else FAR
-        short += shortfalls(fitted.mesh, self._target, far)
+        settings = self.trial.settings
+        surface: Surface = "outer" if "outer" in (settings.target.surface, settings.measure.surface) else "all"
+        short += shortfalls(fitted.mesh, self._target, far, surface=surface)
         for text in short:
             self.warn(text)
         seconds["measure"] = time.perf_counter() - start
@@ -338,13 +340,15 @@ def _texts(caught: Sequence[warnings.WarningMessage]) -> list[str]:
     return [str(warning.message) for warning in caught if issubclass(warning.category, MeshfitWarning)]
 
 
-def _warn_of_differences(source: Mesh, target: Mesh | PointCloud, fit: FitSettings) -> None:
+def _warn_of_differences(source: Mesh, target: Mesh | PointCloud, fit: FitSettings, surface: Surface) -> None:
     """Warn of a source that the fit cannot bring onto the target; a tool may start from the target, or cut and glue."""
     tool = fit.tool if isinstance(fit, ExternalSettings) else None
     if works_from_target(tool):
         return
     of_source = describe_topology(Topology.of(source))
-    of_target = of_source if isinstance(target, PointCloud) else describe_topology(Topology.of(target))
+    of_target = of_source
+    if isinstance(target, Mesh) and (surface == "all" or Topology.of(target).is_watertight):  # skins close others
+        of_target = describe_topology(Topology.of(target))
     if of_source != of_target and (tool is not None or not isinstance(fit, ExternalSettings)):
         text = f"source and target differ in topology ({of_source}; {of_target}); the fit keeps that of the source"
         warnings.warn(text, MeshfitWarning, stacklevel=2)
