@@ -32,8 +32,8 @@ _OFF, _EXACT_OFF, _LEAST_OFF, _MOST_OFF = 0.3, 1e-6, 2e-6, 1e-4
 # A side is inside from this winding number on: it is at most 0 in the open; before a sheet within a solid, it is 1/2.
 _INSIDE = 0.25
 # A part of an open piece, or one behind it, is in plain sight if this share of the directions on one side see it.
-_PLAIN_SIGHT = 0.1
-_DIRECTIONS, _LOOKED_AT, _FEWEST_LOOKED_AT = 24, 4000, 3
+_PLAIN_SIGHT = 0.15
+_DIRECTIONS, _LOOKED_AT, _FEWEST_LOOKED_AT = 40, 3000, 3
 # A part whose area agrees to this share goes as a whole.
 _WHOLE = 0.95
 _FACES_JUDGED, _NEIGHBOURS = 5, 5
