@@ -218,7 +218,8 @@ def _visible(solid: Mesh, rest: Mesh) -> Mesh | None:
     sight = _Sight.of(fine, fine, count, patch)
     front, _ = _winding_of_sides(both, fine, np.arange(fine.num_faces))
     seen_at_all: Mask = sight.shares(count).max(axis=1) > 0
-    kept = sight.in_plain_sight(fine, patch) | ((front < _INSIDE) & (of_solid | seen_at_all[patch]))
+    enclosed = front >= _INSIDE
+    kept = np.where(enclosed, sight.in_plain_sight(fine, patch, enclosed), of_solid | seen_at_all[patch])
     agreeing = _mean_in(patch, count, kept.astype(np.float64), face_areas(fine))[patch]
     kept = (kept & (agreeing > 1 - _WHOLE)) | (agreeing > _WHOLE)
     if kept.all() and fine is both:
@@ -239,12 +240,14 @@ class _Sight:
     """How much some faces are seen from outside.
 
     Attributes:
+        faces: (N,) their numbers.
         points: (N, 3) their centroids.
         parts: (N,) the parts of the mesh that they belong to.
         areas: (N,) their areas.
         seen: (N, 2) the shares of all directions before them, and behind them, from which they are seen.
     """
 
+    faces: Indices
     points: Float64[np.ndarray, "N 3"]
     parts: Indices
     areas: Float64[np.ndarray, " N"]
@@ -270,22 +273,28 @@ class _Sight:
         seen = seen_from(surface, points, directions)
         before = face_normals(mesh)[faces] @ directions.T > 0
         shares = [(seen & side).sum(axis=1) / np.maximum(side.sum(axis=1), 1) for side in (before, ~before)]
-        return cls(points, part[faces], areas[faces], np.stack(shares, axis=1))
+        return cls(faces, points, part[faces], areas[faces], np.stack(shares, axis=1))
 
     def shares(self, count: int) -> Float64[np.ndarray, "C 2"]:
         """Return the mean shares of each part."""
         sides = [_mean_in(self.parts, count, side, self.areas) for side in self.seen.T]
         return np.stack(sides, axis=1)
 
-    def in_plain_sight(self, mesh: Mesh, part: Indices) -> Mask:
-        """Return (F,) for which faces of a mesh the nearest ones of the same part are in plain sight."""
+    def in_plain_sight(self, mesh: Mesh, part: Indices, enclosed: Mask) -> Mask:
+        """Return (F,) which enclosed faces of a mesh are in plain sight, by the nearest such faces of the same part."""
+        shown = np.zeros(mesh.num_faces, dtype=bool)
+        looked_at = enclosed[self.faces]
+        if not looked_at.any():
+            return shown
         apart = 4 * bounding_box_diagonal(mesh.verts)
-        middle = mesh.verts[mesh.faces].mean(axis=1)
-        tree = cKDTree(np.column_stack([self.points, apart * self.parts]))
-        found = tree.query(np.column_stack([middle, apart * part]), k=range(1, min(_NEIGHBOURS, len(self.points)) + 1))
+        tree = cKDTree(np.column_stack([self.points, apart * self.parts])[looked_at])
+        middle = mesh.verts[mesh.faces[enclosed]].mean(axis=1)
+        numbers = range(1, min(_NEIGHBOURS, int(looked_at.sum())) + 1)
+        found = tree.query(np.column_stack([middle, apart * part[enclosed]]), k=numbers)
         away, nearest = (np.asarray(values) for values in found)
-        same, seen = away < apart, self.seen.max(axis=1)[nearest]
-        return np.asarray((seen * same).sum(axis=1) >= _PLAIN_SIGHT * same.sum(axis=1))
+        same, seen = away < apart, self.seen[looked_at].max(axis=1)[nearest]
+        shown[enclosed] = same.any(axis=1) & ((seen * same).sum(axis=1) >= _PLAIN_SIGHT * same.sum(axis=1))
+        return shown
 
 
 def _directions(count: int) -> Float64[np.ndarray, "D 3"]:

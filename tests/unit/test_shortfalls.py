@@ -156,9 +156,9 @@ def test_what_is_hidden_is_not_missed():
     assert [text.split(":")[0] for text in shortfalls(skin, balls)] == ["topology not matched", "not reached"]
     assert not shortfalls(skin, balls, surface="outer")
     # A lid that is apart from a pot by a gap is no piece to be matched by one skin, but a part to be reached.
-    gap = np.array([0.0, 0.0, 0.004])
+    gap = np.array([0.0, 0.0, 0.01])
     upper = balls.verts[balls.faces].mean(axis=1)[:, 2] > 0
     parts = joined(Mesh(balls.verts, balls.faces[~upper]), Mesh(balls.verts + gap, balls.faces[upper]))
     assert not shortfalls(skin, parts, surface="outer")
     reached = [text.split(":")[0] for text in shortfalls(balls.with_verts(0.9 * balls.verts), parts, surface="outer")]
-    assert reached == ["not reached"]
+    assert reached == ["not reached", "off the target"]
