@@ -123,7 +123,7 @@ def winding_numbers(surface: Mesh, points: Points, *, exact: bool = False) -> Fl
     return np.asarray(values, dtype=np.float64).reshape(-1)
 
 
-def seen_from(surface: Mesh, points: Points, directions: Points) -> Bool[np.ndarray, "N D"]:
+def seen_from(surface: Mesh, points: Points, directions: Float64[np.ndarray, "D 3"]) -> Bool[np.ndarray, "N D"]:
     """Return (N, D) which points of a surface are seen from far away in each direction, with nothing in front of them.
 
     Args:
