@@ -127,9 +127,9 @@ def fit(
         str,
         typer.Option(
             "--source",
-            help="Mesh to start from: target, the target with few faces; wrap, one closed surface around it; auto, one "
-            "of these; sphere, a small one inside it; or a mesh file.",
-            metavar="auto|target|wrap|sphere|FILE",
+            help="Mesh to start from: target, the target with few faces; closed, the same with its holes filled; wrap, "
+            "one closed surface around it; auto, target or wrap; sphere, a small one inside it; or a mesh file.",
+            metavar="auto|target|closed|wrap|sphere|FILE",
             rich_help_panel=_FIT,
             autocompletion=completions.targets,
         ),

@@ -27,7 +27,7 @@ MAX_LEVELS = 8
 """The most subdivision levels that a source may have."""
 SOURCE_FILE_KEYS = (("source", "mesh"), ("source", "creases", "file"), ("source", "alpha", "file"))
 """Settings of the source that may be paths of files."""
-MADE_FROM_TARGET = ("target", "wrap", "auto")
+MADE_FROM_TARGET = ("target", "closed", "wrap", "auto")
 """Values of `source.mesh` that stand for control meshes made from the trial's target."""
 _OF_TARGET = {"levels": 0, "wanted_verts": 2562, "radius": None, "centre": None}
 _SOURCE_DEFAULTS: dict[str, dict[str, Any]] = {
@@ -139,11 +139,11 @@ class SourceSettings(Settings):
     """The source: a control mesh, its preparation, and its refinement by the scheme."""
 
     mesh: str = "icosahedron"
-    """Control mesh: `target`, the trial's target with few faces; `wrap`, one closed surface around it; `auto`, the
-    target, or a wrap where it is a cloud or a soup that crosses itself, and where the outer surface of a target is in
-    open pieces; `sphere`, a small one inside the target;
-    `icosahedron`, `octahedron`, `tetrahedron`, `cube`, `icosphere` or `icosphere:level=N`; the name of a target, or the
-    path of a mesh file."""
+    """Control mesh: `target`, the trial's target with few faces; `closed`, the same with its holes filled; `wrap`, one
+    closed surface around it; `auto`, the target, or a wrap where it is a cloud or a soup that crosses itself, and where
+    the outer surface of a target is in open pieces; `sphere`, a small one inside the target; `icosahedron`,
+    `octahedron`, `tetrahedron`, `cube`, `icosphere` or `icosphere:level=N`; the name of a target, or the path of a mesh
+    file."""
     decimate: Annotated[int, Field(ge=4)] | None = None
     """Number of faces, 4 or more, to which the control mesh is reduced first; null keeps all. Of a source made from the
     target, `wanted_verts` chooses it."""

@@ -17,7 +17,7 @@ from meshfit.mesh.cleaning_options import Surface
 from meshfit.mesh.geometry import bounding_box_diagonal, face_areas, signed_volume
 from meshfit.mesh.manifold import describe_topology, euler_number
 from meshfit.mesh.mesh import Mesh, SameContent, Verts
-from meshfit.mesh.meshlab import alpha_wrap, decimate, refine_long_edges
+from meshfit.mesh.meshlab import alpha_wrap, decimate, fill_holes, refine_long_edges
 from meshfit.mesh.nearest import nearest_point_query
 from meshfit.mesh.outliers import stray_points
 from meshfit.mesh.pieces import crossing_faces, manifold_pieces, piece_of_face
@@ -27,8 +27,8 @@ from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.topology import Topology
 from meshfit.units import count_text
 
-Origin = Literal["target", "wrap", "auto"]
-ORIGINS: tuple[Origin, ...] = ("target", "wrap", "auto")
+Origin = Literal["target", "closed", "wrap", "auto"]
+ORIGINS: tuple[Origin, ...] = ("target", "closed", "wrap", "auto")
 """Names of sources that are made from the target."""
 USUAL_VERTS = 2562
 """Vertices of a control mesh where no number is set: a quarter of the usual result, less its rounding."""
@@ -115,8 +115,9 @@ def control_mesh_of(
 
     Args:
         target: faces of any kind, or a cloud of points.
-        origin: `target` decimates the target itself; `wrap` makes one closed surface around it, which is decimated;
-            `auto` takes the target unless it is a cloud, or a soup whose faces cross each other.
+        origin: `target` decimates the target itself; `closed` fills its holes before; `wrap` makes one closed surface
+            around it, which is decimated; `auto` takes the target unless it is a cloud, or a soup whose faces cross
+            each other.
         verts: about the largest number of vertices; more where topology needs them.
         faces: number of faces instead; a target with fewer keeps its own.
         wrap: lengths of the wrap.
@@ -136,7 +137,7 @@ def _made(
     target = content.mesh
     if not target.num_verts:
         raise MeshError("the target has no vertices")
-    if not target.num_faces and origin == "target":
+    if not target.num_faces and origin in ("target", "closed"):
         raise MeshError("the target is a cloud of points, without faces to start from; use source.mesh: wrap or auto")
     reason = "as set"
     pieces = manifold_pieces(target) if target.num_faces else target
@@ -146,6 +147,9 @@ def _made(
             origin, reason = "wrap", f"one skin around an outer surface in {count} open pieces"
         else:
             origin, reason = _choice(pieces)
+    if origin == "closed":
+        filled = manifold_pieces(fill_holes(pieces))
+        return ControlMesh(_reduced(filled, verts, faces), "target", "as set, with its holes filled")
     if origin == "target":
         return ControlMesh(_reduced(pieces, verts, faces), "target", reason)
     if not target.num_faces:

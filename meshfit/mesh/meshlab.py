@@ -65,6 +65,19 @@ def refine_long_edges(mesh: Mesh, length: float, rounds: int = 12) -> Mesh:
     return _from_meshlab(meshes.current_mesh())
 
 
+def fill_holes(mesh: Mesh) -> Mesh:
+    """Return the mesh with a patch of triangles across each of its boundary loops, without vertices of their own."""
+    meshes = _meshes_with(mesh)
+    meshes.meshing_close_holes(
+        maxholesize=2 * mesh.num_faces + 3,
+        selected=False,
+        newfaceselected=False,
+        selfintersection=False,
+        refinehole=False,
+    )
+    return _from_meshlab(meshes.current_mesh())
+
+
 def alpha_wrap(mesh: Mesh, alpha: float, offset: float) -> Mesh:
     """Return the closed manifold that encloses faces or points (Portaneri et al. 2022, Alpha wrapping with an offset).
 

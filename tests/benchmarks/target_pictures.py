@@ -65,6 +65,7 @@ def _soup() -> Mesh:
 KINDS: Mapping[str, _Kind] = {
     **{name: _Kind(lambda make=make: make().target, cut=name in _HOLLOW) for name, make in CASES.items()},
     "skin": _Kind(lambda: CASES["crossing"]().target, ("--surface", "outer"), cut=True, file="crossing"),
+    "filled": _Kind(lambda: CASES["holes"]().target, ("--source", "closed"), file="holes"),
     "sheet": _Kind(_sheet),
     "soup": _Kind(_soup),
 }

@@ -49,6 +49,7 @@ class _Case(NamedTuple):
     target: Mesh | PointCloud
     shape: Mesh
     surface: Literal["all", "outer"] = "all"
+    source: str = "auto"
 
 
 def main() -> int:
@@ -58,7 +59,7 @@ def main() -> int:
         case = make()
         start = time.process_time()
         fitted = meshfit.fit(
-            "auto", case.target, method="gauss-newton", verts=_VERTS, surface=case.surface, device="cpu"
+            case.source, case.target, method="gauss-newton", verts=_VERTS, surface=case.surface, device="cpu"
         ).mesh
         seconds = time.process_time() - start
         crossing = meshfit.measure(fitted, case.shape, samples=1000, points=1000).quality.self_intersecting_faces
@@ -170,6 +171,11 @@ def _holes() -> _Case:
     return _Case("bunny, 18 % of faces cut out", _part(bunny, distance > np.quantile(distance, 0.18)), bunny)
 
 
+def _filled() -> _Case:
+    holes = _holes()
+    return holes._replace(name="the same, its holes filled (`source.mesh: closed`)", source="closed")
+
+
 def _half() -> _Case:
     bunny = load_target("bunny")
     middle = bunny.verts[bunny.faces].mean(axis=1)[:, 2]
@@ -185,6 +191,27 @@ def _cloud() -> _Case:
     heights = generator.normal(0, sigma, (len(samples.points), 1))
     points = samples.points + heights * face_normals(bunny)[samples.faces]
     return _Case("20,000 points of the bunny, noise of 0.5 %", PointCloud(points), bunny)
+
+
+def _stray() -> _Case:
+    cloud = _cloud()
+    low, high = cloud.shape.verts.min(axis=0), cloud.shape.verts.max(axis=0)
+    stray = np.random.default_rng(1).uniform(low, high, (cloud.target.num_verts // 10, 3))
+    points = np.concatenate([cloud.target.verts, stray])
+    return _Case("the same with 2,000 stray points in its box", PointCloud(points), cloud.shape)
+
+
+def _spikes() -> _Case:
+    noisy, generator = _noisy(), np.random.default_rng(1)
+    chosen = generator.choice(noisy.shape.num_verts, 140, replace=False)
+    heights = np.zeros((noisy.shape.num_verts, 1))
+    heights[chosen] = 0.05 * bounding_box_diagonal(noisy.shape.verts) * generator.uniform(-1, 1, (140, 1))
+    normals = unit_vectors(vert_area_vectors(noisy.shape))
+    return _Case(
+        "bunny, noise of 0.5 % and 140 spikes of up to 5 %",
+        noisy.target.with_verts(noisy.target.verts + heights * normals),
+        noisy.shape,
+    )
 
 
 def _clean() -> _Case:
@@ -225,8 +252,11 @@ CASES: Mapping[str, Callable[[], _Case]] = {
     "skin of an animal": _skin_of_cow,
     "noisy": _noisy,
     "holes": _holes,
+    "filled": _filled,
     "half": _half,
     "cloud": _cloud,
+    "stray": _stray,
+    "spikes": _spikes,
     "animal": _clean,
 }
 """Targets by the name of their kind, in the order of the table."""

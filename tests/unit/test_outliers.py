@@ -12,9 +12,11 @@ from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.mesh.any_mesh import as_mesh
 from meshfit.mesh.control_mesh import control_mesh_of
 from meshfit.mesh.geometry import unit_vectors
+from meshfit.mesh.manifold import describe_topology
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.outliers import spikes, stray_points
 from meshfit.mesh.point_cloud import PointCloud
+from meshfit.mesh.topology import Topology
 from meshfit.subdivision.sphere import icosphere
 from tests.loops import over
 
@@ -126,6 +128,23 @@ def test_what_the_target_shows_is_marked_on_the_result():
     closed = fit(icosphere(3), whole, method="gauss-newton", **settings)
     assert closed.supported is None
     assert not closed.mesh.attributes
+
+
+def test_holes_are_filled_where_asked_and_marked():
+    """A ball without two caps becomes a closed ball, on which the caps are smooth and marked."""
+    whole, height = icosphere(4), 0.8
+    cut = Mesh(whole.verts, whole.faces[np.abs(whole.verts[whole.faces][:, :, 2]).max(axis=1) < height])
+    control = control_mesh_of(cut, "closed", verts=400).mesh
+    assert describe_topology(Topology.of(control)) == "1 piece, closed, genus 0"
+    settings = {"verts": 800, "levels": 0, "last_steps": 3, "decimate_from": 1.0, "device": "cpu", "normalise": "none"}
+    result = fit("closed", cut, method="gauss-newton", **settings)
+    assert Topology.of(result.mesh).is_watertight
+    marks = result.mesh.attributes.vertex["supported"] != 0
+    away = off_ball(result.mesh.verts)
+    assert away[marks].max() < 0.02
+    # Flat discs would be 0.2 away.
+    assert 0 < (~marks).sum() < 0.3 * len(marks)
+    assert away[~marks].max() < 0.16
 
 
 def shape_of(mesh):
