@@ -20,6 +20,7 @@ FAR_ON_AVERAGE = 0.1
 """That of fits which minimise a mean distance: ears that they cut short are their numbers, not parts they miss."""
 _PART = 0.005  # parts of less area are not reported
 _POINTS = 5000
+_CLOUD_POINTS = 100_000
 _SPACINGS = 2.0
 # A target of more pieces than these, with fewer faces each on average, is a soup: its pieces are nothing to match.
 _FEWEST_FACES = 12
@@ -56,6 +57,7 @@ def shortfalls(result: Mesh, target: Mesh | PointCloud, far: float = FAR, *, sur
 
 def _of_cloud(result: Mesh, cloud: PointCloud, least: float) -> list[str]:
     diagonal = bounding_box_diagonal(cloud.verts)
+    cloud = cloud.thinned(_CLOUD_POINTS)
     areas = local_areas(cloud.verts)
     areas = areas if areas.sum() > 0 else np.ones_like(areas)
     # Between points that are far apart, a surface is no farther from them than that.

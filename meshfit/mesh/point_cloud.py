@@ -90,6 +90,12 @@ class PointCloud:
         """Return some of the points."""
         return PointCloud(self.verts[rows], None if self.normals is None else self.normals[rows])
 
+    def thinned(self, most: int) -> "PointCloud":
+        """Return the cloud, or if it is larger, as many of its points, drawn at random, always the same, in order."""
+        if self.num_verts <= most:
+            return self
+        return self.subset(np.sort(np.random.default_rng(0).permutation(self.num_verts)[:most]))
+
     def __repr__(self) -> str:
         """Return the number of points, whether there are normals, and the size of the bounding box."""
         size = " × ".join(f"{length:.4g}" for length in np.ptp(self.verts, axis=0))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from meshfit.errors import MeasureError
+from meshfit.measuring import cloud
 from meshfit.measuring.cloud import percentiles_of
 from meshfit.measuring.deviation import deviation
 from meshfit.measuring.limits import parse_limit
@@ -14,6 +15,7 @@ from meshfit.measuring.metrics import MEASURED
 from meshfit.measuring.shortfalls import shortfalls
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.point_cloud import PointCloud
+from meshfit.mesh.proximity import point_distances
 from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.solids import cube
 from meshfit.subdivision.sphere import icosphere
@@ -141,3 +143,13 @@ def test_what_a_cloud_shows_and_the_result_does_not_reach_is_a_shortfall_and_wha
     assert text.startswith("not reached: ")
     blown = sphere.with_verts(sphere.verts * np.where(sphere.verts[:, 2:] > 0.6, 1.3, 1.0))
     assert any(text.startswith("off the target: ") for text in shortfalls(blown, PointCloud(rays)))
+
+
+def test_of_many_points_some_are_measured_and_the_farthest_is_of_all(monkeypatch):
+    monkeypatch.setattr(cloud, "_MOST_POINTS", 1000)
+    rays = directions(5000)
+    heights = np.random.default_rng(4).uniform(0.99, 1.01, 5000)
+    measured = measure(icosphere(4), PointCloud(heights[:, None] * rays), **SIZES)
+    assert measured.cloud.points == 5000
+    assert measured.hausdorff.backward == point_distances(icosphere(4), heights[:, None] * rays).max()
+    assert measured.distance.backward_mean == pytest.approx(0.005, rel=0.1)

@@ -38,9 +38,7 @@ def surfels(cloud: PointCloud, most: int, radius: float = _DRAWN, corners: int =
         radius: of a disc, in mean distances of these points.
         corners: of a disc.
     """
-    if cloud.num_verts > most:
-        cloud = cloud.subset(np.sort(np.random.default_rng(0).permutation(cloud.num_verts)[:most]))
-    cloud = oriented_cloud(cloud)
+    cloud = oriented_cloud(cloud.thinned(most))
     assert cloud.normals is not None  # noqa: S101  oriented
     first, second = tangent_vectors(cloud.normals)
     size = radius * float(np.sqrt(np.median(sampled_areas(cloud.verts))))
