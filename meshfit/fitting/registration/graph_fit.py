@@ -1,0 +1,112 @@
+"""Fits of a deformation graph to a target: robust pairs, annealed from wide to narrow, over finer and finer graphs."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from jaxtyping import Float64
+from scipy.sparse import csr_array, diags_array, eye_array
+from scipy.sparse.linalg import splu
+
+from meshfit.fitting.gauss_newton.correspondences import Direction
+from meshfit.fitting.registration.deformation_graph import DeformationGraph
+from meshfit.fitting.registration.oriented_points import OrientedPoints
+from meshfit.fitting.registration.pairs import Matching, Pairs, find_pairs, metric_roots
+from meshfit.fitting.registration.template import Template
+
+# Unknowns up to which the equations are solved as a dense matrix.
+_DENSE = 700
+_DAMPING, _LARGEST_TURN = 1e-9, 0.5
+# Vertices that are paired in a step, at least so many for each node.
+_SAMPLES_PER_NODE = 6
+
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Level:
+    """A graph and the steps on it. Ranges are from the first step to the last, geometric between.
+
+    Attributes:
+        nodes: number of nodes.
+        steps: number of steps.
+        samples: number of vertices and of points of the target that are paired in each step.
+        width: of robust weights, relative to the target's diagonal.
+        stiffness: weight of the graph's edges.
+        point_weight: weight of residuals along the surface relative to those across it.
+        normal_length: distance that opposite normals are worth, halved, relative to the diagonal.
+    """
+
+    nodes: int
+    steps: int
+    samples: int
+    width: Range
+    stiffness: Range
+    point_weight: Range
+    normal_length: float
+
+
+LEVELS = (
+    Level(60, 15, 800, (0.3, 0.06), (3.0, 0.2), (0.5, 0.1), 0.15),
+    Level(150, 12, 1500, (0.08, 0.03), (0.5, 0.1), (0.02, 0.01), 0.08),
+    Level(500, 10, 3000, (0.03, 0.012), (0.05, 0.02), (0.01, 0.01), 0.05),
+)
+"""From coarse to fine; found on pairs of scans and of animals with known correspondence."""
+
+
+@dataclass(frozen=True, eq=False)
+class GraphFit:
+    """A template that is carried to a target by a deformation graph.
+
+    Attributes:
+        template: the template.
+        target: points of the target.
+        direction: of the pairs.
+        diagonal: of the target.
+    """
+
+    template: Template
+    target: OrientedPoints
+    direction: Direction
+    diagonal: float
+
+    def step(
+        self, graph: DeformationGraph, level: Level, number: int, generator: np.random.Generator
+    ) -> tuple[DeformationGraph, Pairs]:
+        """Return the graph after one step of a level, and the pairs of the step."""
+        share = number / max(level.steps - 1, 1)
+        width, stiffness, point_weight = (
+            between(ends, share) for ends in (level.width, level.stiffness, level.point_weight)
+        )
+        template = self.template.points_at(graph.positions())
+        count = max(level.samples, _SAMPLES_PER_NODE * graph.num_nodes)
+        verts, points = (_drawn(len(side), count, generator) for side in (template, self.target))
+        matching = Matching(width * self.diagonal, level.normal_length * self.diagonal, self.direction)
+        pairs = find_pairs(template, self.target, verts, points, matching)
+        roots = metric_roots(pairs.normals, pairs.weights, point_weight)
+        jacobian = graph.jacobian(pairs.verts, roots)
+        residuals = np.einsum("nij,nj->ni", roots, pairs.goals - template.points[pairs.verts]).ravel()
+        bend, bent = graph.stiffness()
+        shares = (graph.shares * (stiffness / max(float(graph.shares.sum()), 1e-12))).repeat(3)
+        square = jacobian.T @ jacobian + bend.T @ diags_array(shares) @ bend
+        square = (square + _DAMPING * eye_array(square.shape[0])).tocsc()
+        right = jacobian.T @ residuals - bend.T @ (shares * bent)
+        return graph.moved(_solved(square, right).reshape(-1, 6), _LARGEST_TURN), pairs
+
+
+def between(ends: Range, share: float) -> float:
+    """Return the value at a share of the way between two, in geometric steps."""
+    return float(ends[0] * (ends[1] / ends[0]) ** share)
+
+
+def _drawn(count: int, wanted: int, generator: np.random.Generator) -> np.ndarray:
+    return np.arange(count) if wanted >= count else generator.choice(count, wanted, replace=False)
+
+
+def _solved(square: csr_array, right: Float64[np.ndarray, " N"]) -> Float64[np.ndarray, " N"]:
+    if len(right) <= _DENSE:
+        factor = scipy.linalg.cho_factor(square.toarray(), check_finite=False)
+        return np.asarray(scipy.linalg.cho_solve(factor, right, check_finite=False))
+    options = {"SymmetricMode": True}
+    factors = splu(square, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+    return np.asarray(factors.solve(right))

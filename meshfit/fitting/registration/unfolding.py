@@ -1,0 +1,145 @@
+"""Unfolding: faces that a registration has made cross each other are taken apart, as rigidly as possible."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float64, Int64
+from scipy.sparse import csr_array, diags_array
+from scipy.sparse.linalg import splu
+
+from meshfit.fitting.registration.deformation_graph import nearest_rotations
+from meshfit.fitting.registration.template import Template
+from meshfit.mesh.mesh import Verts
+from meshfit.remeshing.self_intersections import intersecting_pairs
+
+_ROUNDS, _PATIENCE, _ITERATIONS = 30, 8, 4
+# Faces that cross are near on the template if they are at most so many mean edges apart; the others are drawn inwards
+# by this share of one.
+_NEAR, _INWARDS = 8.0, 0.15
+# Rings around faces that cross, at most, and the rings beyond that are held.
+_MOST_RINGS, _HELD_RINGS = 8, 2
+# Weights by which vertices stay where they are: those that unfold, those around them, those drawn inwards.
+_FREE, _HELD, _DRAWN = 1e-3, 1e3, 1.0
+_SMOOTHINGS = 3
+
+
+@dataclass
+class _Ties:
+    """Pairs of vertices whose offset at rest is to be restored."""
+
+    keys: Int64[np.ndarray, " T"] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+    def add(self, first: np.ndarray, second: np.ndarray, count: int) -> None:
+        self.keys = np.union1d(self.keys, np.minimum(first, second) * count + np.maximum(first, second))
+
+    def ends(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        return self.keys // count, self.keys % count
+
+
+@dataclass(frozen=True, eq=False)
+class Unfolding:
+    """Takes faces apart that cross now and did not at rest.
+
+    Where they cross, the surface is let go and follows its shape at rest, as rigidly as possible (Sorkine and Alexa
+    2007). Vertices of faces that cross are tied: extra edges restore their offsets at rest. As the template does not
+    cross itself there, ties that hold make the faces not cross. Pairs that are far apart at rest are drawn inwards.
+
+    Attributes:
+        template: the template.
+        allowed: pairs of faces, as first · F + second, that cross at rest.
+    """
+
+    template: Template
+    allowed: Int64[np.ndarray, " A"]
+
+    @classmethod
+    def of(cls, template: Template) -> "Unfolding":
+        """Return the unfolding of a template."""
+        pairs = _crossing(template, template.mesh.verts)
+        return cls(template, pairs[:, 0] * template.mesh.num_faces + pairs[:, 1])
+
+    def new_pairs(self, verts: Verts) -> Int64[np.ndarray, "P 2"]:
+        """Return the pairs of faces that cross at some positions, and did not at rest."""
+        pairs = _crossing(self.template, verts)
+        keys = pairs[:, 0] * self.template.mesh.num_faces + pairs[:, 1]
+        return np.asarray(pairs[~np.isin(keys, self.allowed)])
+
+    def unfolded(self, verts: Verts, on_round: Callable[[int], None] = lambda _: None) -> tuple[Verts, int]:
+        """Return the positions with the fewest pairs of newly crossing faces that were found, and their number."""
+        template, count = self.template, len(verts)
+        edge = float(template.rest_lengths.mean())
+        ties, level = _Ties(), np.zeros(count, dtype=np.int64)
+        far, loose = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
+        best, fewest, since = verts, np.iinfo(np.int64).max, 0
+        for number in range(_ROUNDS):
+            pairs = self.new_pairs(verts)
+            on_round(len(pairs))
+            if len(pairs) < fewest:
+                best, fewest, since = verts, len(pairs), number
+            if not len(pairs) or number - since > _PATIENCE:
+                break
+            corners = template.mesh.faces[pairs]
+            crossing = np.zeros(count, dtype=bool)
+            crossing[corners.ravel()] = True
+            level[crossing] += 1
+            first, second = corners[:, 0].repeat(3, axis=1).ravel(), np.tile(corners[:, 1], 3).ravel()
+            apart = np.linalg.norm(template.mesh.verts[first] - template.mesh.verts[second], axis=1) >= _NEAR * edge
+            tied = (first != second) & ~apart
+            ties.add(first[tied], second[tied], count)
+            far[first[apart]] = far[second[apart]] = True
+            for value in np.unique(level[crossing]):
+                loose |= template.grown(crossing & (level >= value), min(1 + int(value), _MOST_RINGS))
+            drawn = template.grown(far & crossing)
+            goals = verts.copy()
+            goals[drawn] -= _INWARDS * edge * template.points_at(verts).normals[drawn]
+            stay = np.where(loose, _FREE, _HELD)
+            stay[drawn] = _DRAWN
+            verts = self._relaxed(verts, goals, stay, template.grown(loose, _HELD_RINGS), ties)
+        return best, int(fewest)
+
+    def _relaxed(
+        self,
+        verts: Verts,
+        goals: Verts,
+        stay: Float64[np.ndarray, " V"],
+        patch: Bool[np.ndarray, " V"],
+        ties: _Ties,
+    ) -> Verts:
+        """Return a patch relaxed towards its shape at rest, with ties, each vertex drawn to its goal."""
+        rest, count = self.template.mesh.verts, len(verts)
+        rows = np.flatnonzero(patch)
+        local = np.full(count, -1)
+        local[rows] = np.arange(len(rows))
+        tail, head = (np.concatenate(pair) for pair in zip(self.template.edges.T, ties.ends(count), strict=True))
+        inside = (local[tail] >= 0) & (local[head] >= 0)
+        tail, head = tail[inside], head[inside]
+        tail, head = np.concatenate([tail, head]), np.concatenate([head, tail])
+        offsets = rest[tail] - rest[head]
+        tail, head, size = local[tail], local[head], len(rows)
+        ones = np.ones(len(tail))
+        links = csr_array((ones, (tail, head)), shape=(size, size))
+        gather = csr_array((ones, (tail, np.arange(len(tail)))), shape=(size, len(tail)))
+        neighbours = self.template.adjacency[rows][:, rows]
+        degree = (neighbours.sum(axis=1) + 1)[:, None]
+        held = stay[rows][:, None]
+        square = (diags_array(links.sum(axis=1) + held[:, 0]) - links).tocsc()
+        options = {"SymmetricMode": True}
+        factors = splu(square, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+        moving = verts[rows]
+        for _ in range(_ITERATIONS):
+            moments = gather @ (offsets[:, :, None] * (moving[tail] - moving[head])[:, None, :]).reshape(-1, 9)
+            for _ in range(_SMOOTHINGS):  # a folded vertex would keep its flipped turn
+                moments = (neighbours @ moments + moments) / degree
+            rotations = nearest_rotations(moments.reshape(-1, 3, 3))
+            turned = np.einsum("eij,ej->ei", (rotations[tail] + rotations[head]) / 2, offsets)
+            moving = factors.solve(gather @ turned + held * goals[rows])
+        result = verts.copy()
+        result[rows] = moving
+        return result
+
+
+def _crossing(template: Template, verts: Verts) -> Int64[np.ndarray, "P 2"]:
+    pairs = intersecting_pairs(torch.tensor(verts), torch.tensor(template.mesh.faces))
+    return np.asarray(pairs.numpy())
