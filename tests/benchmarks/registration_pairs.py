@@ -15,6 +15,7 @@ from meshfit.mesh.pieces import manifold_pieces
 from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.targets import load_target
+from meshfit.subdivision.refine import subdivide
 
 Map = Callable[[np.ndarray], np.ndarray]
 
@@ -166,7 +167,10 @@ def posed(name: str) -> Map:
 
 def animal(name: str, faces: int) -> Mesh:
     """Return a bundled animal with fewer faces."""
-    return manifold_pieces(decimate(load_target(name), faces))
+    mesh = load_target(name)
+    while mesh.num_faces < 1.5 * faces:
+        mesh = subdivide(mesh, "midpoint")
+    return manifold_pieces(decimate(mesh, faces))
 
 
 def _pair(name: str, source: Mesh, other: Mesh, change: Map) -> Pair:
@@ -213,8 +217,8 @@ def pairs() -> list[Callable[[], Pair]]:
         made.append(lambda pose=pose: _pair(pose, figure(0.019), figure(0.017), posed(pose)))
     cow, bunny = lambda n: animal("cow", n), lambda n: animal("bunny", n)
     for name, shape, change in (
-        ("cow bent by 90°", cow, bend(90, 0, 1)), ("cow bent by 150°", cow, bend(150, 0, 1)),
-        ("cow twisted by 90°", cow, twist(90, 0)), ("bunny bent by 90°", bunny, bend(90, 1, 0)),
+        ("cow bent by 90°", cow, bend(90, 2, 0)), ("cow bent by 150°", cow, bend(150, 2, 0)),
+        ("cow twisted by 90°", cow, twist(90, 2)), ("bunny bent by 90°", bunny, bend(90, 1, 0)),
         ("bunny twisted by 120°", bunny, twist(120, 1)),
     ):
         def make(name=name, shape=shape, change=change) -> Pair:

@@ -47,7 +47,7 @@ class Level:
 
 
 LEVELS = (
-    Level(60, 15, 800, (0.3, 0.06), (3.0, 0.2), (0.5, 0.1), 0.15),
+    Level(60, 40, 800, (0.3, 0.06), (3.0, 0.02), (0.5, 0.05), 0.25),
     Level(150, 12, 1500, (0.08, 0.03), (0.5, 0.1), (0.02, 0.01), 0.08),
     Level(500, 10, 3000, (0.03, 0.012), (0.05, 0.02), (0.01, 0.01), 0.05),
 )
@@ -63,12 +63,14 @@ class GraphFit:
         target: points of the target.
         direction: of the pairs.
         diagonal: of the target.
+        remoteness: distance that a difference of 1 in remoteness is worth at first, relative to the diagonal.
     """
 
     template: Template
     target: OrientedPoints
     direction: Direction
     diagonal: float
+    remoteness: float = 0.0
 
     def step(
         self, graph: DeformationGraph, level: Level, number: int, generator: np.random.Generator
@@ -81,7 +83,7 @@ class GraphFit:
         template = self.template.points_at(graph.positions())
         count = max(level.samples, _SAMPLES_PER_NODE * graph.num_nodes)
         verts, points = (_drawn(len(side), count, generator) for side in (template, self.target))
-        matching = Matching(width * self.diagonal, level.normal_length * self.diagonal, self.direction)
+        matching = Matching(width * self.diagonal, level.normal_length * self.diagonal, self.direction, self.remoteness * self.diagonal * (1 - share))
         pairs = find_pairs(template, self.target, verts, points, matching)
         roots = metric_roots(pairs.normals, pairs.weights, point_weight)
         jacobian = graph.jacobian(pairs.verts, roots)

@@ -19,13 +19,15 @@ class OrientedPoints:
         normals: (N, 3) unit normals.
         areas: (N,) area of the surface that each stands for.
         rim: (N,) which are on a boundary of the surface.
+        remoteness: (N,) mean distance from the rest of the surface along it, relative to the mean of all; or zeros.
     """
 
     points: Points
     normals: Points
     areas: Float64[np.ndarray, " N"]
     rim: Bool[np.ndarray, " N"]
-    _trees: dict[float, KDTree] = field(default_factory=dict, repr=False)
+    remoteness: Float64[np.ndarray, " N"]
+    _trees: dict[tuple[float, float], KDTree] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
         """Return the number of points."""
@@ -33,20 +35,30 @@ class OrientedPoints:
 
     def subset(self, rows: Indices) -> "OrientedPoints":
         """Return some of the points."""
-        return OrientedPoints(self.points[rows], self.normals[rows], self.areas[rows], self.rim[rows])
+        parts = self.points, self.normals, self.areas, self.rim, self.remoteness
+        return OrientedPoints(*(part[rows] for part in parts))
 
-    def nearest(self, points: Points, normals: Points, length: float) -> tuple[Float64[np.ndarray, " M"], Indices]:
-        """Return the distance and the index of the nearest point in (position, length × normal), for each query.
+    def nearest(
+        self, queries: "OrientedPoints", normal_length: float, remoteness_length: float = 0.0
+    ) -> tuple[Float64[np.ndarray, " M"], Indices]:
+        """Return the distance and the index of the nearest point in position, normal and remoteness, for each query.
 
         Args:
-            points: (M, 3) positions.
-            normals: (M, 3) unit normals.
-            length: distance that two opposite normals are worth, halved.
+            queries: M points.
+            normal_length: distance that two opposite normals are worth, halved.
+            remoteness_length: distance that a remoteness of 1 is worth.
         """
-        if length not in self._trees:
-            self._trees[length] = KDTree(_joined(self.points, self.normals, length), leafsize=16)
-        distances, rows = self._trees[length].query(_joined(points, normals, length))
+        lengths = normal_length, remoteness_length
+        if lengths not in self._trees:
+            self._trees[lengths] = KDTree(self._coordinates(*lengths), leafsize=16)
+        distances, rows = self._trees[lengths].query(queries._coordinates(*lengths))
         return np.asarray(distances), np.minimum(rows.astype(np.int64), len(self) - 1)
+
+    def _coordinates(self, normal_length: float, remoteness_length: float) -> Float64[np.ndarray, "N D"]:
+        parts = [self.points, normal_length * self.normals]
+        if remoteness_length:
+            parts.append(remoteness_length * self.remoteness[:, None])
+        return np.ascontiguousarray(np.hstack(parts))
 
     def draw(self, count: int, generator: np.random.Generator) -> Indices:
         """Draw different points at random, the likelier the larger the area that they stand for."""
@@ -54,6 +66,3 @@ class OrientedPoints:
             return np.arange(len(self))
         return generator.choice(len(self), count, replace=False, p=self.areas / self.areas.sum())
 
-
-def _joined(points: Points, normals: Points, length: float) -> Float64[np.ndarray, "N 6"]:
-    return np.ascontiguousarray(np.hstack([points, length * normals]))

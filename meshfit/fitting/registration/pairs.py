@@ -42,11 +42,13 @@ class Matching:
         width: distance at which a pair has a quarter of the weight of one at 0 (Geman and McClure).
         normal_length: distance that two opposite normals are worth, halved.
         direction: pairs to find.
+        remoteness_length: distance that a difference of 1 in remoteness is worth.
     """
 
     width: float
     normal_length: float
     direction: Direction = "both"
+    remoteness_length: float = 0.0
 
 
 def find_pairs(
@@ -63,13 +65,13 @@ def find_pairs(
         points: points of the target to pair.
         matching: widths and direction.
     """
-    length = matching.normal_length
+    lengths = matching.normal_length, matching.remoteness_length
     found = list[tuple[np.ndarray, np.ndarray, np.ndarray]]()
     if matching.direction != "to-source":
-        _, hit = target.nearest(template.points[verts], template.normals[verts], length)
+        _, hit = target.nearest(template.subset(verts), *lengths)
         found.append((verts, hit, ~target.rim[hit] / max(len(verts), 1)))
     if matching.direction != "to-target":
-        _, hit = template.nearest(target.points[points], target.normals[points], length)
+        _, hit = template.nearest(target.subset(points), *lengths)
         found.append((hit, points, ~template.rim[hit] / max(len(points), 1)))
     vert, goal, weights = (np.concatenate(parts) for parts in zip(*found, strict=True))
     normals, goal_normals = template.normals[vert], target.normals[goal]

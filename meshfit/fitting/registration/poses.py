@@ -117,21 +117,21 @@ class _Search:
         """Return how far the two are from each other."""
         moved, length, cap = self._moved(pose), _NORMALS * self.diagonal, _CAP * self.diagonal
         ways = (
-            self.target.nearest(moved.points, moved.normals, length)[0],
-            moved.nearest(self.target.points, self.target.normals, length)[0],
+            self.target.nearest(moved, length)[0],
+            moved.nearest(self.target, length)[0],
         )
         return float(np.sqrt(sum((np.minimum(way, cap) ** 2).mean() for way in ways)) / self.diagonal)
 
     def _moved(self, pose: Pose) -> OrientedPoints:
         source = self.source
         normals = source.normals @ pose.rotation.T
-        return OrientedPoints(pose.applied(source.points), normals, source.areas, source.rim)
+        return OrientedPoints(pose.applied(source.points), normals, source.areas, source.rim, source.remoteness)
 
     def _round(self, pose: Pose) -> tuple[Pose, float]:
         """Make one round of ICP: solve for a small similarity that reduces distances to planes, and a little to points."""
         moved, length = self._moved(pose), _NORMALS * self.diagonal
-        there = self.target.nearest(moved.points, moved.normals, length)[1]
-        back = moved.nearest(self.target.points, self.target.normals, length)[1]
+        there = self.target.nearest(moved, length)[1]
+        back = moved.nearest(self.target, length)[1]
         start = np.concatenate([moved.points, moved.points[back]])
         goal = np.concatenate([self.target.points[there], self.target.points])
         own = np.concatenate([moved.normals, moved.normals[back]])

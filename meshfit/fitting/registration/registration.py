@@ -16,6 +16,8 @@ from meshfit.fitting.registration.vertex_fit import STEPS, VertexFit
 from meshfit.mesh.mesh import Mesh, Verts
 
 _POSES = 3
+_REMOTENESS = (0.5, 0.0)
+_GOOD = 0.025
 # Points of each side by which a start is judged, the largest distance that counts, and the weight of stretch.
 _SAMPLES, _CAP, _NORMALS, _STRETCH = 1500, 0.1, 0.1, 2.0
 
@@ -61,14 +63,17 @@ def register(
     diagonal = float(np.linalg.norm(np.ptp(target.points, axis=0)))
     at_rest = Template(source).points_at(source.verts)
     best: tuple[float, Template, DeformationGraph, Pose] | None = None
-    for pose in candidate_poses(at_rest, target, similarity=similarity, most=_POSES, seed=seed):
+    for number, pose in enumerate(candidate_poses(at_rest, target, similarity=similarity, most=_POSES, seed=seed)):
         template = Template(source.with_verts(pose.applied(source.verts)))
-        fit = GraphFit(template, target, direction, diagonal)
-        graph = _through(fit, DeformationGraph.of(template, levels[0].nodes), levels[0], seed)
-        value = _judged(template, target, graph.positions(), direction, diagonal)
-        log(f"pose {np.degrees(pose.angle_to(Pose.identity())):.0f} deg scale {pose.scale:.3g}: {value:.4f}")
-        if best is None or value < best[0]:
-            best = value, template, graph, pose
+        for remoteness in _REMOTENESS:
+            fit = GraphFit(template, target, direction, diagonal, remoteness)
+            graph = _through(fit, DeformationGraph.of(template, levels[0].nodes), levels[0], seed)
+            value = _judged(template, target, graph.positions(), direction, diagonal)
+            log(f"pose {np.degrees(pose.angle_to(Pose.identity())):.0f} deg remote {remoteness} scale {pose.scale:.3g}: {value:.4f}")
+            if best is None or value < best[0]:
+                best = value, template, graph, pose
+        if number == 0 and best[0] < _GOOD:
+            break
     assert best is not None
     _, template, graph, pose = best
     fit = GraphFit(template, target, direction, diagonal)
@@ -100,9 +105,9 @@ def _judged(template: Template, target: OrientedPoints, verts: Verts, direction:
     own, other = (side.subset(_some(len(side), generator)) for side in (moved, target))
     length, cap, total = _NORMALS * diagonal, _CAP * diagonal, 0.0
     if direction != "to-source":
-        total += float((np.minimum(target.nearest(own.points, own.normals, length)[0], cap) ** 2).mean())
+        total += float((np.minimum(target.nearest(own, length)[0], cap) ** 2).mean())
     if direction != "to-target":
-        total += float((np.minimum(moved.nearest(other.points, other.normals, length)[0], cap) ** 2).mean())
+        total += float((np.minimum(moved.nearest(other, length)[0], cap) ** 2).mean())
     ratios = np.log(np.maximum(template.lengths_at(verts), 1e-12) / np.maximum(template.rest_lengths, 1e-12))
     stretch = float(np.sqrt((np.minimum(np.abs(ratios), 1) ** 2).mean()))
     return float(np.sqrt(total)) / diagonal * (1 + _STRETCH * stretch)

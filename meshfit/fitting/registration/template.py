@@ -5,7 +5,8 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
-from scipy.sparse import csr_array
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import dijkstra
 
 from meshfit.fitting.registration.oriented_points import OrientedPoints
 from meshfit.mesh.geometry import unit_vectors
@@ -53,6 +54,13 @@ class Template:
         return csr_array((ones, (rows, np.concatenate([head, tail]))), shape=(count, count))
 
     @cached_property
+    def remoteness(self) -> Float64[np.ndarray, " V"]:
+        """Mean distance of each vertex from others along edges, relative to the mean of all."""
+        (tail, head), count = self.edges.T, self.mesh.num_verts
+        graph = coo_array((self.rest_lengths, (tail, head)), shape=(count, count)).tocsr()
+        return remoteness_in(graph)
+
+    @cached_property
     def _corners(self) -> csr_array:
         """(V, F) 1 for each corner."""
         faces = self.mesh.faces
@@ -64,10 +72,23 @@ class Template:
         a, b, c = (verts[self.mesh.faces[:, k]] for k in range(3))
         vectors = np.cross(b - a, c - a)
         areas = np.linalg.norm(vectors, axis=1) / 6
-        return OrientedPoints(verts, unit_vectors(self._corners @ vectors), self._corners @ areas, self.rim)
+        return OrientedPoints(verts, unit_vectors(self._corners @ vectors), self._corners @ areas, self.rim, self.remoteness)
 
     def grown(self, verts: Bool[np.ndarray, " V"], rings: int = 1) -> Bool[np.ndarray, " V"]:
         """Return some vertices and their neighbours, up to a number of rings."""
         for _ in range(rings):
             verts = verts | (self.adjacency @ verts.astype(np.float64) > 0)
         return verts
+
+
+_LANDMARKS = 40
+
+
+def remoteness_in(graph: csr_array) -> Float64[np.ndarray, " V"]:
+    """Return the mean distance of each vertex of a graph from others, relative to the mean of all."""
+    count = graph.shape[0]
+    some = np.random.default_rng(0).choice(count, min(_LANDMARKS, count), replace=False)
+    distances = dijkstra(graph, directed=False, indices=some)
+    distances[~np.isfinite(distances)] = distances[np.isfinite(distances)].max()
+    mean = distances.mean(axis=0)
+    return np.asarray(mean / mean.mean() - 1)

@@ -48,23 +48,23 @@ class Unfolding:
 
     Attributes:
         template: the template.
-        allowed: pairs of faces, as first · F + second, that cross at rest.
+        crossing_at_rest: (F,) faces that cross others at rest; two of them may cross each other.
     """
 
     template: Template
-    allowed: Int64[np.ndarray, " A"]
+    crossing_at_rest: Bool[np.ndarray, " F"]
 
     @classmethod
     def of(cls, template: Template) -> "Unfolding":
         """Return the unfolding of a template."""
-        pairs = _crossing(template, template.mesh.verts)
-        return cls(template, pairs[:, 0] * template.mesh.num_faces + pairs[:, 1])
+        crossing = np.zeros(template.mesh.num_faces, dtype=bool)
+        crossing[_crossing(template, template.mesh.verts).ravel()] = True
+        return cls(template, crossing)
 
     def new_pairs(self, verts: Verts) -> Int64[np.ndarray, "P 2"]:
         """Return the pairs of faces that cross at some positions, and did not at rest."""
         pairs = _crossing(self.template, verts)
-        keys = pairs[:, 0] * self.template.mesh.num_faces + pairs[:, 1]
-        return np.asarray(pairs[~np.isin(keys, self.allowed)])
+        return np.asarray(pairs[~self.crossing_at_rest[pairs].all(axis=1)])
 
     def unfolded(self, verts: Verts, on_round: Callable[[int], None] = lambda _: None) -> tuple[Verts, int]:
         """Return the positions with the fewest pairs of newly crossing faces that were found, and their number."""
