@@ -39,15 +39,26 @@ _BLEND, _SKIN = 0.03, 0.035
 # Turns about the axes at the start of bones, in degrees.
 POSES: dict[str, dict[str, tuple[float, float, float]]] = {
     "walk": {
-        "upper arm left": (35, 0, 0), "lower arm left": (-30, 0, 0), "upper arm right": (-35, 0, 0),
-        "lower arm right": (-40, 0, 0), "thigh left": (-35, 0, 0), "shin left": (25, 0, 0), "thigh right": (25, 0, 0),
-        "shin right": (30, 0, 0), "chest": (5, 8, 0),
+        "upper arm left": (35, 0, 0),
+        "lower arm left": (-30, 0, 0),
+        "upper arm right": (-35, 0, 0),
+        "lower arm right": (-40, 0, 0),
+        "thigh left": (-35, 0, 0),
+        "shin left": (25, 0, 0),
+        "thigh right": (25, 0, 0),
+        "shin right": (30, 0, 0),
+        "chest": (5, 8, 0),
     },
     "arms raised": {"upper arm left": (0, 0, 75), "upper arm right": (0, 0, -75)},
     "arms forward": {"upper arm left": (-80, 0, 0), "upper arm right": (-80, 0, 0)},
     "squat": {
-        "upper arm left": (-80, 0, -20), "upper arm right": (-80, 0, 20), "thigh left": (-85, 0, 10),
-        "thigh right": (-85, 0, -10), "shin left": (95, 0, 0), "shin right": (95, 0, 0), "hips": (15, 0, 0),
+        "upper arm left": (-80, 0, -20),
+        "upper arm right": (-80, 0, 20),
+        "thigh left": (-85, 0, 10),
+        "thigh right": (-85, 0, -10),
+        "shin left": (95, 0, 0),
+        "shin right": (95, 0, 0),
+        "hips": (15, 0, 0),
     },
 }
 
@@ -217,14 +228,23 @@ def pairs() -> list[Callable[[], Pair]]:
         made.append(lambda pose=pose: _pair(pose, figure(0.019), figure(0.017), posed(pose)))
     cow, bunny = lambda n: animal("cow", n), lambda n: animal("bunny", n)
     for name, shape, change in (
-        ("cow bent by 90°", cow, bend(90, 2, 0)), ("cow bent by 150°", cow, bend(150, 2, 0)),
-        ("cow twisted by 90°", cow, twist(90, 2)), ("bunny bent by 90°", bunny, bend(90, 1, 0)),
+        ("cow bent by 90°", cow, bend(90, 2, 0)),
+        ("cow bent by 150°", cow, bend(150, 2, 0)),
+        ("cow twisted by 90°", cow, twist(90, 2)),
+        ("bunny bent by 90°", bunny, bend(90, 1, 0)),
         ("bunny twisted by 120°", bunny, twist(120, 1)),
     ):
+
         def make(name=name, shape=shape, change=change) -> Pair:
             source, other = shape(16_000), shape(24_000)
             return _pair(name, source, other, change(source.verts))
+
         made.append(make)
     walk = made[0]
-    made += [lambda: turned(walk(), 130), lambda: noisy(walk(), 0.003), lambda: cut(walk(), 1, 0.25), lambda: as_cloud(walk())]
+    made += [
+        lambda: turned(walk(), 130),
+        lambda: noisy(walk(), 0.003),
+        lambda: cut(walk(), 1, 0.25),
+        lambda: as_cloud(walk()),
+    ]
     return made

@@ -87,7 +87,7 @@ class DeformationGraph:
         return np.asarray((moved * self.weights[:, :, None]).sum(axis=1))
 
     def fitted_to(self, verts: Verts) -> "DeformationGraph":
-        """Return the graph with the rotation and translation of each node that bring its vertices nearest to `verts`."""
+        """Return the graph with the rotations and translations that bring its vertices nearest to `verts`."""
         gather = _matrix(self.node_of, self.weights, self.num_nodes).T.tocsr()
         total = gather.sum(axis=1)[:, None]
         centre, goal = gather @ self.rest / total, gather @ verts / total
@@ -95,7 +95,7 @@ class DeformationGraph:
         moments = (gather @ products).reshape(-1, 3, 3) - total[:, :, None] * centre[:, :, None] * goal[:, None, :]
         rotations = nearest_rotations(moments)
         translations = goal - self.nodes - np.einsum("nij,nj->ni", rotations, centre - self.nodes)
-        return replace(self, rotations=rotations, translations=translations)
+        return self.placed(rotations, translations)
 
     def moved(self, step: Float64[np.ndarray, "N 6"], largest_turn: float) -> "DeformationGraph":
         """Return the graph after a step: a turn and a translation of each node.
@@ -108,7 +108,11 @@ class DeformationGraph:
         angles = np.linalg.norm(turns, axis=1, keepdims=True)
         turns = turns * np.minimum(1.0, largest_turn / np.maximum(angles, 1e-12))
         rotations = rotation_matrices(turns) @ self.rotations
-        return replace(self, rotations=rotations, translations=self.translations + step[:, 3:])
+        return self.placed(rotations, self.translations + step[:, 3:])
+
+    def placed(self, rotations: Rotations, translations: Float64[np.ndarray, "N 3"]) -> "DeformationGraph":
+        """Return the graph with these rotations and translations of its nodes."""
+        return replace(self, rotations=rotations, translations=translations)
 
     def jacobian(self, verts: Int64[np.ndarray, " M"], roots: Float64[np.ndarray, "M 3 3"]) -> csr_array:
         """Return the (3 M, 6 N) derivative of L x by a step, for some vertices x and a 3 × 3 matrix L for each."""
@@ -140,7 +144,7 @@ def rotation_matrices(vectors: Float64[np.ndarray, "N 3"]) -> Rotations:
     """Return the rotations of rotation vectors (Rodrigues)."""
     angles = np.maximum(np.linalg.norm(vectors, axis=1), 1e-12)[:, None, None]
     cross = cross_matrices(vectors)
-    return np.eye(3) + np.sin(angles) / angles * cross + (1 - np.cos(angles)) / angles**2 * (cross @ cross)
+    return np.asarray(np.eye(3) + np.sin(angles) / angles * cross + (1 - np.cos(angles)) / angles**2 * (cross @ cross))
 
 
 def cross_matrices(vectors: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, "N 3 3"]:
@@ -155,7 +159,7 @@ def nearest_rotations(moments: Float64[np.ndarray, "N 3 3"]) -> Rotations:
     """Return the rotations R that maximise Σ (R a) · b, given Σ a bᵀ (Kabsch 1976)."""
     left, _, right = np.linalg.svd(moments + 1e-14 * np.eye(3))
     left[:, :, 2] *= np.sign(np.linalg.det(left @ right))[:, None]
-    return np.swapaxes(left @ right, 1, 2)
+    return np.asarray(np.swapaxes(left @ right, 1, 2))
 
 
 def _spread(template: Template, count: int) -> tuple[list[int], list[tuple[np.ndarray, np.ndarray]]]:
@@ -167,7 +171,7 @@ def _spread(template: Template, count: int) -> tuple[list[int], list[tuple[np.nd
     reached = list[tuple[np.ndarray, np.ndarray]]()
     while True:
         limit = np.inf if len(chosen) == 1 else _SEARCH * float(least.max())
-        distances = dijkstra(graph, directed=False, indices=chosen[-1], limit=limit)
+        distances = dijkstra(graph, directed=False, indices=[chosen[-1]], limit=limit)[0]
         rows = np.flatnonzero(np.isfinite(distances))
         reached.append((rows, distances[rows]))
         least[rows] = np.minimum(least[rows], distances[rows])

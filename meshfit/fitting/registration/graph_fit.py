@@ -10,15 +10,19 @@ from scipy.sparse.linalg import splu
 
 from meshfit.fitting.gauss_newton.correspondences import Direction
 from meshfit.fitting.registration.deformation_graph import DeformationGraph
+from meshfit.fitting.registration.landmarks import Landmarks
 from meshfit.fitting.registration.oriented_points import OrientedPoints
-from meshfit.fitting.registration.pairs import Matching, Pairs, find_pairs, metric_roots
+from meshfit.fitting.registration.pairs import Matching, Pairs, find_pairs, geman_mcclure, metric_roots
 from meshfit.fitting.registration.template import Template
+from meshfit.mesh.mesh import Verts
 
 # Unknowns up to which the equations are solved as a dense matrix.
 _DENSE = 700
 _DAMPING, _LARGEST_TURN = 1e-9, 0.5
 # Vertices that are paired in a step, at least so many for each node.
 _SAMPLES_PER_NODE = 6
+# Distance at which a landmark has a quarter of its weight, relative to the diagonal: of those given, some are wrong.
+_LANDMARK_WIDTH = (0.2, 0.02)
 
 Range = tuple[float, float]
 
@@ -64,6 +68,7 @@ class GraphFit:
         direction: of the pairs.
         diagonal: of the target.
         remoteness: distance that a difference of 1 in remoteness is worth at first, relative to the diagonal.
+        landmarks: points whose places are known.
     """
 
     template: Template
@@ -71,11 +76,25 @@ class GraphFit:
     direction: Direction
     diagonal: float
     remoteness: float = 0.0
+    landmarks: Landmarks | None = None
 
     def step(
-        self, graph: DeformationGraph, level: Level, number: int, generator: np.random.Generator
+        self,
+        graph: DeformationGraph,
+        level: Level,
+        number: int,
+        generator: np.random.Generator,
+        progress: float,
     ) -> tuple[DeformationGraph, Pairs]:
-        """Return the graph after one step of a level, and the pairs of the step."""
+        """Return the graph after one step of a level, and the pairs of the step.
+
+        Args:
+            graph: before the step.
+            level: of the step.
+            number: of the step in its level.
+            generator: of the samples.
+            progress: share of all levels that is done, by which the robust weights of landmarks narrow.
+        """
         share = number / max(level.steps - 1, 1)
         width, stiffness, point_weight = (
             between(ends, share) for ends in (level.width, level.stiffness, level.point_weight)
@@ -83,7 +102,12 @@ class GraphFit:
         template = self.template.points_at(graph.positions())
         count = max(level.samples, _SAMPLES_PER_NODE * graph.num_nodes)
         verts, points = (_drawn(len(side), count, generator) for side in (template, self.target))
-        matching = Matching(width * self.diagonal, level.normal_length * self.diagonal, self.direction, self.remoteness * self.diagonal * (1 - share))
+        matching = Matching(
+            width * self.diagonal,
+            level.normal_length * self.diagonal,
+            self.direction,
+            self.remoteness * self.diagonal * (1 - share),
+        )
         pairs = find_pairs(template, self.target, verts, points, matching)
         roots = metric_roots(pairs.normals, pairs.weights, point_weight)
         jacobian = graph.jacobian(pairs.verts, roots)
@@ -91,9 +115,24 @@ class GraphFit:
         bend, bent = graph.stiffness()
         shares = (graph.shares * (stiffness / max(float(graph.shares.sum()), 1e-12))).repeat(3)
         square = jacobian.T @ jacobian + bend.T @ diags_array(shares) @ bend
-        square = (square + _DAMPING * eye_array(square.shape[0])).tocsc()
         right = jacobian.T @ residuals - bend.T @ (shares * bent)
+        if self.landmarks is not None:
+            more_square, more_right = self._pull_of_landmarks(self.landmarks, graph, template.points, progress)
+            square, right = square + more_square, right + more_right
+        square = (square + _DAMPING * eye_array(square.shape[0])).tocsc()
         return graph.moved(_solved(square, right).reshape(-1, 6), _LARGEST_TURN), pairs
+
+    def _pull_of_landmarks(
+        self, landmarks: Landmarks, graph: DeformationGraph, verts: Verts, progress: float
+    ) -> tuple[csr_array, Float64[np.ndarray, " N"]]:
+        """Return the equations of landmarks, whose weights sum to at most that of one direction of pairs."""
+        away = landmarks.goals - landmarks.points(verts)
+        width = between(_LANDMARK_WIDTH, progress) * self.diagonal
+        weights = geman_mcclure(np.linalg.norm(away, axis=1), width) / len(landmarks)
+        eyes = np.broadcast_to(np.eye(3), (3 * len(landmarks), 3, 3))
+        jacobian = landmarks.summed(graph.jacobian(landmarks.corners.ravel(), eyes))
+        scaled = diags_array(weights.repeat(3)) @ jacobian
+        return jacobian.T @ scaled, scaled.T @ away.ravel()
 
 
 def between(ends: Range, share: float) -> float:

@@ -50,11 +50,12 @@ class OrientedPoints:
         """
         lengths = normal_length, remoteness_length
         if lengths not in self._trees:
-            self._trees[lengths] = KDTree(self._coordinates(*lengths), leafsize=16)
-        distances, rows = self._trees[lengths].query(queries._coordinates(*lengths))
+            self._trees[lengths] = KDTree(self.coordinates(*lengths), leafsize=16)
+        distances, rows = self._trees[lengths].query(queries.coordinates(*lengths))
         return np.asarray(distances), np.minimum(rows.astype(np.int64), len(self) - 1)
 
-    def _coordinates(self, normal_length: float, remoteness_length: float) -> Float64[np.ndarray, "N D"]:
+    def coordinates(self, normal_length: float, remoteness_length: float) -> Float64[np.ndarray, "N D"]:
+        """Return positions, normals and remoteness as coordinates of one space, as `nearest` measures it."""
         parts = [self.points, normal_length * self.normals]
         if remoteness_length:
             parts.append(remoteness_length * self.remoteness[:, None])
@@ -65,4 +66,3 @@ class OrientedPoints:
         if count >= len(self):
             return np.arange(len(self))
         return generator.choice(len(self), count, replace=False, p=self.areas / self.areas.sum())
-

@@ -97,7 +97,9 @@ class _Search:
         centre, goal = self.source.points.mean(axis=0), self.target.points.mean(axis=0)
         scale = 1.0
         if self.similarity:
-            spreads = [np.linalg.norm(points - points.mean(axis=0)) for points in (self.target.points, self.source.points)]
+            spreads = [
+                np.linalg.norm(points - points.mean(axis=0)) for points in (self.target.points, self.source.points)
+            ]
             scale = float(spreads[0] / spreads[1])
         own, other = (_principal_axes(points) for points in (self.source.points, self.target.points))
         signs = ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))
@@ -128,7 +130,7 @@ class _Search:
         return OrientedPoints(pose.applied(source.points), normals, source.areas, source.rim, source.remoteness)
 
     def _round(self, pose: Pose) -> tuple[Pose, float]:
-        """Make one round of ICP: solve for a small similarity that reduces distances to planes, and a little to points."""
+        """Make one round of ICP: a small similarity that reduces distances to planes, and a little to points."""
         moved, length = self._moved(pose), _NORMALS * self.diagonal
         there = self.target.nearest(moved, length)[1]
         back = moved.nearest(self.target, length)[1]

@@ -1,116 +1,248 @@
-"""Registration of a template: poses, deformation graphs from coarse to fine, unfolding, and a fit of all vertices."""
+"""Registration of a template in steps: poses, deformation graphs from coarse to fine, unfolding, and all vertices."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
+import torch
 
 from meshfit.fitting.gauss_newton.correspondences import Direction
 from meshfit.fitting.registration.deformation_graph import DeformationGraph
 from meshfit.fitting.registration.graph_fit import LEVELS, GraphFit, Level
+from meshfit.fitting.registration.landmarks import Landmarks
 from meshfit.fitting.registration.oriented_points import OrientedPoints
+from meshfit.fitting.registration.pairs import Pairs
 from meshfit.fitting.registration.poses import Pose, candidate_poses
 from meshfit.fitting.registration.template import Template
 from meshfit.fitting.registration.unfolding import Unfolding
 from meshfit.fitting.registration.vertex_fit import STEPS, VertexFit
 from meshfit.mesh.mesh import Mesh, Verts
+from meshfit.units import count_text
+
+Prior = Literal["rigid", "near-rigid"]
+Kind = Literal["pose", "graph", "unfold", "vertices"]
 
 _POSES = 3
+# Worths of a difference of 1 in remoteness at the start of the coarsest graph, relative to the diagonal: with it, limbs
+# find each other however they are held; without it, a target of which large parts are missing.
 _REMOTENESS = (0.5, 0.0)
+# The start as given is taken, without a look at others, if it is judged better than this.
 _GOOD = 0.025
-# Points of each side by which a start is judged, the largest distance that counts, and the weight of stretch.
+# Points of each side by which a start is judged, the largest distance that counts, normals, and the weight of stretch.
 _SAMPLES, _CAP, _NORMALS, _STRETCH = 1500, 0.1, 0.1, 2.0
 
 
-@dataclass(frozen=True, eq=False)
-class Registered:
-    """The outcome of a registration.
+@dataclass(frozen=True)
+class PlannedStep:
+    """A step of a registration.
 
     Attributes:
-        verts: (V, 3) the vertices of the template, on the target.
-        pose: the pose that it started from.
-        crossing: number of pairs of faces that cross and did not at rest.
-        matched: share of the pairs of the last step that counted.
+        name: of its stage, in progress messages.
+        kind: `pose` finds the pose and fits the coarsest graph; `graph` is a step on a finer one; `unfold` takes faces
+            apart that cross; `vertices` is a step of all vertices.
+        level: number of the graph.
+        number: of the step in its stage.
+        cost: about the work, relative to that of a step of all vertices.
     """
 
-    verts: Verts
-    pose: Pose
-    crossing: int
-    matched: float
+    name: str
+    kind: Kind
+    level: int = 0
+    number: int = 0
+    cost: float = 1.0
 
 
-def register(
-    source: Mesh,
-    target: OrientedPoints,
-    *,
-    direction: Direction = "both",
-    similarity: bool = False,
-    seed: int = 0,
-    levels: tuple[Level, ...] = LEVELS,
-    log: Callable[[str], None] = lambda _: None,
-) -> Registered:
-    """Carry a template to a target.
+def planned_steps(prior: Prior) -> list[PlannedStep]:
+    """Return the steps of a registration."""
+    pose = PlannedStep("pose", "pose", cost=12.0)
+    if prior == "rigid":
+        return [pose]
+    graphs = [
+        PlannedStep(f"graph of {level.nodes} nodes", "graph", index, number, 0.2 * index)
+        for index, level in enumerate(LEVELS)
+        for number in range(level.steps)
+        if index
+    ]
+    vertices = [PlannedStep("vertices", "vertices", number=number) for number in range(STEPS)]
+    unfold = PlannedStep("unfolding", "unfold", cost=3.0)
+    return [pose, *graphs, unfold, *vertices, unfold]
 
-    Args:
+
+@dataclass(frozen=True, eq=False)
+class RegistrationTask:
+    """What is to be registered.
+
+    Attributes:
         source: the template.
         target: points of the target.
+        prior: `rigid`: only its pose changes; `near-rigid`: it bends.
         direction: of the pairs.
-        similarity: whether the template's size is to be found, too.
+        similarity: whether its size is to be found, too.
+        landmarks: points whose places are known.
         seed: of the samples.
-        levels: of the deformation graphs.
-        log: gets lines about the course.
     """
-    diagonal = float(np.linalg.norm(np.ptp(target.points, axis=0)))
-    at_rest = Template(source).points_at(source.verts)
-    best: tuple[float, Template, DeformationGraph, Pose] | None = None
-    for number, pose in enumerate(candidate_poses(at_rest, target, similarity=similarity, most=_POSES, seed=seed)):
-        template = Template(source.with_verts(pose.applied(source.verts)))
-        for remoteness in _REMOTENESS:
-            fit = GraphFit(template, target, direction, diagonal, remoteness)
-            graph = _through(fit, DeformationGraph.of(template, levels[0].nodes), levels[0], seed)
-            value = _judged(template, target, graph.positions(), direction, diagonal)
-            log(f"pose {np.degrees(pose.angle_to(Pose.identity())):.0f} deg remote {remoteness} scale {pose.scale:.3g}: {value:.4f}")
-            if best is None or value < best[0]:
-                best = value, template, graph, pose
-        if number == 0 and best[0] < _GOOD:
-            break
-    assert best is not None
-    _, template, graph, pose = best
-    fit = GraphFit(template, target, direction, diagonal)
-    for level in levels[1:]:
-        graph = DeformationGraph.of(template, level.nodes).fitted_to(graph.positions())
-        graph = _through(fit, graph, level, seed)
-    unfolding = Unfolding.of(template)
-    verts, crossing = unfolding.unfolded(graph.positions(), lambda n: log(f"crossing {n}"))
-    fine, matched = VertexFit(template, target, verts, direction, diagonal), 0.0
-    for number in range(STEPS):
-        verts, pairs = fine.step(verts, number)
-        matched = pairs.matched
-    if crossing:
-        verts, crossing = unfolding.unfolded(verts, lambda n: log(f"crossing {n}"))
-    return Registered(verts, pose, crossing, matched)
+
+    source: Mesh
+    target: OrientedPoints
+    prior: Prior = "near-rigid"
+    direction: Direction = "both"
+    similarity: bool = False
+    landmarks: Landmarks | None = None
+    seed: int = 0
+
+    @property
+    def diagonal(self) -> float:
+        """Diagonal of the bounding box of the target."""
+        return float(np.linalg.norm(np.ptp(self.target.points, axis=0)))
 
 
-def _through(fit: GraphFit, graph: DeformationGraph, level: Level, seed: int) -> DeformationGraph:
-    generator = np.random.default_rng([seed, level.nodes])
-    for number in range(level.steps):
-        graph, _ = fit.step(graph, level, number, generator)
-    return graph
+class Registration:
+    """A registration that is stepped.
+
+    Attributes:
+        task: what is registered.
+        verts: (V, 3) where the vertices of the template are.
+        pose: the pose that it has started from.
+        distance: root mean square distance of the pairs of the last step.
+        matched: share of the pairs of the last step that counted.
+        crossing: number of pairs of faces that cross and did not at rest, after `unfold`.
+    """
+
+    def __init__(self, task: RegistrationTask) -> None:
+        if task.landmarks is not None:
+            task.landmarks.checked(task.source)
+        self.task, self.verts, self.pose = task, task.source.verts, Pose.identity()
+        self.distance, self.matched, self.crossing = float("inf"), 0.0, 0
+        self._start = self.verts
+        self._level = -1
+        self._graph: DeformationGraph | None = None
+        self._fit: GraphFit | VertexFit | None = None
+        self._at_pose: Template | None = None
+        self._unfolding: Unfolding | None = None
+
+    @property
+    def template(self) -> Template:
+        """The template in its pose."""
+        if self._at_pose is None:
+            self._at_pose = Template(self.task.source.with_verts(self.pose.applied(self.task.source.verts)))
+        return self._at_pose
+
+    def step(self, planned: PlannedStep) -> None:
+        """Make a step."""
+        if planned.kind == "pose":
+            self._find_pose()
+        elif planned.kind == "graph":
+            self._step_graph(planned)
+        elif planned.kind == "unfold":
+            self._unfold()
+        else:
+            self._step_vertices(planned)
+
+    @property
+    def shortfalls(self) -> list[str]:
+        """What it did not reach, in words."""
+        if not self.crossing:
+            return []
+        return [f"{count_text(self.crossing, 'pair')} of faces cross that did not cross in the source"]
+
+    def saved(self) -> dict[str, Any]:
+        """Return everything that the next step depends on as numbers and tensors, for `restore`."""
+        graph = self._graph
+        arrays = {"verts": self.verts, "start": self._start, "turn": self.pose.rotation, "move": self.pose.translation}
+        if graph is not None:
+            arrays |= {"rotations": graph.rotations, "translations": graph.translations}
+        numbers = {"scale": self.pose.scale, "level": self._level, "crossing": self.crossing}
+        numbers |= {"distance": self.distance, "matched": self.matched}
+        return {key: torch.tensor(array) for key, array in arrays.items()} | numbers
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Continue from what `saved` returned for the same task."""
+        self.pose = Pose(saved["turn"].numpy(), saved["move"].numpy(), saved["scale"])
+        self.verts, self._start, self._level = saved["verts"].numpy(), saved["start"].numpy(), saved["level"]
+        self.distance, self.matched, self.crossing = saved["distance"], saved["matched"], saved["crossing"]
+        if self._level >= 0:
+            graph = DeformationGraph.of(self.template, LEVELS[self._level].nodes)
+            self._graph = graph.placed(saved["rotations"].numpy(), saved["translations"].numpy())
+
+    def _find_pose(self) -> None:
+        task, best = self.task, np.inf
+        for number, pose in enumerate(self._poses()):
+            if task.prior == "rigid":
+                if pose.score < best:
+                    best, self.pose, self.verts = pose.score, pose, pose.applied(task.source.verts)
+                continue
+            template = Template(task.source.with_verts(pose.applied(task.source.verts)))
+            first = DeformationGraph.of(template, LEVELS[0].nodes)
+            for remoteness in _REMOTENESS:
+                fit = GraphFit(template, task.target, task.direction, task.diagonal, remoteness, task.landmarks)
+                graph = first
+                for step in range(LEVELS[0].steps):
+                    graph, pairs = self._graph_step(fit, graph, LEVELS[0], 0, step)
+                value = _judged(template, task, graph.positions())
+                if value < best:
+                    best, self.pose, self._at_pose = value, pose, template
+                    self._graph, self.verts, self._level = graph, graph.positions(), 0
+                    self.distance, self.matched = _distance(self.verts, pairs), pairs.matched
+                if number == 0 and best < _GOOD:
+                    return
+
+    def _poses(self) -> list[Pose]:
+        task = self.task
+        at_rest = Template(task.source).points_at(task.source.verts)
+        if task.landmarks is not None:
+            return [task.landmarks.pose(task.source, similarity=task.similarity)]
+        return candidate_poses(at_rest, task.target, similarity=task.similarity, most=_POSES, seed=task.seed)
+
+    def _step_graph(self, planned: PlannedStep) -> None:
+        task, level = self.task, LEVELS[planned.level]
+        if self._level != planned.level or self._graph is None:
+            self._graph = DeformationGraph.of(self.template, level.nodes).fitted_to(self.verts)
+            self._level = planned.level
+        if not isinstance(self._fit, GraphFit):
+            self._fit = GraphFit(self.template, task.target, task.direction, task.diagonal, landmarks=task.landmarks)
+        self._graph, pairs = self._graph_step(self._fit, self._graph, level, planned.level, planned.number)
+        self.verts = self._graph.positions()
+        self.distance, self.matched = _distance(self.verts, pairs), pairs.matched
+
+    def _graph_step(
+        self, fit: GraphFit, graph: DeformationGraph, level: Level, index: int, number: int
+    ) -> tuple[DeformationGraph, Pairs]:
+        generator = np.random.default_rng([self.task.seed, index, number])
+        progress = (index + number / level.steps) / len(LEVELS)
+        return fit.step(graph, level, number, generator, progress)
+
+    def _unfold(self) -> None:
+        if self._unfolding is None:
+            self._unfolding = Unfolding.of(self.template)
+        self.verts, self.crossing = self._unfolding.unfolded(self.verts)
+        self._start = self.verts
+
+    def _step_vertices(self, planned: PlannedStep) -> None:
+        task = self.task
+        if not isinstance(self._fit, VertexFit):
+            self._fit = VertexFit(self.template, task.target, self._start, task.direction, task.diagonal)
+        self.verts, pairs = self._fit.step(self.verts, planned.number)
+        self.distance, self.matched = _distance(self.verts, pairs), pairs.matched
 
 
-def _judged(template: Template, target: OrientedPoints, verts: Verts, direction: Direction, diagonal: float) -> float:
-    """Return how badly a start serves: capped distances in positions and normals, times one and the stretch of edges."""
-    generator = np.random.default_rng(0)
+def _distance(verts: Verts, pairs: Pairs) -> float:
+    squares = ((verts[pairs.verts] - pairs.goals) ** 2).sum(axis=1)
+    return float(np.sqrt(pairs.weights @ squares / max(float(pairs.weights.sum()), 1e-300)))
+
+
+def _judged(template: Template, task: RegistrationTask, verts: Verts) -> float:
+    """Return how badly a start serves: capped distances in position and normal, times 1 plus stretch."""
+    generator, target = np.random.default_rng(0), task.target
     moved = template.points_at(verts)
     own, other = (side.subset(_some(len(side), generator)) for side in (moved, target))
-    length, cap, total = _NORMALS * diagonal, _CAP * diagonal, 0.0
-    if direction != "to-source":
+    length, cap, total = _NORMALS * task.diagonal, _CAP * task.diagonal, 0.0
+    if task.direction != "to-source":
         total += float((np.minimum(target.nearest(own, length)[0], cap) ** 2).mean())
-    if direction != "to-target":
+    if task.direction != "to-target":
         total += float((np.minimum(moved.nearest(other, length)[0], cap) ** 2).mean())
     ratios = np.log(np.maximum(template.lengths_at(verts), 1e-12) / np.maximum(template.rest_lengths, 1e-12))
     stretch = float(np.sqrt((np.minimum(np.abs(ratios), 1) ** 2).mean()))
-    return float(np.sqrt(total)) / diagonal * (1 + _STRETCH * stretch)
+    return float(np.sqrt(total)) / task.diagonal * (1 + _STRETCH * stretch)
 
 
 def _some(count: int, generator: np.random.Generator) -> np.ndarray:

@@ -72,7 +72,9 @@ class Template:
         a, b, c = (verts[self.mesh.faces[:, k]] for k in range(3))
         vectors = np.cross(b - a, c - a)
         areas = np.linalg.norm(vectors, axis=1) / 6
-        return OrientedPoints(verts, unit_vectors(self._corners @ vectors), self._corners @ areas, self.rim, self.remoteness)
+        return OrientedPoints(
+            verts, unit_vectors(self._corners @ vectors), self._corners @ areas, self.rim, self.remoteness
+        )
 
     def grown(self, verts: Bool[np.ndarray, " V"], rings: int = 1) -> Bool[np.ndarray, " V"]:
         """Return some vertices and their neighbours, up to a number of rings."""

@@ -52,7 +52,7 @@ class VertexFit:
         adjacency = self.template.adjacency
         valence = adjacency.sum(axis=1)
         laplacian = diags_array(valence) - adjacency
-        return (laplacian @ diags_array(1 / np.maximum(valence, 1)) @ laplacian).tocsc()
+        return csc_array(laplacian @ diags_array(1 / np.maximum(valence, 1)) @ laplacian)
 
     @cached_property
     def _connectivity(self) -> Connectivity:

@@ -1,0 +1,91 @@
+"""Landmarks: points of a template whose places on the target are known."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Int64
+from scipy.sparse import csr_array
+
+from meshfit.errors import MeshError
+from meshfit.fitting.registration.pairs import geman_mcclure
+from meshfit.fitting.registration.poses import Pose
+from meshfit.mesh.mesh import Mesh, Verts
+
+_LEAST = 3
+_ROUNDS, _WIDTH = 10, 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Landmarks:
+    """Points of a template, as vertices or within faces, and where they belong.
+
+    Attributes:
+        corners: (L, 3) vertices of the template.
+        shares: (L, 3) weights of these, with a sum of 1.
+        goals: (L, 3) positions on the target.
+    """
+
+    corners: Int64[np.ndarray, "L 3"]
+    shares: Float64[np.ndarray, "L 3"]
+    goals: Float64[np.ndarray, "L 3"]
+
+    @classmethod
+    def at_verts(cls, verts: Int64[np.ndarray, " L"], goals: Float64[np.ndarray, "L 3"]) -> "Landmarks":
+        """Return landmarks at vertices."""
+        shares = np.zeros((len(verts), 3))
+        shares[:, 0] = 1.0
+        return cls(np.repeat(verts[:, None], 3, axis=1), shares, goals)
+
+    def __len__(self) -> int:
+        """Return the number of landmarks."""
+        return len(self.goals)
+
+    def checked(self, source: Mesh) -> "Landmarks":
+        """Return the landmarks.
+
+        Raises:
+            MeshError: fewer than three, or a vertex that the source does not have.
+        """
+        if len(self) < _LEAST:
+            raise MeshError(f"landmarks: expected {_LEAST} or more, got {len(self)}")
+        if self.corners.min() < 0 or self.corners.max() >= source.num_verts:
+            outside = int(np.flatnonzero((self.corners < 0) | (self.corners >= source.num_verts))[0] // 3)
+            number = int(self.corners[outside].max())
+            raise MeshError(f"landmark {outside}: vertex {number}, but the source has {source.num_verts}")
+        return self
+
+    def points(self, verts: Verts) -> Float64[np.ndarray, "L 3"]:
+        """Return where the landmarks are."""
+        return np.asarray((verts[self.corners] * self.shares[:, :, None]).sum(axis=1))
+
+    def pose(self, source: Mesh, *, similarity: bool) -> Pose:
+        """Return the pose that brings the landmarks nearest to their goals, of which some may be wrong."""
+        points, weights = self.points(source.verts), np.ones(len(self))
+        pose = _nearest_pose(points, self.goals, weights, similarity=similarity)
+        for _ in range(_ROUNDS):
+            distances = np.linalg.norm(pose.applied(points) - self.goals, axis=1)
+            weights = geman_mcclure(distances, _WIDTH * float(np.median(distances)) + 1e-12)
+            pose = _nearest_pose(points, self.goals, weights, similarity=similarity)
+        return pose
+
+    def summed(self, rows: csr_array) -> csr_array:
+        """Return the rows of the landmarks, from three rows for each of their three corners."""
+        count = len(self)
+        landmark, corner, axis = (grid.ravel() for grid in np.indices((count, 3, 3)))
+        shares = self.shares[landmark, corner]
+        gather = csr_array(
+            (shares, (3 * landmark + axis, 9 * landmark + 3 * corner + axis)), shape=(3 * count, 9 * count)
+        )
+        return csr_array(gather @ rows)
+
+
+def _nearest_pose(points: Verts, goals: Verts, weights: Float64[np.ndarray, " L"], *, similarity: bool) -> Pose:
+    """Return the similarity or rigid motion of least weighted squared distance (Umeyama 1991)."""
+    weights = weights / weights.sum()
+    centre, goal = weights @ points, weights @ goals
+    p, q = points - centre, goals - goal
+    left, values, right = np.linalg.svd(q.T @ (p * weights[:, None]))
+    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
+    rotation = left @ np.diag(signs) @ right
+    scale = float((values * signs).sum() / max(weights @ (p**2).sum(axis=1), 1e-300)) if similarity else 1.0
+    return Pose(rotation, goal - scale * rotation @ centre, scale)
