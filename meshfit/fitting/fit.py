@@ -21,6 +21,7 @@ from meshfit.fitting.loop import Engine, FitResult, run
 from meshfit.fitting.nearest_neighbours import search_threads
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem
 from meshfit.fitting.progress import shown_progress
+from meshfit.fitting.registration.engine import RegistrationEngine
 from meshfit.fitting.settings import (
     METHODS,
     Dtype,
@@ -115,6 +116,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     noise: Literal["auto"] | float | None = None,
     robust: Literal["auto", "off"] | None = None,
     direction: Literal["both", "to-target", "to-source"] | None = None,
+    register: Literal["off", "rigid", "near-rigid"] | None = None,
     # the computation
     device: str = "auto",
     dtype: Literal["float32", "float64"] = "float32",
@@ -177,6 +179,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         noise: gauss-newton: standard deviation of the target's points across its surface, or `auto`.
         robust: gauss-newton: `auto` gives up outliers of clouds and of meshes with noise, `off` follows every point.
         direction: gauss-newton: pairs that pull: `both`, only those from the surface `to-target`, or only `to-source`.
+        register: gauss-newton: registration of a source whose vertices have a meaning: `rigid` or `near-rigid`.
         device: `auto`, `cpu`, `cuda`, `cuda:N` or `mps`.
         dtype: precision of the computation; meshes are float64 in any case.
         threads: number of threads of the nearest-neighbour search on the CPU, of which each problem uses two; the rest
@@ -310,11 +313,17 @@ def fit_batch(
         groups = batches(problems, settings, torch_device)
         for group in groups:
             batch = [problems[i] for i in group]
-            engine = ENGINES[settings.method](batch, settings, torch_device, getattr(torch, dtype), pool)
+            engine = _engine_for(settings)(batch, settings, torch_device, getattr(torch, dtype), pool)
             if steps_done(batch[0]):
                 engine.restore([problem.resume for problem in batch if problem.resume is not None])
             outcomes |= run(engine, save_end=group is not groups[-1], snapshots=settings.snapshots)
     return [outcomes[problem] for problem in problems]
+
+
+def _engine_for(settings: FitSettings) -> Callable[..., Engine]:
+    if isinstance(settings, GaussNewtonSettings) and settings.register != "off":
+        return RegistrationEngine
+    return ENGINES[settings.method]
 
 
 @no_type_check
@@ -392,7 +401,8 @@ def _placed_source(
     mesh = as_mesh(source, "source")
     _require_surface(as_mesh(mesh, "source", triangles=True), "source")
     mesh = mesh.with_verts((mesh.verts - frame.centre) / frame.scale)
-    if how == "auto" and _has_same_place(mesh, goal):
+    registered = isinstance(settings, GaussNewtonSettings) and settings.register != "off"
+    if how == "auto" and (registered or _has_same_place(mesh, goal)):
         return mesh
     if how == "auto":
         sizes = " and ".join(

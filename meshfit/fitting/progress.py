@@ -10,6 +10,7 @@ from typing import Any
 
 from meshfit.fitting.callbacks import Step
 from meshfit.fitting.gauss_newton.schedule import rough_verts, schedule
+from meshfit.fitting.registration.plan import planned_steps
 from meshfit.fitting.settings import FitSettings, GaussNewtonSettings
 from meshfit.subdivision.refine import growth
 from meshfit.subdivision.registry import Scheme, resolve
@@ -42,7 +43,8 @@ def step_costs(
         return [1.0] * settings.steps
     per_level = growth(resolve(scheme), 1)
     rough = rough_verts(settings, source_verts, growth(resolve(scheme), settings.levels))
-    costs, verts = list[float](), float(source_verts)
+    verts = float(source_verts)
+    costs = _registration_costs(settings, verts)
     for stage in schedule(settings):
         wanted = rough * stage.share * per_level**stage.refined
         if stage.change == "start":
@@ -55,15 +57,24 @@ def step_costs(
             verts *= per_level
         elif stage.change == "control":
             verts *= per_level**settings.levels
-        if stage.attempt not in (None, attempt):
+        if stage.attempt not in (None, attempt) or stage.change == "register":
             continue
-        part = [_STEP[0] + _STEP[1] * verts + _STEP[2] * verts**1.5] * len(stage.weights)
+        part = [_cost_of_step(verts)] * len(stage.weights)
         if part and stage.change in ("remesh", "decimate", "place"):
             mapped = settings.connectivity == "fixed"
             fixed, per_vert = _PLACE if stage.change == "place" else _MAPPED if mapped else _REMESH
             part[0] += fixed + per_vert * verts
         costs += part
     return costs
+
+
+def _registration_costs(settings: GaussNewtonSettings, verts: float) -> list[float]:
+    planned = [] if settings.register == "off" else planned_steps(settings.register)
+    return [_cost_of_step(verts) * step.cost for step in planned]
+
+
+def _cost_of_step(verts: float) -> float:
+    return _STEP[0] + _STEP[1] * verts + _STEP[2] * verts**1.5
 
 
 def measuring_cost(settings: FitSettings, target_faces: int) -> float:

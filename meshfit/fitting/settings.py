@@ -1,6 +1,7 @@
 """Settings of a fit. Importing them does not import torch, so that configs are read and checked quickly."""
 
 import re
+import warnings
 from collections.abc import Sequence
 from pathlib import PurePath
 from typing import Annotated, Any, Literal
@@ -9,6 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, ConfigDict, Discriminator,
 
 from meshfit.errors import ConfigError
 from meshfit.fitting.external.tools import TOOLS, ToolName
+from meshfit.fitting.registration.plan import planned_steps
 from meshfit.printable import printable
 from meshfit.settings import DEFAULT_KIND, KIND_KEY, Settings, build
 from meshfit.specs import suggest
@@ -89,6 +91,10 @@ class FirstOrderSettings(Settings):
     They are shapes alone: only results carry texture coordinates, colours and the like."""
 
 
+# Pydantic warns of a field that hides a method of every abstract class, which no settings use.
+warnings.filterwarnings("ignore", message='Field name "register"')
+
+
 class GaussNewtonSettings(Settings):
     """A Gauss–Newton fit, coarse to fine. Lengths are in the target's normalised frame.
 
@@ -143,6 +149,9 @@ class GaussNewtonSettings(Settings):
     direction: Literal["both", "to-target", "to-source"] = "both"
     """Pairs of points that pull: `both`; `to-target`, from the surface to its nearest points on the target, for targets
     larger than the source; or `to-source`, from the target to the surface, for targets that show only a part."""
+    register: Literal["off", "rigid", "near-rigid"] = "off"
+    """Registration of the source, each of whose vertices has a meaning: `rigid` finds its pose, `near-rigid` also bends
+    it, so that vertices go where they belong; requires `connectivity: fixed`. Where sizes differ, so does its scale."""
     trace_every: Every = 1
     """Number of steps (1 or more) from one row of `trace.csv` to the next; the first and last steps always have one."""
     snapshots: Every | None = None
@@ -152,8 +161,17 @@ class GaussNewtonSettings(Settings):
     @property
     def steps(self) -> int:
         """Total number of steps."""
+        if self.register != "off":
+            refined = self.levels * self.level_steps + (self.last_steps if self.levels else 0)
+            return len(planned_steps(self.register)) + refined
         levels = 2 if self.variables == "control" else self.levels + 1
         return self.tries * self.coarse_steps + levels * self.level_steps + self.last_steps
+
+    @model_validator(mode="after")
+    def _registered_source_keeps_its_faces(self) -> "GaussNewtonSettings":
+        if self.register != "off" and (self.connectivity != "fixed" or self.variables != "verts"):
+            raise ValueError("register: requires connectivity: fixed and variables: verts, so that vertices stay")
+        return self
 
 
 def _plain_arguments(command: tuple[str, ...]) -> tuple[str, ...]:

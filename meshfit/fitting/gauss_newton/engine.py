@@ -140,7 +140,7 @@ class GaussNewton(Engine):
         for problem in problems:
             self._check(problem)
         pairs = zip(problems, self._targets, strict=True)
-        self._near = [is_near(self._shape(problem), target, problem.target) for problem, target in pairs]
+        self._near = [self._is_near(problem, target) for problem, target in pairs]
         self._plans = {near: _steps_of(schedule(settings, near=near)) for near in (False, True)}
         self._sphere_maps = dict[Mesh, Tensor | None]()
         self._crossing = dict[Mesh, bool]()
@@ -285,6 +285,10 @@ class GaussNewton(Engine):
             start = linearly_refined(start, problem.scheme) or refine_state(start, problem.scheme)
         return start
 
+    def _is_near(self, problem: Problem, target: TargetCloud) -> tuple[bool, float]:
+        """Return whether a source is so near to its target that the search for the rough shape is skipped."""
+        return is_near(self._shape(problem), target, problem.target)
+
     def _shape(self, problem: Problem) -> Shape:
         verts = torch.tensor(problem.source.verts, dtype=self.dtype, device=self.device)
         return Shape(Connectivity(self._faces(problem), len(verts), self.dtype), verts)
@@ -366,12 +370,17 @@ class GaussNewton(Engine):
             return distance
         self._states[member] = after
         restarts.record(stage, number, distance, matched)
-        if self.done % self.settings.trace_every == 0 or self.done == self.steps - 1:
-            verts = after.shape.connectivity.num_verts
-            row = (self.done, distance, verts, matched, fairness, point_weight, report.held)
-            self.traces[member].rows.append(row)
-            self.traces[member].seconds.append(self.seconds(member))
+        self._trace(member, distance, matched, fairness, point_weight, report.held)
         return distance
+
+    def _trace(
+        self, member: int, distance: float, matched: float, fairness: float, point_weight: float, held: int
+    ) -> None:
+        """Add the row of a step, if it is one that is traced."""
+        if self.done % self.settings.trace_every == 0 or self.done == self.steps - 1:
+            verts = self._states[member].shape.connectivity.num_verts
+            self.traces[member].rows.append((self.done, distance, verts, matched, fairness, point_weight, held))
+            self.traces[member].seconds.append(self.seconds(member))
 
     def _changed(self, state: FitState, problem: Problem, stage: Stage, target: TargetCloud) -> FitState:
         """Return the state after the change that a stage begins with."""

@@ -37,17 +37,19 @@ class Tension:
 
 @dataclass(frozen=True, eq=False)
 class Fairness:
-    """Smoothness λ/V Σ w |L x|², with L the uniform Laplacian, plus tension.
+    """Smoothness λ/V Σ w |L x|², with L the uniform Laplacian and x positions or displacements, plus tension.
 
     Attributes:
         connectivity: the surface.
         weights: (V, 1) w λ/V.
         tension: springs along its edges, if any.
+        reference: (V, 3) positions from which displacements are to be smooth; None for a smooth surface.
     """
 
     connectivity: Connectivity
     weights: Float[Tensor, "V 1"]
     tension: Tension | None = None
+    reference: Float[Tensor, "V 3"] | None = None
 
     def __call__(self, x: Float[Tensor, "V 3"]) -> Float[Tensor, "V 3"]:
         """Return Lᵀ W L x + Dᵀ T D x, with D the differences along edges."""
@@ -55,9 +57,10 @@ class Fairness:
 
     def slope(self, x: Float[Tensor, "V 3"]) -> Float[Tensor, "V 3"]:
         """Return half the gradient at the start of the step: Lᵀ W L x + Dᵀ T (1 - R) D x."""
+        smooth = self._smooth(x if self.reference is None else x - self.reference)
         if self.tension is None:
-            return self._smooth(x)
-        return self._smooth(x) + self._pull(x, self.tension.weights * (1 - self.tension.rest))
+            return smooth
+        return smooth + self._pull(x, self.tension.weights * (1 - self.tension.rest))
 
     def diagonal(self) -> Float[Tensor, "V 1"]:
         """Return the diagonal of Lᵀ W L + Dᵀ T D."""

@@ -60,6 +60,7 @@ class FitState:
         controlled: the surface, if the mesh that is solved for is its control mesh.
         polygons: the polygons that the mesh was triangulated from, if any.
         rest: (V, 3) its places on the source, if the source has attributes that have to be projected in the end.
+        reference: (V, 3) positions from which displacements are kept smooth; None to keep the surface smooth.
     """
 
     pattern: SparsityPattern
@@ -69,6 +70,7 @@ class FitState:
     controlled: ControlledSurface | None = None
     polygons: PolygonTopology | None = None
     rest: Float64[Tensor, "V 3"] | None = None
+    reference: Float[Tensor, "V 3"] | None = None
 
     @classmethod
     def of(
@@ -96,7 +98,9 @@ class FitState:
         on_sphere = None if on_sphere is None else on_sphere.to(device)
         crossing = saved.get("crossing") is not None
         state = cls.of(verts.to(device, dtype), faces.to(device), on_sphere, polygons, crossing=crossing)
-        return replace(state, stiffness=stiffness.to(device, dtype), rest=saved.get("rest"))
+        reference = saved.get("reference")
+        reference = None if reference is None else reference.to(device, dtype)
+        return replace(state, stiffness=stiffness.to(device, dtype), rest=saved.get("rest"), reference=reference)
 
     @property
     def crossing(self) -> bool:
@@ -117,6 +121,7 @@ class FitState:
             "sizes": None if polygons is None else torch.tensor(polygons.sizes),
             "triangles": triangles,
             "rest": self.rest,
+            "reference": None if self.reference is None else self.reference.cpu(),
         }
 
     @property
@@ -145,7 +150,8 @@ class FitState:
         shape, connectivity, controlled = self.shape, self.pattern.connectivity, self.controlled
         pairs = find_correspondences(shape, target, generator, direction, robust)
         tension = membrane_tension(shape, pairs.membranes, fairness) if controlled is None else None
-        smoothness = Fairness(connectivity, self.stiffness * (fairness / len(self.verts)), tension)
+        weights = self.stiffness * (fairness / len(self.verts))
+        smoothness = Fairness(connectivity, weights, tension, self.reference)
         step, _ = solve_step(self.pattern, self.verts, pairs, smoothness, point_weight, controlled)
         end = self.verts + step
         if not bool(end.isfinite().all()):

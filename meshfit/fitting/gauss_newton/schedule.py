@@ -2,11 +2,13 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Literal, NamedTuple
 
+from meshfit.fitting.registration.plan import Prior, planned_steps
 from meshfit.fitting.settings import GaussNewtonSettings
 
-Change = Literal["none", "start", "remesh", "place", "refine", "control", "decimate"]
+Change = Literal["none", "start", "remesh", "place", "refine", "control", "decimate", "register"]
 
 _STEPS_BETWEEN_REMESHES = 5
 # Number of vertices during each search for the rough shape, relative to that at its end: more where the last search
@@ -38,6 +40,8 @@ class LevelFairness(NamedTuple):
 
 _FAR, _NEAR = LevelFairness(0.2, 0.1, 0.02), LevelFairness(0.05, 0.02, 0.005)
 """Defaults, for sources that are far from the target, and for those that are near and have little to lose."""
+_REGISTERED = LevelFairness(0.5, 0.2, 0.1)
+"""Defaults after registration, for the smoothness of displacements."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +51,9 @@ class Stage:
     Attributes:
         name: name in progress messages.
         change: change before the first step: `none`; `start` from the source, remeshed; `remesh`; `place` the source's
-            connectivity on the surface; `refine` by the scheme; make it the `control` mesh of its refinement; or
-            `decimate` by quadrics to the wanted number of vertices.
+            connectivity on the surface; `refine` by the scheme; make it the `control` mesh of its refinement;
+            `decimate` by quadrics to the wanted number of vertices; or `register` the source, in the steps of
+            `planned_steps`.
         share: for `remesh`, the number of vertices relative to that at the end of the rough shape.
         sized: for `remesh`, whether edges are shorter where the target is curved.
         weights: fairness and point weight of each step.
@@ -73,7 +78,7 @@ class Stage:
 def fairness_of(settings: GaussNewtonSettings, *, near: bool) -> LevelFairness:
     """Return the weights of smoothness: those that are set, else the defaults for a far or a near source."""
     given = (settings.start_fairness, settings.fairness, settings.last_fairness)
-    usual = _NEAR if near else _FAR
+    usual = _REGISTERED if settings.register != "off" else _NEAR if near else _FAR
     return LevelFairness(*(default if value is None else value for value, default in zip(given, usual, strict=True)))
 
 
@@ -84,6 +89,8 @@ def schedule(settings: GaussNewtonSettings, *, near: bool = False) -> list[Stage
         settings: of the fit.
         near: whether the source is near to the target; the search for the rough shape is skipped then, but counted.
     """
+    if settings.register != "off":
+        return _registration(settings, settings.register)
     fairness = fairness_of(settings, near=near)
     stages = [stage for attempt in range(settings.tries) for stage in _coarse(settings, attempt)]
     remeshed = settings.connectivity == "remeshed"
@@ -115,6 +122,21 @@ def schedule(settings: GaussNewtonSettings, *, near: bool = False) -> list[Stage
         *stages,
         Stage("last", "decimate", 1.0, sized=True, weights=last[-after:], refined=settings.levels, robust=_LAST_ROBUST),
     ]
+
+
+def _registration(settings: GaussNewtonSettings, prior: Prior) -> list[Stage]:
+    """Return the stages of a registration: of the source as it is, then of each level of the scheme."""
+    fairness = fairness_of(settings, near=True)
+    groups = groupby(planned_steps(prior), lambda planned: planned.stage)
+    stages = [
+        Stage(name, "register", 1.0, sized=False, weights=((0.0, 0.0),) * len(list(group))) for name, group in groups
+    ]
+    weights = _weights((fairness.start, _LEVEL_FACTOR, fairness.level), _LAST_POINT, settings.level_steps)
+    last = _weights((fairness.level, _LEVEL_FACTOR, fairness.last), _LAST_POINT, settings.last_steps)
+    for level in range(1, settings.levels + 1):
+        steps = weights + last if level == settings.levels else weights
+        stages.append(Stage(f"level {level}", "refine", 1.0, sized=False, weights=steps))
+    return stages
 
 
 def rough_verts(settings: GaussNewtonSettings, source_verts: int, growth: float) -> float:

@@ -137,7 +137,7 @@ class DeformationGraph:
         return _rows(values, columns, 3 * len(arms), 6 * self.num_nodes), (turned + starts - ends).ravel()
 
     def _arms(self) -> Float64[np.ndarray, "V K 3"]:
-        return self.rest[:, None] - self.nodes[self.node_of]
+        return np.asarray(self.rest[:, None] - self.nodes[self.node_of])
 
 
 def rotation_matrices(vectors: Float64[np.ndarray, "N 3"]) -> Rotations:

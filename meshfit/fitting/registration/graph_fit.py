@@ -13,6 +13,7 @@ from meshfit.fitting.registration.deformation_graph import DeformationGraph
 from meshfit.fitting.registration.landmarks import Landmarks
 from meshfit.fitting.registration.oriented_points import OrientedPoints
 from meshfit.fitting.registration.pairs import Matching, Pairs, find_pairs, geman_mcclure, metric_roots
+from meshfit.fitting.registration.plan import Level, Range
 from meshfit.fitting.registration.template import Template
 from meshfit.mesh.mesh import Verts
 
@@ -23,39 +24,6 @@ _DAMPING, _LARGEST_TURN = 1e-9, 0.5
 _SAMPLES_PER_NODE = 6
 # Distance at which a landmark has a quarter of its weight, relative to the diagonal: of those given, some are wrong.
 _LANDMARK_WIDTH = (0.2, 0.02)
-
-Range = tuple[float, float]
-
-
-@dataclass(frozen=True)
-class Level:
-    """A graph and the steps on it. Ranges are from the first step to the last, geometric between.
-
-    Attributes:
-        nodes: number of nodes.
-        steps: number of steps.
-        samples: number of vertices and of points of the target that are paired in each step.
-        width: of robust weights, relative to the target's diagonal.
-        stiffness: weight of the graph's edges.
-        point_weight: weight of residuals along the surface relative to those across it.
-        normal_length: distance that opposite normals are worth, halved, relative to the diagonal.
-    """
-
-    nodes: int
-    steps: int
-    samples: int
-    width: Range
-    stiffness: Range
-    point_weight: Range
-    normal_length: float
-
-
-LEVELS = (
-    Level(60, 40, 800, (0.3, 0.06), (3.0, 0.02), (0.5, 0.05), 0.25),
-    Level(150, 12, 1500, (0.08, 0.03), (0.5, 0.1), (0.02, 0.01), 0.08),
-    Level(500, 10, 3000, (0.03, 0.012), (0.05, 0.02), (0.01, 0.01), 0.05),
-)
-"""From coarse to fine; found on pairs of scans and of animals with known correspondence."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,26 +1,24 @@
 """Registration of a template in steps: poses, deformation graphs from coarse to fine, unfolding, and all vertices."""
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
 
 from meshfit.fitting.gauss_newton.correspondences import Direction
 from meshfit.fitting.registration.deformation_graph import DeformationGraph
-from meshfit.fitting.registration.graph_fit import LEVELS, GraphFit, Level
+from meshfit.fitting.registration.graph_fit import GraphFit
 from meshfit.fitting.registration.landmarks import Landmarks
 from meshfit.fitting.registration.oriented_points import OrientedPoints
 from meshfit.fitting.registration.pairs import Pairs
+from meshfit.fitting.registration.plan import LEVELS, Level, PlannedStep, Prior
 from meshfit.fitting.registration.poses import Pose, candidate_poses
 from meshfit.fitting.registration.template import Template
 from meshfit.fitting.registration.unfolding import Unfolding
-from meshfit.fitting.registration.vertex_fit import STEPS, VertexFit
+from meshfit.fitting.registration.vertex_fit import VertexFit
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.units import count_text
-
-Prior = Literal["rigid", "near-rigid"]
-Kind = Literal["pose", "graph", "unfold", "vertices"]
 
 _POSES = 3
 # Worths of a difference of 1 in remoteness at the start of the coarsest graph, relative to the diagonal: with it, limbs
@@ -30,42 +28,6 @@ _REMOTENESS = (0.5, 0.0)
 _GOOD = 0.025
 # Points of each side by which a start is judged, the largest distance that counts, normals, and the weight of stretch.
 _SAMPLES, _CAP, _NORMALS, _STRETCH = 1500, 0.1, 0.1, 2.0
-
-
-@dataclass(frozen=True)
-class PlannedStep:
-    """A step of a registration.
-
-    Attributes:
-        name: of its stage, in progress messages.
-        kind: `pose` finds the pose and fits the coarsest graph; `graph` is a step on a finer one; `unfold` takes faces
-            apart that cross; `vertices` is a step of all vertices.
-        level: number of the graph.
-        number: of the step in its stage.
-        cost: about the work, relative to that of a step of all vertices.
-    """
-
-    name: str
-    kind: Kind
-    level: int = 0
-    number: int = 0
-    cost: float = 1.0
-
-
-def planned_steps(prior: Prior) -> list[PlannedStep]:
-    """Return the steps of a registration."""
-    pose = PlannedStep("pose", "pose", cost=12.0)
-    if prior == "rigid":
-        return [pose]
-    graphs = [
-        PlannedStep(f"graph of {level.nodes} nodes", "graph", index, number, 0.2 * index)
-        for index, level in enumerate(LEVELS)
-        for number in range(level.steps)
-        if index
-    ]
-    vertices = [PlannedStep("vertices", "vertices", number=number) for number in range(STEPS)]
-    unfold = PlannedStep("unfolding", "unfold", cost=3.0)
-    return [pose, *graphs, unfold, *vertices, unfold]
 
 
 @dataclass(frozen=True, eq=False)

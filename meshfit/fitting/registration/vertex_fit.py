@@ -12,14 +12,12 @@ from scipy.sparse.linalg import LinearOperator, cg, splu
 from meshfit.fitting.gauss_newton.correspondences import Direction
 from meshfit.fitting.gauss_newton.step_limiting import limit_step
 from meshfit.fitting.gauss_newton.surface import Connectivity
-from meshfit.fitting.registration.graph_fit import Range, between
+from meshfit.fitting.registration.graph_fit import between
 from meshfit.fitting.registration.oriented_points import OrientedPoints
 from meshfit.fitting.registration.pairs import Matching, Pairs, find_pairs
+from meshfit.fitting.registration.plan import VERTEX_STEPS, Range
 from meshfit.fitting.registration.template import Template
 from meshfit.mesh.mesh import Verts
-
-STEPS = 8
-"""Number of steps."""
 
 _WIDTH: Range = (0.012, 0.006)
 _FAIRNESS: Range = (1.0, 0.2)
@@ -60,7 +58,7 @@ class VertexFit:
 
     def step(self, verts: Verts, number: int) -> tuple[Verts, Pairs]:
         """Return the vertices after one step, and its pairs."""
-        share = number / max(STEPS - 1, 1)
+        share = number / max(VERTEX_STEPS - 1, 1)
         matching = Matching(between(_WIDTH, share) * self.diagonal, _NORMAL_LENGTH * self.diagonal, self.direction)
         template, count = self.template.points_at(verts), len(verts)
         pairs = find_pairs(template, self.target, np.arange(count), np.arange(len(self.target)), matching)

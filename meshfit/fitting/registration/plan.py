@@ -1,0 +1,78 @@
+"""The steps of a registration, and the settings of each. Importing it does not import torch."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+Prior = Literal["rigid", "near-rigid"]
+Kind = Literal["pose", "graph", "unfold", "vertices"]
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Level:
+    """A deformation graph and the steps on it. Ranges are from the first step to the last, geometric between.
+
+    Attributes:
+        nodes: number of nodes.
+        steps: number of steps.
+        samples: number of vertices and of points of the target that are paired in each step.
+        width: of robust weights, relative to the target's diagonal.
+        stiffness: weight of the graph's edges.
+        point_weight: weight of residuals along the surface relative to those across it.
+        normal_length: distance that opposite normals are worth, halved, relative to the diagonal.
+    """
+
+    nodes: int
+    steps: int
+    samples: int
+    width: Range
+    stiffness: Range
+    point_weight: Range
+    normal_length: float
+
+
+LEVELS = (
+    Level(60, 40, 800, (0.3, 0.06), (3.0, 0.02), (0.5, 0.05), 0.25),
+    Level(150, 12, 1500, (0.08, 0.03), (0.5, 0.1), (0.02, 0.01), 0.08),
+    Level(500, 10, 3000, (0.03, 0.012), (0.05, 0.02), (0.01, 0.01), 0.05),
+)
+"""From coarse to fine; found on pairs of figures and animals with known correspondence."""
+
+VERTEX_STEPS = 8
+"""Number of steps of all vertices."""
+
+
+@dataclass(frozen=True)
+class PlannedStep:
+    """A step of a registration.
+
+    Attributes:
+        stage: name in progress messages.
+        kind: `pose` finds the pose and fits the coarsest graph; `graph` is a step on a finer one; `unfold` takes faces
+            apart that cross; `vertices` is a step of all vertices.
+        level: number of the graph.
+        number: of the step in its stage.
+        cost: about the work, relative to that of a step of all vertices.
+    """
+
+    stage: str
+    kind: Kind
+    level: int = 0
+    number: int = 0
+    cost: float = 1.0
+
+
+def planned_steps(prior: Prior) -> list[PlannedStep]:
+    """Return the steps of a registration."""
+    pose = PlannedStep("pose", "pose", cost=10.0)
+    if prior == "rigid":
+        return [pose]
+    graphs = [
+        PlannedStep(f"graph of {level.nodes} nodes", "graph", index, number, 0.3 * index)
+        for index, level in enumerate(LEVELS)
+        for number in range(level.steps)
+        if index
+    ]
+    vertices = [PlannedStep("vertices", "vertices", number=number) for number in range(VERTEX_STEPS)]
+    unfold = PlannedStep("unfolding", "unfold", cost=2.0)
+    return [pose, *graphs, unfold, *vertices, unfold]
