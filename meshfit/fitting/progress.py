@@ -74,7 +74,7 @@ def _registration_costs(settings: GaussNewtonSettings, verts: float) -> list[flo
 
 
 def _cost_of_step(verts: float) -> float:
-    return _STEP[0] + _STEP[1] * verts + _STEP[2] * verts**1.5
+    return float(_STEP[0] + _STEP[1] * verts + _STEP[2] * verts**1.5)
 
 
 def measuring_cost(settings: FitSettings, target_faces: int) -> float:

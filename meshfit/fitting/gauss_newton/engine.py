@@ -214,11 +214,7 @@ class GaussNewton(Engine):
         if stage.attempt is not None and (self.done == self.steps or plan[self.done][0].attempt != stage.attempt):
             self._states = [self._end_search(member, state) for member, state in enumerate(self._states)]
         if self.done == self.steps:
-            # Steps make no sound face unsound; those left were so when they were put in place.
-            self._states = [state.untangled() for state in self._states]
-            self._states = [self._not_worse(member, state) for member, state in enumerate(self._states)]
-            for member, state in enumerate(self._states):
-                self._shortfalls[member] += self._faults(state)
+            self._states = [self._ended(member, state) for member, state in enumerate(self._states)]
         return distances
 
     def _end_search(self, member: int, state: FitState) -> FitState:
@@ -244,6 +240,13 @@ class GaussNewton(Engine):
             )
             texts.append(f"too many vertices: {count:,}, more than the {wanted:,} wanted, as {why}")
         return texts
+
+    def _ended(self, member: int, state: FitState) -> FitState:
+        """Return the state to end with."""
+        # Steps make no sound face unsound; those left were so when they were put in place.
+        state = self._not_worse(member, state.untangled())
+        self._shortfalls[member] += self._faults(state)
+        return state
 
     def _not_worse(self, member: int, state: FitState) -> FitState:
         """Return the state at the end, or the source's own surface where a fit from a near source has lost by it."""

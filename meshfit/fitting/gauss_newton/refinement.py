@@ -66,11 +66,16 @@ def control_mesh(state: FitState, scheme: str | Scheme) -> Mesh | PolygonMesh:
     return PolygonMesh(verts, topology.corners, topology.sizes)
 
 
-def refine_state(state: FitState, scheme: str | Scheme) -> FitState:
+def refine_state(state: FitState, scheme: str | Scheme, *, untangle: bool = True) -> FitState:
     """Refine by one level of a scheme; where that is unsound, vertices stay nearer to the unrefined state.
 
     A scheme that splits triangles in four always has such positions, as its linear refinement is the surface itself;
     for others they nearly always exist. A scheme on polygons continues from those of the last level.
+
+    Args:
+        state: the state.
+        scheme: the scheme.
+        untangle: whether to smooth faces that are unsound nevertheless.
     """
     masks, device = resolve(scheme), state.verts.device
     topology = topology_for(state, masks)
@@ -88,12 +93,13 @@ def refine_state(state: FitState, scheme: str | Scheme) -> FitState:
         flat = refinement if linear is None else refine(topology, linear)
         finer = replace(finer, rest=flat(state.rest))
     if linear is None:
-        return finer.untangled()
+        return finer.untangled() if untangle else finer
     between = refine(topology, linear)
     start = torch.as_tensor(between(verts)).to(state.verts)
     stiffness = torch.as_tensor(between(state.stiffness.cpu().double().numpy())).to(state.verts)
     end, _ = limit_step(finer.pattern.connectivity, start, finer.verts)
-    return replace(finer, verts=end, stiffness=stiffness).untangled()
+    finer = replace(finer, verts=end, stiffness=stiffness)
+    return finer.untangled() if untangle else finer
 
 
 def linearly_refined(state: FitState, scheme: str | Scheme) -> FitState | None:

@@ -9,6 +9,7 @@ import torch
 
 from meshfit.fitting.gauss_newton.engine import GaussNewton
 from meshfit.fitting.gauss_newton.fit_state import FitState
+from meshfit.fitting.gauss_newton.refinement import refine_state
 from meshfit.fitting.gauss_newton.schedule import Stage
 from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.fitting.problem import Checkpoint, Problem
@@ -73,9 +74,14 @@ class RegistrationEngine(GaussNewton):
         self._trace(member, registration.distance, registration.matched, *stage.weights[number], 0)
         return registration.distance
 
-    def _changed(self, state: FitState, problem: Problem, stage: Stage, target: TargetCloud) -> FitState:
-        state = super()._changed(state, problem, stage, target)
+    def _changed(self, state: FitState, problem: Problem, stage: Stage, _target: TargetCloud) -> FitState:
+        # What crosses in the source may cross in the result; smoothing it would move vertices from where they belong.
+        if stage.change == "refine":
+            state = refine_state(state, problem.scheme, untangle=False)
         return replace(state, reference=state.verts)
+
+    def _ended(self, _member: int, state: FitState) -> FitState:
+        return state
 
     def _task(self, problem: Problem, target: OrientedPoints) -> RegistrationTask:
         assert self.settings.register != "off"  # noqa: S101  another engine has those
