@@ -223,9 +223,9 @@ def as_cloud(pair: Pair, count: int = 10_000) -> Pair:
 
 def pairs() -> list[Callable[[], Pair]]:
     """Return the makers of all pairs."""
-    made: list[Callable[[], Pair]] = []
-    for pose in POSES:
-        made.append(lambda pose=pose: _pair(pose, figure(0.019), figure(0.017), posed(pose)))
+    made: list[Callable[[], Pair]] = [
+        lambda pose=pose: _pair(pose, figure(0.019), figure(0.017), posed(pose)) for pose in POSES
+    ]
     cow, bunny = lambda n: animal("cow", n), lambda n: animal("bunny", n)
     for name, shape, change in (
         ("cow bent by 90°", cow, bend(90, 2, 0)),
