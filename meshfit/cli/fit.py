@@ -134,6 +134,17 @@ def fit(
             autocompletion=completions.targets,
         ),
     ] = "auto",
+    register: Annotated[
+        Literal["rigid", "near-rigid"] | None,
+        typer.Option(
+            "--register",
+            help="Register --source, a template each of whose vertices has a meaning: rigid finds its pose, near-rigid "
+            "also bends it, so that ears go to ears. Its faces are kept.",
+            show_default="no registration",
+            metavar="PRIOR",
+            rich_help_panel=_FIT,
+        ),
+    ] = None,
     noise: Annotated[
         str | None,
         typer.Option(
@@ -251,6 +262,7 @@ def fit(
         meshfit fit points.xyz -o surface.ply  # a cloud of points
         meshfit fit head.obj -o head-fitted.obj --source sphere --connectivity fixed
         meshfit fit scan.obj -o fitted.glb --source template.glb --connectivity fixed  # keeps its texture
+        meshfit fit scan.ply -o registered.obj --source template.obj --register near-rigid
         meshfit fit scans/*.obj -o fitted/ --output-format obj --jobs 4
         zcat scan.ply.gz | meshfit fit - --format ply -o fitted.ply
     """
@@ -270,8 +282,9 @@ def fit(
         verts=verts,
         scheme=scheme,
         levels=levels,
-        connectivity=connectivity,
+        connectivity="fixed" if register else connectivity,
         source=source,
+        register=register,
         surface=surface,
         seed=seed,
         device=device,

@@ -29,6 +29,7 @@ class FitOptions:
     levels: int | None
     connectivity: Literal["remeshed", "fixed"]
     source: str
+    register: Literal["rigid", "near-rigid"] | None
     surface: Literal["all", "outer"]
     seed: int
     device: str | None
@@ -99,6 +100,7 @@ def _plain(target: str, options: FitOptions) -> Iterator[str]:
     if options.surface != "all":
         yield _setting("target.surface", options.surface)
     yield _setting("fit.connectivity", options.connectivity)
+    yield from _of_template(options)
     if options.cleaning.weld:
         yield _setting("weld", options.cleaning.weld)
     yield _setting("repair", options.cleaning.repair)
@@ -118,6 +120,14 @@ def _plain(target: str, options: FitOptions) -> Iterator[str]:
         yield _setting("source.mesh", options.source)
         if options.connectivity == "fixed":
             yield _setting("source.wanted_verts", _control_verts(options))
+
+
+def _of_template(options: FitOptions) -> Iterator[str]:
+    if options.register is None:
+        return
+    if options.source in BUILT:
+        raise ConfigError("--register: requires --source FILE, a mesh each of whose vertices has a meaning")
+    yield _setting("fit.register", options.register)
 
 
 def _of_scan(options: FitOptions) -> Iterator[str]:
@@ -160,7 +170,7 @@ def _placed(target: str, options: FitOptions, experiment: "Experiment") -> Itera
     yield _setting("source.mesh", _absolute(options.source))
     yield _setting("source.levels", 0)
     yield _setting("source.project", "none")
-    if describe_mismatch(control, target_mesh):
+    if options.register is None and describe_mismatch(control, target_mesh):
         yield _setting("source.align", "pca")
         return
     placed = frame.normalise(control)

@@ -11,7 +11,9 @@ from meshfit.cli.scratch import scratch_folder
 from meshfit.errors import MeshError
 from meshfit.mesh.io.files import load_mesh, save_mesh
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.meshlab import decimate
 from meshfit.mesh.solids import octahedron
+from meshfit.mesh.targets import load_target
 from meshfit.subdivision.refine import subdivide
 from tests.cli import invoke, refused, trials_in_this_process
 from tests.shapes import torus
@@ -111,6 +113,17 @@ def test_a_source_from_the_target_and_fixed_faces():
     faces = ("--connectivity", "fixed", *QUICK[2:])
     assert invoke("fit", "scan.ply", "-o", "b.ply", "--source", "scan.ply", *faces).code == 0
     np.testing.assert_array_equal(load_mesh("b.ply").faces, load_mesh("scan.ply").faces)
+
+
+def test_a_template_is_registered_whatever_its_unit():
+    scan = decimate(load_target("mousehead"), 1200)
+    save_mesh(scan, "scan.ply")
+    save_mesh(scan.with_verts(1000 * scan.verts[:, [1, 2, 0]] + 5000), "template.ply")
+    ran = invoke("fit", "scan.ply", "-o", "a.ply", "--source", "template.ply", "--register", "rigid")
+    assert ran.code == 0, ran.err
+    worst = np.abs(load_mesh("a.ply").verts - scan.verts).max()
+    assert worst < 0.01 * np.ptp(scan.verts, axis=0).max()
+    assert "--source FILE" in refused("fit", "scan.ply", "-o", "b.ply", "--register", "rigid")
 
 
 def test_what_cannot_be_written_is_refused_before_the_fit():

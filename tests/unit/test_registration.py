@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
 from scipy.spatial.transform import Rotation
 
 import meshfit
@@ -71,9 +70,8 @@ def test_derivatives_of_a_graph_are_those_of_finite_differences():
 
 def test_every_piece_of_a_mesh_has_nodes():
     ball = meshfit.icosphere(1)
-    both = Mesh(
-        np.concatenate([ball.verts, ball.verts + np.array([5, 0, 0])]), np.concatenate([ball.faces, ball.faces + 42])
-    )
+    verts = np.concatenate([ball.verts, ball.verts + np.array([5, 0, 0])])
+    both = Mesh(verts, np.concatenate([ball.faces, ball.faces + ball.num_verts]))
     graph = DeformationGraph.of(Template(both), 4)
     piece = graph.nodes[graph.node_of][:, :, 0] > 2.5
     assert ((graph.weights > 0) & (piece != (both.verts[:, :1] > 2.5))).sum() == 0
@@ -222,11 +220,3 @@ def test_only_sources_that_keep_their_faces_are_registered():
     for keys in ({"connectivity": "remeshed"}, {"connectivity": "fixed", "variables": "control"}):
         with pytest.raises(ConfigError, match="register: requires connectivity: fixed and variables: verts"):
             meshfit.fit("cube", "cube", method="gauss-newton", register="rigid", **keys)
-
-
-def test_torch_draws_do_not_decide(registered):
-    source, target, settings, result = registered
-    torch.manual_seed(5)
-    np.random.seed(5)  # noqa: NPY002  the global generator, which must not matter
-    again = meshfit.fit(source, target, settings, device="cpu")
-    assert again.mesh.verts.tobytes() == result.mesh.verts.tobytes()

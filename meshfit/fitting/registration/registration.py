@@ -11,7 +11,7 @@ from meshfit.fitting.registration.deformation_graph import DeformationGraph
 from meshfit.fitting.registration.graph_fit import GraphFit
 from meshfit.fitting.registration.landmarks import Landmarks
 from meshfit.fitting.registration.oriented_points import OrientedPoints
-from meshfit.fitting.registration.pairs import Pairs
+from meshfit.fitting.registration.pairs import Matching, Pairs, find_pairs
 from meshfit.fitting.registration.plan import LEVELS, Level, PlannedStep, Prior
 from meshfit.fitting.registration.poses import Pose, candidate_poses
 from meshfit.fitting.registration.template import Template
@@ -127,12 +127,17 @@ class Registration:
             self._graph = graph.placed(saved["rotations"].numpy(), saved["translations"].numpy())
 
     def _find_pose(self) -> None:
-        task, best = self.task, np.inf
+        task = self.task
+        if task.prior == "rigid":
+            self.pose = min(self._poses(), key=lambda pose: pose.score)
+            self.verts = self.template.mesh.verts
+            everything = np.arange(len(self.verts)), np.arange(len(task.target))
+            matching = Matching(_CAP * task.diagonal, _NORMALS * task.diagonal, task.direction)
+            pairs = find_pairs(self.template.points_at(self.verts), task.target, *everything, matching)
+            self.distance, self.matched = _distance(self.verts, pairs), pairs.matched
+            return
+        best = np.inf
         for number, pose in enumerate(self._poses()):
-            if task.prior == "rigid":
-                if pose.score < best:
-                    best, self.pose, self.verts = pose.score, pose, pose.applied(task.source.verts)
-                continue
             template = Template(task.source.with_verts(pose.applied(task.source.verts)))
             first = DeformationGraph.of(template, LEVELS[0].nodes)
             for remoteness in _REMOTENESS:
