@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 from jaxtyping import Float64
-from scipy.sparse import csr_array, diags_array, eye_array
+from scipy.sparse import csc_array, csr_array, diags_array, eye_array
 from scipy.sparse.linalg import splu
 
 from meshfit.fitting.gauss_newton.correspondences import Direction
@@ -87,7 +87,7 @@ class GraphFit:
         if self.landmarks is not None:
             more_square, more_right = self._pull_of_landmarks(self.landmarks, graph, template.points, progress)
             square, right = square + more_square, right + more_right
-        square = (square + _DAMPING * eye_array(square.shape[0])).tocsc()
+        square = csc_array(square + _DAMPING * eye_array(square.shape[0]))
         return graph.moved(_solved(square, right).reshape(-1, 6), _LARGEST_TURN), pairs
 
     def _pull_of_landmarks(
@@ -112,7 +112,7 @@ def _drawn(count: int, wanted: int, generator: np.random.Generator) -> np.ndarra
     return np.arange(count) if wanted >= count else generator.choice(count, wanted, replace=False)
 
 
-def _solved(square: csr_array, right: Float64[np.ndarray, " N"]) -> Float64[np.ndarray, " N"]:
+def _solved(square: csc_array, right: Float64[np.ndarray, " N"]) -> Float64[np.ndarray, " N"]:
     if len(right) <= _DENSE:
         factor = scipy.linalg.cho_factor(square.toarray(), check_finite=False)
         return np.asarray(scipy.linalg.cho_solve(factor, right, check_finite=False))

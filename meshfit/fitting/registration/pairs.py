@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from meshfit.fitting.gauss_newton.correspondences import Direction
-from meshfit.fitting.registration.oriented_points import Indices, OrientedPoints
+from meshfit.fitting.registration.oriented_points import OrientedPoints
 from meshfit.mesh.geometry import unit_vectors
 
 # The weight of a pair falls to 0 with the cosine between its normals, from 1 to this.
@@ -52,7 +52,11 @@ class Matching:
 
 
 def find_pairs(
-    template: OrientedPoints, target: OrientedPoints, verts: Indices, points: Indices, matching: Matching
+    template: OrientedPoints,
+    target: OrientedPoints,
+    verts: Int64[np.ndarray, " A"],
+    points: Int64[np.ndarray, " B"],
+    matching: Matching,
 ) -> Pairs:
     """Pair vertices with the nearest points of the target in position and normal, and points with the nearest vertices.
 

@@ -88,7 +88,7 @@ class VertexFit:
             return np.asarray(factors.solve(np.ascontiguousarray(flat.reshape(-1, 3))).ravel())
 
         shape = (verts.size, verts.size)
-        operator, inverse = LinearOperator(shape, times), LinearOperator(shape, preconditioned)
+        operator, inverse = (LinearOperator(shape, product, dtype=np.float64) for product in (times, preconditioned))
         flat, _ = cg(operator, right.ravel(), verts.ravel(), M=inverse, rtol=_TOLERANCE, maxiter=_MOST_ITERATIONS)
         return np.asarray(flat.reshape(-1, 3))
 
