@@ -69,7 +69,7 @@ class RegistrationEngine(GaussNewton):
         registration.step(self._planned[self.done])
         self._made[member] += 1
         state = self._states[member]
-        verts = torch.as_tensor(registration.verts).to(state.verts)
+        verts = torch.tensor(registration.verts).to(state.verts)
         self._states[member] = replace(state, verts=verts, reference=verts)
         self._trace(member, registration.distance, registration.matched, *stage.weights[number], 0)
         return registration.distance
