@@ -10,6 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
+from meshfit.doors import no_type_check
 from meshfit.errors import MeshError
 from meshfit.mesh.geometry import unit_vectors
 from meshfit.mesh.mesh import Verts
@@ -19,6 +20,7 @@ from meshfit.units import count_text
 Points = Float64[np.ndarray, "N 3"]
 Indices = Int64[np.ndarray, " M"]
 Normals = Float64[np.ndarray, "N 3"]
+_OfSome = Float64[np.ndarray, "_ 3"]
 
 _LEAST = 4
 # Neighbours of a point whose plane gives its normal, and the most, where noise is larger than they are apart.
@@ -103,6 +105,7 @@ class PointCloud:
         return f"PointCloud({count_text(self.num_verts, 'point')}{with_normals}, box {size})"
 
 
+@no_type_check
 def oriented_cloud(cloud: PointCloud, sensor: ArrayLike | None = None) -> PointCloud:
     """Return the cloud with normals: its own, or estimated ones.
 
@@ -187,7 +190,7 @@ def local_areas(points: Points) -> Float64[np.ndarray, " N"]:
     return smooth
 
 
-def _at_rim(points: Points, tree: "cKDTree[None]", rows: Indices, normals: Normals) -> Bool[np.ndarray, " M"]:
+def _at_rim(points: Points, tree: "cKDTree[None]", rows: Indices, normals: _OfSome) -> Bool[np.ndarray, " M"]:
     count = min(_RIM_NEIGHBOURS, len(points) - 1)
     rim = np.zeros(len(rows), dtype=bool)
     for start in range(0, len(rows), 1 << 16):
@@ -216,7 +219,7 @@ def _unit_or_zero(vectors: Normals) -> Normals:
     return np.where(is_unit, known, unit_vectors(known))
 
 
-def _plane_normals(points: Points, tree: "cKDTree[None]", rows: Indices | None = None) -> Normals:
+def _plane_normals(points: Points, tree: "cKDTree[None]", rows: Indices | None = None) -> _OfSome:
     count = _num_neighbours(points, tree)
     some = points if rows is None else points[rows]
     normals = np.empty_like(some)

@@ -116,9 +116,9 @@ def test_a_sensor_is_part_of_a_trial_and_decides_the_side(tmp_path):
     trials = [plan([load_experiment("a.yaml", [f"target.sensor={place}"])])[0] for place in places]
     assert trials[0].identity != trials[1].identity
     for trial, side in zip(trials, (1, -1), strict=True):
-        cleaning, sensor = trial.settings.cleaning, trial.settings.target.sensor
-        target = trial_runner._load_target(trial.target, None, "box", cleaning, sensor, None).mesh
-        record = {"settings": {"targets": [trial.target], "target": {"sensor": sensor}}}
+        cleaning, known = trial.settings.cleaning, trial.settings.target
+        target = trial_runner._load_target(trial.target, None, "box", cleaning, known, None).mesh
+        record = {"settings": {"targets": [trial.target], "target": {"sensor": known.sensor}}}
         for cloud in (target, read_target(tmp_path, record)):
             assert (side * np.einsum("nk,nk->n", cloud.normals, seen) > 0.9).mean() > 0.95
 

@@ -143,7 +143,9 @@ def test_both_spellings_of_centre_are_read_and_one_is_kept(config):
         config("source: {center: null, centre: null}\n")
 
 
-LISTED = "targets, define, schemes, seeds, normalise, weld, repair, write_frame, source, fit, measure, view, device"
+LISTED = (
+    "targets, target, define, schemes, seeds, normalise, weld, repair, write_frame, source, fit, measure, view, device"
+)
 BAD_OVERRIDES = {
     "fit.steps": "--set fit.steps: expected 'key=value', such as fit.steps=500",
     "=5": "--set =5: expected 'key=value'",
