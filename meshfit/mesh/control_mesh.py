@@ -179,7 +179,7 @@ def _choice(pieces: Mesh, few: Mesh) -> tuple[Literal["target", "wrap"], str]:
     crossing, within = (float(mask.mean()) for mask in crossing_faces(few))
     if within > _CROSSING_WITHIN:
         return "wrap", f"a soup: {within:.1%} of the faces cross others of their own piece"
-    if crossing > _CROSSING:
+    if crossing > _CROSSING and not Topology.of(pieces).is_watertight:  # closed ones may cross in a fit as well
         return "wrap", f"a soup: {crossing:.0%} of the faces cross others"
     if not crossing:
         return "target", "sound: oriented manifold pieces without crossings"
