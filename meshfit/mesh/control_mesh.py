@@ -9,20 +9,18 @@ from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Float64
 from scipy.spatial import cKDTree
 
 from meshfit.errors import MeshError
 from meshfit.mesh.cleaning_options import Surface
 from meshfit.mesh.geometry import bounding_box_diagonal, face_areas, signed_volume
 from meshfit.mesh.manifold import describe_topology, euler_number
-from meshfit.mesh.mesh import Mesh, SameContent, Verts
+from meshfit.mesh.mesh import Mesh, SameContent
 from meshfit.mesh.meshlab import alpha_wrap, decimate, fill_holes, refine_long_edges
 from meshfit.mesh.nearest import nearest_point_query
 from meshfit.mesh.outliers import stray_points
 from meshfit.mesh.pieces import crossing_faces, manifold_pieces, piece_of_face
 from meshfit.mesh.point_cloud import PointCloud
-from meshfit.mesh.proximity import point_distances
 from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.topology import Topology
 from meshfit.units import count_text
@@ -50,9 +48,6 @@ _LEAST_ALPHA, _REACHES, _NEIGHBOURS, _OFFSET = 0.01, 2.0, 6, 1 / 30
 # Wraps whose distance is at most so many times the least are equally near; a wrap that is thinner than so many offsets
 # has entered through a gap, and lies on both sides.
 _EQUALLY_NEAR, _THIN = 1.5, 4.0
-# A wrap is off its target where it is farther than this share of the diagonal: where it spans a handle. Wraps that are
-# off by at most this share of their area more than the least are equally good.
-_OFF, _SPANNED = 0.01, 0.005
 _SAMPLES = 5000
 
 
@@ -222,15 +217,14 @@ def _enough(mesh: Mesh, few: Mesh | None, faces: int) -> Mesh:
 
 
 def _wrapped(target: Mesh, wrap: Wrap) -> tuple[Mesh, Wrap]:
-    """Wrap a target; of several alphas, take one that is near and spans no handle, of least genus, then the finest."""
+    """Wrap a target; of several alphas, take the wrap of least genus among the nearest, then the finest."""
     if wrap.alpha is not None:
         lengths = _lengths(wrap.alpha, wrap)
         return manifold_pieces(alpha_wrap(target, *lengths)), Wrap(*lengths)
     least = _least_alpha(target)
     generator = np.random.default_rng(0)
     points = sample_surface(target, _SAMPLES, generator).points if target.num_faces else target.verts
-    far = _OFF * bounding_box_diagonal(target.verts)
-    tried: list[tuple[float, float, int, bool, Mesh, Wrap]] = []
+    tried: list[tuple[float, int, bool, Mesh, Wrap]] = []
     for multiple in _MULTIPLES:
         alpha, offset = _lengths(multiple * least, wrap)
         surface = manifold_pieces(alpha_wrap(target, alpha, offset))
@@ -238,21 +232,12 @@ def _wrapped(target: Mesh, wrap: Wrap) -> tuple[Mesh, Wrap]:
         away = points - samples[nearest_point_query(samples)(points)]
         distance = float(np.quantile(np.linalg.norm(away, axis=1), 0.9))
         thin = signed_volume(surface) < _THIN * offset * float(face_areas(surface).sum()) / 2
-        off = float((_distances(samples, target) > far).mean())
-        tried.append((distance, off, -euler_number(Topology.of(surface)), thin, surface, Wrap(alpha, offset)))
-    solid = [entry for entry in tried if not entry[3]] or tried[-1:]
+        tried.append((distance, -euler_number(Topology.of(surface)), thin, surface, Wrap(alpha, offset)))
+    solid = [entry for entry in tried if not entry[2]] or tried[-1:]
     nearest = min(entry[0] for entry in solid)
     near = [entry for entry in solid if entry[0] <= _EQUALLY_NEAR * nearest]
-    least_off = min(entry[1] for entry in near)
-    spanning_least = [entry for entry in near if entry[1] <= least_off + _SPANNED]
-    *_, surface, lengths_of_best = min(spanning_least, key=lambda entry: entry[2])
+    *_, surface, lengths_of_best = min(near, key=lambda entry: entry[1])
     return surface, lengths_of_best
-
-
-def _distances(points: Verts, target: Mesh) -> Float64[np.ndarray, " N"]:
-    if target.num_faces:
-        return point_distances(target, points)
-    return np.asarray(cKDTree(target.verts).query(points)[0])
 
 
 def _lengths(alpha: float, wrap: Wrap) -> tuple[float, float]:
