@@ -17,7 +17,7 @@ SHAPE_CHECKS := --jaxtyping-packages=meshfit.mesh,meshfit.subdivision,meshfit.an
 ALL_TARGETS := --set 'targets=[bunny, cow, bone, airplane, mousehead]' --set 'seeds=[0, 1, 2]'
 
 .DEFAULT_GOAL := help
-.PHONY: help setup quickstart test shapes check lint types layers docs table1 reproduce bench bench-compare ablation accuracy targets-bench figures zoo mousehead wheel clean
+.PHONY: help setup quickstart test shapes check lint types layers docs table1 reproduce bench bench-compare ablation accuracy targets-bench registration-bench figures zoo mousehead wheel clean
 
 help:  ## List the targets
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -92,6 +92,9 @@ ablation: $(DEV)  ## Leave out the Gauss–Newton engine's ingredients one by on
 
 bench-compare: $(DEV)  ## Compare two such files: make bench-compare OLD=a.json NEW=b.json
 	$(BIN)/python -m tests.benchmarks.compare $(OLD) $(NEW)
+
+registration-bench: $(DEV)  ## Templates to targets with known correspondence; writes docs/background/registration.md (5 minutes)
+	$(BIN)/python -m tests.benchmarks.registration > docs/background/registration.md
 
 targets-bench: $(DEV)  ## Fits to targets of each kind, with other tools beside them; writes docs/background/targets.md (7 minutes)
 	$(BIN)/python -m tests.benchmarks.targets > docs/background/targets.md

@@ -1,14 +1,20 @@
-"""Pairs of a template and a target with known correspondence: bent, twisted and posed, noisy, cut, clouds."""
+"""Pairs of a template and a target with known correspondence: bent, twisted and posed, noisy, cut, clouds.
 
+python -m tests.benchmarks.registration_pairs FOLDER    # writes one pair as template.ply and scan.ply
+"""
+
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import pyvista
 from scipy.spatial.transform import Rotation
 
 from meshfit.mesh.geometry import bounding_box_diagonal, unit_vectors, vert_area_vectors
+from meshfit.mesh.io.files import save_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.meshlab import decimate
 from meshfit.mesh.pieces import manifold_pieces
@@ -248,3 +254,16 @@ def pairs() -> list[Callable[[], Pair]]:
         lambda: as_cloud(walk()),
     ]
     return made
+
+
+def _write(folder: Path) -> None:
+    """Write the template and the target of the squatting figure, for the picture of the documentation."""
+    folder.mkdir(parents=True, exist_ok=True)
+    pair = next(made for make in pairs() if (made := make()).name == "squat")
+    assert isinstance(pair.target, Mesh)
+    save_mesh(pair.source, folder / "template.ply")
+    save_mesh(pair.target, folder / "scan.ply")
+
+
+if __name__ == "__main__":
+    _write(Path(sys.argv[1]))
