@@ -17,7 +17,7 @@ SHAPE_CHECKS := --jaxtyping-packages=meshfit.mesh,meshfit.subdivision,meshfit.an
 ALL_TARGETS := --set 'targets=[bunny, cow, bone, airplane, mousehead]' --set 'seeds=[0, 1, 2]'
 
 .DEFAULT_GOAL := help
-.PHONY: help setup quickstart test shapes check lint types layers docs table1 reproduce bench bench-compare ablation accuracy targets-bench registration-bench figures zoo mousehead wheel clean
+.PHONY: help setup quickstart test shapes check lint types layers docs table1 reproduce bench bench-compare ablation accuracy targets-bench registration-bench kinds figures zoo mousehead wheel clean
 
 help:  ## List the targets
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -76,7 +76,7 @@ reproduce: $(DEV)  ## The short reproduction that CI runs, checked against its e
 	$(BIN)/meshfit table $(RUNS)/reproduce --check configs/expected/reproduce.json
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal -m slow $(SHAPE_CHECKS)
 
-bench: $(DEV)  ## Measure speed and memory, against plain twins in the same run; writes $(BENCH) (8 minutes)
+bench: $(DEV)  ## Measure speed and memory, against plain twins in the same run; writes $(BENCH) (12 minutes)
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks --json $(BENCH)
 
 accuracy: $(RUN)  ## The Gauss–Newton engine on all five targets, three seeds, its three bundled configs (10 minutes)
@@ -92,6 +92,9 @@ ablation: $(DEV)  ## Leave out the Gauss–Newton engine's ingredients one by on
 
 bench-compare: $(DEV)  ## Compare two such files: make bench-compare OLD=a.json NEW=b.json
 	$(BIN)/python -m tests.benchmarks.compare $(OLD) $(NEW)
+
+kinds: $(DEV)  ## Draw the pictures of docs/guide/which-source.md from real fits (10 minutes)
+	$(BIN)/python -m tests.benchmarks.target_pictures $(RUNS)/targets data/pictures/kinds
 
 registration-bench: $(DEV)  ## Templates to targets with known correspondence; writes docs/background/registration.md (5 minutes)
 	$(BIN)/python -m tests.benchmarks.registration > docs/background/registration.md
