@@ -8,6 +8,7 @@ from typing import Any, Literal, TypeVar, Unpack, get_args
 
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
 
 from meshfit.doors import no_type_check
 from meshfit.errors import ConfigError, DeviceError, MeshError, MeshfitWarning
@@ -22,6 +23,7 @@ from meshfit.fitting.nearest_neighbours import search_threads
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem
 from meshfit.fitting.progress import shown_progress
 from meshfit.fitting.registration.engine import RegistrationEngine
+from meshfit.fitting.registration.landmarks import Landmarks
 from meshfit.fitting.settings import (
     METHODS,
     Dtype,
@@ -117,6 +119,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     robust: Literal["auto", "off"] | None = None,
     direction: Literal["both", "to-target", "to-source"] | None = None,
     register: Literal["off", "rigid", "near-rigid"] | None = None,
+    landmarks: "tuple[ArrayLike, ArrayLike] | None" = None,
     # the computation
     device: str = "auto",
     dtype: Literal["float32", "float64"] = "float32",
@@ -180,6 +183,9 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         robust: gauss-newton: `auto` gives up outliers of clouds and of meshes with noise, `off` follows every point.
         direction: gauss-newton: pairs that pull: `both`, only those from the surface `to-target`, or only `to-source`.
         register: gauss-newton: registration of a source whose vertices have a meaning: `rigid` or `near-rigid`.
+        landmarks: for `register`, three or more points of the source whose places are known, and these places: (L,)
+            vertices or (L, 3) positions of the source, and (L, 3) positions on the target, each in its own coordinates.
+            Some may be wrong.
         device: `auto`, `cpu`, `cuda`, `cuda:N` or `mps`.
         dtype: precision of the computation; meshes are float64 in any case.
         threads: number of threads of the nearest-neighbour search on the CPU, of which each problem uses two; the rest
@@ -233,10 +239,11 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         goal = frame.normalise(outer_surface(outward(target_mesh)))
     _require_one_of("align", align, get_args(Placement))
     start = _placed_source(source, frame, goal, settings, scheme, align, surface)
+    known = None if landmarks is None else _landmarks(landmarks, source, frame, settings)
     restored = _Restored(None if normalise == "none" else frame, on_snapshot)
     shown = shown_progress(settings, on_step, source_verts=start.num_verts, scheme=scheme)
     with shown if progress else nullcontext(on_step) as step_made:
-        problem = Problem(start, goal, seed, step_made, resume, save, scheme, restored.snapshot)
+        problem = Problem(start, goal, seed, step_made, resume, save, scheme, restored.snapshot, landmarks=known)
         (outcome,) = fit_batch(
             [problem], settings, device=device, dtype=dtype, threads=threads, allow_commands=allow_commands
         )
@@ -318,6 +325,21 @@ def fit_batch(
                 engine.restore([problem.resume for problem in batch if problem.resume is not None])
             outcomes |= run(engine, save_end=group is not groups[-1], snapshots=settings.snapshots)
     return [outcomes[problem] for problem in problems]
+
+
+@no_type_check
+def _landmarks(given: tuple[ArrayLike, ArrayLike], source: MeshLike, frame: Frame, settings: FitSettings) -> Landmarks:
+    """Return landmarks in the normalised frame."""
+    if not isinstance(settings, GaussNewtonSettings) or settings.register == "off":
+        raise ConfigError("landmarks: only a fit with register='rigid' or 'near-rigid' uses them")
+    if not isinstance(given, tuple | list) or len(given) != 2:
+        raise ConfigError("landmarks: expected two arrays, points of the source and positions on the target")
+    try:
+        places, goals = (np.asarray(side, dtype=np.float64) for side in given)
+    except (TypeError, ValueError) as error:
+        raise ConfigError("landmarks: expected two arrays of numbers") from error
+    landmarks = Landmarks.of(as_mesh(source, "source", triangles=True), places, goals)
+    return replace(landmarks, goals=(landmarks.goals - frame.centre) / frame.scale)
 
 
 def _engine_for(settings: FitSettings) -> Callable[..., Engine]:

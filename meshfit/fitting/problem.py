@@ -7,6 +7,7 @@ from typing import Any
 from meshfit.doors import no_type_check
 from meshfit.errors import ConfigError, TrialError
 from meshfit.fitting.callbacks import Step
+from meshfit.fitting.registration.landmarks import Landmarks
 from meshfit.mesh.any_mesh import MeshLike, as_mesh
 from meshfit.mesh.any_target import as_mesh_or_points
 from meshfit.mesh.mesh import Mesh
@@ -166,6 +167,7 @@ class Problem:
         on_snapshot: called with the number of steps made and the surface, as often as the settings say; before a
             checkpoint of the same step is saved.
         polygons: the polygons that the source was triangulated from, if any; schemes on polygons start from them.
+        landmarks: points of the source whose places on the target are known, for `register`.
 
     Example:
         >>> import meshfit
@@ -185,6 +187,7 @@ class Problem:
     scheme: str | Scheme = "loop"
     on_snapshot: Callable[[int, Mesh | PolygonMesh], None] | None = None
     polygons: PolygonMesh | None = None
+    landmarks: Landmarks | None = None
 
     @no_type_check
     def __init__(  # noqa: PLR0913, PLR0917  one argument for each attribute
@@ -198,12 +201,13 @@ class Problem:
         scheme: str | Scheme = "loop",
         on_snapshot: Callable[[int, Mesh | PolygonMesh], None] | None = None,
         polygons: PolygonMesh | None = None,
+        landmarks: Landmarks | None = None,
     ) -> None:
         start = as_mesh(source, "source")
         polygons = start if isinstance(start, PolygonMesh) else polygons
         triangles = start.triangulated() if isinstance(start, PolygonMesh) else start
         goal = as_mesh_or_points(target)
-        values = (triangles, goal, seed, on_step, resume, save, scheme, on_snapshot, polygons)
+        values = (triangles, goal, seed, on_step, resume, save, scheme, on_snapshot, polygons, landmarks)
         for attribute, value in zip(fields(self), values, strict=True):
             object.__setattr__(self, attribute.name, value)
 

@@ -124,7 +124,7 @@ class Course:
 
     def _left(self, step: Step) -> float:
         """Return the cost of the steps that are left."""
-        return sum(self._costs[max(0, len(self._costs) - (step.steps - step.done)) :])
+        return float(sum(self._costs[max(0, len(self._costs) - (step.steps - step.done)) :]))
 
     def update(self, step: Step) -> None:
         """Take note of a step."""

@@ -19,6 +19,8 @@ Every = Annotated[int, Field(ge=1)]
 Weight = Annotated[float, Field(ge=0)]
 Fairness = Annotated[float, Field(gt=0)]
 Dtype = Literal["float32", "float64"]
+Direction = Literal["both", "to-target", "to-source"]
+"""Pairs of points that pull: both ways, from the surface to the target, or from the target to the surface."""
 
 
 class LossWeights(Settings):
@@ -146,7 +148,7 @@ class GaussNewtonSettings(Settings):
     robust: Literal["auto", "off"] = "auto"
     """Outliers of the target: `auto` leaves out stray points of a cloud and spikes of a mesh that has noise, and lets
     points far from the surface count little once those around them are reached; `off` follows every point."""
-    direction: Literal["both", "to-target", "to-source"] = "both"
+    direction: Direction = "both"
     """Pairs of points that pull: `both`; `to-target`, from the surface to its nearest points on the target, for targets
     larger than the source; or `to-source`, from the target to the surface, for targets that show only a part."""
     register: Literal["off", "rigid", "near-rigid"] = "off"

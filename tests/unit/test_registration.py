@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import meshfit
-from meshfit.errors import ConfigError
+from meshfit.errors import ConfigError, MeshfitError
 from meshfit.fitting.registration.deformation_graph import DeformationGraph, nearest_rotations, rotation_matrices
 from meshfit.fitting.registration.oriented_points import OrientedPoints
 from meshfit.fitting.registration.pairs import Matching, find_pairs, geman_mcclure, metric_roots
@@ -214,6 +214,39 @@ def test_levels_after_registration_keep_vertices_in_place(registered):
     assert result.mesh.num_faces == 4 * source.num_faces
     errors = result.mesh.verts[: target.num_verts] - turned.verts
     assert root_mean_square(errors) < 0.005 * np.linalg.norm(np.ptp(turned.verts, axis=0))
+
+
+def test_landmarks_lead_where_a_pose_cannot_be_seen():
+    ball = meshfit.subdivide(meshfit.icosphere(2), "midpoint", 1)
+    ball = ball.with_verts(ball.verts / np.linalg.norm(ball.verts, axis=1, keepdims=True))
+    turned = ball.with_verts(3 * ball.verts @ TURN.T + [1, 0, 0])
+    settings = meshfit.GaussNewtonSettings(connectivity="fixed", levels=0, register="near-rigid")
+    some = np.arange(0, ball.num_verts, 40)
+    wrong = turned.verts[some].copy()
+    wrong[1] = turned.verts[some[1]] @ -np.eye(3)
+    for places in (some, ball.verts[some]):
+        result = meshfit.fit(ball, turned, settings, landmarks=(places, wrong), device="cpu")
+        assert root_mean_square(result.mesh.verts - turned.verts) < 0.1
+        assert result.shortfalls == ()
+
+
+def test_landmarks_that_cannot_be_used_are_refused():
+    settings = meshfit.GaussNewtonSettings(connectivity="fixed", levels=0, register="rigid")
+    goals = np.eye(3)
+    for given, words in (
+        (([0, 1], goals[:2]), "expected 3 or more, got 2"),
+        (([0, 1, 99], goals), "landmark 2: no vertex 99"),
+        (([0, 1, 1.5], goals), "landmark 2: no vertex 1.5"),
+        (([0, 1, 2, 3], goals), r"got shape \(4,\)"),
+        (([0, 1, 2], goals[:, :2]), "rows of three"),
+        (([0, 1, 2], goals * np.nan), "finite"),
+        (("abc", goals), "arrays of numbers"),
+        ((goals,), "two arrays"),
+    ):
+        with pytest.raises(MeshfitError, match=words):
+            meshfit.fit("cube", "cube", settings, landmarks=given)
+    with pytest.raises(ConfigError, match="only a fit with register"):
+        meshfit.fit("cube", "cube", landmarks=([0, 1, 2], goals))
 
 
 def test_only_sources_that_keep_their_faces_are_registered():

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 import torch
@@ -15,9 +14,8 @@ from meshfit.fitting.gauss_newton.fairness import in_membranes, membrane_share
 from meshfit.fitting.gauss_newton.surface import Shape
 from meshfit.fitting.gauss_newton.target import TargetBoundary, TargetCloud
 from meshfit.fitting.nearest_neighbours import nearest_neighbour_search
+from meshfit.fitting.settings import Direction
 from meshfit.remeshing.triangle_geometry import dot, length_of, unit
-
-Direction = Literal["both", "to-target", "to-source"]
 
 # Points of a face, as weights of its corners: the middle, and one towards each corner.
 _FACE_POINTS = ((1 / 3, 1 / 3, 1 / 3), (0.7, 0.15, 0.15), (0.15, 0.7, 0.15), (0.15, 0.15, 0.7))

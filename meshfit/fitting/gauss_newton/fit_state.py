@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Float, Float64
 from torch import Generator, Tensor
 
-from meshfit.fitting.gauss_newton.correspondences import Correspondences, Direction, find_correspondences
+from meshfit.fitting.gauss_newton.correspondences import Correspondences, find_correspondences
 from meshfit.fitting.gauss_newton.equations import ControlledSurface, SparsityPattern, solve_step
 from meshfit.fitting.gauss_newton.fairness import Fairness, membrane_tension
 from meshfit.fitting.gauss_newton.sizing import lengths_for
@@ -14,6 +14,7 @@ from meshfit.fitting.gauss_newton.sphere_map import SphereMap
 from meshfit.fitting.gauss_newton.step_limiting import limit_step, unsound_faces, untangle
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
+from meshfit.fitting.settings import Direction
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import PolygonTopology
 from meshfit.remeshing.decimate import decimate

@@ -88,4 +88,4 @@ class RegistrationEngine(GaussNewton):
         spreads = [float(np.linalg.norm(points.std(axis=0))) for points in (problem.source.verts, target.points)]
         similarity = not 1 / _SAME_SIZE < spreads[0] / spreads[1] < _SAME_SIZE
         prior, direction = self.settings.register, self.settings.direction
-        return RegistrationTask(problem.source, target, prior, direction, similarity, seed=problem.seed)
+        return RegistrationTask(problem.source, target, prior, direction, similarity, problem.landmarks, problem.seed)

@@ -8,13 +8,13 @@ from jaxtyping import Float64
 from scipy.sparse import csc_array, csr_array, diags_array, eye_array
 from scipy.sparse.linalg import splu
 
-from meshfit.fitting.gauss_newton.correspondences import Direction
 from meshfit.fitting.registration.deformation_graph import DeformationGraph
 from meshfit.fitting.registration.landmarks import Landmarks
 from meshfit.fitting.registration.oriented_points import OrientedPoints
 from meshfit.fitting.registration.pairs import Matching, Pairs, find_pairs, geman_mcclure, metric_roots
 from meshfit.fitting.registration.plan import Level, Range
 from meshfit.fitting.registration.template import Template
+from meshfit.fitting.settings import Direction
 from meshfit.mesh.mesh import Verts
 
 # Unknowns up to which the equations are solved as a dense matrix.
@@ -100,7 +100,7 @@ class GraphFit:
         eyes = np.broadcast_to(np.eye(3), (3 * len(landmarks), 3, 3))
         jacobian = landmarks.summed(graph.jacobian(landmarks.corners.ravel(), eyes))
         scaled = diags_array(weights.repeat(3)) @ jacobian
-        return jacobian.T @ scaled, scaled.T @ away.ravel()
+        return csr_array(jacobian.T @ scaled), scaled.T @ away.ravel()
 
 
 def between(ends: Range, share: float) -> float:

@@ -4,12 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64, Int64
+from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 
 from meshfit.errors import MeshError
 from meshfit.fitting.registration.pairs import geman_mcclure
 from meshfit.fitting.registration.poses import Pose
 from meshfit.mesh.mesh import Mesh, Verts
+from meshfit.mesh.projection import Places
 
 _LEAST = 3
 _ROUNDS, _WIDTH = 10, 2.0
@@ -30,29 +32,48 @@ class Landmarks:
     goals: Float64[np.ndarray, "L 3"]
 
     @classmethod
-    def at_verts(cls, verts: Int64[np.ndarray, " L"], goals: Float64[np.ndarray, "L 3"]) -> "Landmarks":
-        """Return landmarks at vertices."""
-        shares = np.zeros((len(verts), 3))
-        shares[:, 0] = 1.0
-        return cls(np.repeat(verts[:, None], 3, axis=1), shares, goals)
+    def of(cls, source: Mesh, places: ArrayLike, goals: ArrayLike) -> "Landmarks":
+        """Return the landmarks of a source.
+
+        Args:
+            source: the template.
+            places: (L,) its vertices, or (L, 3) positions, whose nearest points on it count.
+            goals: (L, 3) positions on the target.
+
+        Raises:
+            MeshError: fewer than three, arrays of other shapes, values that are not finite, or vertices that the source
+                does not have.
+        """
+        where, wanted = np.asarray(places), np.asarray(goals, dtype=np.float64)
+        if wanted.ndim != 2 or wanted.shape[1] != 3:
+            raise MeshError(f"landmarks: expected positions on the target as rows of three, got shape {wanted.shape}")
+        if len(wanted) < _LEAST:
+            raise MeshError(f"landmarks: expected {_LEAST} or more, got {len(wanted)}")
+        if where.shape not in ((len(wanted),), wanted.shape):
+            raise MeshError(
+                f"landmarks: expected {len(wanted)} vertices or points of the source, got shape {where.shape}"
+            )
+        if not (np.isfinite(wanted).all() and np.isfinite(where).all()):
+            raise MeshError("landmarks: expected finite numbers")
+        if where.ndim == 1:
+            return cls._at_verts(source, where, wanted)
+        nearest = Places.nearest(source, np.ascontiguousarray(where, dtype=np.float64))
+        return cls(source.faces[nearest.face], nearest.weights, wanted)
+
+    @classmethod
+    def _at_verts(
+        cls, source: Mesh, verts: Float64[np.ndarray, " L"], goals: Float64[np.ndarray, "L 3"]
+    ) -> "Landmarks":
+        wrong = (verts < 0) | (verts >= source.num_verts) | (verts != np.floor(verts))
+        if wrong.any():
+            number = int(np.flatnonzero(wrong)[0])
+            raise MeshError(f"landmark {number}: no vertex {verts[number]:g}; the source has {source.num_verts:,}")
+        shares = np.tile([1.0, 0.0, 0.0], (len(verts), 1))
+        return cls(verts.astype(np.int64)[:, None].repeat(3, axis=1), shares, goals)
 
     def __len__(self) -> int:
         """Return the number of landmarks."""
         return len(self.goals)
-
-    def checked(self, source: Mesh) -> "Landmarks":
-        """Return the landmarks.
-
-        Raises:
-            MeshError: fewer than three, or a vertex that the source does not have.
-        """
-        if len(self) < _LEAST:
-            raise MeshError(f"landmarks: expected {_LEAST} or more, got {len(self)}")
-        if self.corners.min() < 0 or self.corners.max() >= source.num_verts:
-            outside = int(np.flatnonzero((self.corners < 0) | (self.corners >= source.num_verts))[0] // 3)
-            number = int(self.corners[outside].max())
-            raise MeshError(f"landmark {outside}: vertex {number}, but the source has {source.num_verts}")
-        return self
 
     def points(self, verts: Verts) -> Float64[np.ndarray, "L 3"]:
         """Return where the landmarks are."""

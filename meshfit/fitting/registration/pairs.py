@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from meshfit.fitting.gauss_newton.correspondences import Direction
 from meshfit.fitting.registration.oriented_points import OrientedPoints
+from meshfit.fitting.settings import Direction
 from meshfit.mesh.geometry import unit_vectors
 
 # The weight of a pair falls to 0 with the cosine between its normals, from 1 to this.

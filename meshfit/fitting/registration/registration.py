@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import torch
 
-from meshfit.fitting.gauss_newton.correspondences import Direction
 from meshfit.fitting.registration.deformation_graph import DeformationGraph
 from meshfit.fitting.registration.graph_fit import GraphFit
 from meshfit.fitting.registration.landmarks import Landmarks
@@ -17,6 +16,7 @@ from meshfit.fitting.registration.poses import Pose, candidate_poses
 from meshfit.fitting.registration.template import Template
 from meshfit.fitting.registration.unfolding import Unfolding
 from meshfit.fitting.registration.vertex_fit import VertexFit
+from meshfit.fitting.settings import Direction
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.units import count_text
 
@@ -71,8 +71,6 @@ class Registration:
     """
 
     def __init__(self, task: RegistrationTask) -> None:
-        if task.landmarks is not None:
-            task.landmarks.checked(task.source)
         self.task, self.verts, self.pose = task, task.source.verts, Pose.identity()
         self.distance, self.matched, self.crossing = float("inf"), 0.0, 0
         self._start = self.verts

@@ -9,7 +9,6 @@ from jaxtyping import Float64
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import LinearOperator, cg, splu
 
-from meshfit.fitting.gauss_newton.correspondences import Direction
 from meshfit.fitting.gauss_newton.step_limiting import limit_step
 from meshfit.fitting.gauss_newton.surface import Connectivity
 from meshfit.fitting.registration.graph_fit import between
@@ -17,6 +16,7 @@ from meshfit.fitting.registration.oriented_points import OrientedPoints
 from meshfit.fitting.registration.pairs import Matching, Pairs, find_pairs
 from meshfit.fitting.registration.plan import VERTEX_STEPS, Range
 from meshfit.fitting.registration.template import Template
+from meshfit.fitting.settings import Direction
 from meshfit.mesh.mesh import Verts
 
 _WIDTH: Range = (0.012, 0.006)
