@@ -18,6 +18,7 @@ from meshfit.mesh.manifold import describe_topology, euler_number
 from meshfit.mesh.mesh import Mesh, SameContent
 from meshfit.mesh.meshlab import alpha_wrap, decimate, fill_holes, refine_long_edges
 from meshfit.mesh.nearest import nearest_point_query
+from meshfit.mesh.noise import noise_of_points
 from meshfit.mesh.outliers import stray_points
 from meshfit.mesh.pieces import crossing_faces, manifold_pieces, piece_of_face
 from meshfit.mesh.point_cloud import PointCloud
@@ -45,6 +46,10 @@ _ATTEMPTS = 4
 # so many times the median distance of a point from such a neighbour. The offset is this share of alpha.
 _MULTIPLES = (1.0, 2.0, 4.0)
 _LEAST_ALPHA, _REACHES, _NEIGHBOURS, _OFFSET = 0.01, 2.0, 6, 1 / 30
+# A wrap of a cloud that is thinner than this share of alpha and so many standard deviations of the noise may have
+# entered through a gap, and lie on both sides of the points. Alpha then rises by this factor, up to this share of the
+# diagonal, until the gap is closed: the wrap is no longer thin, and so many times as thick as the last.
+_ENTERED, _DEVIATIONS, _RISE, _MOST_ALPHA, _CLOSED = 0.5, 4.0, 1.5, 0.25, 2.0
 # Wraps whose distance is at most so many times the least are equally near; a wrap that is thinner than so many offsets
 # has entered through a gap, and lies on both sides.
 _EQUALLY_NEAR, _THIN = 1.5, 4.0
@@ -221,17 +226,17 @@ def _wrapped(target: Mesh, wrap: Wrap) -> tuple[Mesh, Wrap]:
     if wrap.alpha is not None:
         lengths = _lengths(wrap.alpha, wrap)
         return manifold_pieces(alpha_wrap(target, *lengths)), Wrap(*lengths)
-    least = _least_alpha(target)
+    least = _closing_alpha(target, _least_alpha(target), wrap)
     generator = np.random.default_rng(0)
     points = sample_surface(target, _SAMPLES, generator).points if target.num_faces else target.verts
     tried: list[tuple[float, int, bool, Mesh, Wrap]] = []
     for multiple in _MULTIPLES:
         alpha, offset = _lengths(multiple * least, wrap)
-        surface = manifold_pieces(alpha_wrap(target, alpha, offset))
+        surface = _skin(SameContent(target), alpha, offset)
         samples = sample_surface(surface, 4 * _SAMPLES, generator).points
         away = points - samples[nearest_point_query(samples)(points)]
         distance = float(np.quantile(np.linalg.norm(away, axis=1), 0.9))
-        thin = signed_volume(surface) < _THIN * offset * float(face_areas(surface).sum()) / 2
+        thin = _thickness(surface) < _THIN * offset
         tried.append((distance, -euler_number(Topology.of(surface)), thin, surface, Wrap(alpha, offset)))
     solid = [entry for entry in tried if not entry[2]] or tried[-1:]
     nearest = min(entry[0] for entry in solid)
@@ -253,3 +258,29 @@ def _least_alpha(target: Mesh) -> float:
     some = points[:: max(1, len(points) // _SAMPLES)]
     distances = np.asarray(cKDTree(points).query(some, k=min(_NEIGHBOURS + 1, len(points)))[0])
     return max(least, _REACHES * float(np.median(distances[:, -1])))
+
+
+def _closing_alpha(target: Mesh, least: float, wrap: Wrap) -> float:
+    """Return the shortest alpha whose wrap of a cloud stays outside; the least one if all or none of its wraps do."""
+    if target.num_faces:
+        return least
+    content, noise = SameContent(target), _DEVIATIONS * noise_of_points(target.verts)
+    alpha, thickness = least, _thickness(_skin(content, *_lengths(least, wrap)))
+    most = _MOST_ALPHA * bounding_box_diagonal(target.verts)
+    if thickness > _ENTERED * least + noise:
+        return least
+    while (alpha := _RISE * alpha) < most:
+        before, thickness = thickness, _thickness(_skin(content, *_lengths(alpha, wrap)))
+        if thickness > max(_CLOSED * before, _ENTERED * alpha + noise):
+            return alpha
+    return least
+
+
+def _thickness(surface: Mesh) -> float:
+    """Return that of a plate of the same volume and area."""
+    return 2 * signed_volume(surface) / float(face_areas(surface).sum())
+
+
+@lru_cache(maxsize=2)  # the wrap that shows whether alpha is long enough is one of those to choose from
+def _skin(content: SameContent, alpha: float, offset: float) -> Mesh:
+    return manifold_pieces(alpha_wrap(content.mesh, alpha, offset))

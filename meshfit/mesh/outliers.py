@@ -11,8 +11,11 @@ from meshfit.mesh.topology import Topology
 # Neighbours of a point; fewer points than the second number show no density.
 _NEIGHBOURS, _FEWEST = 12, 100
 # A point is stray if it is so many times as far from its neighbours as they are from theirs; or so many times as far
-# as most points are, unless it and its neighbours lie in a plane, up to this share of their extent.
-_LONELY, _SPARSE, _FLAT = 1.7, 2.5, 0.25
+# as most points are, where sparse points fill space: of so many nearest ones, more than this share have neighbours that
+# lie in no plane, up to this share of their extent. At edges and thin parts of a sparse surface fewer do.
+_LONELY, _SPARSE, _VOTES, _MOST, _FLAT = 1.7, 2.5, 24, 0.75, 0.25
+# Unless this share of all sparse points have such neighbours, they are a surface, and this share of the nearest must.
+_FILLED, _NEARLY_ALL = 0.6, 0.95
 # Outliers hide each other: those left are looked at again, so many times.
 _ROUNDS = 3
 _BLOCK = 1 << 16
@@ -48,9 +51,13 @@ def _stray_among(points: Float64[np.ndarray, "N 3"]) -> Bool[np.ndarray, " N"]:
         reach[block], neighbours[block] = np.sqrt(np.square(distances).mean(axis=1)), rows
     stray = np.asarray(reach > _LONELY * np.median(reach[neighbours], axis=1))
     sparse = np.flatnonzero((reach > _SPARSE * np.median(reach)) & ~stray)
+    if not len(sparse):
+        return stray
     offsets = points[neighbours[sparse]] - points[sparse][:, None]
     extents = np.linalg.eigvalsh(np.einsum("nki,nkj->nij", offsets, offsets))
-    stray[sparse] = extents[:, 0] > _FLAT**2 * extents.sum(axis=1)
+    solid = extents[:, 0] > _FLAT**2 * extents.sum(axis=1)
+    around = np.asarray(cKDTree(points[sparse]).query(points[sparse], np.arange(min(_VOTES, len(sparse))) + 1)[1])
+    stray[sparse] = solid[around].mean(axis=1) > (_MOST if solid.mean() > _FILLED else _NEARLY_ALL)
     return stray
 
 

@@ -11,7 +11,7 @@ from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.mesh.any_mesh import as_mesh
 from meshfit.mesh.control_mesh import control_mesh_of
-from meshfit.mesh.geometry import unit_vectors
+from meshfit.mesh.geometry import signed_volume, unit_vectors
 from meshfit.mesh.manifold import describe_topology
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.outliers import spikes, stray_points
@@ -83,6 +83,18 @@ def test_a_wrap_goes_around_the_points_and_not_around_stray_ones():
     control = control_mesh_of(Mesh(points, []), "wrap", verts=300).mesh
     assert off_ball(control.verts).max() < 0.15
     assert len(np.unique(control.faces)) == control.num_verts
+
+
+@over("noise", [0.0, 0.01])
+def test_a_wrap_stays_outside_where_points_are_sparse(noise):
+    """A ball whose one half has a tenth of the points of the other keeps them, and its wrap is a ball."""
+    points, _ = ball(6000, noise=noise, keep=lambda at: np.where(at[:, 0] > 0, 1.0, 0.1))
+    stray = stray_points(points)
+    assert stray[points[:, 0] < 0].mean() < 0.1
+    control = control_mesh_of(PointCloud(points), "wrap", verts=300).mesh
+    assert describe_topology(Topology.of(control)) == "1 piece, closed, genus 0"
+    assert off_ball(control.verts).max() < 0.2
+    assert 0.95 < signed_volume(control) / (4 / 3 * np.pi) < 1.25
 
 
 def test_a_cloud_with_stray_points_gives_the_ball():
