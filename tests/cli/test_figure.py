@@ -133,13 +133,13 @@ def test_sources_are_shown_once_for_each_setting_of_the_source():
 def test_a_result_that_falls_short_is_marked_and_the_caption_says_how():
     short = result_of("cow") | {"shortfalls": ["topology not matched"]}
     trials = tuple(RepresentativeTrial(result, 0.1, 1) for result in (short, result_of("cow", "interp-loop")))
-    target = SimpleNamespace(selected=TargetTrials("cow", "the cow", {"normalise": "box"}, trials))
+    target = SimpleNamespace(meshes=[], selected=TargetTrials("cow", "the cow", {"normalise": "box"}, trials))
     metric, style = "distance.mean", FigureStyle()
     assert [result_lines(trial, metric, style)[1] for trial in trials] == ["0.1000†", "0.1000"]
     assert "† falls short of its target" in plain_caption([target], metric, style)
     assert "† the cow, loop: topology not matched." in details([target], metric, style)
     assert r"\dag{} falls short" in latex_figure([target], metric, "figure.pdf", style)
-    sound = SimpleNamespace(selected=TargetTrials("cow", "the cow", {}, trials[1:]))
+    sound = SimpleNamespace(meshes=[], selected=TargetTrials("cow", "the cow", {}, trials[1:]))
     assert "†" not in " ".join([plain_caption([sound], metric, style), *details([sound], metric, style)])
 
 

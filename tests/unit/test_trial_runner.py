@@ -59,10 +59,12 @@ def test_a_difference_in_topology_is_warned_of_in_words(tmp_path):
     with pytest.warns(MeshfitWarning, match="the surface is open"):
         trial, store, _ = prepared(tmp_path, targets=[str(tmp_path / "open.ply")])
     assert run_trial(trial, store, lambda _: None).status is TrialStatus.COMPLETE
-    assert store.result(trial)["warnings"][-1] == (
+    difference, shortfall = store.result(trial)["warnings"][-2:]
+    assert difference == (
         "source and target differ in topology (1 piece, closed, genus 0; 1 piece, open, 1 boundary loop, "
         "Euler number 1); the fit keeps that of the source"
     )
+    assert shortfall == "topology not matched: the target has 1 opening (0 in the result)"
 
 
 def test_a_trial_that_another_process_is_running_is_waited_for(tmp_path, monkeypatch):

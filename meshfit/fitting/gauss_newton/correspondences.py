@@ -26,6 +26,8 @@ _LEAST_DRAWN, _DRAWN_PER_VERT = 2000, 4
 # Least cosines between the normals of a pair, from the surface, and from the target, from where the far side of a thin
 # part is often nearest.
 _FACING, _FACING_BACK = 0.0, -0.3
+# Triangles whose double area is below this many roundings of the square of their longest side have no plane.
+_FLAT = 16.0
 # Weight of the boundary: that of a strip of the surface of this many edge lengths.
 _STRIP = 4.0
 # Standard deviation of normal values over the median of their absolute ones, less what a vector has more.
@@ -181,7 +183,9 @@ def nearest_in_triangles(points: Float[Tensor, "N 3"], corners: Float[Tensor, "N
     # Side k - 2 is opposite corner k.
     weights = torch.stack([dot(torch.linalg.cross(sides[k - 2], away[k - 2]), normal) for k in range(3)], 1)
     weights = weights / weights.sum(1, keepdim=True)
-    outside = (~(weights >= 0).all(1)).nonzero()[:, 0]
+    longest = torch.stack([dot(side, side) for side in sides]).amax(0)
+    flat = dot(normal, normal) <= (_FLAT * torch.finfo(points.dtype).eps * longest).square()
+    outside = (flat | ~(weights >= 0).all(1)).nonzero()[:, 0]
     sides, away = ([vectors.index_select(0, outside) for vectors in each] for each in (sides, away))
     weights[outside] = _nearest_on_sides(sides, away)
     return weights
