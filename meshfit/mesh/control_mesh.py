@@ -23,7 +23,7 @@ from meshfit.mesh.outliers import stray_points
 from meshfit.mesh.pieces import crossing_faces, manifold_pieces, piece_of_face
 from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.sampling import sample_surface
-from meshfit.mesh.topology import Topology
+from meshfit.mesh.topology import NONE, Indices, Mask, Topology
 from meshfit.units import count_text
 
 Origin = Literal["target", "closed", "wrap", "auto"]
@@ -33,18 +33,22 @@ USUAL_VERTS = 2562
 """Vertices of a control mesh where no number is set: a quarter of the usual result, less its rounding."""
 
 # A target is a soup, to be wrapped, if more than these shares of its faces cross others of their piece, or others at
-# all; or if more than this share of its area is in pieces of fewer faces.
+# all; or if more than this share of its area is in open pieces of fewer faces.
 _CROSSING_WITHIN, _CROSSING = 0.05, 0.25
 _CRUMBS, _FEWEST_FACES = 0.25, 12
 # Crossings are counted on at most so many faces: those of the decimated target, if it has more.
 _COUNTED = 60_000
 # Edges longer than this many of the wanted ones are halved before decimation, so that flat parts get vertices too.
 _LONG_EDGE = 0.75
-# Attempts to get no more than the wanted number of vertices.
-_ATTEMPTS = 4
+# Attempts to get no more than the wanted number of vertices, and the fewest faces of a closed piece.
+_ATTEMPTS, _LEAST_CLOSED = 4, 4
+# A closed surface of many handles has at least so many faces per unit of its Euler number where no vertex has more than
+# 9 edges; with fewer, it crosses itself all over.
+_FACES_PER_EULER = 6
 # Wraps are tried with these multiples of the shortest alpha, which is this share of the diagonal; for a cloud, at least
-# so many times the median distance of a point from such a neighbour. The offset is this share of alpha.
-_MULTIPLES = (1.0, 2.0, 4.0)
+# so many times the median distance of a point from such a neighbour. The offset is this share of alpha. A wrap of more
+# vertices is not followed by a finer one, which would have several times as many: half a minute for crumbs.
+_MULTIPLES, _MANY_VERTS = (4.0, 2.0, 1.0), 10_000
 _LEAST_ALPHA, _REACHES, _NEIGHBOURS, _OFFSET = 0.01, 2.0, 6, 1 / 30
 # A wrap of a cloud that is thinner than this share of alpha and so many standard deviations of the noise may have
 # entered through a gap, and lie on both sides of the points. Alpha then rises by this factor, up to this share of the
@@ -170,12 +174,12 @@ def _choice(pieces: Mesh, few: Mesh) -> tuple[Literal["target", "wrap"], str]:
     if not pieces.num_faces:
         return "wrap", "a cloud of points"
     count, piece = piece_of_face(pieces)
-    small = np.bincount(piece, minlength=count)[piece] < _FEWEST_FACES
+    small = (np.bincount(piece, minlength=count) < _FEWEST_FACES)[piece] & _is_open(pieces, count, piece)[piece]
     areas = face_areas(pieces)
     crumbs = float(areas[small].sum() / areas.sum())
     # A box or a card has few faces, and is no crumb.
     if crumbs > _CRUMBS and count > _FEWEST_FACES:
-        return "wrap", f"a soup: {crumbs:.0%} of the area is in pieces of fewer than {_FEWEST_FACES} faces"
+        return "wrap", f"a soup: {crumbs:.0%} of the area is in open pieces of fewer than {_FEWEST_FACES} faces"
     crossing, within = (float(mask.mean()) for mask in crossing_faces(few))
     if within > _CROSSING_WITHIN:
         return "wrap", f"a soup: {within:.1%} of the faces cross others of their own piece"
@@ -185,6 +189,14 @@ def _choice(pieces: Mesh, few: Mesh) -> tuple[Literal["target", "wrap"], str]:
         return "target", "sound: oriented manifold pieces without crossings"
     where = "within pieces" if within else "between pieces only"
     return "target", f"sound: oriented manifold pieces; {crossing:.1%} of the faces cross, {where}"
+
+
+def _is_open(mesh: Mesh, count: int, piece: Indices) -> Mask:
+    """Return (count,) which pieces have a boundary."""
+    topology = Topology.of(mesh)
+    is_open = np.zeros(count, dtype=bool)
+    is_open[piece[topology.face_of(np.flatnonzero(topology.twin == NONE))]] = True
+    return is_open
 
 
 def _reduced(mesh: Mesh, verts: int | None, faces: int | None, few: Mesh | None = None) -> Mesh:
@@ -200,7 +212,12 @@ def _reduced(mesh: Mesh, verts: int | None, faces: int | None, few: Mesh | None 
         return manifold_pieces(decimate(_enough(mesh, few, faces), faces)) if faces < mesh.num_faces else mesh
     wanted = USUAL_VERTS if verts is None else verts
     # By Euler's formula; a piece with a border has fewer faces for its vertices.
-    count = max(4, 2 * (wanted - euler_number(Topology.of(mesh))))
+    number, piece = piece_of_face(mesh)
+    euler, is_open = euler_number(Topology.of(mesh)), _is_open(mesh, number, piece)
+    least = max(_LEAST_CLOSED, number + (_LEAST_CLOSED - 1) * int((~is_open).sum()))
+    if not is_open.any():
+        least = max(least, -_FACES_PER_EULER * euler)
+    count = max(least, 2 * (wanted - euler))
     edge = math.sqrt(4 * float(face_areas(mesh).sum()) / (math.sqrt(3) * count))
     fine = (
         manifold_pieces(refine_long_edges(mesh, _LONG_EDGE * edge))
@@ -211,8 +228,10 @@ def _reduced(mesh: Mesh, verts: int | None, faces: int | None, few: Mesh | None 
     for _ in range(_ATTEMPTS):
         if count >= result.num_faces or result.num_verts <= wanted:
             break
-        result = manifold_pieces(decimate(fine, count))
-        count = max(4, count - 2 * max(result.num_verts - wanted, 0))
+        before, result = result.num_verts, manifold_pieces(decimate(fine, count))
+        if count == least or result.num_verts == before:
+            break
+        count = max(least, count - 2 * max(result.num_verts - wanted, 0))
     return result
 
 
@@ -237,7 +256,9 @@ def _wrapped(target: Mesh, wrap: Wrap) -> tuple[Mesh, Wrap]:
         away = points - samples[nearest_point_query(samples)(points)]
         distance = float(np.quantile(np.linalg.norm(away, axis=1), 0.9))
         thin = _thickness(surface) < _THIN * offset
-        tried.append((distance, -euler_number(Topology.of(surface)), thin, surface, Wrap(alpha, offset)))
+        tried.insert(0, (distance, -euler_number(Topology.of(surface)), thin, surface, Wrap(alpha, offset)))
+        if surface.num_verts > _MANY_VERTS:
+            break
     solid = [entry for entry in tried if not entry[2]] or tried[-1:]
     nearest = min(entry[0] for entry in solid)
     near = [entry for entry in solid if entry[0] <= _EQUALLY_NEAR * nearest]

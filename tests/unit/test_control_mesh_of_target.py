@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from meshfit.config.experiment import ExperimentSettings
-from meshfit.errors import ConfigError, MeshError
+from meshfit.errors import ConfigError, MeshError, MeshfitWarning
 from meshfit.experiment.source import build_source, describe_source, stand_in
+from meshfit.fitting.fit import fit
 from meshfit.measuring.distance import surface_distances
 from meshfit.mesh.control_mesh import Wrap, control_mesh_of
 from meshfit.mesh.manifold import describe_topology, require_manifold
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.meshlab import decimate
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.solids import cube, icosahedron
@@ -174,3 +176,22 @@ def test_files_of_vertices_and_wraps_of_other_sources_are_refused():
         source_settings(mesh="target", wrap={"alpha": 0.1})
     with pytest.raises(MeshError, match="made from the target of a trial"):
         build_source(source_settings(mesh="target"), "loop")
+
+
+def test_closed_crumbs_are_kept_and_decimation_ends_at_their_tetrahedra(monkeypatch):
+    places = np.stack(np.meshgrid(*[np.arange(4.0)] * 3), -1).reshape(-1, 3)
+    tetrahedron = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) * 0.2
+    faces = np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
+    crumbs = joined(*(Mesh(tetrahedron + place, faces) for place in places))
+    attempts = []
+
+    def counted(mesh, count):
+        attempts.append(count)
+        return decimate(mesh, count)
+
+    monkeypatch.setattr("meshfit.mesh.control_mesh.decimate", counted)
+    made = control_mesh_of(crumbs, verts=80)
+    assert (made.made_from, made.mesh.num_verts) == ("target", 4 * 64)
+    assert len(attempts) <= 1
+    with pytest.warns(MeshfitWarning, match=r"too many vertices: 256, .* as its 64 pieces cannot do with fewer"):
+        fit("auto", crumbs, method="gauss-newton", verts=100, device="cpu")

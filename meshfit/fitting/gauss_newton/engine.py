@@ -1,5 +1,6 @@
 """The Gauss–Newton engine: fits that follow a schedule of stages, with restarts of the rough shape."""
 
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -23,7 +24,7 @@ from meshfit.fitting.loop import Engine
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem
 from meshfit.fitting.settings import GaussNewtonSettings
 from meshfit.mesh.attributes import NO_ATTRIBUTES
-from meshfit.mesh.manifold import require_manifold
+from meshfit.mesh.manifold import TopologyCounts, require_manifold
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.pieces import crossing_faces, piece_of_face
 from meshfit.mesh.point_cloud import PointCloud
@@ -42,6 +43,8 @@ _REMEDY = "raise fit.fairness, or place the source nearer to the target"
 _ENOUGH, _WORTHWHILE = 0.992, 0.75
 # Share of the target's points among all that are matched, on the rough shape: 4 of 13 per vertex.
 _OF_TARGET = 4 / 13
+# Share of unsound faces above which a surface that cannot be remeshed gets few steps, which are slow and mend nothing.
+_UNSOUND = 0.02
 # Share of outliers from which on they are reported.
 _MANY_OUTLIERS = 0.01
 # From this share on, a search for the rough shape ends once its fairness is lowest; and a level ends at a step before
@@ -59,6 +62,7 @@ class Restarts:
         matched: share of matched points in the last step.
         distance: distance before the last step.
         settled: whether no further restart is necessary, or none promises more.
+        hopeless: whether no step can make the surface sound, so that there is one step per stage, and no search.
         still: whether the last step of the present stage hardly changed the surface, so that its others are left out.
     """
 
@@ -68,6 +72,7 @@ class Restarts:
     distance: float = 0.0
     settled: bool = False
     still: bool = False
+    hopeless: bool = False
 
     @classmethod
     def unneeded(cls, distance: float) -> "Restarts":
@@ -82,6 +87,7 @@ class Restarts:
         else:
             slow = number > 0 and distance > _STILL * self.distance and matched <= self.matched + 1 - _COMPLETE
             self.still = stage.settles and softest and slow
+        self.still |= self.hopeless
         self.matched, self.distance = matched, distance
 
     def end_search(self, state: FitState, hidden: Callable[[], float]) -> FitState:
@@ -104,13 +110,15 @@ class Restarts:
         """Return everything as numbers and tensors, for `restored`."""
         best = None if self.best is None else self.best.saved()
         numbers = {"share": self.share, "matched": self.matched, "distance": self.distance}
-        return {"best": best, "settled": self.settled, "still": self.still} | numbers
+        flags = {"settled": self.settled, "still": self.still, "hopeless": self.hopeless}
+        return {"best": best} | flags | numbers
 
     @classmethod
     def restored(cls, saved: dict[str, Any], dtype: torch.dtype, device: torch.device) -> "Restarts":
         """Return the restarts that `saved` returned."""
         best = None if saved["best"] is None else FitState.restored(saved["best"], dtype, device)
-        return cls(best, saved["share"], saved["matched"], saved["distance"], saved["settled"], saved["still"])
+        flags = {key: saved[key] for key in ("settled", "still", "hopeless")}
+        return cls(best, saved["share"], saved["matched"], saved["distance"], **flags)
 
 
 class GaussNewton(Engine):
@@ -147,7 +155,10 @@ class GaussNewton(Engine):
         self._states = [
             self._start(problem, near=near) for problem, (near, _) in zip(problems, self._near, strict=True)
         ]
-        self._restarts = [Restarts.unneeded(distance) if near else Restarts() for near, distance in self._near]
+        self._restarts = [
+            Restarts.unneeded(distance) if near else _restarts_for(state, settings, distance)
+            for (near, distance), state in zip(self._near, self._states, strict=True)
+        ]
         self._shortfalls = [outliers_left_out(target) for target in self._targets]
         self._made = [0] * len(problems)
 
@@ -232,12 +243,12 @@ class GaussNewton(Engine):
             return []
         texts = faults_of(state.shape)
         if self.settings.connectivity == "remeshed" and count > wanted:
-            pieces = state.pattern.connectivity.pieces[0]
-            why = (
-                f"its {count_text(pieces, 'piece')} cannot do with fewer"
-                if pieces > 1
-                else "no more edges may collapse"
-            )
+            topology = Topology.of(_mesh_at(state))
+            pieces, _, handles = TopologyCounts.of(topology)
+            many = [(pieces, "piece")] if pieces > 1 else []
+            many += [(handles, "handle")] if handles and state.least_verts > wanted else []
+            parts = " and ".join(count_text(number, noun) for number, noun in many)
+            why = f"its {parts} cannot do with fewer" if parts else "no more edges may collapse"
             texts.append(f"too many vertices: {count:,}, more than the {wanted:,} wanted, as {why}")
         return texts
 
@@ -246,6 +257,9 @@ class GaussNewton(Engine):
         # Steps make no sound face unsound; those left were so when they were put in place.
         state = self._not_worse(member, state.untangled())
         self._shortfalls[member] += self._faults(state)
+        if self._restarts[member].hopeless:
+            text = "cut short: the source crosses itself, and has too many pieces or handles to be remeshed"
+            self._shortfalls[member].append(f"{text}; raise fit.verts, or start from a sphere")
         return state
 
     def _not_worse(self, member: int, state: FitState) -> FitState:
@@ -390,9 +404,9 @@ class GaussNewton(Engine):
         if stage.change == "start" and stage.attempt:
             state = self._start(problem)
         if stage.change == "refine":
-            fine = refine_state(state, problem.scheme)
-            too_many = self.settings.connectivity == "remeshed" and len(fine.verts) > self.settings.verts
-            return state if too_many else fine
+            most = self.settings.verts if self.settings.connectivity == "remeshed" else math.inf
+            fine = refine_state(state, problem.scheme) if len(state.verts) < most else state
+            return state if len(fine.verts) > most else fine
         if stage.change == "control":
             return self._with_control_mesh(state, problem)
         if stage.change == "place" and state.on_sphere is not None:
@@ -421,6 +435,20 @@ def outliers_left_out(target: TargetCloud) -> list[str]:
         return []
     share = f"{100 * left_out / count:.2g} % of the target's points were left out as outliers"
     return [f"{share}; fit.robust: off follows them"]
+
+
+def _restarts_for(state: FitState, settings: GaussNewtonSettings, distance: float) -> Restarts:
+    """Return the searches for a rough shape from a source that is far from the target."""
+    if not _is_hopeless(state, settings):
+        return Restarts()
+    return replace(Restarts.unneeded(distance), hopeless=True)
+
+
+def _is_hopeless(state: FitState, settings: GaussNewtonSettings) -> bool:
+    """Return whether a surface crosses itself all over, with too many pieces or handles to be remeshed as wanted."""
+    if settings.connectivity == "fixed" or state.least_verts <= settings.verts:
+        return False
+    return float(unsound_faces(state.shape).double().mean()) > _UNSOUND
 
 
 def _mesh_at(state: FitState) -> Mesh:

@@ -27,8 +27,9 @@ _PLACED_POWER = 0.55
 # Shares of the largest number of vertices to aim for, in turn, until a remesh stays below it; with more than the second
 # number times as many, no share will do.
 _SHARES, _FAR_ABOVE = (0.96, 0.9, 0.82), 1.2
-# Least number of vertices of a piece without boundary, and of one with a boundary.
-_LEAST_CLOSED, _LEAST_OPEN = 4, 3
+# Least number of vertices of a piece without boundary, and of one with a boundary; and of a closed surface, per unit of
+# its Euler number below 0, as no vertex gets more than 9 edges.
+_LEAST_CLOSED, _LEAST_OPEN, _PER_EULER = 4, 3, 2
 _MAP_STEPS, _LAST_MAP_STEPS = 4, 40
 # Where a step was held back, fairness is multiplied by this, up to the second number; the factor then decays.
 _STIFFER, _STIFFEST, _DECAY = 4.0, 64.0, 0.8
@@ -127,9 +128,13 @@ class FitState:
 
     @property
     def least_verts(self) -> int:
-        """Number of vertices below which no surface has these pieces."""
-        closed = not len(self.pattern.connectivity.edges.outer)
-        return (_LEAST_CLOSED if closed else _LEAST_OPEN) * self.pattern.connectivity.pieces[0]
+        """Number of vertices below which no surface has these pieces, or these handles."""
+        connectivity = self.pattern.connectivity
+        if len(connectivity.edges.outer):
+            return _LEAST_OPEN * connectivity.pieces[0]
+        # Of a closed surface, 3 F = 2 E; with at most 9 edges at a vertex, V is at least twice E - F - V.
+        euler = len(self.verts) - len(connectivity.faces) // 2
+        return max(_LEAST_CLOSED * connectivity.pieces[0], -_PER_EULER * euler)
 
     @property
     def shape(self) -> Shape:
