@@ -248,7 +248,7 @@ class GaussNewton(Engine):
             many = [(pieces, "piece")] if pieces > 1 else []
             many += [(handles, "handle")] if handles and state.least_verts > wanted else []
             parts = " and ".join(count_text(number, noun) for number, noun in many)
-            why = f"its {parts} cannot do with fewer" if parts else "no more edges may collapse"
+            why = f"its {parts} cannot do with so few" if parts else "no more edges may collapse"
             texts.append(f"too many vertices: {count:,}, more than the {wanted:,} wanted, as {why}")
         return texts
 
