@@ -109,7 +109,7 @@ def is_near(shape: Shape, target: TargetCloud, goal: Mesh | PointCloud) -> tuple
     small = mean < min(_NEAR_EDGES * edge, _NEAR_DIAGONAL * diagonal) and nearly_all < _FAR_EDGES * edge
     if small and pairs.matched > _NEAR_MATCHED:
         return True, pairs.distance
-    if pairs.matched < _LEAST_MATCHED:
+    if pairs.matched < _LEAST_MATCHED or not math.isfinite(diagonal):
         return False, pairs.distance
     # Between the two sides of a thin plate, the nearest point is often on the other side, and its faces may be needles.
     away = length_of(shape.verts - target.points[target.nearest(shape.verts)])

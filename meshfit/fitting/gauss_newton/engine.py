@@ -117,7 +117,7 @@ class Restarts:
     def restored(cls, saved: dict[str, Any], dtype: torch.dtype, device: torch.device) -> "Restarts":
         """Return the restarts that `saved` returned."""
         best = None if saved["best"] is None else FitState.restored(saved["best"], dtype, device)
-        flags = {key: saved[key] for key in ("settled", "still", "hopeless")}
+        flags = {key: saved.get(key, False) for key in ("settled", "still", "hopeless")}
         return cls(best, saved["share"], saved["matched"], saved["distance"], **flags)
 
 
@@ -320,7 +320,7 @@ class GaussNewton(Engine):
         super().restore(checkpoints)
         self._states = [self._restored(*pair) for pair in zip(checkpoints, self.problems, strict=True)]
         self._restarts = [Restarts.restored(saved["rough"], self.dtype, self.device) for saved in checkpoints]
-        self._made = [saved["made"] for saved in checkpoints]
+        self._made = [int(saved.get("made") or saved["done"]) for saved in checkpoints]
 
     def _check(self, problem: Problem) -> None:
         require_manifold(Topology.of(problem.source), "a Gauss–Newton fit")
