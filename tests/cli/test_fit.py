@@ -121,6 +121,7 @@ def test_a_template_is_registered_whatever_its_unit():
     save_mesh(scan.with_verts(1000 * scan.verts[:, [1, 2, 0]] + 5000), "template.ply")
     ran = invoke("fit", "scan.ply", "-o", "a.ply", "--source", "template.ply", "--register", "rigid")
     assert ran.code == 0, ran.err
+    assert "warning" not in ran.err
     worst = np.abs(load_mesh("a.ply").verts - scan.verts).max()
     assert worst < 0.01 * np.ptp(scan.verts, axis=0).max()
     assert "--source FILE" in refused("fit", "scan.ply", "-o", "b.ply", "--register", "rigid")

@@ -45,7 +45,7 @@ from meshfit.fitting.callbacks import Step
 from meshfit.fitting.external.tools import ToolError, ToolRun, works_from_target
 from meshfit.fitting.loop import FitResult
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem, Trace
-from meshfit.fitting.settings import ExternalSettings, FirstOrderSettings, FitSettings
+from meshfit.fitting.settings import ExternalSettings, FirstOrderSettings, FitSettings, GaussNewtonSettings
 from meshfit.measuring.measure import measure
 from meshfit.measuring.shortfalls import FAR, FAR_ON_AVERAGE, shortfalls
 from meshfit.mesh.alignment import align, boxes_are_disjoint
@@ -352,6 +352,8 @@ def _warn_of_differences(source: Mesh, target: Mesh | PointCloud, fit: FitSettin
     if of_source != of_target and (tool is not None or not isinstance(fit, ExternalSettings)):
         text = f"source and target differ in topology ({of_source}; {of_target}); the fit keeps that of the source"
         warnings.warn(text, MeshfitWarning, stacklevel=2)
+    if isinstance(fit, GaussNewtonSettings) and fit.register != "off":
+        return  # its place and its size are found
     if boxes_are_disjoint(source, target):
         text = "the bounding boxes of source and target do not overlap; set source.align or source.centre"
         warnings.warn(text, MeshfitWarning, stacklevel=2)
