@@ -96,7 +96,7 @@ bench-compare: $(DEV)  ## Compare two such files: make bench-compare OLD=a.json 
 kinds: $(DEV)  ## Draw the pictures of docs/guide/which-source.md from real fits (10 minutes)
 	$(BIN)/python -m tests.benchmarks.target_pictures $(RUNS)/targets data/pictures/kinds
 
-registration-bench: $(DEV)  ## Templates to targets with known correspondence; writes docs/background/registration.md (5 minutes)
+registration-bench: $(DEV)  ## Templates to targets with known correspondence; writes docs/background/registration.md (3 minutes)
 	$(BIN)/python -m tests.benchmarks.registration > docs/background/registration.md
 
 targets-bench: $(DEV)  ## Fits to targets of each kind, with other tools beside them; writes docs/background/targets.md (7 minutes)
