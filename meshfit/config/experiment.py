@@ -207,7 +207,7 @@ class SourceSettings(Settings):
 
 
 class TargetSettings(Settings):
-    """What is known of the targets besides their files, and what of them counts."""
+    """Knowledge of the targets besides their files, and the part of them that counts."""
 
     surface: Surface = "all"
     """Part of a target's surface that is fitted to and measured from: `all`, or what can be seen of it from outside,
@@ -236,7 +236,7 @@ class ExperimentSettings(Settings):
     """Named targets (see `meshfit targets`) or paths of files of meshes or points, relative to this file. Points (PLY,
     OBJ, XYZ, PTS, PCD, LAS and the like without faces) need `fit.method: gauss-newton`."""
     target: TargetSettings = TargetSettings()
-    """What is known of the targets besides their files, and what of them counts."""
+    """Knowledge of the targets besides their files, and the part of them that counts."""
     define: Annotated[Definitions, Field(examples=[_OWN_SCHEMES])] = Field(default_factory=dict)
     """Your own schemes by name, for `schemes` to list: defined by their masks, or as a push-back of another scheme
     towards interpolation."""

@@ -237,7 +237,7 @@ def _facing_out(solid: Mesh, rest: Mesh) -> Mesh:
 
 @dataclass(frozen=True, eq=False)
 class _Sight:
-    """How much some faces are seen from outside.
+    """Visibility of some faces from outside.
 
     Attributes:
         faces: (N,) their numbers.

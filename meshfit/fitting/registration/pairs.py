@@ -36,7 +36,7 @@ class Pairs:
 
 @dataclass(frozen=True)
 class Matching:
-    """How pairs are found and weighed.
+    """Settings by which pairs are found and weighed.
 
     Attributes:
         width: distance at which a pair has a quarter of the weight of one at 0 (Geman and McClure).

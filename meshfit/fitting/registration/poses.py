@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial.transform import Rotation
 
+from meshfit.fitting.registration.deformation_graph import cross_matrices
 from meshfit.fitting.registration.oriented_points import OrientedPoints
 from meshfit.fitting.registration.pairs import geman_mcclure
 from meshfit.mesh.geometry import unit_vectors
@@ -143,7 +144,9 @@ class _Search:
         weights = geman_mcclure(distances, width / 2) * (distances <= width)
         centre = weights @ start / weights.sum()
         arms = start - centre
-        points = np.concatenate([-_crosses(arms), np.broadcast_to(np.eye(3), (len(arms), 3, 3)), arms[:, :, None]], 2)
+        points = np.concatenate(
+            [-cross_matrices(arms), np.broadcast_to(np.eye(3), (len(arms), 3, 3)), arms[:, :, None]], 2
+        )
         points = points if self.similarity else points[:, :, :6]
         planes = np.einsum("ni,nij->nj", normals, points)
         square = np.einsum("n,ni,nj->ij", weights, planes, planes)
@@ -155,12 +158,6 @@ class _Search:
         translation = growth * turn @ (pose.translation - centre) + centre + step[3:6]
         change = max(np.linalg.norm(step[:3]), np.linalg.norm(step[3:6]) / self.diagonal, abs(np.log(growth)))
         return Pose(turn @ pose.rotation, translation, pose.scale * growth), float(change)
-
-
-def _crosses(vectors: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, "N 3 3"]:
-    from meshfit.fitting.registration.deformation_graph import cross_matrices
-
-    return cross_matrices(vectors)
 
 
 def _principal_axes(points: Verts) -> Float64[np.ndarray, "3 3"]:

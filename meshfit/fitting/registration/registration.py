@@ -32,7 +32,7 @@ _SAMPLES, _CAP, _NORMALS, _STRETCH = 1500, 0.1, 0.1, 2.0
 
 @dataclass(frozen=True, eq=False)
 class RegistrationTask:
-    """What is to be registered.
+    """A template, a target, and the settings of their registration.
 
     Attributes:
         source: the template.
@@ -100,7 +100,7 @@ class Registration:
 
     @property
     def shortfalls(self) -> list[str]:
-        """What it did not reach, in words."""
+        """Shortfalls of the result, in words."""
         if not self.crossing:
             return []
         return [f"{count_text(self.crossing, 'pair')} of faces cross that did not cross in the source"]

@@ -39,7 +39,7 @@ class RepresentativeTrial:
 
     @property
     def shortfalls(self) -> tuple[str, ...]:
-        """What the result lacks of its target, in words."""
+        """Shortfalls of the result, in words."""
         return tuple(self.result.get("shortfalls", ()))
 
     @property
