@@ -279,7 +279,8 @@ class ExperimentSettings(Settings):
     two if there are spare cores, else one."""
     sweep: dict[str, Any] = Field(default_factory=dict)
     """Settings to vary, one table row per combination: `fit.losses.edge: [0.1, 1.0]` for a grid, lists under `zip` to
-    vary in step, and names under `variants` with the settings that each changes."""
+    vary in step, names under `variants` with the settings that each changes, and `sample: {points: 200}` with `ranges`
+    for points spread over ranges."""
 
     @classmethod
     def with_dependent_defaults(cls, data: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -1,4 +1,4 @@
-"""Sweeps: settings varied as a grid, in step (`zip`), as named `variants`, or as the product of these."""
+"""Sweeps: settings varied as a grid, in step (`zip`), as named `variants`, by a `sample`, or as their product."""
 
 import json
 import textwrap
@@ -8,11 +8,13 @@ from itertools import product
 from typing import Any
 
 from meshfit.config.experiment import NO_EFFECT_ON_RESULTS, ExperimentSettings, canonical_key
+from meshfit.config.sweep_samples import RANGES, SAMPLE, sampled_points
 from meshfit.errors import ConfigError
 from meshfit.printable import require_printable
 from meshfit.settings import KIND_KEY, apply_changes, build, deep_merge, nested
 
 ZIP, VARIANTS = "zip", "variants"
+_NOT_KEYS = (ZIP, VARIANTS, SAMPLE, RANGES)
 _AXES = ("targets", "schemes", "seeds")
 _LONGEST_VALUE = 30
 
@@ -71,7 +73,7 @@ def variants_of(settings: ExperimentSettings, where: Callable[[], str] = lambda:
 
 
 def _axes(sweep: Mapping[str, Any]) -> list[list[_Point]]:
-    """Return the points on each axis: the named variants, the zipped settings, then each setting of the grid."""
+    """Return the points on each axis: named variants, zipped settings, sampled ones, then each setting of the grid."""
     named = _mapping(sweep.get(VARIANTS, {}), f"sweep.{VARIANTS}")
     for name in named:
         require_printable(name, f"sweep.{VARIANTS}: variant")
@@ -80,12 +82,15 @@ def _axes(sweep: Mapping[str, Any]) -> list[list[_Point]]:
         for name, changes in named.items()
     ]
     zipped = _lists(_mapping(sweep.get(ZIP, {}), f"sweep.{ZIP}"))
-    grid = _lists({key: value for key, value in sweep.items() if key not in (ZIP, VARIANTS)})
-    _check_keys([dict.fromkeys(key for point in variants for key in point.changes), zipped, grid])
-    short = _short_names([*zipped, *grid])
+    sampled = sampled_points(sweep.get(SAMPLE), sweep.get(RANGES)) if sweep.keys() & {SAMPLE, RANGES} else []
+    ranges = sampled[0] if sampled else {}
+    grid = _lists({key: value for key, value in sweep.items() if key not in _NOT_KEYS})
+    _check_keys([dict.fromkeys(key for point in variants for key in point.changes), zipped, ranges, grid])
+    short = _short_names([*zipped, *ranges, *grid])
     steps = [_point(dict(zip(zipped, row, strict=True)), short) for row in _in_step(zipped)]
     lines = [[_point({key: value}, short) for value in values] for key, values in grid.items()]
-    return [axis for axis in (variants, steps, *lines) if axis]
+    samples = [_point(changes, short) for changes in sampled]
+    return [axis for axis in (variants, steps, samples, *lines) if axis]
 
 
 def _in_step(zipped: Mapping[str, list[Any]]) -> Iterator[tuple[Any, ...]]:
@@ -127,7 +132,9 @@ def _check_keys(axes: Sequence[Mapping[str, Any]]) -> None:
         if NO_EFFECT_ON_RESULTS.get(first) is True or last in NO_EFFECT_ON_RESULTS.get(first, ()):
             raise ConfigError(f"sweep: {key}: cannot be swept, since it has no effect on results")
         if keys.count(key) > 1:
-            raise ConfigError(f"sweep: {key}: varied in two ways; use only one of {ZIP}, {VARIANTS} and the grid")
+            raise ConfigError(
+                f"sweep: {key}: varied in two ways; use only one of {ZIP}, {VARIANTS}, {RANGES} and the grid"
+            )
 
 
 def _short_names(keys: Sequence[str]) -> dict[str, str]:

@@ -1,11 +1,15 @@
 """Sweeps: their points, the identities of these, and refusals."""
 
 import json
+import math
+import re
+from collections import Counter
 
 import pytest
 
 from meshfit.config.experiment import ExperimentSettings
 from meshfit.config.loading import Experiment, load_experiment
+from meshfit.config.sweep_samples import sampled_points
 from meshfit.config.sweeps import variants_of
 from meshfit.errors import ConfigError
 from meshfit.experiment.plan import plan
@@ -138,3 +142,85 @@ def test_what_is_no_sweep_is_refused_in_one_line_that_names_the_place(tmp_path, 
     with pytest.raises(ConfigError, match=message) as caught:
         load_experiment(str(path))
     assert str(caught.value).startswith(f"{path}, line 8: ")
+
+
+_RANGES = {
+    "fit.losses.edge": {"log": [0.01, 2]},
+    "fit": {"steps": {"linear": [1, 4], "integer": True}, "losses": {"normal": {"linear": [0.0, 0.1]}}},
+    "source.levels": [2, 3],
+}
+
+
+def sampled(points, method="sobol", ranges=_RANGES, seed=0):
+    return sampled_points({"points": points, "seed": seed, "method": method}, ranges)
+
+
+@over("method", ["sobol", "latin-hypercube", "random"])
+def test_samples_lie_in_their_ranges_and_more_points_keep_the_first(method):
+    points = sampled(50, method)
+    assert points == sampled(90, method)[:50]
+    assert points != sampled(50, method, seed=1)
+    assert all(0.01 <= point["fit.losses.edge"] <= 2 and 0 <= point["fit.losses.normal"] <= 0.1 for point in points)
+    assert {point["fit.steps"] for point in points} == {1, 2, 3, 4}
+    assert {point["source.levels"] for point in points} == {2, 3}
+
+
+@over("method", ["sobol", "latin-hypercube"])
+def test_designs_put_equally_many_points_into_equal_parts_of_each_range(method):
+    points = sampled(64, method)
+    octaves = [int(8 * math.log(point["fit.losses.edge"] / 0.01, 200)) for point in points]
+    assert Counter(octaves) == dict.fromkeys(range(8), 8)
+    assert Counter(point["fit.steps"] for point in points) == dict.fromkeys(range(1, 5), 16)
+    assert Counter(point["source.levels"] for point in points) == dict.fromkeys((2, 3), 32)
+    strata = sorted(int(64 * point["fit.losses.normal"] / 0.1) for point in points)
+    assert strata == list(range(64))
+
+
+def test_sobol_points_fill_products_of_parts_too():
+    points = sampled(64)
+    cells = [
+        (int(4 * point["fit.losses.normal"] / 0.1), point["fit.steps"], point["source.levels"]) for point in points
+    ]
+    assert max(Counter(cells).values()) <= 4  # 64 points, 32 cells
+
+
+def test_samples_are_an_axis_and_equal_to_their_settings_written_out():
+    ranges = {"fit.losses.edge": {"log": [0.01, 2]}, "fit.steps": {"log": [10, 99], "integer": True}}
+    found = variants(sample={"points": 3}, ranges=ranges, **{"source.levels": [2, 3]})
+    assert [variant.settings.source.levels for variant in found] == [2, 3] * 3
+    edge, steps = found[0].settings.fit.losses.edge, found[0].settings.fit.steps
+    assert found[0].name == f"edge={edge}, steps={steps}, levels=2"
+    (same,) = variants(**{"fit.losses.edge": [edge], "fit.steps": [steps], "source.levels": [2]})
+    assert same.settings == found[0].settings
+
+
+def test_equal_points_of_a_few_values_are_one_point():
+    assert len(sampled(50, ranges={"source.levels": [2, 3, 4]})) == 3
+
+
+@over(
+    "sweep, message",
+    [
+        ({"sample": {"points": 3}}, "sweep.ranges: expected settings and their ranges, got null"),
+        ({"sample": 3, "ranges": _RANGES}, "sweep.sample: expected a mapping"),
+        ({"sample": {"points": 0}, "ranges": _RANGES}, "sweep.sample.points: expected a number of 1 or more, got 0"),
+        ({"sample": {"points": 3, "method": "halton"}, "ranges": _RANGES}, "sweep.sample.method: got"),
+        ({"ranges": {"fit.losses.edge": {"log": [0, 2]}}}, "expected numbers above 0 for a logarithmic range"),
+        ({"ranges": {"fit.losses.edge": {"log": [2, 1]}}}, "the smaller first"),
+        ({"ranges": {"fit.losses.edge": {"linear": [0, math.inf]}}}, "expected two finite numbers"),
+        ({"ranges": {"fit.losses.edge": {"linear": [0, 1], "log": [1, 2]}}}, "expected a range such as"),
+        ({"ranges": {"fit.losses.edge": {"linear": [0, 1], "step": 2}}}, "expected a range such as"),
+        ({"ranges": {"fit.losses.edge": 0.5}}, "fit.losses.edge: expected a range such as"),
+        ({"ranges": {"fit.steps": {"linear": [0.5, 3], "integer": True}}}, "expected integers at both ends"),
+        ({"ranges": {"fit.steps": {"linear": [5, 9], "integer": 1}}}, "integer: expected true or false"),
+        ({"ranges": {"source.levels": []}}, "expected different values"),
+        ({"ranges": {"source.levels": [2, 2]}}, "expected different values"),
+        ({"ranges": {"fit.steps": {"linear": [5, 9]}}}, "sweep: fit.steps: expected an integer"),
+        ({"ranges": {"seeds": [0, 1]}}, "list its values under 'seeds'"),
+        ({"ranges": {"source.levels": [2, 3]}, "source.levels": [2]}, "use only one of zip, variants, ranges"),
+        ({"ranges": {"fit.edge": [2, 3]}}, "no such key"),
+    ],
+)
+def test_malformed_samples_are_refused(sweep, message):
+    with pytest.raises(ConfigError, match=re.escape(message)):
+        variants(**{"sample": {"points": 3}} | sweep)
