@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from meshfit.fitting.registration.template import Template
+from meshfit.mesh.geometry import unit_vectors
 from meshfit.mesh.mesh import Verts
 
 Rotations = Float64[np.ndarray, "N 3 3"]
@@ -34,6 +35,7 @@ class DeformationGraph:
     Attributes:
         rest: (V, 3) the vertices at rest.
         nodes: (N, 3) positions of the nodes at rest.
+        node_verts: (N,) vertices that the nodes are at.
         node_of: (V, K) nodes of each vertex.
         weights: (V, K) their weights, with a sum of 1; 0 for places that are not used.
         tail: (E,) a node of each ordered pair of nodes that move a common vertex.
@@ -45,6 +47,7 @@ class DeformationGraph:
 
     rest: Verts
     nodes: Float64[np.ndarray, "N 3"]
+    node_verts: Int64[np.ndarray, " N"]
     node_of: Int64[np.ndarray, "V K"]
     weights: Float64[np.ndarray, "V K"]
     tail: Int64[np.ndarray, " E"]
@@ -66,6 +69,7 @@ class DeformationGraph:
         return cls(
             rest=verts,
             nodes=verts[chosen],
+            node_verts=np.array(chosen),
             node_of=node_of,
             weights=weights,
             tail=common.row[pairs].astype(np.int64),
@@ -85,6 +89,19 @@ class DeformationGraph:
         turned = np.einsum("vkij,vkj->vki", self.rotations[self.node_of], self._arms())
         moved = turned + (self.nodes + self.translations)[self.node_of]
         return np.asarray((moved * self.weights[:, :, None]).sum(axis=1))
+
+    def turned(self, vectors: Float64[np.ndarray, "V 3"]) -> Float64[np.ndarray, "V 3"]:
+        """Return unit vectors at the vertices, turned by the mean rotation of their nodes."""
+        mean = (self.rotations[self.node_of] * self.weights[:, :, None, None]).sum(axis=1)
+        return unit_vectors(np.einsum("vij,vj->vi", mean, vectors))
+
+    def restricted(self, verts: Int64[np.ndarray, " M"]) -> "DeformationGraph":
+        """Return the graph with some of its vertices only."""
+        return replace(self, rest=self.rest[verts], node_of=self.node_of[verts], weights=self.weights[verts])
+
+    def posed(self, verts: Verts) -> "DeformationGraph":
+        """Return the graph of the same mesh at rest in another pose and size."""
+        return replace(self, rest=verts, nodes=verts[self.node_verts])
 
     def fitted_to(self, verts: Verts) -> "DeformationGraph":
         """Return the graph with the rotations and translations that bring its vertices nearest to `verts`."""

@@ -1,21 +1,21 @@
 """Fits of a deformation graph to a target: robust pairs, annealed from wide to narrow, over finer and finer graphs."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 from scipy.sparse import csc_array, csr_array, diags_array, eye_array
 from scipy.sparse.linalg import splu
 
 from meshfit.fitting.registration.deformation_graph import DeformationGraph
 from meshfit.fitting.registration.landmarks import Landmarks
-from meshfit.fitting.registration.oriented_points import OrientedPoints
+from meshfit.fitting.registration.oriented_points import OrientedPoints, some_of
 from meshfit.fitting.registration.pairs import Matching, Pairs, find_pairs, geman_mcclure, metric_roots
 from meshfit.fitting.registration.plan import Level, Range
 from meshfit.fitting.registration.template import Template
 from meshfit.fitting.settings import Direction
-from meshfit.mesh.mesh import Verts
 
 # Unknowns up to which the equations are solved as a dense matrix.
 _DENSE = 700
@@ -67,38 +67,52 @@ class GraphFit:
         width, stiffness, point_weight = (
             between(ends, share) for ends in (level.width, level.stiffness, level.point_weight)
         )
-        template = self.template.points_at(graph.positions())
         count = max(level.samples, _SAMPLES_PER_NODE * graph.num_nodes)
-        verts, points = (_drawn(len(side), count, generator) for side in (template, self.target))
+        known = max(level.points, 2 * count)
+        target, rows = self.target.thinned(known), some_of(len(graph.rest), known)
+        part = graph.restricted(rows)
+        template = self._points(part, rows)
+        verts, points = (_drawn(len(side), count, generator) for side in (template, target))
         matching = Matching(
             width * self.diagonal,
             level.normal_length * self.diagonal,
             self.direction,
             self.remoteness * self.diagonal * (1 - share),
         )
-        pairs = find_pairs(template, self.target, verts, points, matching)
+        pairs = find_pairs(template, target, verts, points, matching)
         roots = metric_roots(pairs.normals, pairs.weights, point_weight)
-        jacobian = graph.jacobian(pairs.verts, roots)
+        jacobian = part.jacobian(pairs.verts, roots)
         residuals = np.einsum("nij,nj->ni", roots, pairs.goals - template.points[pairs.verts]).ravel()
         bend, bent = graph.stiffness()
         shares = (graph.shares * (stiffness / max(float(graph.shares.sum()), 1e-12))).repeat(3)
         square = jacobian.T @ jacobian + bend.T @ diags_array(shares) @ bend
         right = jacobian.T @ residuals - bend.T @ (shares * bent)
         if self.landmarks is not None:
-            more_square, more_right = self._pull_of_landmarks(self.landmarks, graph, template.points, progress)
+            more_square, more_right = self._pull_of_landmarks(self.landmarks, graph, progress)
             square, right = square + more_square, right + more_right
         square = csc_array(square + _DAMPING * eye_array(square.shape[0]))
         return graph.moved(_solved(square, right).reshape(-1, 6), _LARGEST_TURN), pairs
 
+    def _points(self, graph: DeformationGraph, rows: Int64[np.ndarray, " M"]) -> OrientedPoints:
+        """Return some vertices, which are those of the graph, where it moves them, with their normals there."""
+        at_rest = self._at_rest
+        areas, rim, remoteness = at_rest.areas[rows], at_rest.rim[rows], at_rest.remoteness[rows]
+        return OrientedPoints(graph.positions(), graph.turned(at_rest.normals[rows]), areas, rim, remoteness)
+
+    @cached_property
+    def _at_rest(self) -> OrientedPoints:
+        return self.template.points_at(self.template.mesh.verts)
+
     def _pull_of_landmarks(
-        self, landmarks: Landmarks, graph: DeformationGraph, verts: Verts, progress: float
+        self, landmarks: Landmarks, graph: DeformationGraph, progress: float
     ) -> tuple[csr_array, Float64[np.ndarray, " N"]]:
         """Return the equations of landmarks, whose weights sum to at most that of one direction of pairs."""
-        away = landmarks.goals - landmarks.points(verts)
+        corners = graph.restricted(landmarks.corners.ravel())
+        away = landmarks.goals - landmarks.points_between(corners.positions().reshape(-1, 3, 3))
         width = between(_LANDMARK_WIDTH, progress) * self.diagonal
         weights = geman_mcclure(np.linalg.norm(away, axis=1), width) / len(landmarks)
         eyes = np.broadcast_to(np.eye(3), (3 * len(landmarks), 3, 3))
-        jacobian = landmarks.summed(graph.jacobian(landmarks.corners.ravel(), eyes))
+        jacobian = landmarks.summed(corners.jacobian(np.arange(len(eyes)), eyes))
         scaled = diags_array(weights.repeat(3)) @ jacobian
         return csr_array(jacobian.T @ scaled), scaled.T @ away.ravel()
 

@@ -77,7 +77,11 @@ class Landmarks:
 
     def points(self, verts: Verts) -> Float64[np.ndarray, "L 3"]:
         """Return where the landmarks are."""
-        return np.asarray((verts[self.corners] * self.shares[:, :, None]).sum(axis=1))
+        return self.points_between(verts[self.corners])
+
+    def points_between(self, corners: Float64[np.ndarray, "L 3 3"]) -> Float64[np.ndarray, "L 3"]:
+        """Return where the landmarks are, given the positions of their corners."""
+        return np.asarray((corners * self.shares[:, :, None]).sum(axis=1))
 
     def pose(self, source: Mesh, *, similarity: bool) -> Pose:
         """Return the pose that brings the landmarks nearest to their goals, of which some may be wrong."""

@@ -28,6 +28,7 @@ class OrientedPoints:
     rim: Bool[np.ndarray, " N"]
     remoteness: Float64[np.ndarray, " N"]
     _trees: dict[tuple[float, float], KDTree] = field(default_factory=dict, repr=False)
+    _thinned: dict[int, "OrientedPoints"] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
         """Return the number of points."""
@@ -37,6 +38,14 @@ class OrientedPoints:
         """Return some of the points."""
         parts = self.points, self.normals, self.areas, self.rim, self.remoteness
         return OrientedPoints(*(part[rows] for part in parts))
+
+    def thinned(self, most: int) -> "OrientedPoints":
+        """Return at most so many of the points, always the same ones."""
+        if most >= len(self):
+            return self
+        if most not in self._thinned:
+            self._thinned[most] = self.subset(some_of(len(self), most))
+        return self._thinned[most]
 
     def nearest(
         self, queries: "OrientedPoints", normal_length: float, remoteness_length: float = 0.0
@@ -50,6 +59,7 @@ class OrientedPoints:
         """
         lengths = normal_length, remoteness_length
         if lengths not in self._trees:
+            self._trees.clear()  # lengths change from step to step
             self._trees[lengths] = KDTree(self.coordinates(*lengths), leafsize=16)
         distances, rows = self._trees[lengths].query(queries.coordinates(*lengths))
         return np.asarray(distances), np.minimum(rows.astype(np.int64), len(self) - 1)
@@ -66,3 +76,10 @@ class OrientedPoints:
         if count >= len(self):
             return np.arange(len(self))
         return generator.choice(len(self), count, replace=False, p=self.areas / self.areas.sum())
+
+
+def some_of(count: int, most: int) -> Indices:
+    """Return at most so many of the numbers below a count, in order; the same ones each time, and at random."""
+    if most >= count:
+        return np.arange(count)
+    return np.sort(np.random.default_rng(0).choice(count, most, replace=False))

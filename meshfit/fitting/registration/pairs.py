@@ -25,6 +25,7 @@ class Pairs:
         normals: (M, 3) unit vectors halfway between the two normals (Rusinkiewicz 2019).
         weights: (M,) with a sum of at most 1 in each direction.
         matched: share of the pairs whose weight is not negligible.
+        distance: root of their weighted mean squared distance.
     """
 
     verts: Int64[np.ndarray, " M"]
@@ -32,6 +33,7 @@ class Pairs:
     normals: Float64[np.ndarray, "M 3"]
     weights: Float64[np.ndarray, " M"]
     matched: float
+    distance: float
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,9 @@ def find_pairs(
     weights = weights * facing * geman_mcclure(distances, matching.width)
     kept = weights > _NEGLIGIBLE
     halfway = unit_vectors(normals + goal_normals)
-    return Pairs(vert[kept], target.points[goal[kept]], halfway[kept], weights[kept], float(kept.mean()))
+    weights = weights[kept]
+    distance = float(np.sqrt(weights @ distances[kept] ** 2 / max(float(weights.sum()), 1e-300)))
+    return Pairs(vert[kept], target.points[goal[kept]], halfway[kept], weights, float(kept.mean()), distance)
 
 
 def geman_mcclure(

@@ -15,7 +15,8 @@ class Level:
     Attributes:
         nodes: number of nodes.
         steps: number of steps.
-        samples: number of vertices and of points of the target that are paired in each step.
+        points: number of vertices and of points of the target, at most, among which the nearest are sought.
+        samples: number of them that are paired in each step.
         width: of robust weights, relative to the target's diagonal.
         stiffness: weight of the graph's edges.
         point_weight: weight of residuals along the surface relative to those across it.
@@ -24,6 +25,7 @@ class Level:
 
     nodes: int
     steps: int
+    points: int
     samples: int
     width: Range
     stiffness: Range
@@ -32,9 +34,9 @@ class Level:
 
 
 LEVELS = (
-    Level(60, 40, 800, (0.3, 0.06), (3.0, 0.02), (0.5, 0.05), 0.25),
-    Level(150, 12, 1500, (0.08, 0.03), (0.5, 0.1), (0.02, 0.01), 0.08),
-    Level(500, 10, 3000, (0.03, 0.012), (0.05, 0.02), (0.01, 0.01), 0.05),
+    Level(60, 40, 5000, 800, (0.3, 0.06), (3.0, 0.02), (0.5, 0.05), 0.25),
+    Level(150, 12, 10_000, 1500, (0.08, 0.03), (0.5, 0.1), (0.02, 0.01), 0.08),
+    Level(500, 10, 20_000, 3000, (0.03, 0.012), (0.05, 0.02), (0.01, 0.01), 0.05),
 )
 """From coarse to fine; found on pairs of figures and animals with known correspondence."""
 

@@ -79,12 +79,13 @@ class Registration:
         self._fit: GraphFit | VertexFit | None = None
         self._at_pose: Template | None = None
         self._unfolding: Unfolding | None = None
+        self._at_rest = Template(task.source)
 
     @property
     def template(self) -> Template:
         """The template in its pose."""
         if self._at_pose is None:
-            self._at_pose = Template(self.task.source.with_verts(self.pose.applied(self.task.source.verts)))
+            self._at_pose = self._at_rest.posed(self.pose.applied(self.task.source.verts))
         return self._at_pose
 
     def step(self, planned: PlannedStep) -> None:
@@ -132,12 +133,13 @@ class Registration:
             everything = np.arange(len(self.verts)), np.arange(len(task.target))
             matching = Matching(_CAP * task.diagonal, _NORMALS * task.diagonal, task.direction)
             pairs = find_pairs(self.template.points_at(self.verts), task.target, *everything, matching)
-            self.distance, self.matched = _distance(self.verts, pairs), pairs.matched
+            self.distance, self.matched = pairs.distance, pairs.matched
             return
         best = np.inf
+        coarsest = DeformationGraph.of(self._at_rest, LEVELS[0].nodes)
         for number, pose in enumerate(self._poses()):
-            template = Template(task.source.with_verts(pose.applied(task.source.verts)))
-            first = DeformationGraph.of(template, LEVELS[0].nodes)
+            template = self._at_rest.posed(pose.applied(task.source.verts))
+            first = coarsest.posed(template.mesh.verts)
             for remoteness in _REMOTENESS:
                 fit = GraphFit(template, task.target, task.direction, task.diagonal, remoteness, task.landmarks)
                 graph = first
@@ -147,13 +149,13 @@ class Registration:
                 if value < best:
                     best, self.pose, self._at_pose = value, pose, template
                     self._graph, self.verts, self._level = graph, graph.positions(), 0
-                    self.distance, self.matched = _distance(self.verts, pairs), pairs.matched
+                    self.distance, self.matched = pairs.distance, pairs.matched
                 if number == 0 and best < _GOOD:
                     return
 
     def _poses(self) -> list[Pose]:
         task = self.task
-        at_rest = Template(task.source).points_at(task.source.verts)
+        at_rest = self._at_rest.points_at(task.source.verts)
         if task.landmarks is not None:
             return [task.landmarks.pose(task.source, similarity=task.similarity)]
         return candidate_poses(at_rest, task.target, similarity=task.similarity, most=_POSES, seed=task.seed)
@@ -167,7 +169,7 @@ class Registration:
             self._fit = GraphFit(self.template, task.target, task.direction, task.diagonal, landmarks=task.landmarks)
         self._graph, pairs = self._graph_step(self._fit, self._graph, level, planned.level, planned.number)
         self.verts = self._graph.positions()
-        self.distance, self.matched = _distance(self.verts, pairs), pairs.matched
+        self.distance, self.matched = pairs.distance, pairs.matched
 
     def _graph_step(
         self, fit: GraphFit, graph: DeformationGraph, level: Level, index: int, number: int
@@ -187,12 +189,7 @@ class Registration:
         if not isinstance(self._fit, VertexFit):
             self._fit = VertexFit(self.template, task.target, self._start, task.direction, task.diagonal)
         self.verts, pairs = self._fit.step(self.verts, planned.number)
-        self.distance, self.matched = _distance(self.verts, pairs), pairs.matched
-
-
-def _distance(verts: Verts, pairs: Pairs) -> float:
-    squares = ((verts[pairs.verts] - pairs.goals) ** 2).sum(axis=1)
-    return float(np.sqrt(pairs.weights @ squares / max(float(pairs.weights.sum()), 1e-300)))
+        self.distance, self.matched = pairs.distance, pairs.matched
 
 
 def _judged(template: Template, task: RegistrationTask, verts: Verts) -> float:

@@ -24,6 +24,13 @@ class Template:
 
     mesh: Mesh
 
+    def posed(self, verts: Verts) -> "Template":
+        """Return the template at rest in another pose and size, which have no effect on what is known of it already."""
+        other = Template(self.mesh.with_verts(verts))
+        known = "edges", "rim", "adjacency", "remoteness", "_corners"
+        other.__dict__.update({name: self.__dict__[name] for name in known if name in self.__dict__})
+        return other
+
     @cached_property
     def edges(self) -> Int64[np.ndarray, "E 2"]:
         """Vertices of each edge."""
