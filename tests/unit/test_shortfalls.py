@@ -5,11 +5,15 @@ import json
 from io import StringIO
 
 import numpy as np
+import pytest
 
 from meshfit.measuring.shortfalls import FAR_ON_AVERAGE, shortfalls
+from meshfit.mesh.geometry import unit_vectors
 from meshfit.mesh.manifold import TopologyCounts
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.outer_surface import outer_surface
+from meshfit.mesh.point_cloud import PointCloud
+from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.solids import cube, icosahedron
 from meshfit.mesh.topology import Topology
 from meshfit.report.tables.formats.data import to_csv, to_json
@@ -61,6 +65,42 @@ def test_missing_handles_and_unreached_parts_are_named_with_their_size():
     cap = Mesh([[0, 0, 0], *rim], [[0, k + 1, (k + 1) % len(rim) + 1] for k in range(len(rim))])
     *_, off = shortfalls(joined(ring, cap), ring)
     assert off.startswith("off the target: ")
+
+
+def off_by(result, target, *far):
+    """Return the share of the diagonal, in percent, that the only shortfall names; None without one."""
+    texts = shortfalls(result, target, *far)
+    assert len(texts) <= 1, texts
+    if not texts:
+        return None
+    assert texts[0].startswith("off the target at one place: by ")
+    return float(texts[0].split()[7])
+
+
+def test_a_thin_bridge_is_named_by_its_distance_and_what_sound_fits_do_is_not():
+    ball, size = subdivide(icosahedron(), "loop", 4), 2 * np.sqrt(3)
+    ball = ball.with_verts(unit_vectors(ball.verts))
+    edges = Topology.of(ball).edges
+    edge = np.linalg.norm(ball.verts[edges[:, 0]] - ball.verts[edges[:, 1]], axis=1).mean()
+
+    def pulled(height):  # out of the surface at one vertex, whose faces are 0.1 % of all
+        return ball.with_verts(np.concatenate([(1 + height) * ball.verts[:1], ball.verts[1:]]))
+
+    for height in (0.2, 0.4):
+        assert off_by(pulled(height), ball) == pytest.approx(100 * height / size, abs=0.05)
+        assert (off_by(pulled(height), ball, FAR_ON_AVERAGE) is None) == (height < FAR_ON_AVERAGE * size)
+    assert off_by(pulled(0.7 * edge), ball) is None
+    cloud = PointCloud(sample_surface(ball, 5000, np.random.default_rng(0)).points)
+    assert off_by(pulled(0.4), cloud) == pytest.approx(40 / size, abs=0.2)
+    for levels in (1, 2):  # a coarse fit
+        coarse = subdivide(icosahedron(), "loop", levels)
+        assert not shortfalls(coarse.with_verts(unit_vectors(coarse.verts)), ball)
+    # Noise, and what lies beyond the boundary of the target.
+    heights = np.random.default_rng(0).normal(0, 0.005 * size, (ball.num_verts, 1))
+    noisy = ball.with_verts(ball.verts * (1 + heights))
+    assert not shortfalls(ball, noisy)
+    upper = ball.verts[ball.faces].mean(axis=1)[:, 2] > -0.99
+    assert not [text for text in shortfalls(ball, Mesh(ball.verts, ball.faces[upper])) if "topology" not in text]
 
 
 HANDLE = "topology not matched: the target has 1 handle (0 in the result)"
