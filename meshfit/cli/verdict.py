@@ -34,6 +34,7 @@ class Verdict:
         shortfalls: what the result lacks of the target, in words.
         surface: the part of the target that distances are from, `all` or `outer`.
         supported: share of the surface that the target shows; None if it has no holes.
+        filled: number of openings of the target that the source fills, as set.
     """
 
     target: str
@@ -57,6 +58,7 @@ class Verdict:
     shortfalls: tuple[str, ...]
     surface: str
     supported: float | None
+    filled: int = 0
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values and the advice as plain data."""
@@ -93,13 +95,17 @@ class Verdict:
         if self.made_from == "wrap" and self.reason != "as set" and not self.target_points:
             yield f"started from a wrap around the target: {self.reason}; --source target starts from the target itself"
         if self.supported is not None and self.supported < _ALL_BUT_NOTHING:
-            yield f"{100 * (1 - self.supported):.2g} % of the surface is filled in: the target shows nothing there"
+            share = f"{100 * (1 - self.supported):.2g} % of the surface"
+            if self.filled:
+                yield f"filled as set: {count_text(self.filled, 'opening')} of the target, {share}"
+            else:
+                yield f"{share} is filled in: the target shows nothing there"
         own = self.made_from == "target"
         for text in self.shortfalls:
             from_target = "" if own else "; try --source target, which starts from all of them"
             yield text + (from_target if text.startswith("topology") else "")
-        # A point may well lie off the surface, by noise.
-        if self.max_percent > _FAR_PERCENT and not self.target_points:
+        # A point may well lie off the surface, by noise, and what fills a hole is far from the target.
+        if self.max_percent > _FAR_PERCENT and not self.target_points and not self.filled:
             also = "" if own else " or --source target"
             yield f"worst distance above {_FAR_PERCENT:g} % of the diagonal; try more --verts{also}"
 
@@ -124,7 +130,7 @@ def verdict_of(target: str, output: str, folder: "Path", record: "Result") -> Ve
     """
     from meshfit.experiment.storage.frame import frame_of
     from meshfit.experiment.storage.targets import read_target, read_written_mesh, triangles
-    from meshfit.mesh.manifold import describe_topology
+    from meshfit.mesh.manifold import TopologyCounts, describe_topology
     from meshfit.mesh.mesh import Mesh
     from meshfit.mesh.topology import Topology
 
@@ -133,6 +139,10 @@ def verdict_of(target: str, output: str, folder: "Path", record: "Result") -> Ve
     meshes = [triangles(read_written_mesh(folder / name)) for name in ("result.ply", "source.ply")]
     meshes += [target_mesh] if isinstance(target_mesh, Mesh) else []
     topologies = [*(describe_topology(Topology.of(mesh)) for mesh in meshes), ""]
+    is_filled = record["settings"].get("source", {}).get("mesh") == "closed" and isinstance(target_mesh, Mesh)
+    openings = (
+        [TopologyCounts.of(Topology.of(mesh)).openings for mesh in (meshes[-1], meshes[0])] if is_filled else [0, 0]
+    )
     way = "symmetric", "mean"
     if "cloud" in record:  # its points stand for all of the surface that it shows, exactly
         way = "backward", "backward_mean"
@@ -162,6 +172,7 @@ def verdict_of(target: str, output: str, folder: "Path", record: "Result") -> Ve
         shortfalls=tuple(record.get("shortfalls", ())),
         surface=_surface(record["settings"]),
         supported=record.get("supported"),
+        filled=max(openings[0] - openings[1], 0),
     )
 
 

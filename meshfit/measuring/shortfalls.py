@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from meshfit.mesh.bridges import LEAST_SHARE, farthest_bridge
+from meshfit.mesh.bridges import LEAST_SHARE, farthest_bridge, is_filling
 from meshfit.mesh.cleaning_options import Surface
 from meshfit.mesh.geometry import bounding_box_diagonal
 from meshfit.mesh.manifold import TopologyCounts
@@ -27,7 +27,14 @@ _SPACINGS = 2.0
 _FEWEST_FACES = 12
 
 
-def shortfalls(result: Mesh, target: Mesh | PointCloud, far: float = FAR, *, surface: Surface = "all") -> list[str]:
+def shortfalls(
+    result: Mesh,
+    target: Mesh | PointCloud,
+    far: float = FAR,
+    *,
+    surface: Surface = "all",
+    filled: Mesh | None = None,
+) -> list[str]:
     """Return what a result lacks of its target, in words, each of which names the finding and its size.
 
     Pieces, openings and handles of a cloud are not known. Where a result goes on beyond the rim of a cloud, or over a
@@ -43,21 +50,23 @@ def shortfalls(result: Mesh, target: Mesh | PointCloud, far: float = FAR, *, sur
         target: the surface or the points that it was fitted to.
         far: share of the target's diagonal from which a point is not reached, or off the target.
         surface: `outer` compares what can be seen of both from outside.
+        filled: the target with its holes filled, if the result is to fill them: openings are nothing to match then, and
+            what fills them is not off the target.
     """
     if isinstance(target, PointCloud):
         return _of_cloud(result, target, far)
     if surface == "outer":
         result, target = outer_surface(result), outer_surface(target)
     length = far * bounding_box_diagonal(target.verts)
-    unreached, beyond = _share_beyond(length, target, result), _share_beyond(length, result, target)
+    unreached, beyond = _share_beyond(length, target, result), _share_beyond(length, result, target, filled)
     one_skin = surface == "outer" and not Topology.of(target).is_watertight
-    texts = [] if one_skin else _of_topology(result, target)
+    texts = [] if one_skin else _of_topology(result, target, openings=filled is None)
     distance = f"farther than {100 * far:g} % of the target's diagonal from the"
     if unreached > _PART:
         texts.append(f"not reached: {100 * unreached:.1f} % of the target's area is {distance} result")
     if beyond > _PART:
         texts.append(f"off the target: {100 * beyond:.1f} % of the result's area is {distance} target")
-    return texts if beyond > _PART else texts + _bridges(result, target, far)
+    return texts if beyond > _PART else texts + _bridges(result, target, far, filled)
 
 
 def _of_cloud(result: Mesh, cloud: PointCloud, least: float) -> list[str]:
@@ -86,22 +95,22 @@ def _of_cloud(result: Mesh, cloud: PointCloud, least: float) -> list[str]:
     return texts if beyond > _PART else texts + _bridges(result, cloud, least)
 
 
-def _bridges(result: Mesh, target: Mesh | PointCloud, far: float) -> list[str]:
-    found = farthest_bridge(result, target, LEAST_SHARE if far < FAR_ON_AVERAGE else far)
+def _bridges(result: Mesh, target: Mesh | PointCloud, far: float, filled: Mesh | None = None) -> list[str]:
+    found = farthest_bridge(result, target, LEAST_SHARE if far < FAR_ON_AVERAGE else far, filled)
     if found is None:
         return []
     length = f"{100 * found.share:.1f} % of the target's diagonal, or {found.edges:.1f} mean edges"
     return [f"off the target at one place: by {length}; a web or tube between parts, or a gap that it spans"]
 
 
-def _of_topology(result: Mesh, target: Mesh) -> list[str]:
+def _of_topology(result: Mesh, target: Mesh, *, openings: bool) -> list[str]:
     counts, wanted = (TopologyCounts.of(Topology.of(mesh)) for mesh in (result, target))
     if wanted.pieces > _FEWEST_FACES and target.num_faces < _FEWEST_FACES * wanted.pieces:
         return []
     differing = [
         (noun, have, want)
         for noun, have, want in zip(("piece", "opening", "handle"), counts, wanted, strict=True)
-        if have is not None and want is not None and have != want
+        if have is not None and want is not None and have != want and (openings or noun != "opening")
     ]
     if not differing:
         return []
@@ -109,7 +118,10 @@ def _of_topology(result: Mesh, target: Mesh) -> list[str]:
     return [f"topology not matched: the target has {', '.join(texts)}"]
 
 
-def _share_beyond(distance: float, mesh: Mesh, surface: Mesh) -> float:
-    """Return the share of a mesh's area that is farther than a distance from a surface."""
+def _share_beyond(distance: float, mesh: Mesh, surface: Mesh, filled: Mesh | None = None) -> float:
+    """Return the share of a mesh's area that is farther than a distance from a surface, and does not fill its holes."""
     points = sample_surface(mesh, _POINTS, np.random.default_rng(0)).points
-    return float((point_distances(surface, points) > distance).mean())
+    beyond = point_distances(surface, points) > distance
+    if filled is not None and beyond.any():
+        beyond[beyond] = ~is_filling(points[beyond], surface, filled, distance)
+    return float(beyond.mean())

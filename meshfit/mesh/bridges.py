@@ -3,14 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64, Int64
 
 from meshfit.mesh.geometry import bounding_box_diagonal
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.nearest import nearest_point_query
 from meshfit.mesh.noise import noise_of_mesh, noise_of_points
 from meshfit.mesh.point_cloud import PointCloud, is_at_rim, local_areas
-from meshfit.mesh.proximity import nearest_on_surface, segment_distances
+from meshfit.mesh.proximity import nearest_on_surface, point_distances, segment_distances
 from meshfit.mesh.topology import Topology
 
 LEAST_SHARE = 0.01
@@ -23,6 +23,7 @@ _AT_BOUNDARY = 1e-6
 
 Points = Float64[np.ndarray, "N 3"]
 Distances = Float64[np.ndarray, " N"]
+Rows = Int64[np.ndarray, " N"]
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,9 @@ class Bridge:
     edges: float
 
 
-def farthest_bridge(result: Mesh, target: Mesh | PointCloud, least_share: float = LEAST_SHARE) -> Bridge | None:
+def farthest_bridge(
+    result: Mesh, target: Mesh | PointCloud, least_share: float = LEAST_SHARE, filled: Mesh | None = None
+) -> Bridge | None:
     """Return the place that is farthest off the target, if no sound fit with such edges would be as far.
 
     Triangles inscribed in a smooth surface lie within a tenth of an edge of it, and within 0.3 edges at sharp edges
@@ -53,6 +56,7 @@ def farthest_bridge(result: Mesh, target: Mesh | PointCloud, least_share: float 
         result: a surface.
         target: what it was fitted to.
         least_share: of the target's diagonal, below which nothing counts.
+        filled: the target with its holes filled, if the result may fill them.
     """
     if not result.num_faces or not target.num_verts:
         return None
@@ -61,13 +65,18 @@ def farthest_bridge(result: Mesh, target: Mesh | PointCloud, least_share: float 
     edge = float(np.linalg.norm(result.verts[edges[:, 0]] - result.verts[edges[:, 1]], axis=1).mean())
     diagonal = bounding_box_diagonal(target.verts)
     least = max(_EDGES * edge, least_share * diagonal)
-    distances = _off_points(target, points, least) if isinstance(target, PointCloud) else _off(target, points, least)
+    if isinstance(target, PointCloud):
+        distances = _off_points(target, points, least)
+    else:
+        rows, distances = _off(target, points, least)
+        if filled is not None and len(rows):
+            distances = distances[~is_filling(points[rows], target, filled, least)]
     farthest = float(distances.max(initial=0.0))
     return Bridge(farthest, farthest / diagonal, farthest / edge) if farthest > 0 else None
 
 
-def _off(target: Mesh, points: Points, least: float) -> Distances:
-    """Return the distances of the points that are off a mesh."""
+def _off(target: Mesh, points: Points, least: float) -> tuple[Rows, Distances]:
+    """Return the indices and distances of the points that are off a mesh."""
     found = nearest_on_surface(target, points)
     least = max(least, _DEVIATIONS * noise_of_mesh(target)) if (found.distances > least).any() else least
     rows = np.flatnonzero(found.distances > least)
@@ -76,7 +85,7 @@ def _off(target: Mesh, points: Points, least: float) -> Distances:
     if len(rows) and len(ends):
         at_boundary = segment_distances(ends, found.points[rows]) <= _AT_BOUNDARY * bounding_box_diagonal(target.verts)
         rows = rows[~at_boundary]
-    return np.asarray(found.distances[rows])
+    return rows, found.distances[rows]
 
 
 def _off_points(cloud: PointCloud, points: Points, least: float) -> Distances:
@@ -84,8 +93,23 @@ def _off_points(cloud: PointCloud, points: Points, least: float) -> Distances:
     nearest = nearest_point_query(cloud.verts)(points)
     distances = np.linalg.norm(points - cloud.verts[nearest], axis=1)
     rows = np.flatnonzero(distances > least)
-    if not len(rows):
-        return np.empty(0)
-    limits = np.maximum(_DEVIATIONS * noise_of_points(cloud.verts), _SPACINGS * np.sqrt(local_areas(cloud.verts)))
-    rows = rows[distances[rows] > limits[nearest[rows]]]
-    return np.asarray(distances[rows[~is_at_rim(cloud.verts, nearest[rows])]]) if len(rows) else np.empty(0)
+    if len(rows):
+        spacings = np.sqrt(local_areas(cloud.verts))
+        limits = np.maximum(_DEVIATIONS * noise_of_points(cloud.verts), _SPACINGS * spacings)
+        rows = rows[distances[rows] > limits[nearest[rows]]]
+    if len(rows):
+        rows = rows[~is_at_rim(cloud.verts, nearest[rows])]
+    return np.asarray(distances[rows])
+
+
+def is_filling(points: Points, target: Mesh, filled: Mesh, near: float) -> Bool[np.ndarray, " N"]:
+    """Return (N,) which points fill holes: near to a surface that does, or nearest to a part of it that is off.
+
+    Args:
+        points: (N, 3), off the target.
+        target: with holes.
+        filled: the target with its holes filled, however it is done.
+        near: distance within which a point is near.
+    """
+    found = nearest_on_surface(filled, points)
+    return np.asarray((found.distances <= near) | (point_distances(target, found.points) > near / 2))

@@ -160,6 +160,18 @@ def test_what_is_no_mesh_is_told_its_own_command(tmp_path):
     assert not (tmp_path / "out.ply").exists()
 
 
+def test_holes_that_are_filled_on_purpose_are_one_note():
+    whole = ball(level=2)
+    middles = whole.verts[whole.faces].mean(axis=1)
+    bowl = Mesh(whole.verts, whole.faces[np.abs(middles[:, 2]) < 0.7])
+    save_mesh(bowl, "bowl.ply")
+    ran = invoke("fit", "bowl.ply", "-o", "out.ply", "--source", "closed", *QUICK)
+    notes = [line for line in (ran.out + ran.err).splitlines() if line.startswith(("note: ", "warning: "))]
+    assert [re.sub(r"\d+ % ", "", note) for note in notes if "boundary edges" not in note] == [
+        "note: filled as set: 2 openings of the target, of the surface"
+    ]
+
+
 def test_a_torus_keeps_its_handle_and_the_reason_is_recorded(tmp_path):
     ring = torus(24, 16)
     mixed = np.random.default_rng(1).random(ring.num_faces) < 0.2

@@ -103,6 +103,18 @@ def test_a_thin_bridge_is_named_by_its_distance_and_what_sound_fits_do_is_not():
     assert not [text for text in shortfalls(ball, Mesh(ball.verts, ball.faces[upper])) if "topology" not in text]
 
 
+def test_holes_that_are_filled_on_purpose_are_no_shortfall():
+    ball = subdivide(icosahedron(), "loop", 4)
+    ball = ball.with_verts(unit_vectors(ball.verts))
+    bowl = Mesh(ball.verts, ball.faces[ball.verts[ball.faces].mean(axis=1)[:, 2] < 0.5])
+    lid = ball.with_verts(np.minimum(ball.verts, [2, 2, 0.5]))
+    assert [text.split(":")[0] for text in shortfalls(ball, bowl)] == ["topology not matched", "off the target"]
+    for result in (lid, ball):  # flat as in the source, or round
+        assert not shortfalls(result, bowl, filled=lid)
+    fallen = ball.with_verts(ball.verts + 0.3)
+    assert [text.split(":")[0] for text in shortfalls(fallen, bowl, filled=lid)] == ["not reached", "off the target"]
+
+
 HANDLE = "topology not matched: the target has 1 handle (0 in the result)"
 
 

@@ -119,7 +119,8 @@ class TrialRunner:
             self._source_record = describe_source(source_settings, self._target, settings.target.surface)
             triangles = built.triangulated() if isinstance(built, PolygonMesh) else built
             self._source = align(triangles, self._target, "none" if made is not None else settings.source.align)
-            _warn_of_differences(self._source, self._target, settings.fit, settings.target.surface)
+            fills = source_settings.mesh == "closed"
+            _warn_of_differences(self._source, self._target, settings.fit, settings.target.surface, fills=fills)
         self._warnings = [*target.warnings, *_texts(caught)]
         for line in (target.note, "" if made is None else made.line):
             if line:
@@ -163,14 +164,16 @@ class TrialRunner:
             self._write_trace(fitted.trace)
         self._report(TrialStatus.MEASURING)
         start = time.perf_counter()
+        filled = self._source if self.trial.settings.source.mesh == "closed" else None
         with self.warnings_recorded():
             measured = measure(fitted.mesh, self._target, self.trial.settings.measure)
-            _warn_if_farther(self._source, fitted.mesh, self._target, self.trial.settings.fit)
+            if filled is None:  # what fills holes is far from the target
+                _warn_if_farther(self._source, fitted.mesh, self._target, self.trial.settings.fit)
         short = list(fitted.shortfalls)
         far = FAR_ON_AVERAGE if isinstance(self.trial.settings.fit, FirstOrderSettings) else FAR
         settings = self.trial.settings
         surface: Surface = "outer" if "outer" in (settings.target.surface, settings.measure.surface) else "all"
-        short += shortfalls(fitted.mesh, self._target, far, surface=surface)
+        short += shortfalls(fitted.mesh, self._target, far, surface=surface, filled=filled)
         for text in short:
             self.warn(text)
         seconds["measure"] = time.perf_counter() - start
@@ -340,8 +343,13 @@ def _texts(caught: Sequence[warnings.WarningMessage]) -> list[str]:
     return [str(warning.message) for warning in caught if issubclass(warning.category, MeshfitWarning)]
 
 
-def _warn_of_differences(source: Mesh, target: Mesh | PointCloud, fit: FitSettings, surface: Surface) -> None:
-    """Warn of a source that the fit cannot bring onto the target; a tool may start from the target, or cut and glue."""
+def _warn_of_differences(
+    source: Mesh, target: Mesh | PointCloud, fit: FitSettings, surface: Surface, *, fills: bool
+) -> None:
+    """Warn of a source that the fit cannot bring onto the target; a tool may start from the target, or cut and glue.
+
+    One that fills the holes of the target, as set, differs from it on purpose.
+    """
     tool = fit.tool if isinstance(fit, ExternalSettings) else None
     if works_from_target(tool):
         return
@@ -349,7 +357,7 @@ def _warn_of_differences(source: Mesh, target: Mesh | PointCloud, fit: FitSettin
     of_target = of_source
     if isinstance(target, Mesh) and (surface == "all" or Topology.of(target).is_watertight):  # skins close others
         of_target = describe_topology(Topology.of(target))
-    if of_source != of_target and (tool is not None or not isinstance(fit, ExternalSettings)):
+    if not fills and of_source != of_target and (tool is not None or not isinstance(fit, ExternalSettings)):
         text = f"source and target differ in topology ({of_source}; {of_target}); the fit keeps that of the source"
         warnings.warn(text, MeshfitWarning, stacklevel=2)
     if isinstance(fit, GaussNewtonSettings) and fit.register != "off":
