@@ -135,13 +135,14 @@ def fit(
         ),
     ] = "auto",
     register: Annotated[
-        Literal["rigid", "near-rigid"] | None,
+        Literal["auto", "rigid", "near-rigid", "off"] | None,
         typer.Option(
             "--register",
             help="Register --source, a template each of whose vertices has a meaning: rigid finds its pose, near-rigid "
-            "also bends it, so that ears go to ears. Its faces are kept.",
-            show_default="no registration",
-            metavar="PRIOR",
+            "also bends it, so that ears go to ears; auto chooses, and says what; off fits it from where it is. All "
+            "but off keep its faces.",
+            show_default="auto for a file with --connectivity fixed, else off",
+            metavar="auto|rigid|near-rigid|off",
             rich_help_panel=_FIT,
         ),
     ] = None,
@@ -251,7 +252,8 @@ def fit(
     ends with a verdict: distances, soundness, size and time.
 
     Texture coordinates, colours, materials and skin weights of a --source file survive: as they are with its own faces
-    (--connectivity fixed), otherwise projected.
+    (--connectivity fixed), otherwise projected. With its own faces it is a template, and registered: it may be in any
+    unit and at any place, and bends until each vertex is where it belongs.
 
     Several targets are fitted side by side; one that fails is named, the others go on, and the exit code is 1.
 
@@ -261,8 +263,8 @@ def fit(
         meshfit fit parts.obj -o skin.glb --surface outer  # one skin, without what lies inside
         meshfit fit points.xyz -o surface.ply  # a cloud of points
         meshfit fit head.obj -o head-fitted.obj --source sphere --connectivity fixed
-        meshfit fit scan.obj -o fitted.glb --source template.glb --connectivity fixed  # keeps its texture
-        meshfit fit scan.ply -o registered.obj --source template.obj --register near-rigid
+        meshfit fit scan.ply -o registered.glb --source template.glb --connectivity fixed  # keeps its texture
+        meshfit fit scan.ply -o moved.obj --source template.obj --register rigid
         meshfit fit scans/*.obj -o fitted/ --output-format obj --jobs 4
         zcat scan.ply.gz | meshfit fit - --format ply -o fitted.ply
     """
@@ -282,7 +284,7 @@ def fit(
         verts=verts,
         scheme=scheme,
         levels=levels,
-        connectivity="fixed" if register else connectivity,
+        connectivity="fixed" if register not in {None, "off"} else connectivity,
         source=source,
         register=register,
         surface=surface,
@@ -543,7 +545,9 @@ def _outputs_of_many(targets: Sequence[str], output: str, output_format: str | N
     if output in STDOUT_PATHS or (os.path.lexists(output) and not is_folder(output)):
         raise ConfigError(f"-o {path_text(output)}: several targets need a folder; give the path of one")
     if format_suffix(output) in MESH_SUFFIXES and not os.path.lexists(output) and not output.endswith(("/", os.sep)):
-        raise ConfigError(f"-o {path_text(output)}: several targets need a folder, got a file; give -o fitted/")
+        raise ConfigError(
+            f"-o {path_text(output)}: several targets need a folder, got a file; {_remedy(targets, output)}"
+        )
     suffix = mesh_output_suffix("result", output_format or _FORMAT_OF_MANY)
     folder = Path(output)
     stems = ["standard-input" if target == STREAM else file_stem(target) for target in targets]
@@ -560,6 +564,15 @@ def _outputs_of_many(targets: Sequence[str], output: str, output_format: str | N
     for path in outputs:
         _check_output(path, output_format or _FORMAT_OF_MANY)
     return outputs
+
+
+def _remedy(targets: Sequence[str], output: str) -> str:
+    """Return what to give instead of several targets and a file."""
+    if len(targets) != 2:  # a template and a scan, maybe
+        return "give -o fitted/"
+    template, scan = (shell_path(target) for target in targets)
+    command = f"meshfit fit {scan} -o {shell_path(output)} --source {template} --connectivity fixed"
+    return f"give -o fitted/, or, to bring the first to the second: {command}"
 
 
 def _check_not_overwritten(targets: Sequence[str], outputs: Sequence[str], source: str) -> None:

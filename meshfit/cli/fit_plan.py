@@ -29,7 +29,7 @@ class FitOptions:
     levels: int | None
     connectivity: Literal["remeshed", "fixed"]
     source: str
-    register: Literal["rigid", "near-rigid"] | None
+    register: Literal["auto", "rigid", "near-rigid", "off"] | None
     surface: Literal["all", "outer"]
     seed: int
     device: str | None
@@ -38,6 +38,13 @@ class FitOptions:
     direction: Literal["both", "to-target", "to-source"] | None
     cleaning: "CleaningOptions"
     overrides: Sequence[str]
+
+    @property
+    def registers(self) -> bool:
+        """Whether the source is registered: by default, a file that keeps its faces."""
+        if self.register is None:
+            return self.connectivity == "fixed" and self.source not in BUILT
+        return self.register != "off"
 
 
 def check_options(options: FitOptions) -> None:
@@ -123,11 +130,11 @@ def _plain(target: str, options: FitOptions) -> Iterator[str]:
 
 
 def _of_template(options: FitOptions) -> Iterator[str]:
-    if options.register is None:
+    if not options.registers:
         return
     if options.source in BUILT:
         raise ConfigError("--register: requires --source FILE, a mesh each of whose vertices has a meaning")
-    yield _setting("fit.register", options.register)
+    yield _setting("fit.register", options.register or "auto")
 
 
 def _of_scan(options: FitOptions) -> Iterator[str]:
@@ -170,7 +177,7 @@ def _placed(target: str, options: FitOptions, experiment: "Experiment") -> Itera
     yield _setting("source.mesh", _absolute(options.source))
     yield _setting("source.levels", 0)
     yield _setting("source.project", "none")
-    if options.register is None and describe_mismatch(control, target_mesh):
+    if not options.registers and describe_mismatch(control, target_mesh):
         yield _setting("source.align", "pca")
         return
     placed = frame.normalise(control)

@@ -35,6 +35,7 @@ class Verdict:
         surface: the part of the target that distances are from, `all` or `outer`.
         supported: share of the surface that the target shows; None if it has no holes.
         filled: number of openings of the target that the source fills, as set.
+        registered: how the source was registered and why, where it was chosen; empty elsewhere.
     """
 
     target: str
@@ -59,6 +60,7 @@ class Verdict:
     surface: str
     supported: float | None
     filled: int = 0
+    registered: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values and the advice as plain data."""
@@ -94,6 +96,8 @@ class Verdict:
         """Advice on each shortfall: the finding, and what to try."""
         if self.made_from == "wrap" and self.reason != "as set" and not self.target_points:
             yield f"started from a wrap around the target: {self.reason}; --source target starts from the target itself"
+        if self.registered:
+            yield self.registered
         if self.supported is not None and self.supported < _ALL_BUT_NOTHING:
             share = f"{100 * (1 - self.supported):.2g} % of the surface"
             if self.filled:
@@ -173,9 +177,17 @@ def verdict_of(target: str, output: str, folder: "Path", record: "Result") -> Ve
         surface=_surface(record["settings"]),
         supported=record.get("supported"),
         filled=max(openings[0] - openings[1], 0),
+        registered=_registered(record),
     )
 
 
 def _surface(settings: "Result") -> str:
     surfaces = (settings.get(key, {}).get("surface", "all") for key in ("target", "measure"))
     return "outer" if "outer" in surfaces else "all"
+
+
+def _registered(record: "Result") -> str:
+    from meshfit.fitting.registration.plan import Registered
+
+    registered = Registered(**record["register"]) if "register" in record else None
+    return registered.line if registered is not None and not registered.is_set else ""

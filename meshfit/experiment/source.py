@@ -203,6 +203,11 @@ def _load(name: str, cleaning: CleaningOptions, *, polygons: bool) -> tuple[AnyM
     return mesh, VertexMap(np.arange(mesh.num_verts))
 
 
+def is_own_mesh(settings: SourceSettings) -> bool:
+    """Return whether the control mesh is one of the user's own, from a file, rather than made to start from."""
+    return settings.project == "none" and _control_mesh_path(settings.mesh) is not None
+
+
 def _control_mesh_path(name: str) -> Path | None:
     """The file of a control mesh; None for a built-in one."""
     if name in SOLIDS or name in (_SPHERE, *MADE_FROM_TARGET) or name.partition(":")[0] == "icosphere":

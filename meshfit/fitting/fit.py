@@ -47,6 +47,7 @@ from meshfit.mesh.normalisation import Frame, Normalisation, frame_of, placed
 from meshfit.mesh.outer_surface import outer_surface
 from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.polygons import PolygonMesh
+from meshfit.mesh.solids import SOLIDS
 from meshfit.printable import described, option_text, value_text
 from meshfit.settings import Settings, build, override
 from meshfit.specs import suggest
@@ -118,7 +119,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     noise: Literal["auto"] | float | None = None,
     robust: Literal["auto", "off"] | None = None,
     direction: Literal["both", "to-target", "to-source"] | None = None,
-    register: Literal["off", "rigid", "near-rigid"] | None = None,
+    register: Literal["off", "auto", "rigid", "near-rigid"] | None = None,
     landmarks: "tuple[ArrayLike, ArrayLike] | None" = None,
     # the computation
     device: str = "auto",
@@ -182,7 +183,8 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         noise: gauss-newton: standard deviation of the target's points across its surface, or `auto`.
         robust: gauss-newton: `auto` gives up outliers of clouds and of meshes with noise, `off` follows every point.
         direction: gauss-newton: pairs that pull: `both`, only those from the surface `to-target`, or only `to-source`.
-        register: gauss-newton: registration of a source whose vertices have a meaning: `rigid` or `near-rigid`.
+        register: gauss-newton: registration of a source whose vertices have a meaning: `rigid`, `near-rigid`, or `auto`
+            to have it chosen; see `FitResult.registered`.
         landmarks: for `register`, three or more points of the source whose places are known, and these places: (L,)
             vertices or (L, 3) positions of the source, and (L, 3) positions on the target, each in its own coordinates.
             Some may be wrong.
@@ -239,11 +241,14 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         goal = frame.normalise(outer_surface(outward(target_mesh)))
     _require_one_of("align", align, get_args(Placement))
     start = _placed_source(source, frame, goal, settings, scheme, align, surface)
+    own = not (isinstance(source, str) and (source in ("sphere", *ORIGINS) or source in SOLIDS))
     known = None if landmarks is None else _landmarks(landmarks, source, frame, settings)
     restored = _Restored(None if normalise == "none" else frame, on_snapshot)
     shown = shown_progress(settings, on_step, source_verts=start.num_verts, scheme=scheme)
     with shown if progress else nullcontext(on_step) as step_made:
-        problem = Problem(start, goal, seed, step_made, resume, save, scheme, restored.snapshot, landmarks=known)
+        problem = Problem(
+            start, goal, seed, step_made, resume, save, scheme, restored.snapshot, landmarks=known, own=own
+        )
         (outcome,) = fit_batch(
             [problem], settings, device=device, dtype=dtype, threads=threads, allow_commands=allow_commands
         )
@@ -330,7 +335,7 @@ def fit_batch(
 @no_type_check
 def _landmarks(given: tuple[ArrayLike, ArrayLike], source: MeshLike, frame: Frame, settings: FitSettings) -> Landmarks:
     """Return landmarks in the normalised frame."""
-    if not isinstance(settings, GaussNewtonSettings) or settings.register == "off":
+    if not isinstance(settings, GaussNewtonSettings) or settings.prior is None:
         raise ConfigError("landmarks: only a fit with register='rigid' or 'near-rigid' uses them")
     if not isinstance(given, tuple | list) or len(given) != 2:
         raise ConfigError("landmarks: expected two arrays, points of the source and positions on the target")
@@ -343,7 +348,7 @@ def _landmarks(given: tuple[ArrayLike, ArrayLike], source: MeshLike, frame: Fram
 
 
 def _engine_for(settings: FitSettings) -> Callable[..., Engine]:
-    if isinstance(settings, GaussNewtonSettings) and settings.register != "off":
+    if isinstance(settings, GaussNewtonSettings) and settings.prior is not None:
         return RegistrationEngine
     return ENGINES[settings.method]
 
@@ -423,7 +428,7 @@ def _placed_source(
     mesh = as_mesh(source, "source")
     _require_surface(as_mesh(mesh, "source", triangles=True), "source")
     mesh = mesh.with_verts((mesh.verts - frame.centre) / frame.scale)
-    registered = isinstance(settings, GaussNewtonSettings) and settings.register != "off"
+    registered = isinstance(settings, GaussNewtonSettings) and settings.prior is not None
     if how == "auto" and (registered or _has_same_place(mesh, goal)):
         return mesh
     if how == "auto":

@@ -58,4 +58,4 @@ class FitKeys(TypedDict, total=False):
     noise: Literal["auto"] | float | None
     robust: Literal["auto", "off"] | None
     direction: Literal["both", "to-target", "to-source"] | None
-    register: Literal["off", "rigid", "near-rigid"] | None
+    register: Literal["off", "auto", "rigid", "near-rigid"] | None

@@ -12,6 +12,7 @@ import torch
 from meshfit.fitting.callbacks import Interrupted, Step
 from meshfit.fitting.external.tools import ToolRun
 from meshfit.fitting.problem import COLUMNS, Checkpoint, Diverged, Problem, Trace
+from meshfit.fitting.registration.plan import Registered
 from meshfit.fitting.settings import FitSettings
 from meshfit.mesh.any_mesh import MeshLike
 from meshfit.mesh.attributes import NO_ATTRIBUTES, SUPPORTED
@@ -81,6 +82,10 @@ class Engine(ABC):
         """Return what the fit did not reach, in words, once it has ended."""
         return ()
 
+    def registered(self, _member: int) -> Registered | None:
+        """Return how the source was registered, once it has ended; None where registration is off."""
+        return None
+
     def control(self, _member: int) -> Mesh | PolygonMesh | None:
         """Return the current control mesh, if one is solved for."""
         return None
@@ -148,6 +153,7 @@ class FitResult:
         target: the target, in its own coordinates as the meshes above; None for a result of `fit_batch`.
         shortfalls: what the fit did not reach, in words; empty for most.
         tool: the run of the external tool that made the mesh, if one did; there is no trace then.
+        registered: how the source was registered; None where `register` is off.
 
     Example:
         >>> import meshfit
@@ -166,6 +172,7 @@ class FitResult:
     target: Mesh | PointCloud | None = None
     shortfalls: tuple[str, ...] = ()
     tool: ToolRun | None = None
+    registered: Registered | None = None
 
     def __repr__(self) -> str:
         """Return the mesh, the number of steps and the last value of the objective."""
@@ -247,7 +254,14 @@ def _result(engine: Engine, member: int) -> FitResult:
     trace, shortfalls = engine.traces[member], tuple(engine.shortfalls(member))
     control = engine.control_with_attributes(member)
     return FitResult(
-        mesh, trace, str(engine.device), control, polygons, shortfalls=shortfalls, tool=engine.tool(member)
+        mesh,
+        trace,
+        str(engine.device),
+        control,
+        polygons,
+        shortfalls=shortfalls,
+        tool=engine.tool(member),
+        registered=engine.registered(member),
     )
 
 

@@ -168,6 +168,8 @@ class Problem:
             checkpoint of the same step is saved.
         polygons: the polygons that the source was triangulated from, if any; schemes on polygons start from them.
         landmarks: points of the source whose places on the target are known, for `register`.
+        own: whether the source is a mesh of the user's own, whose vertices may have a meaning, not one that was made to
+            start from; `register: auto` registers no others.
 
     Example:
         >>> import meshfit
@@ -188,6 +190,7 @@ class Problem:
     on_snapshot: Callable[[int, Mesh | PolygonMesh], None] | None = None
     polygons: PolygonMesh | None = None
     landmarks: Landmarks | None = None
+    own: bool = True
 
     @no_type_check
     def __init__(  # noqa: PLR0913, PLR0917  one argument for each attribute
@@ -202,12 +205,13 @@ class Problem:
         on_snapshot: Callable[[int, Mesh | PolygonMesh], None] | None = None,
         polygons: PolygonMesh | None = None,
         landmarks: Landmarks | None = None,
+        own: bool = True,  # noqa: FBT001, FBT002  by name
     ) -> None:
         start = as_mesh(source, "source")
         polygons = start if isinstance(start, PolygonMesh) else polygons
         triangles = start.triangulated() if isinstance(start, PolygonMesh) else start
         goal = as_mesh_or_points(target)
-        values = (triangles, goal, seed, on_step, resume, save, scheme, on_snapshot, polygons, landmarks)
+        values = (triangles, goal, seed, on_step, resume, save, scheme, on_snapshot, polygons, landmarks, own)
         for attribute, value in zip(fields(self), values, strict=True):
             object.__setattr__(self, attribute.name, value)
 

@@ -41,6 +41,7 @@ def step_costs(
     """
     if not isinstance(settings, GaussNewtonSettings):
         return [1.0] * settings.steps
+    settings, attempt = _as_known(settings, attempt)
     per_level = growth(resolve(scheme), 1)
     rough = rough_verts(settings, source_verts, growth(resolve(scheme), settings.levels))
     verts = float(source_verts)
@@ -68,8 +69,15 @@ def step_costs(
     return costs
 
 
+def _as_known(settings: GaussNewtonSettings, attempt: int) -> tuple[GaussNewtonSettings, int]:
+    """Take a fit for a registration until its steps turn out to be others, which counts as a further search."""
+    if settings.register != "auto" or settings.prior is None:
+        return settings, attempt
+    return settings.model_copy(update={"register": "off" if attempt else settings.prior}), max(0, attempt - 1)
+
+
 def _registration_costs(settings: GaussNewtonSettings, verts: float) -> list[float]:
-    planned = [] if settings.register == "off" else planned_steps(settings.register)
+    planned = [] if settings.prior is None else planned_steps(settings.prior)
     return [_cost_of_step(verts) * step.cost for step in planned]
 
 

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, ConfigDict, Discriminator,
 
 from meshfit.errors import ConfigError
 from meshfit.fitting.external.tools import TOOLS, ToolName
-from meshfit.fitting.registration.plan import planned_steps
+from meshfit.fitting.registration.plan import Prior, Register, planned_steps
 from meshfit.printable import printable
 from meshfit.settings import DEFAULT_KIND, KIND_KEY, Settings, build
 from meshfit.specs import suggest
@@ -151,9 +151,10 @@ class GaussNewtonSettings(Settings):
     direction: Direction = "both"
     """Pairs of points that pull: `both`; `to-target`, from the surface to its nearest points on the target, for targets
     larger than the source; or `to-source`, from the target to the surface, for targets that show only a part."""
-    register: Literal["off", "rigid", "near-rigid"] = "off"
+    register: Register = "off"
     """Registration of the source, each of whose vertices has a meaning: `rigid` finds its pose, `near-rigid` also bends
-    it, so that vertices go where they belong; requires `connectivity: fixed`. Where sizes differ, so does its scale."""
+    it, so that vertices go where they belong; requires `connectivity: fixed`. Where sizes differ, so does its scale.
+    `auto` registers meshes from files: `rigid` if a pose is enough, `near-rigid` if not, and `off` if none serves."""
     trace_every: Every = 1
     """Number of steps (1 or more) from one row of `trace.csv` to the next; the first and last steps always have one."""
     snapshots: Every | None = None
@@ -163,15 +164,24 @@ class GaussNewtonSettings(Settings):
     @property
     def steps(self) -> int:
         """Total number of steps."""
-        if self.register != "off":
-            refined = self.levels * self.level_steps + (self.last_steps if self.levels else 0)
-            return len(planned_steps(self.register)) + refined
         levels = 2 if self.variables == "control" else self.levels + 1
-        return self.tries * self.coarse_steps + levels * self.level_steps + self.last_steps
+        unregistered = self.tries * self.coarse_steps + levels * self.level_steps + self.last_steps
+        if self.prior is None:
+            return unregistered
+        refined = self.levels * self.level_steps + (self.last_steps if self.levels else 0)
+        # Those of a fit that turns out not to be a registration are planned, too.
+        return len(planned_steps(self.prior)) + refined + (unregistered if self.register == "auto" else 0)
+
+    @property
+    def prior(self) -> Prior | None:
+        """How much a registration may change the source; None where there is none."""
+        if self.register != "auto":
+            return None if self.register == "off" else self.register
+        return "near-rigid" if self.connectivity == "fixed" and self.variables == "verts" else None
 
     @model_validator(mode="after")
     def _registered_source_keeps_its_faces(self) -> "GaussNewtonSettings":
-        if self.register != "off" and (self.connectivity != "fixed" or self.variables != "verts"):
+        if self.register not in ("off", "auto") and (self.connectivity != "fixed" or self.variables != "verts"):
             raise ValueError("register: requires connectivity: fixed and variables: verts, so that vertices stay")
         return self
 

@@ -119,12 +119,14 @@ def test_a_template_is_registered_whatever_its_unit():
     scan = decimate(load_target("mousehead"), 1200)
     save_mesh(scan, "scan.ply")
     save_mesh(scan.with_verts(1000 * scan.verts[:, [1, 2, 0]] + 5000), "template.ply")
-    ran = invoke("fit", "scan.ply", "-o", "a.ply", "--source", "template.ply", "--register", "rigid")
+    ran = invoke("fit", "scan.ply", "-o", "a.ply", "--source", "template.ply", "--connectivity", "fixed")
     assert ran.code == 0, ran.err
     assert "warning" not in ran.err
+    assert "registration: rigid, as its pose brings it within" in ran.out
     worst = np.abs(load_mesh("a.ply").verts - scan.verts).max()
     assert worst < 0.01 * np.ptp(scan.verts, axis=0).max()
     assert "--source FILE" in refused("fit", "scan.ply", "-o", "b.ply", "--register", "rigid")
+    assert "--source template.ply" in refused("fit", "template.ply", "scan.ply", "-o", "b.ply")
 
 
 def test_what_cannot_be_written_is_refused_before_the_fit():

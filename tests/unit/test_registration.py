@@ -206,6 +206,46 @@ def test_a_registration_continues_from_a_checkpoint_to_the_same_bytes(registered
     assert again.trace.rows == result.trace.rows
 
 
+@pytest.fixture(scope="module")
+def short():
+    keys = {"connectivity": "fixed", "levels": 1, "tries": 1, "coarse_steps": 3, "level_steps": 2, "last_steps": 2}
+    return meshfit.GaussNewtonSettings(register="auto", **keys)
+
+
+def test_auto_finds_that_a_pose_is_enough_and_leaves_out_the_rest(animal, short):
+    moved = animal.with_verts(40 * animal.verts @ TURN + [1, 2, 3])
+    done = []
+    result = meshfit.fit(moved, animal, short, scheme="midpoint", device="cpu", on_step=done.append)
+    assert result.registered.register == "rigid"
+    assert root_mean_square(result.mesh.verts[: animal.num_verts] - animal.verts) < 0.01
+    assert [step.done for step in done[:-1]] == [1, 2, 3, 4, 5]  # one for the pose, then the level
+    assert done[-1].done == done[-1].steps == len(result.trace.rows) == 5
+
+
+def test_auto_registers_nothing_that_was_made_to_start_from(animal, short):
+    off = short.model_copy(update={"register": "off"})
+    one, other = (meshfit.fit("icosahedron", animal, settings, device="cpu") for settings in (short, off))
+    assert one.registered.register == "off"
+    assert one.mesh.verts.tobytes() == other.mesh.verts.tobytes()
+    assert [row[1:] for row in one.trace.rows] == [row[1:] for row in other.trace.rows]
+
+
+def test_auto_fits_another_shape_without_a_registration_and_continues_from_a_checkpoint(animal, short):
+    ball, checkpoints = meshfit.icosphere(2), []
+
+    def interrupt(step):
+        if step.done == 3:
+            raise meshfit.Interrupted
+
+    with pytest.raises(meshfit.Interrupted):
+        meshfit.fit(ball, animal, short, device="cpu", on_step=interrupt, save=checkpoints.append)
+    again = meshfit.fit(ball, animal, short, device="cpu", resume=checkpoints[-1])
+    result = meshfit.fit(ball, animal, short, device="cpu")
+    assert result.registered.register == "off"
+    assert "another shape" in result.registered.reason
+    assert again.mesh.verts.tobytes() == result.mesh.verts.tobytes()
+
+
 def test_levels_after_registration_keep_vertices_in_place(registered):
     source, target, settings, _ = registered
     finer = settings.model_copy(update={"levels": 1, "register": "rigid", "level_steps": 2, "last_steps": 1})

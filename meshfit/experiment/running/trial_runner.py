@@ -15,7 +15,14 @@ from meshfit.config.experiment import TargetSettings
 from meshfit.config.strict_yaml import dump
 from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.experiment.plan import Trial, command_files
-from meshfit.experiment.source import build_source, describe_source, made_from_target, relocated, source_files
+from meshfit.experiment.source import (
+    build_source,
+    describe_source,
+    is_own_mesh,
+    made_from_target,
+    relocated,
+    source_files,
+)
 from meshfit.experiment.storage.attributes import attributes_file, encode_attributes
 from meshfit.experiment.storage.checkpoint import (
     keep_snapshots,
@@ -147,6 +154,7 @@ class TrialRunner:
             on_snapshot=lambda step, mesh: write_snapshot(self.trial, self.store, step, self._encoded(mesh)),
             save=self._save_checkpoint,
             polygons=polygons,
+            own=is_own_mesh(source_settings),
         )
 
     def finish(self, fitted: FitResult) -> None:
@@ -162,6 +170,8 @@ class TrialRunner:
             self._write_mesh("control.ply", fitted.control)
         if fitted.tool is None:
             self._write_trace(fitted.trace)
+        if fitted.registered is not None:
+            self._log.note(fitted.registered.line)
         self._report(TrialStatus.MEASURING)
         start = time.perf_counter()
         filled = self._source if self.trial.settings.source.mesh == "closed" else None
@@ -360,7 +370,7 @@ def _warn_of_differences(
     if not fills and of_source != of_target and (tool is not None or not isinstance(fit, ExternalSettings)):
         text = f"source and target differ in topology ({of_source}; {of_target}); the fit keeps that of the source"
         warnings.warn(text, MeshfitWarning, stacklevel=2)
-    if isinstance(fit, GaussNewtonSettings) and fit.register != "off":
+    if isinstance(fit, GaussNewtonSettings) and fit.prior is not None:
         return  # its place and its size are found
     if boxes_are_disjoint(source, target):
         text = "the bounding boxes of source and target do not overlap; set source.align or source.centre"

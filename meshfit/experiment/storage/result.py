@@ -5,6 +5,7 @@ import platform
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from dataclasses import asdict
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -29,6 +30,7 @@ def result_record(trial: "Trial", frame: Result, fitted: "FitResult", measured: 
 
     last = fitted.trace.rows[-1] if fitted.trace.rows else ()
     tool = {} if fitted.tool is None else {"tool": fitted.tool.to_dict()}
+    registered = {} if fitted.registered is None else {"register": asdict(fitted.registered)}
     supported = {} if fitted.supported is None else {"supported": fitted.supported}
     return {
         "schema_version": RESULTS_VERSION,
@@ -39,6 +41,7 @@ def result_record(trial: "Trial", frame: Result, fitted: "FitResult", measured: 
         "fit": {"steps": trial.settings.fit.steps, "device": fitted.device, "final_loss": last[1] if last else None},
         **tool,
         **supported,
+        **registered,
         "frame": frame,
         "inputs": dict(trial.inputs),
         "settings": trial.plain_settings,

@@ -156,7 +156,7 @@ class GaussNewton(Engine):
             self._start(problem, near=near) for problem, (near, _) in zip(problems, self._near, strict=True)
         ]
         self._restarts = [
-            Restarts.unneeded(distance) if near else _restarts_for(state, settings, distance)
+            Restarts.unneeded(distance) if near else restarts_for(state, settings, distance)
             for (near, distance), state in zip(self._near, self._states, strict=True)
         ]
         self._shortfalls = [outliers_left_out(target) for target in self._targets]
@@ -168,7 +168,7 @@ class GaussNewton(Engine):
         A search for the rough shape counts from its first step on; a source that is near to the target needs none.
         """
         plan, restarts, made = self._plans[False], self._restarts[member], self._made[member]
-        left = [stage for stage, _ in plan[self.done :]]
+        left = [stage for stage, _ in plan[self.done :] if self._applies(member, stage)]
         ended = plan[self.done - 1][0] if self.done and restarts.still else None
 
         def is_coming(stage: Stage) -> bool:
@@ -177,6 +177,10 @@ class GaussNewton(Engine):
             return stage.attempt == left[0].attempt and not restarts.settled and not restarts.still
 
         return made, made + sum(map(is_coming, left))
+
+    def _applies(self, _member: int, _stage: Stage) -> bool:
+        """Return whether a stage is one of those of a fit, as far as is known."""
+        return True
 
     @property
     def stage(self) -> str:
@@ -394,7 +398,9 @@ class GaussNewton(Engine):
         self, member: int, distance: float, matched: float, fairness: float, point_weight: float, held: int
     ) -> None:
         """Add the row of a step, if it is one that is traced."""
-        if self.done % self.settings.trace_every == 0 or self.done == self.steps - 1:
+        left = self._plans[False][self.done + 1 :]
+        is_last = not any(self._applies(member, stage) for stage, _ in left)
+        if self.done % self.settings.trace_every == 0 or is_last:
             verts = self._states[member].shape.connectivity.num_verts
             self.traces[member].rows.append((self.done, distance, verts, matched, fairness, point_weight, held))
             self.traces[member].seconds.append(self.seconds(member))
@@ -437,7 +443,7 @@ def outliers_left_out(target: TargetCloud) -> list[str]:
     return [f"{share}; fit.robust: off follows them"]
 
 
-def _restarts_for(state: FitState, settings: GaussNewtonSettings, distance: float) -> Restarts:
+def restarts_for(state: FitState, settings: GaussNewtonSettings, distance: float) -> Restarts:
     """Return the searches for a rough shape from a source that is far from the target."""
     if not _is_hopeless(state, settings):
         return Restarts()

@@ -62,6 +62,7 @@ class Stage:
             shape, once all of it is matched.
         refined: for `remesh`, number of subdivision levels by which the number of vertices grows beyond `share`.
         robust: number of robust standard deviations beyond which residuals of noisy targets count little; None for all.
+        registered: whether it is part of a registration.
     """
 
     name: str
@@ -73,12 +74,13 @@ class Stage:
     settles: bool = False
     refined: int = 0
     robust: float | None = None
+    registered: bool = False
 
 
 def fairness_of(settings: GaussNewtonSettings, *, near: bool) -> LevelFairness:
     """Return the weights of smoothness: those that are set, else the defaults for a far or a near source."""
     given = (settings.start_fairness, settings.fairness, settings.last_fairness)
-    usual = _REGISTERED if settings.register != "off" else _NEAR if near else _FAR
+    usual = _REGISTERED if settings.prior is not None else _NEAR if near else _FAR
     return LevelFairness(*(default if value is None else value for value, default in zip(given, usual, strict=True)))
 
 
@@ -89,8 +91,11 @@ def schedule(settings: GaussNewtonSettings, *, near: bool = False) -> list[Stage
         settings: of the fit.
         near: whether the source is near to the target; the search for the rough shape is skipped then, but counted.
     """
-    if settings.register != "off":
-        return _registration(settings, settings.register)
+    if settings.prior is not None:
+        stages = _registration(settings, settings.prior)
+        if settings.register == "auto":  # it may turn out that there is nothing to register
+            stages += schedule(settings.model_copy(update={"register": "off"}), near=near)
+        return stages
     fairness = fairness_of(settings, near=near)
     stages = [stage for attempt in range(settings.tries) for stage in _coarse(settings, attempt)]
     remeshed = settings.connectivity == "remeshed"
@@ -129,13 +134,14 @@ def _registration(settings: GaussNewtonSettings, prior: Prior) -> list[Stage]:
     fairness = fairness_of(settings, near=True)
     groups = groupby(planned_steps(prior), lambda planned: planned.stage)
     stages = [
-        Stage(name, "register", 1.0, sized=False, weights=((0.0, 0.0),) * len(list(group))) for name, group in groups
+        Stage(name, "register", 1.0, sized=False, weights=((0.0, 0.0),) * len(list(group)), registered=True)
+        for name, group in groups
     ]
     weights = _weights((fairness.start, _LEVEL_FACTOR, fairness.level), _LAST_POINT, settings.level_steps)
     last = _weights((fairness.level, _LEVEL_FACTOR, fairness.last), _LAST_POINT, settings.last_steps)
     for level in range(1, settings.levels + 1):
         steps = weights + last if level == settings.levels else weights
-        stages.append(Stage(f"level {level}", "refine", 1.0, sized=False, weights=steps))
+        stages.append(Stage(f"level {level}", "refine", 1.0, sized=False, weights=steps, registered=True))
     return stages
 
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Prior = Literal["rigid", "near-rigid"]
+Register = Literal["off", "auto", "rigid", "near-rigid"]
 Kind = Literal["pose", "graph", "unfold", "vertices"]
 Range = tuple[float, float]
 
@@ -35,13 +36,40 @@ class Level:
 
 LEVELS = (
     Level(60, 40, 5000, 800, (0.3, 0.06), (3.0, 0.02), (0.5, 0.05), 0.25),
-    Level(150, 12, 10_000, 1500, (0.08, 0.03), (0.5, 0.1), (0.02, 0.01), 0.08),
-    Level(500, 10, 20_000, 3000, (0.03, 0.012), (0.05, 0.02), (0.01, 0.01), 0.05),
+    Level(150, 12, 10_000, 1500, (0.08, 0.03), (0.05, 0.03), (0.2, 0.05), 0.08),
+    Level(500, 10, 20_000, 3000, (0.03, 0.012), (0.05, 0.02), (0.05, 0.02), 0.05),
 )
 """From coarse to fine; found on pairs of figures and animals with known correspondence."""
 
 VERTEX_STEPS = 8
 """Number of steps of all vertices."""
+
+
+AS_SET = "as set"
+"""Why a source was registered as it was, without `auto`."""
+
+
+@dataclass(frozen=True)
+class Registered:
+    """How the source of a fit was registered, and why.
+
+    Attributes:
+        register: `rigid`, `near-rigid`, or `off` where `auto` found nothing to register.
+        reason: in words; `as set` without `auto`.
+    """
+
+    register: Register
+    reason: str
+
+    @property
+    def is_set(self) -> bool:
+        """Whether the settings say so."""
+        return self.reason == AS_SET
+
+    @property
+    def line(self) -> str:
+        """One line for logs."""
+        return f"registration: {self.register}, {self.reason}"
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """Registration of a template in steps: poses, deformation graphs from coarse to fine, unfolding, and all vertices."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +12,7 @@ from meshfit.fitting.registration.graph_fit import GraphFit
 from meshfit.fitting.registration.landmarks import Landmarks
 from meshfit.fitting.registration.oriented_points import OrientedPoints
 from meshfit.fitting.registration.pairs import Matching, Pairs, find_pairs
-from meshfit.fitting.registration.plan import LEVELS, Level, PlannedStep, Prior
+from meshfit.fitting.registration.plan import AS_SET, LEVELS, Level, PlannedStep, Prior, Register, Registered
 from meshfit.fitting.registration.poses import Pose, candidate_poses
 from meshfit.fitting.registration.template import Template
 from meshfit.fitting.registration.unfolding import Unfolding
@@ -26,6 +27,8 @@ _POSES = 3
 _REMOTENESS = (0.5, 0.0)
 # The start as given is taken, without a look at others, if it is judged better than this.
 _GOOD = 0.025
+# Of `auto`: the gap at which a pose is enough, the share of points within it, and the value at which nothing serves.
+_POSE_IS_ENOUGH, _NEARLY_ALL, _NOTHING_SERVES = 0.002, 0.95, 0.08
 # Points of each side by which a start is judged, the largest distance that counts, normals, and the weight of stretch.
 _SAMPLES, _CAP, _NORMALS, _STRETCH = 1500, 0.1, 0.1, 2.0
 
@@ -42,6 +45,8 @@ class RegistrationTask:
         similarity: whether its size is to be found, too.
         landmarks: points whose places are known.
         seed: of the samples.
+        choice: `auto` to find out whether a pose is enough, or nothing serves; `off` for what is not to be registered;
+            None for neither.
     """
 
     source: Mesh
@@ -51,6 +56,7 @@ class RegistrationTask:
     similarity: bool = False
     landmarks: Landmarks | None = None
     seed: int = 0
+    choice: Register | None = None
 
     @property
     def diagonal(self) -> float:
@@ -68,11 +74,15 @@ class Registration:
         distance: root mean square distance of the pairs of the last step.
         matched: share of the pairs of the last step that counted.
         crossing: number of pairs of faces that cross and did not at rest, after `unfold`.
+        registered: the prior, and why; of `auto`, once the pose has been found.
     """
 
     def __init__(self, task: RegistrationTask) -> None:
         self.task, self.verts, self.pose = task, task.source.verts, Pose.identity()
         self.distance, self.matched, self.crossing = float("inf"), 0.0, 0
+        self.registered = Registered(task.prior, AS_SET)
+        if task.choice == "off":
+            self.registered = Registered("off", "as the source was made to start from")
         self._start = self.verts
         self._level = -1
         self._graph: DeformationGraph | None = None
@@ -114,13 +124,15 @@ class Registration:
             arrays |= {"rotations": graph.rotations, "translations": graph.translations}
         numbers = {"scale": self.pose.scale, "level": self._level, "crossing": self.crossing}
         numbers |= {"distance": self.distance, "matched": self.matched}
-        return {key: torch.tensor(array) for key, array in arrays.items()} | numbers
+        words = {"register": self.registered.register, "reason": self.registered.reason}
+        return {key: torch.tensor(array) for key, array in arrays.items()} | numbers | words
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Continue from what `saved` returned for the same task."""
         self.pose = Pose(saved["turn"].numpy(), saved["move"].numpy(), saved["scale"])
         self.verts, self._start, self._level = saved["verts"].numpy(), saved["start"].numpy(), saved["level"]
         self.distance, self.matched, self.crossing = saved["distance"], saved["matched"], saved["crossing"]
+        self.registered = Registered(saved["register"], saved["reason"])
         if self._level >= 0:
             graph = DeformationGraph.of(self.template, LEVELS[self._level].nodes)
             self._graph = graph.placed(saved["rotations"].numpy(), saved["translations"].numpy())
@@ -128,16 +140,52 @@ class Registration:
     def _find_pose(self) -> None:
         task = self.task
         if task.prior == "rigid":
-            self.pose = min(self._poses(), key=lambda pose: pose.score)
-            self.verts = self.template.mesh.verts
-            everything = np.arange(len(self.verts)), np.arange(len(task.target))
-            matching = Matching(_CAP * task.diagonal, _NORMALS * task.diagonal, task.direction)
-            pairs = find_pairs(self.template.points_at(self.verts), task.target, *everything, matching)
-            self.distance, self.matched = pairs.distance, pairs.matched
+            self._place(min(self._poses(), key=lambda pose: pose.score))
             return
-        best = np.inf
+        poses = self._poses()
+        if task.choice == "auto":
+            gap, pose = min(((self._gap(pose), pose) for pose in poses), key=lambda pair: pair[0])
+            if gap < _POSE_IS_ENOUGH:
+                self._place(pose)
+                self.registered = Registered("rigid", f"as its pose brings it within {100 * gap:.2g} % of the diagonal")
+                return
+        best = self._bend(poses)
+        if task.choice == "auto":
+            text = f"as it bends to within {100 * best:.2g} % of the diagonal"
+            self.registered = Registered("near-rigid", text)
+            if best > _NOTHING_SERVES:
+                text = f"as bent from no pose it is nearer than {100 * best:.2g} % of the diagonal: another shape"
+                self.registered = Registered("off", text)
+
+    def _place(self, pose: Pose) -> None:
+        """Register by a pose alone."""
+        task, self.pose = self.task, pose
+        self.verts = self.template.mesh.verts
+        everything = np.arange(len(self.verts)), np.arange(len(task.target))
+        matching = Matching(_CAP * task.diagonal, _NORMALS * task.diagonal, task.direction)
+        pairs = find_pairs(self.template.points_at(self.verts), task.target, *everything, matching)
+        self.distance, self.matched = pairs.distance, pairs.matched
+
+    def _gap(self, pose: Pose) -> float:
+        """Return a distance that nearly all points of both sides are within, across the surface, as a share."""
+        task = self.task
+        moved = self._at_rest.posed(pose.applied(task.source.verts))
+        own = moved.points_at(moved.mesh.verts)
+        lengths = list[np.ndarray]()
+        for one, other, direction in ((own, task.target, "to-source"), (task.target, own, "to-target")):
+            if task.direction == direction:
+                continue
+            some = one.thinned(_SAMPLES)
+            _, hit = other.nearest(some, _NORMALS * task.diagonal)
+            away = np.abs(((some.points - other.points[hit]) * other.normals[hit]).sum(axis=1))
+            lengths.append(np.where(other.rim[hit], 0.0, away))
+        return float(max(np.quantile(length, _NEARLY_ALL) for length in lengths)) / task.diagonal
+
+    def _bend(self, poses: Sequence[Pose]) -> float:
+        """Fit the coarsest graph from some poses, keep the best, and return how it was judged."""
+        task, best = self.task, np.inf
         coarsest = DeformationGraph.of(self._at_rest, LEVELS[0].nodes)
-        for number, pose in enumerate(self._poses()):
+        for number, pose in enumerate(poses):
             template = self._at_rest.posed(pose.applied(task.source.verts))
             first = coarsest.posed(template.mesh.verts)
             for remoteness in _REMOTENESS:
@@ -151,7 +199,8 @@ class Registration:
                     self._graph, self.verts, self._level = graph, graph.positions(), 0
                     self.distance, self.matched = pairs.distance, pairs.matched
                 if number == 0 and best < _GOOD:
-                    return
+                    return best
+        return best
 
     def _poses(self) -> list[Pose]:
         task = self.task
