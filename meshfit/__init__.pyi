@@ -25,7 +25,9 @@ from .mesh.io.files import load_mesh as load_mesh
 from .mesh.io.files import load_polygons as load_polygons
 from .mesh.io.files import save_curves as save_curves
 from .mesh.io.files import save_mesh as save_mesh
+from .mesh.io.landmark_files import load_landmarks as load_landmarks
 from .mesh.io.point_clouds import load_point_cloud as load_point_cloud
+from .mesh.landmarks import Landmarks as Landmarks
 from .mesh.mesh import Mesh as Mesh
 from .mesh.normalisation import Frame as Frame
 from .mesh.normalisation import frame_of as frame_of

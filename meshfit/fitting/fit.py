@@ -1,14 +1,15 @@
 """Fit sources to targets: one problem, or many in batches that fit in memory."""
 
+import os
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Literal, TypeVar, Unpack, get_args
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike
 
 from meshfit.doors import no_type_check
 from meshfit.errors import ConfigError, DeviceError, MeshError, MeshfitWarning
@@ -23,7 +24,6 @@ from meshfit.fitting.nearest_neighbours import search_threads
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem
 from meshfit.fitting.progress import shown_progress
 from meshfit.fitting.registration.engine import RegistrationEngine
-from meshfit.fitting.registration.landmarks import Landmarks
 from meshfit.fitting.settings import (
     METHODS,
     Dtype,
@@ -42,12 +42,16 @@ from meshfit.mesh.cleaning import outward
 from meshfit.mesh.cleaning_options import Surface
 from meshfit.mesh.control_mesh import ORIGINS, USUAL_VERTS, Origin, control_mesh_of
 from meshfit.mesh.geometry import bounding_box_diagonal, face_areas
+from meshfit.mesh.io.landmark_files import load_landmarks
+from meshfit.mesh.landmarks import Landmarks, PlacedLandmarks
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.normalisation import Frame, Normalisation, frame_of, placed
 from meshfit.mesh.outer_surface import outer_surface
+from meshfit.mesh.places import Numbering
 from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.solids import SOLIDS
+from meshfit.mesh.targets import load_target_with_vertex_map
 from meshfit.printable import described, option_text, value_text
 from meshfit.settings import Settings, build, override
 from meshfit.specs import suggest
@@ -120,7 +124,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     robust: Literal["auto", "off"] | None = None,
     direction: Literal["both", "to-target", "to-source"] | None = None,
     register: Literal["off", "auto", "rigid", "near-rigid"] | None = None,
-    landmarks: "tuple[ArrayLike, ArrayLike] | None" = None,
+    landmarks: "Landmarks | str | Path | None" = None,
     # the computation
     device: str = "auto",
     dtype: Literal["float32", "float64"] = "float32",
@@ -185,9 +189,8 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         direction: gauss-newton: pairs that pull: `both`, only those from the surface `to-target`, or only `to-source`.
         register: gauss-newton: registration of a source whose vertices have a meaning: `rigid`, `near-rigid`, or `auto`
             to have it chosen; see `FitResult.registered`.
-        landmarks: for `register`, three or more points of the source whose places are known, and these places: (L,)
-            vertices or (L, 3) positions of the source, and (L, 3) positions on the target, each in its own coordinates.
-            Some may be wrong.
+        landmarks: for `register`, three or more places on the source and where they belong on the target, or the path
+            of a file of such pairs; `load_landmarks` joins two files, `Landmarks.of` takes arrays. Some may be wrong.
         device: `auto`, `cpu`, `cuda`, `cuda:N` or `mps`.
         dtype: precision of the computation; meshes are float64 in any case.
         threads: number of threads of the nearest-neighbour search on the CPU, of which each problem uses two; the rest
@@ -242,7 +245,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     _require_one_of("align", align, get_args(Placement))
     start = _placed_source(source, frame, goal, settings, scheme, align, surface)
     own = not (isinstance(source, str) and (source in ("sphere", *ORIGINS) or source in SOLIDS))
-    known = None if landmarks is None else _landmarks(landmarks, source, frame, settings)
+    known = None if landmarks is None else _landmarks(landmarks, source, target, target_mesh, frame, settings)
     restored = _Restored(None if normalise == "none" else frame, on_snapshot)
     shown = shown_progress(settings, on_step, source_verts=start.num_verts, scheme=scheme)
     with shown if progress else nullcontext(on_step) as step_made:
@@ -260,7 +263,11 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     mesh = restored.mesh(outcome.mesh)
     for text in outcome.shortfalls:
         warnings.warn(text, MeshfitWarning, stacklevel=2)
-    return replace(outcome, mesh=mesh, control=control, polygons=polygons, frame=frame, target=target_mesh)
+    found = outcome.landmarks
+    if found is not None and normalise != "none":
+        found = replace(found, goals=found.goals * frame.scale + frame.centre)
+    in_place = replace(outcome, mesh=mesh, control=control, polygons=polygons, landmarks=found)
+    return replace(in_place, frame=frame, target=target_mesh)
 
 
 @no_type_check
@@ -333,18 +340,40 @@ def fit_batch(
 
 
 @no_type_check
-def _landmarks(given: tuple[ArrayLike, ArrayLike], source: MeshLike, frame: Frame, settings: FitSettings) -> Landmarks:
-    """Return landmarks in the normalised frame."""
-    if not isinstance(settings, GaussNewtonSettings) or settings.prior is None:
+def _landmarks(
+    given: "Landmarks | str | Path",
+    source: MeshLike,
+    target: "MeshLike | PointCloud",
+    target_mesh: Mesh | PointCloud,
+    frame: Frame,
+    settings: FitSettings,
+) -> PlacedLandmarks:
+    """Return landmarks on the source, with their goals in the normalised frame."""
+    if isinstance(given, str | Path):
+        given = load_landmarks(given)
+    if not isinstance(given, Landmarks):
+        remedy = "Landmarks.of(places, goals), or the path of a file"
+        raise ConfigError(f"landmarks: expected Landmarks, got {described(given)}; give {remedy}")
+    if isinstance(source, str) and source in (*ORIGINS, "sphere"):
+        raise ConfigError(f"landmarks: the source '{source}' has no places of its own; give a mesh")
+    if any(given.used) and not (isinstance(settings, GaussNewtonSettings) and settings.prior is not None):
         raise ConfigError("landmarks: only a fit with register='rigid' or 'near-rigid' uses them")
-    if not isinstance(given, tuple | list) or len(given) != 2:
-        raise ConfigError("landmarks: expected two arrays, points of the source and positions on the target")
-    try:
-        places, goals = (np.asarray(side, dtype=np.float64) for side in given)
-    except (TypeError, ValueError) as error:
-        raise ConfigError("landmarks: expected two arrays of numbers") from error
-    landmarks = Landmarks.of(as_mesh(source, "source", triangles=True), places, goals)
-    return replace(landmarks, goals=(landmarks.goals - frame.centre) / frame.scale)
+    goals = given.goal_positions(target_mesh, _numbering(target, target_mesh))
+    mesh = as_mesh(source, "source", triangles=True)
+    placed_landmarks = given.placed(mesh, _numbering(source, mesh), goals)
+    if any(given.used):
+        placed_landmarks.require_enough()
+    return placed_landmarks.in_frame(frame.centre, frame.scale)
+
+
+def _numbering(thing: Any, mesh: Mesh | PointCloud) -> Numbering:  # noqa: ANN401  anything that `fit` takes
+    """Return what numbers of vertices and faces refer to: a file, or the mesh itself."""
+    if isinstance(thing, str | os.PathLike) and os.fspath(thing) not in SOLIDS:
+        name = os.fspath(thing)
+        if isinstance(mesh, PointCloud):
+            return Numbering.of_file(name)
+        return Numbering.of_file(name, load_target_with_vertex_map(name, polygons=True, attributes=False)[1])
+    return Numbering.of(mesh if isinstance(mesh, PointCloud) else as_mesh(thing))
 
 
 def _engine_for(settings: FitSettings) -> Callable[..., Engine]:

@@ -7,6 +7,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import numpy as np
 import torch
 
 from meshfit.fitting.callbacks import Interrupted, Step
@@ -17,6 +18,7 @@ from meshfit.fitting.settings import FitSettings
 from meshfit.mesh.any_mesh import MeshLike
 from meshfit.mesh.attributes import NO_ATTRIBUTES, SUPPORTED
 from meshfit.mesh.geometry import face_areas
+from meshfit.mesh.landmarks import PlacedLandmarks
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.normalisation import IDENTITY, Frame
 from meshfit.mesh.point_cloud import PointCloud
@@ -94,6 +96,12 @@ class Engine(ABC):
         """Return the run of an external tool, if one made the surface."""
         return None
 
+    def landmarks(self, member: int, mesh: Mesh) -> PlacedLandmarks | None:
+        """Return the landmarks of the source on the surface at the end, if it has the same faces."""
+        source = self.problems[member].source
+        same = mesh.num_verts == source.num_verts and np.array_equal(mesh.faces, source.faces)
+        return self.problems[member].landmarks if same else None
+
     def seconds(self, member: int) -> float:
         """Return the seconds that a fit has taken: its share of those of the batch, in all attempts."""
         return self._before[member] + (time.perf_counter() - self._since) / len(self.problems)
@@ -154,6 +162,8 @@ class FitResult:
         shortfalls: what the fit did not reach, in words; empty for most.
         tool: the run of the external tool that made the mesh, if one did; there is no trace then.
         registered: how the source was registered; None where `register` is off.
+        landmarks: the landmarks of the source on `mesh`, with their goals in the same coordinates, held out ones too;
+            None without landmarks, or if the faces are not those of the source.
 
     Example:
         >>> import meshfit
@@ -173,6 +183,7 @@ class FitResult:
     shortfalls: tuple[str, ...] = ()
     tool: ToolRun | None = None
     registered: Registered | None = None
+    landmarks: PlacedLandmarks | None = None
 
     def __repr__(self) -> str:
         """Return the mesh, the number of steps and the last value of the objective."""
@@ -262,6 +273,7 @@ def _result(engine: Engine, member: int) -> FitResult:
         shortfalls=shortfalls,
         tool=engine.tool(member),
         registered=engine.registered(member),
+        landmarks=engine.landmarks(member, mesh),
     )
 
 

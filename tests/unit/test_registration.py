@@ -263,30 +263,50 @@ def test_landmarks_lead_where_a_pose_cannot_be_seen():
     settings = meshfit.GaussNewtonSettings(connectivity="fixed", levels=0, register="near-rigid")
     some = np.arange(0, ball.num_verts, 40)
     wrong = turned.verts[some].copy()
-    wrong[1] = turned.verts[some[1]] @ -np.eye(3)
+    wrong[1] = [2, 0, 0] - wrong[1]  # on the other side
     for places in (some, ball.verts[some]):
-        result = meshfit.fit(ball, turned, settings, landmarks=(places, wrong), device="cpu")
+        result = meshfit.fit(ball, turned, settings, landmarks=meshfit.Landmarks.of(places, wrong), device="cpu")
         assert root_mean_square(result.mesh.verts - turned.verts) < 0.1
         assert result.shortfalls == ()
 
 
-def test_landmarks_that_cannot_be_used_are_refused():
+def test_landmarks_that_cannot_be_used_are_refused(tmp_path):
     settings = meshfit.GaussNewtonSettings(connectivity="fixed", levels=0, register="rigid")
-    goals = np.eye(3)
+    of, goals = meshfit.Landmarks.of, meshfit.as_mesh("cube").verts[:3]
+    missing = str(tmp_path / "missing.csv")
+    for places, ends, words in (
+        ([0, 1], goals[:2], "expected 3 or more, got 2"),
+        ([0, 1, 99], goals, "landmark '3': no vertex 99; the source has 8"),
+        ([0, 1, 1.5], goals, "places: expected numbers of vertices, got 1.5"),
+        ([0, 1, 2, 3], goals, "as many places as goals, got 4 and 3"),
+        ([0, 1, 2], goals[:, :2], r"goals: .* got shape \(3, 2\)"),
+        ([0, 1, 2], goals * np.nan, "goals: expected finite numbers"),
+        ("abc", goals, "places: expected vertices or rows of three"),
+    ):
+        with pytest.raises(MeshfitError, match=words):
+            meshfit.fit("cube", "cube", settings, landmarks=of(places, ends))
+    known = of([0, 1, 2, 3], [0, 1, 2, 3])
     for given, words in (
-        (([0, 1], goals[:2]), "expected 3 or more, got 2"),
-        (([0, 1, 99], goals), "landmark 2: no vertex 99"),
-        (([0, 1, 1.5], goals), "landmark 2: no vertex 1.5"),
-        (([0, 1, 2, 3], goals), r"got shape \(4,\)"),
-        (([0, 1, 2], goals[:, :2]), "rows of three"),
-        (([0, 1, 2], goals * np.nan), "finite"),
-        (("abc", goals), "arrays of numbers"),
-        ((goals,), "two arrays"),
+        ((known, goals), "expected Landmarks, got a tuple"),
+        (known.held_out(["2", "3"]), r"expected 3 or more, got 2 \(2 held out\)"),
+        (missing, "no such file"),
     ):
         with pytest.raises(MeshfitError, match=words):
             meshfit.fit("cube", "cube", settings, landmarks=given)
+    with pytest.raises(ConfigError, match="the source 'target' has no places of its own"):
+        meshfit.fit("target", "cube", settings, landmarks=known)
     with pytest.raises(ConfigError, match="only a fit with register"):
-        meshfit.fit("cube", "cube", landmarks=([0, 1, 2], goals))
+        meshfit.fit("cube", "cube", landmarks=known)
+
+
+def test_landmarks_that_are_held_out_are_measured_alone():
+    ball = meshfit.icosphere(1)
+    turned = ball.with_verts(2 * ball.verts + [1, 0, 0])
+    known = meshfit.Landmarks.of(np.arange(9), turned.verts[:9])
+    result = meshfit.fit(ball, turned, steps=2, samples=50, landmarks=known.held_out(1.0), device="cpu")
+    assert np.allclose(result.landmarks.goals, turned.verts[:9])
+    expected = np.linalg.norm(result.mesh.verts[:9] - turned.verts[:9], axis=1)
+    assert np.allclose(result.landmarks.errors(result.mesh.verts), expected)
 
 
 def test_only_sources_that_keep_their_faces_are_registered():

@@ -123,10 +123,10 @@ class RegistrationEngine(GaussNewton):
         assert self.settings.prior is not None  # noqa: S101  another engine has those
         spreads = [float(np.linalg.norm(points.std(axis=0))) for points in (problem.source.verts, target.points)]
         similarity = not 1 / _SAME_SIZE < spreads[0] / spreads[1] < _SAME_SIZE
+        landmarks = None if problem.landmarks is None else problem.landmarks.subset(problem.landmarks.used)
+        landmarks = landmarks if landmarks is None or len(landmarks) else None
         prior, direction = self.settings.prior, self.settings.direction
         choice: Register = self.settings.register
         if self._is_unregistered(problem):
             choice = "off"
-        return RegistrationTask(
-            problem.source, target, prior, direction, similarity, problem.landmarks, problem.seed, choice
-        )
+        return RegistrationTask(problem.source, target, prior, direction, similarity, landmarks, problem.seed, choice)

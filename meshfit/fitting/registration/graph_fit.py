@@ -10,12 +10,13 @@ from scipy.sparse import csc_array, csr_array, diags_array, eye_array
 from scipy.sparse.linalg import splu
 
 from meshfit.fitting.registration.deformation_graph import DeformationGraph
-from meshfit.fitting.registration.landmarks import Landmarks
+from meshfit.fitting.registration.landmarks import summed_rows
 from meshfit.fitting.registration.oriented_points import OrientedPoints, some_of
 from meshfit.fitting.registration.pairs import Matching, Pairs, find_pairs, geman_mcclure, metric_roots
 from meshfit.fitting.registration.plan import Level, Range
 from meshfit.fitting.registration.template import Template
 from meshfit.fitting.settings import Direction
+from meshfit.mesh.landmarks import PlacedLandmarks
 
 # Unknowns up to which the equations are solved as a dense matrix.
 _DENSE = 700
@@ -44,7 +45,7 @@ class GraphFit:
     direction: Direction
     diagonal: float
     remoteness: float = 0.0
-    landmarks: Landmarks | None = None
+    landmarks: PlacedLandmarks | None = None
 
     def step(
         self,
@@ -104,7 +105,7 @@ class GraphFit:
         return self.template.points_at(self.template.mesh.verts)
 
     def _pull_of_landmarks(
-        self, landmarks: Landmarks, graph: DeformationGraph, progress: float
+        self, landmarks: PlacedLandmarks, graph: DeformationGraph, progress: float
     ) -> tuple[csr_array, Float64[np.ndarray, " N"]]:
         """Return the equations of landmarks, whose weights sum to at most that of one direction of pairs."""
         corners = graph.restricted(landmarks.corners.ravel())
@@ -112,7 +113,7 @@ class GraphFit:
         width = between(_LANDMARK_WIDTH, progress) * self.diagonal
         weights = geman_mcclure(np.linalg.norm(away, axis=1), width) / len(landmarks)
         eyes = np.broadcast_to(np.eye(3), (3 * len(landmarks), 3, 3))
-        jacobian = landmarks.summed(corners.jacobian(np.arange(len(eyes)), eyes))
+        jacobian = summed_rows(landmarks, corners.jacobian(np.arange(len(eyes)), eyes))
         scaled = diags_array(weights.repeat(3)) @ jacobian
         return csr_array(jacobian.T @ scaled), scaled.T @ away.ravel()
 

@@ -9,7 +9,7 @@ import torch
 
 from meshfit.fitting.registration.deformation_graph import DeformationGraph
 from meshfit.fitting.registration.graph_fit import GraphFit
-from meshfit.fitting.registration.landmarks import Landmarks
+from meshfit.fitting.registration.landmarks import pose_of_landmarks
 from meshfit.fitting.registration.oriented_points import OrientedPoints
 from meshfit.fitting.registration.pairs import Matching, Pairs, find_pairs
 from meshfit.fitting.registration.plan import AS_SET, LEVELS, Level, PlannedStep, Prior, Register, Registered
@@ -18,6 +18,7 @@ from meshfit.fitting.registration.template import Template
 from meshfit.fitting.registration.unfolding import Unfolding
 from meshfit.fitting.registration.vertex_fit import VertexFit
 from meshfit.fitting.settings import Direction
+from meshfit.mesh.landmarks import PlacedLandmarks
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.units import count_text
 
@@ -54,7 +55,7 @@ class RegistrationTask:
     prior: Prior = "near-rigid"
     direction: Direction = "both"
     similarity: bool = False
-    landmarks: Landmarks | None = None
+    landmarks: PlacedLandmarks | None = None
     seed: int = 0
     choice: Register | None = None
 
@@ -206,7 +207,7 @@ class Registration:
         task = self.task
         at_rest = self._at_rest.points_at(task.source.verts)
         if task.landmarks is not None:
-            return [task.landmarks.pose(task.source, similarity=task.similarity)]
+            return [pose_of_landmarks(task.landmarks, task.source, similarity=task.similarity)]
         return candidate_poses(at_rest, task.target, similarity=task.similarity, most=_POSES, seed=task.seed)
 
     def _step_graph(self, planned: PlannedStep) -> None:
