@@ -13,11 +13,11 @@ from scipy.spatial import cKDTree
 
 from meshfit.errors import MeshError
 from meshfit.mesh.cleaning_options import Surface
+from meshfit.mesh.enclosure import enclosed_volume
 from meshfit.mesh.geometry import bounding_box_diagonal, face_areas, signed_volume
 from meshfit.mesh.manifold import describe_topology, euler_number
-from meshfit.mesh.mesh import Mesh, SameContent
+from meshfit.mesh.mesh import Mesh, SameContent, Verts
 from meshfit.mesh.meshlab import alpha_wrap, decimate, fill_holes, refine_long_edges
-from meshfit.mesh.nearest import nearest_point_query
 from meshfit.mesh.noise import noise_of_points
 from meshfit.mesh.outliers import stray_points
 from meshfit.mesh.pieces import crossing_faces, manifold_pieces, piece_of_face
@@ -55,8 +55,8 @@ _LEAST_ALPHA, _REACHES, _NEIGHBOURS, _OFFSET = 0.01, 2.0, 6, 1 / 30
 # diagonal, until the gap is closed: the wrap is no longer thin, and so many times as thick as the last.
 _ENTERED, _DEVIATIONS, _RISE, _MOST_ALPHA, _CLOSED = 0.5, 4.0, 1.5, 0.25, 2.0
 # Wraps whose distance is at most so many times the least are equally near; a wrap that is thinner than so many offsets
-# has entered through a gap, and lies on both sides.
-_EQUALLY_NEAR, _THIN = 1.5, 4.0
+# has entered through a gap, and lies on both sides. So has one of faces of which this share of the thickness is left.
+_EQUALLY_NEAR, _THIN, _DROPPED = 1.5, 4.0, 0.6
 _SAMPLES = 5000
 
 
@@ -241,29 +241,77 @@ def _enough(mesh: Mesh, few: Mesh | None, faces: int) -> Mesh:
 
 
 def _wrapped(target: Mesh, wrap: Wrap) -> tuple[Mesh, Wrap]:
-    """Wrap a target; of several alphas, take the wrap of least genus among the nearest, then the finest."""
+    """Wrap a target; of several alphas, take the wrap of least genus among the nearest, then the finest.
+
+    Where a finer wrap enters through an opening, the openings are capped for it and for those after it.
+    """
     if wrap.alpha is not None:
         lengths = _lengths(wrap.alpha, wrap)
         return manifold_pieces(alpha_wrap(target, *lengths)), Wrap(*lengths)
     least = _closing_alpha(target, _least_alpha(target), wrap)
-    generator = np.random.default_rng(0)
-    points = sample_surface(target, _SAMPLES, generator).points if target.num_faces else target.verts
-    tried: list[tuple[float, int, bool, Mesh, Wrap]] = []
+    points = sample_surface(target, _SAMPLES, np.random.default_rng(0)).points if target.num_faces else target.verts
+    tried, wrapped = list[_Tried](), target
     for multiple in _MULTIPLES:
-        alpha, offset = _lengths(multiple * least, wrap)
-        surface = _skin(SameContent(target), alpha, offset)
-        samples = sample_surface(surface, 4 * _SAMPLES, generator).points
-        away = points - samples[nearest_point_query(samples)(points)]
-        distance = float(np.quantile(np.linalg.norm(away, axis=1), 0.9))
-        thin = _thickness(surface) < _THIN * offset
-        tried.insert(0, (distance, -euler_number(Topology.of(surface)), thin, surface, Wrap(alpha, offset)))
-        if surface.num_verts > _MANY_VERTS:
+        entry = None
+        for attempt in (wrapped, None):
+            wrapped = fill_holes(manifold_pieces(target)) if attempt is None else wrapped
+            entry = _solid_wrap(wrapped, points, _lengths(multiple * least, wrap), tried[0] if tried else None)
+            if entry is not None or wrapped is not target:
+                break
+        if entry is None:
             break
-    solid = [entry for entry in tried if not entry[2]] or tried[-1:]
-    nearest = min(entry[0] for entry in solid)
-    near = [entry for entry in solid if entry[0] <= _EQUALLY_NEAR * nearest]
-    *_, surface, lengths_of_best = min(near, key=lambda entry: entry[1])
-    return surface, lengths_of_best
+        tried.insert(0, entry)
+        if entry.surface.num_verts > _MANY_VERTS:
+            break
+    solid = [entry for entry in tried if not entry.is_thin] or tried[-1:]
+    nearest = min(entry.distance for entry in solid)
+    best = min((entry for entry in solid if entry.distance <= _EQUALLY_NEAR * nearest), key=lambda entry: -entry.euler)
+    return best.surface, best.lengths
+
+
+def _solid_wrap(target: Mesh, points: Verts, lengths: tuple[float, float], coarser: "_Tried | None") -> "_Tried | None":
+    """Wrap a target; None if the wrap goes through an opening that a coarser one spans."""
+    if coarser is not None and target.num_faces:
+        # Wraps that enter have twice the area, and many times the vertices, and take seconds.
+        volume = enclosed_volume(target, lengths[0])
+        if volume < _DROPPED * signed_volume(coarser.surface):
+            return None
+    entry = _Tried.of(_skin(SameContent(target), *lengths), Wrap(*lengths), points)
+    entered = coarser is not None and bool(target.num_faces) and entry.thickness < _DROPPED * coarser.thickness
+    return None if entered else entry
+
+
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    """A wrap to choose from.
+
+    Attributes:
+        surface: the wrap.
+        lengths: its alpha and offset.
+        distance: from all but the farthest tenth of the target to it.
+        thickness: of a plate of the same volume and area.
+        euler: its Euler number.
+    """
+
+    surface: Mesh
+    lengths: Wrap
+    distance: float
+    thickness: float
+    euler: int
+
+    @classmethod
+    def of(cls, surface: Mesh, lengths: Wrap, points: Verts) -> "_Tried":
+        """Measure a wrap at some points of its target."""
+        from meshfit.mesh.proximity import point_distances  # brings libigl
+
+        distance = float(np.quantile(point_distances(surface, points), 0.9))
+        return cls(surface, lengths, distance, _thickness(surface), euler_number(Topology.of(surface)))
+
+    @property
+    def is_thin(self) -> bool:
+        """Whether it has entered everywhere, and lies on both sides of its target."""
+        assert self.lengths.offset is not None  # noqa: S101  chosen
+        return self.thickness < _THIN * self.lengths.offset
 
 
 def _lengths(alpha: float, wrap: Wrap) -> tuple[float, float]:

@@ -13,10 +13,13 @@ from meshfit.experiment.source import build_source, describe_source, stand_in
 from meshfit.fitting.fit import fit
 from meshfit.measuring.distance import surface_distances
 from meshfit.mesh.control_mesh import Wrap, control_mesh_of
+from meshfit.mesh.enclosure import enclosed_volume
+from meshfit.mesh.geometry import signed_volume
 from meshfit.mesh.manifold import describe_topology, require_manifold
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.meshlab import decimate
 from meshfit.mesh.polygons import PolygonMesh
+from meshfit.mesh.proximity import point_distances
 from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.solids import cube, icosahedron
 from meshfit.mesh.topology import Topology
@@ -24,6 +27,7 @@ from meshfit.settings import build
 from meshfit.subdivision.refine import subdivide
 from tests.loops import over
 from tests.shapes import torus
+from tests.soups import tube
 
 
 def ball(levels=3, radius=1.0, centre=(0, 0, 0), *, inwards=False):
@@ -118,6 +122,34 @@ def test_clouds_and_soups_are_wrapped_and_the_wrap_is_closed_and_near():
         assert surface_distances(made.mesh, torus(48, 32), 2000, 0)[0].symmetric < 0.5
         assert f"alpha {made.wrap.alpha:.3g}" in made.line
         assert made.record["wrap"]["alpha"] == made.wrap.alpha
+
+
+def bottle():
+    """Return an open bottle with a hollow handle whose hole is narrower than the neck."""
+    height, rim, turn = np.linspace(0, 8, 20), np.linspace(0.02, 0.5, 4), np.pi * np.linspace(-0.5, 0.5, 12)
+    wall = tube(np.stack([0 * height, 0 * height, height], axis=1), np.where(height < 6, 0.5, 0.3), 16)
+    floor = tube(np.stack([0 * rim, 0 * rim, 1e-6 * rim], axis=1), rim, 16)
+    handle = np.stack([0.45 + 0.55 * np.cos(turn), 0 * turn, 4 + 0.55 * np.sin(turn)], axis=1)
+    return joined(wall, floor, tube(handle, 0.08 + 0 * turn, 12))
+
+
+def test_a_wrap_passes_through_handles_and_not_into_openings_that_are_wider():
+    target = bottle()
+    made = control_mesh_of(target, verts=300, surface="outer")
+    assert topology(made.mesh) == "1 piece, closed, genus 1"
+    volume = np.pi * (0.5**2 * 6 + 0.3**2 * 2)
+    assert volume < signed_volume(made.mesh) < 1.1 * volume
+    away = point_distances(target, sample_surface(made.mesh, 2000, np.random.default_rng(0)).points)
+    assert np.quantile(away, 0.97) < 0.01  # all but the cap of the neck
+    assert away.max() < 0.31
+
+
+def test_volumes_are_enclosed_for_balls_that_openings_are_too_narrow_for():
+    target, volume = with_holes(), 4 / 3 * np.pi - 0.36 * 0.8 * np.pi  # less a cap, whose rim has a radius of 0.92
+    assert 0.9 * volume < enclosed_volume(target, 1.2) < 1.25 * volume
+    assert enclosed_volume(target, 0.3) < 0.2 * volume
+    for radius in (0.2, 0.05):
+        assert enclosed_volume(ball(4), radius) == pytest.approx(4 / 3 * np.pi, rel=0.15)
 
 
 def test_a_wrap_has_the_lengths_that_are_set_and_closes_gaps_below_alpha():
