@@ -13,10 +13,15 @@ from meshfit.mesh.geometry import unit_vectors
 from meshfit.mesh.mesh import Verts
 
 _SAMPLES, _ROUNDS = 800, 25
+# Of many starts, those that are best after a few rounds with few samples go on; the pose that is chosen ends with many.
+_FEW_SAMPLES, _FEW_ROUNDS, _GO_ON = 300, 4, 6
+_MANY_SAMPLES, _MANY_ROUNDS = 5000, 12
 # Pairs farther apart than this quantile are left out; the others have robust weights of half its width.
 _TRIM = 0.8
 # Normals in the search for nearest points, and the largest distance that counts, relative to the target's diagonal.
 _NORMALS, _CAP = 0.1, 0.15
+# Distance that a difference of 1 in remoteness is worth in the second ranking of poses.
+_REMOTENESS = 0.3
 _POINT_WEIGHT = 0.1
 # A turn and a move below which rounds end.
 _SETTLED = 1e-3
@@ -61,8 +66,9 @@ def candidate_poses(
 ) -> list[Pose]:
     """Return the pose as given, then others by ICP that differ from each other, best score first.
 
-    ICP starts from the pose as given, that turned by ±45° about each axis, and the four proper turns of the principal
-    axes. A score does not choose: of articulated bodies they lie close together, and the best may be wrong.
+    ICP starts from the pose as given, that turned by ±45° about each axis, and the 24 proper turns that take principal
+    axes to principal axes. A score does not choose: of articulated bodies they lie close together, and the best may be
+    wrong. Scores with and without remoteness take turns, as limbs may be held in another way, or be missing.
 
     Args:
         source: vertices of the template.
@@ -72,18 +78,61 @@ def candidate_poses(
         seed: of the samples.
     """
     generator = np.random.default_rng(seed)
-    p, q = (points.subset(points.draw(_SAMPLES, generator)) for points in (source, target))
-    diagonal = float(np.linalg.norm(np.ptp(target.points, axis=0)))
-    search = _Search(p, q, diagonal, similarity=similarity)
-    found = sorted((search.settled(start) for start in search.starts()), key=lambda pose: pose.score)
+    few, search = (
+        _search(source, target, count, generator, similarity=similarity) for count in (_FEW_SAMPLES, _SAMPLES)
+    )
+    some = [few.settled(start, _FEW_ROUNDS) for start in search.starts()]
+    chosen = dict.fromkeys([0, *_ranked(some, few)[:_GO_ON]])
+    found = [search.settled(some[number], _ROUNDS) for number in chosen]
     given = Pose.identity()
     poses = [Pose(given.rotation, given.translation, 1.0, search.score(given))]
-    for pose in found:
+    for number in _ranked(found, search):
         if len(poses) == most:
             break
-        if all(pose.angle_to(other) > _DISTINCT for other in poses[1:]):
-            poses.append(pose)
+        if all(found[number].angle_to(other) > _DISTINCT for other in poses[1:]):
+            poses.append(found[number])
     return poses
+
+
+def polished(
+    pose: Pose,
+    source: OrientedPoints,
+    target: OrientedPoints,
+    *,
+    similarity: bool,
+    seed: int,
+    rounds: int = _MANY_ROUNDS,
+) -> Pose:
+    """Return a pose after ICP with many points."""
+    search = _search(source, target, _MANY_SAMPLES, np.random.default_rng(seed), similarity=similarity)
+    return search.settled(pose, rounds)
+
+
+def nearest_pose(points: Verts, goals: Verts, weights: Float64[np.ndarray, " L"], *, similarity: bool) -> Pose:
+    """Return the similarity or rigid motion of least weighted squared distance (Umeyama 1991)."""
+    weights = weights / weights.sum()
+    centre, goal = weights @ points, weights @ goals
+    p, q = points - centre, goals - goal
+    left, values, right = np.linalg.svd(q.T @ (p * weights[:, None]))
+    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
+    rotation = left @ np.diag(signs) @ right
+    scale = float((values * signs).sum() / max(weights @ (p**2).sum(axis=1), 1e-300)) if similarity else 1.0
+    return Pose(rotation, goal - scale * rotation @ centre, scale)
+
+
+def _search(
+    source: OrientedPoints, target: OrientedPoints, count: int, generator: np.random.Generator, *, similarity: bool
+) -> "_Search":
+    p, q = (points.subset(points.draw(count, generator)) for points in (source, target))
+    diagonal = float(np.linalg.norm(np.ptp(target.points, axis=0)))
+    return _Search(p, q, diagonal, similarity=similarity)
+
+
+def _ranked(poses: list[Pose], search: "_Search") -> list[int]:
+    """Return the numbers of poses, the best first, alternately by the score and by the score with remoteness."""
+    with_remoteness = [search.score(pose, _REMOTENESS) for pose in poses]
+    orders = np.argsort([pose.score for pose in poses], kind="stable"), np.argsort(with_remoteness, kind="stable")
+    return list(dict.fromkeys(int(number) for pair in zip(*orders, strict=True) for number in pair))
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,26 +152,23 @@ class _Search:
             ]
             scale = float(spreads[0] / spreads[1])
         own, other = (_principal_axes(points) for points in (self.source.points, self.target.points))
-        signs = ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))
-        rotations = [np.eye(3), *(other @ np.diag(sign) @ own.T for sign in signs)]
+        rotations = [np.eye(3), *(other @ turn @ own.T for turn in Rotation.create_group("O").as_matrix())]
         rotations += [Rotation.from_rotvec(axis * turn).as_matrix() for axis in np.eye(3) for turn in _TURNS]
         return [Pose(rotation, goal - scale * rotation @ centre, scale) for rotation in rotations]
 
-    def settled(self, pose: Pose) -> Pose:
-        """Return a pose after ICP."""
-        for _ in range(_ROUNDS):
+    def settled(self, pose: Pose, rounds: int) -> Pose:
+        """Return a pose after ICP of so many rounds, or fewer if it does not change any more."""
+        for _ in range(rounds):
             pose, change = self._round(pose)
             if change < _SETTLED:
                 break
         return Pose(pose.rotation, pose.translation, pose.scale, self.score(pose))
 
-    def score(self, pose: Pose) -> float:
+    def score(self, pose: Pose, remoteness: float = 0.0) -> float:
         """Return how far the two are from each other."""
-        moved, length, cap = self._moved(pose), _NORMALS * self.diagonal, _CAP * self.diagonal
-        ways = (
-            self.target.nearest(moved, length)[0],
-            moved.nearest(self.target, length)[0],
-        )
+        moved, cap = self._moved(pose), _CAP * self.diagonal
+        lengths = _NORMALS * self.diagonal, remoteness * self.diagonal
+        ways = self.target.nearest(moved, *lengths)[0], moved.nearest(self.target, *lengths)[0]
         return float(np.sqrt(sum((np.minimum(way, cap) ** 2).mean() for way in ways)) / self.diagonal)
 
     def _moved(self, pose: Pose) -> OrientedPoints:

@@ -13,7 +13,7 @@ from meshfit.fitting.registration.landmarks import pose_of_landmarks
 from meshfit.fitting.registration.oriented_points import OrientedPoints
 from meshfit.fitting.registration.pairs import Matching, Pairs, find_pairs
 from meshfit.fitting.registration.plan import AS_SET, LEVELS, Level, PlannedStep, Prior, Register, Registered
-from meshfit.fitting.registration.poses import Pose, candidate_poses
+from meshfit.fitting.registration.poses import Pose, candidate_poses, nearest_pose, polished
 from meshfit.fitting.registration.template import Template
 from meshfit.fitting.registration.unfolding import Unfolding
 from meshfit.fitting.registration.vertex_fit import VertexFit
@@ -22,14 +22,16 @@ from meshfit.mesh.landmarks import PlacedLandmarks
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.units import count_text
 
-_POSES = 3
+_POSES = 4
 # Worths of a difference of 1 in remoteness at the start of the coarsest graph, relative to the diagonal: with it, limbs
 # find each other however they are held; without it, a target of which large parts are missing.
 _REMOTENESS = (0.5, 0.0)
+# Of the other poses, so many go on after so many steps.
+_GO_ON, _FIRST_STEPS = 2, 14
 # The start as given is taken, without a look at others, if it is judged better than this.
 _GOOD = 0.025
 # Of `auto`: the gap at which a pose is enough, the share of points within it, and the value at which nothing serves.
-_POSE_IS_ENOUGH, _NEARLY_ALL, _NOTHING_SERVES = 0.002, 0.95, 0.08
+_POSE_IS_ENOUGH, _NEARLY_ALL, _NOTHING_SERVES = 0.002, 0.95, 0.06
 # Points of each side by which a start is judged, the largest distance that counts, normals, and the weight of stretch.
 _SAMPLES, _CAP, _NORMALS, _STRETCH = 1500, 0.1, 0.1, 2.0
 
@@ -140,17 +142,24 @@ class Registration:
 
     def _find_pose(self) -> None:
         task = self.task
-        if task.prior == "rigid":
-            self._place(min(self._poses(), key=lambda pose: pose.score))
-            return
         poses = self._poses()
-        if task.choice == "auto":
-            gap, pose = min(((self._gap(pose), pose) for pose in poses), key=lambda pair: pair[0])
+        if task.landmarks is not None and task.prior == "rigid":
+            self._place(poses[0])
+            return
+        if task.prior == "rigid" or task.choice == "auto":
+            gap, pose = self._best_rigid(poses)
             if gap < _POSE_IS_ENOUGH:
                 self._place(pose)
-                self.registered = Registered("rigid", f"as its pose brings it within {100 * gap:.2g} % of the diagonal")
+                if task.choice == "auto":
+                    text = f"as its pose brings it within {100 * gap:.2g} % of the diagonal"
+                    self.registered = Registered("rigid", text)
                 return
         best = self._bend(poses)
+        if task.prior == "rigid":
+            # A body that has bent has no pose in which it fits; the best is that of the body after it has bent.
+            areas = self._at_rest.points_at(task.source.verts).areas
+            self._place(nearest_pose(task.source.verts, self.verts, areas, similarity=task.similarity))
+            return
         if task.choice == "auto":
             text = f"as it bends to within {100 * best:.2g} % of the diagonal"
             self.registered = Registered("near-rigid", text)
@@ -158,9 +167,16 @@ class Registration:
                 text = f"as bent from no pose it is nearer than {100 * best:.2g} % of the diagonal: another shape"
                 self.registered = Registered("off", text)
 
+    def _best_rigid(self, poses: Sequence[Pose]) -> tuple[float, Pose]:
+        """Return the least gap that poses leave, after ICP with many points, and the pose."""
+        task, at_rest = self.task, self._at_rest.points_at(self.task.source.verts)
+        found = [polished(pose, at_rest, task.target, similarity=task.similarity, seed=task.seed) for pose in poses[1:]]
+        return min(((self._gap(pose), pose) for pose in found), key=lambda pair: pair[0])
+
     def _place(self, pose: Pose) -> None:
         """Register by a pose alone."""
-        task, self.pose = self.task, pose
+        task, self.pose, self._at_pose = self.task, pose, None
+        self._graph, self._level = None, -1
         self.verts = self.template.mesh.verts
         everything = np.arange(len(self.verts)), np.arange(len(task.target))
         matching = Matching(_CAP * task.diagonal, _NORMALS * task.diagonal, task.direction)
@@ -183,25 +199,27 @@ class Registration:
         return float(max(np.quantile(length, _NEARLY_ALL) for length in lengths)) / task.diagonal
 
     def _bend(self, poses: Sequence[Pose]) -> float:
-        """Fit the coarsest graph from some poses, keep the best, and return how it was judged."""
-        task, best = self.task, np.inf
+        """Fit the coarsest graph from some poses, keep the best, and return how it was judged.
+
+        The pose as given is tried first. Of the others, the best after some of the steps go on to the end.
+        """
         coarsest = DeformationGraph.of(self._at_rest, LEVELS[0].nodes)
-        for number, pose in enumerate(poses):
-            template = self._at_rest.posed(pose.applied(task.source.verts))
-            first = coarsest.posed(template.mesh.verts)
-            for remoteness in _REMOTENESS:
-                fit = GraphFit(template, task.target, task.direction, task.diagonal, remoteness, task.landmarks)
-                graph = first
-                for step in range(LEVELS[0].steps):
-                    graph, pairs = self._graph_step(fit, graph, LEVELS[0], 0, step)
-                value = _judged(template, task, graph.positions())
-                if value < best:
-                    best, self.pose, self._at_pose = value, pose, template
-                    self._graph, self.verts, self._level = graph, graph.positions(), 0
-                    self.distance, self.matched = pairs.distance, pairs.matched
-                if number == 0 and best < _GOOD:
-                    return best
-        return best
+        ways = [(pose, remoteness) for pose in poses for remoteness in _REMOTENESS]
+        starts = [self._attempt(coarsest, *way) for way in ways[: len(_REMOTENESS)]]
+        best = min((attempt.finished() for attempt in starts), key=lambda attempt: attempt.value)
+        if best.value >= _GOOD and len(ways) > len(starts):
+            others = [self._attempt(coarsest, *way).begun() for way in ways[len(starts) :]]
+            others = sorted(others, key=lambda attempt: attempt.value)[:_GO_ON]
+            best = min([best, *(attempt.finished() for attempt in others)], key=lambda attempt: attempt.value)
+        self.pose, self._at_pose = best.pose, best.fit.template
+        self._graph, self.verts, self._level = best.graph, best.graph.positions(), 0
+        self.distance, self.matched = best.distance, best.matched
+        return best.value
+
+    def _attempt(self, coarsest: DeformationGraph, pose: Pose, remoteness: float) -> "_Attempt":
+        task, template = self.task, self._at_rest.posed(pose.applied(self.task.source.verts))
+        fit = GraphFit(template, task.target, task.direction, task.diagonal, remoteness, task.landmarks)
+        return _Attempt(task, pose, fit, coarsest.posed(template.mesh.verts))
 
     def _poses(self) -> list[Pose]:
         task = self.task
@@ -240,6 +258,49 @@ class Registration:
             self._fit = VertexFit(self.template, task.target, self._start, task.direction, task.diagonal)
         self.verts, pairs = self._fit.step(self.verts, planned.number)
         self.distance, self.matched = pairs.distance, pairs.matched
+
+
+@dataclass
+class _Attempt:
+    """A fit of the coarsest graph from one pose.
+
+    Attributes:
+        task: what is registered.
+        pose: the pose.
+        fit: of the graph.
+        graph: where it is.
+        done: number of steps made.
+        value: how badly it serves, the less the better.
+        distance: of the pairs of the last step.
+        matched: share of its pairs that counted.
+    """
+
+    task: RegistrationTask
+    pose: Pose
+    fit: GraphFit
+    graph: DeformationGraph
+    done: int = 0
+    value: float = np.inf
+    distance: float = np.inf
+    matched: float = 0.0
+
+    def begun(self) -> "_Attempt":
+        """Make some of the steps."""
+        return self._stepped(_FIRST_STEPS)
+
+    def finished(self) -> "_Attempt":
+        """Make all steps that are left."""
+        return self._stepped(LEVELS[0].steps)
+
+    def _stepped(self, end: int) -> "_Attempt":
+        for number in range(self.done, end):
+            generator = np.random.default_rng([self.task.seed, 0, number])
+            progress = number / LEVELS[0].steps / len(LEVELS)
+            self.graph, pairs = self.fit.step(self.graph, LEVELS[0], number, generator, progress)
+            self.distance, self.matched = pairs.distance, pairs.matched
+        self.done = end
+        self.value = _judged(self.fit.template, self.task, self.graph.positions())
+        return self
 
 
 def _judged(template: Template, task: RegistrationTask, verts: Verts) -> float:
