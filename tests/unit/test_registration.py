@@ -9,8 +9,9 @@ from meshfit.errors import ConfigError, MeshfitError
 from meshfit.fitting.registration.deformation_graph import DeformationGraph, nearest_rotations, rotation_matrices
 from meshfit.fitting.registration.oriented_points import OrientedPoints
 from meshfit.fitting.registration.pairs import Matching, find_pairs, geman_mcclure, metric_roots
-from meshfit.fitting.registration.plan import planned_steps
+from meshfit.fitting.registration.plan import PlannedStep, planned_steps
 from meshfit.fitting.registration.poses import candidate_poses
+from meshfit.fitting.registration.registration import Registration, RegistrationTask
 from meshfit.fitting.registration.target_points import target_points
 from meshfit.fitting.registration.template import Template
 from meshfit.fitting.registration.unfolding import Unfolding
@@ -159,6 +160,17 @@ def test_unfolding_takes_crossing_faces_apart_and_allows_those_that_crossed_befo
     assert root_mean_square((verts - pushed)[~near]) < 0.05
     crossing = Template(animal.with_verts(pushed))
     assert not len(Unfolding.of(crossing).new_pairs(pushed))
+
+
+def test_what_cannot_be_unfolded_goes_back_to_a_sound_state_and_says_so():
+    tube = torus(24, 12)
+    task = RegistrationTask(tube, Template(tube).points_at(tube.verts))
+    registration = Registration(task)
+    registration.verts = tube.verts * [0.02, 1, 1]  # pressed flat, all over
+    assert Unfolding.of(Template(tube)).faults(registration.verts) > 0
+    registration.step(PlannedStep("unfolding", "unfold"))
+    assert registration.faults == Unfolding.of(Template(tube)).faults(registration.verts) == 0
+    assert ("stayed back" in " ".join(registration.shortfalls)) == (registration.retreat > 0.005)
 
 
 def test_points_of_a_target_are_oriented_whatever_it_is(animal):

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from meshfit.fitting.gauss_newton.step_limiting import limit_step
 from meshfit.fitting.registration.deformation_graph import DeformationGraph
 from meshfit.fitting.registration.graph_fit import GraphFit
 from meshfit.fitting.registration.landmarks import pose_of_landmarks
@@ -32,6 +33,8 @@ _GO_ON, _FIRST_STEPS = 2, 14
 _GOOD = 0.025
 # Of `auto`: the gap at which a pose is enough, the share of points within it, and the value at which nothing serves.
 _POSE_IS_ENOUGH, _NEARLY_ALL, _NOTHING_SERVES = 0.002, 0.95, 0.06
+# Nodes of the graphs that a fold may need, times of going back from them, and a retreat that is reported.
+_STIFFER_NODES, _RETURNS, _NOTEWORTHY = (500, 150, 60, 20), 3, 0.005
 # Points of each side by which a start is judged, the largest distance that counts, normals, and the weight of stretch.
 _SAMPLES, _CAP, _NORMALS, _STRETCH = 1500, 0.1, 0.1, 2.0
 
@@ -76,13 +79,14 @@ class Registration:
         pose: the pose that it has started from.
         distance: root mean square distance of the pairs of the last step.
         matched: share of the pairs of the last step that counted.
-        crossing: number of pairs of faces that cross and did not at rest, after `unfold`.
+        faults: number of pairs of faces that cross and of faces that are flipped, but not at rest; after `unfold`.
+        retreat: distance, relative to the diagonal, by which vertices stayed back so that there are none.
         registered: the prior, and why; of `auto`, once the pose has been found.
     """
 
     def __init__(self, task: RegistrationTask) -> None:
         self.task, self.verts, self.pose = task, task.source.verts, Pose.identity()
-        self.distance, self.matched, self.crossing = float("inf"), 0.0, 0
+        self.distance, self.matched, self.faults, self.retreat = float("inf"), 0.0, 0, 0.0
         self.registered = Registered(task.prior, AS_SET)
         if task.choice == "off":
             self.registered = Registered("off", "as the source was made to start from")
@@ -115,9 +119,15 @@ class Registration:
     @property
     def shortfalls(self) -> list[str]:
         """Shortfalls of the result, in words."""
-        if not self.crossing:
-            return []
-        return [f"{count_text(self.crossing, 'pair')} of faces cross that did not cross in the source"]
+        texts = list[str]()
+        if self.faults:
+            fault = count_text(self.faults, "fault")
+            texts.append(f"{fault}: faces that cross others or are flipped, and were not in the source")
+        if self.retreat > _NOTEWORTHY:
+            texts.append(
+                f"faces would have crossed, so vertices stayed back by up to {100 * self.retreat:.2g} % of the diagonal"
+            )
+        return texts
 
     def saved(self) -> dict[str, Any]:
         """Return everything that the next step depends on as numbers and tensors, for `restore`."""
@@ -125,8 +135,8 @@ class Registration:
         arrays = {"verts": self.verts, "start": self._start, "turn": self.pose.rotation, "move": self.pose.translation}
         if graph is not None:
             arrays |= {"rotations": graph.rotations, "translations": graph.translations}
-        numbers = {"scale": self.pose.scale, "level": self._level, "crossing": self.crossing}
-        numbers |= {"distance": self.distance, "matched": self.matched}
+        numbers = {"scale": self.pose.scale, "level": self._level, "faults": self.faults}
+        numbers |= {"distance": self.distance, "matched": self.matched, "retreat": self.retreat}
         words = {"register": self.registered.register, "reason": self.registered.reason}
         return {key: torch.tensor(array) for key, array in arrays.items()} | numbers | words
 
@@ -134,7 +144,8 @@ class Registration:
         """Continue from what `saved` returned for the same task."""
         self.pose = Pose(saved["turn"].numpy(), saved["move"].numpy(), saved["scale"])
         self.verts, self._start, self._level = saved["verts"].numpy(), saved["start"].numpy(), saved["level"]
-        self.distance, self.matched, self.crossing = saved["distance"], saved["matched"], saved["crossing"]
+        self.distance, self.matched = saved["distance"], saved["matched"]
+        self.faults, self.retreat = saved["faults"], saved["retreat"]
         self.registered = Registered(saved["register"], saved["reason"])
         if self._level >= 0:
             graph = DeformationGraph.of(self.template, LEVELS[self._level].nodes)
@@ -247,10 +258,34 @@ class Registration:
         return fit.step(graph, level, number, generator, progress)
 
     def _unfold(self) -> None:
+        """Take faces apart that cross or are folded; where that fails, go back to a stiffer state that is sound."""
         if self._unfolding is None:
             self._unfolding = Unfolding.of(self.template)
-        self.verts, self.crossing = self._unfolding.unfolded(self.verts)
+        wanted = self.verts
+        self.verts, self.faults = self._unfolding.unfolded(wanted)
+        if self.faults:
+            self._retreat(self._unfolding, wanted)
         self._start = self.verts
+
+    def _retreat(self, unfolding: Unfolding, wanted: Verts) -> None:
+        """Find a state without faults, and go from there as far as none appears towards what was wanted."""
+        best, fewest = unfolding.unfolded(self.verts, stiffer=True)
+        for nodes in _STIFFER_NODES:
+            if not fewest:
+                break
+            verts, faults = unfolding.unfolded(DeformationGraph.of(self.template, nodes).fitted_to(wanted).positions())
+            if faults < fewest:
+                best, fewest = verts, faults
+        if fewest:  # in its pose, the template has none
+            best = self.template.mesh.verts
+        for _ in range(_RETURNS):
+            moved, _ = limit_step(self.template.connectivity, torch.tensor(best), torch.tensor(self.verts))
+            if unfolding.faults(returned := np.asarray(moved.numpy())):
+                break
+            best = returned
+        self.verts, self.faults = best, unfolding.faults(best)
+        away = float(np.linalg.norm(best - wanted, axis=1).max()) / self.task.diagonal
+        self.retreat = max(self.retreat, away)
 
     def _step_vertices(self, planned: PlannedStep) -> None:
         task = self.task

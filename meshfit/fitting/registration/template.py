@@ -4,10 +4,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import torch
 from jaxtyping import Bool, Float64, Int64
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
+from meshfit.fitting.gauss_newton.surface import Connectivity
 from meshfit.fitting.registration.oriented_points import OrientedPoints
 from meshfit.mesh.geometry import unit_vectors
 from meshfit.mesh.mesh import Mesh, Verts
@@ -27,7 +29,7 @@ class Template:
     def posed(self, verts: Verts) -> "Template":
         """Return the template at rest in another pose and size, which have no effect on what is known of it already."""
         other = Template(self.mesh.with_verts(verts))
-        known = "edges", "rim", "adjacency", "remoteness", "_corners"
+        known = "edges", "rim", "adjacency", "remoteness", "connectivity", "_corners"
         other.__dict__.update({name: self.__dict__[name] for name in known if name in self.__dict__})
         return other
 
@@ -66,6 +68,11 @@ class Template:
         (tail, head), count = self.edges.T, self.mesh.num_verts
         graph = coo_array((self.rest_lengths, (tail, head)), shape=(count, count)).tocsr()
         return remoteness_in(graph)
+
+    @cached_property
+    def connectivity(self) -> Connectivity:
+        """The faces and edges, for the geometry of faces."""
+        return Connectivity(torch.tensor(self.mesh.faces), self.mesh.num_verts, torch.float64)
 
     @cached_property
     def _corners(self) -> csr_array:

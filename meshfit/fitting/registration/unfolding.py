@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float64, Int64
 from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import splu
 
+from meshfit.fitting.gauss_newton.surface import Shape
 from meshfit.fitting.registration.deformation_graph import nearest_rotations
 from meshfit.fitting.registration.template import Template
 from meshfit.mesh.mesh import Verts
@@ -23,6 +24,8 @@ _MOST_RINGS, _HELD_RINGS = 8, 2
 # Weights by which vertices stay where they are: those that unfold, those around them, those drawn inwards.
 _FREE, _HELD, _DRAWN = 1e-3, 1e3, 1.0
 _SMOOTHINGS = 3
+# Double area of a face, in squares of its longest edge, that is none.
+_NO_AREA = 1e-6
 
 
 @dataclass
@@ -46,43 +49,65 @@ class Unfolding:
     2007). Vertices of faces that cross are tied: extra edges restore their offsets at rest. As the template does not
     cross itself there, ties that hold make the faces not cross. Pairs that are far apart at rest are drawn inwards.
 
+    Faces that are flipped or have lost their area follow their shape at rest, too.
+
     Attributes:
         template: the template.
         crossing_at_rest: (F,) faces that cross others at rest; two of them may cross each other.
+        folded_at_rest: (F,) faces that are flipped or without area at rest, and may stay so.
     """
 
     template: Template
     crossing_at_rest: Bool[np.ndarray, " F"]
+    folded_at_rest: Bool[np.ndarray, " F"]
 
     @classmethod
     def of(cls, template: Template) -> "Unfolding":
         """Return the unfolding of a template."""
         crossing = np.zeros(template.mesh.num_faces, dtype=bool)
         crossing[_crossing(template, template.mesh.verts).ravel()] = True
-        return cls(template, crossing)
+        return cls(template, crossing, _folded(template, template.mesh.verts))
 
     def new_pairs(self, verts: Verts) -> Int64[np.ndarray, "P 2"]:
         """Return the pairs of faces that cross at some positions, and did not at rest."""
         pairs = _crossing(self.template, verts)
         return np.asarray(pairs[~self.crossing_at_rest[pairs].all(axis=1)])
 
-    def unfolded(self, verts: Verts, on_round: Callable[[int], None] = lambda _: None) -> tuple[Verts, int]:
-        """Return the positions with the fewest pairs of newly crossing faces that were found, and their number."""
+    def new_folds(self, verts: Verts) -> Int64[np.ndarray, " N"]:
+        """Return the faces that are flipped or without area at some positions, and were not at rest."""
+        return np.flatnonzero(_folded(self.template, verts) & ~self.folded_at_rest)
+
+    def faults(self, verts: Verts) -> int:
+        """Return the number of pairs that cross and of faces that are folded, without those at rest."""
+        return len(self.new_pairs(verts)) + len(self.new_folds(verts))
+
+    def unfolded(
+        self, verts: Verts, on_round: Callable[[int], None] = lambda _: None, *, stiffer: bool = False
+    ) -> tuple[Verts, int]:
+        """Return the positions with the fewest faults that were found, and their number.
+
+        Args:
+            verts: (V, 3) positions.
+            on_round: called with the number of faults in each round.
+            stiffer: follow the shape at rest more closely, and on larger patches.
+        """
+        most_rings, iterations = (4 * _MOST_RINGS, 4 * _ITERATIONS) if stiffer else (_MOST_RINGS, _ITERATIONS)
         template, count = self.template, len(verts)
         edge = float(template.rest_lengths.mean())
         ties, level = _Ties(), np.zeros(count, dtype=np.int64)
         far, loose = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
         best, fewest, since = verts, np.iinfo(np.int64).max, 0
         for number in range(_ROUNDS):
-            pairs = self.new_pairs(verts)
-            on_round(len(pairs))
-            if len(pairs) < fewest:
-                best, fewest, since = verts, len(pairs), number
-            if not len(pairs) or number - since > _PATIENCE:
+            pairs, folds = self.new_pairs(verts), self.new_folds(verts)
+            faults = len(pairs) + len(folds)
+            on_round(faults)
+            if faults < fewest:
+                best, fewest, since = verts, faults, number
+            if not faults or number - since > _PATIENCE:
                 break
             corners = template.mesh.faces[pairs]
             crossing = np.zeros(count, dtype=bool)
-            crossing[corners.ravel()] = True
+            crossing[corners.ravel()] = crossing[template.mesh.faces[folds].ravel()] = True
             level[crossing] += 1
             first, second = corners[:, 0].repeat(3, axis=1).ravel(), np.tile(corners[:, 1], 3).ravel()
             apart = np.linalg.norm(template.mesh.verts[first] - template.mesh.verts[second], axis=1) >= _NEAR * edge
@@ -90,13 +115,13 @@ class Unfolding:
             ties.add(first[tied], second[tied], count)
             far[first[apart]] = far[second[apart]] = True
             for value in np.unique(level[crossing]):
-                loose |= template.grown(crossing & (level >= value), min(1 + int(value), _MOST_RINGS))
+                loose |= template.grown(crossing & (level >= value), min(1 + int(value), most_rings))
             drawn = template.grown(far & crossing)
             goals = verts.copy()
             goals[drawn] -= _INWARDS * edge * template.points_at(verts).normals[drawn]
             stay = np.where(loose, _FREE, _HELD)
             stay[drawn] = _DRAWN
-            verts = self._relaxed(verts, goals, stay, template.grown(loose, _HELD_RINGS), ties)
+            verts = self._relaxed(verts, goals, stay, template.grown(loose, _HELD_RINGS), ties, iterations)
         return best, int(fewest)
 
     def _relaxed(
@@ -106,6 +131,7 @@ class Unfolding:
         stay: Float64[np.ndarray, " V"],
         patch: Bool[np.ndarray, " V"],
         ties: _Ties,
+        iterations: int,
     ) -> Verts:
         """Return a patch relaxed towards its shape at rest, with ties, each vertex drawn to its goal."""
         rest, count = self.template.mesh.verts, len(verts)
@@ -128,7 +154,7 @@ class Unfolding:
         options = {"SymmetricMode": True}
         factors = splu(square, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
         moving = verts[rows]
-        for _ in range(_ITERATIONS):
+        for _ in range(iterations):
             moments = gather @ (offsets[:, :, None] * (moving[tail] - moving[head])[:, None, :]).reshape(-1, 9)
             for _ in range(_SMOOTHINGS):  # a folded vertex would keep its flipped turn
                 moments = (neighbours @ moments + moments) / degree
@@ -143,3 +169,11 @@ class Unfolding:
 def _crossing(template: Template, verts: Verts) -> Int64[np.ndarray, "P 2"]:
     pairs = intersecting_pairs(torch.tensor(verts), torch.tensor(template.mesh.faces))
     return np.asarray(pairs.numpy())
+
+
+def _folded(template: Template, verts: Verts) -> Bool[np.ndarray, " F"]:
+    """Return which faces are flipped, against the mean of their neighbours, or have no area."""
+    shape = Shape(template.connectivity, torch.tensor(verts))
+    longest = shape.edge_lengths[template.connectivity.edges.of_side].amax(1)
+    flat = shape.double_area <= _NO_AREA * longest.square()
+    return np.asarray((template.connectivity.edges.flipped(shape.normals) | flat).numpy())

@@ -10,7 +10,6 @@ from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import LinearOperator, cg, splu
 
 from meshfit.fitting.gauss_newton.step_limiting import limit_step
-from meshfit.fitting.gauss_newton.surface import Connectivity
 from meshfit.fitting.registration.graph_fit import between
 from meshfit.fitting.registration.oriented_points import OrientedPoints
 from meshfit.fitting.registration.pairs import Matching, Pairs, find_pairs
@@ -52,10 +51,6 @@ class VertexFit:
         laplacian = diags_array(valence) - adjacency
         return csc_array(laplacian @ diags_array(1 / np.maximum(valence, 1)) @ laplacian)
 
-    @cached_property
-    def _connectivity(self) -> Connectivity:
-        return Connectivity(torch.tensor(self.template.mesh.faces), len(self.start), torch.float64)
-
     def step(self, verts: Verts, number: int) -> tuple[Verts, Pairs]:
         """Return the vertices after one step, and its pairs."""
         share = number / max(VERTEX_STEPS - 1, 1)
@@ -93,7 +88,7 @@ class VertexFit:
         return np.asarray(flat.reshape(-1, 3))
 
     def _limited(self, verts: Verts, goals: Verts) -> Verts:
-        moved, _ = limit_step(self._connectivity, torch.tensor(verts), torch.tensor(goals))
+        moved, _ = limit_step(self.template.connectivity, torch.tensor(verts), torch.tensor(goals))
         return np.asarray(moved.numpy())
 
 
