@@ -34,6 +34,7 @@ from .mesh.normalisation import frame_of as frame_of
 from .mesh.outer_surface import outer_surface as outer_surface
 from .mesh.point_cloud import PointCloud as PointCloud
 from .mesh.polygons import PolygonMesh as PolygonMesh
+from .mesh.shape_interpolation import interpolate_shapes as interpolate_shapes
 from .mesh.targets import load_target as load_target
 from .report.tables.read import ResultTables as ResultTables
 from .report.tables.read import read_tables as read_tables

@@ -62,3 +62,10 @@ def bounding_box_diagonal(verts: Verts) -> float:
     """Return the length of the diagonal of the axis-aligned bounding box."""
     low, high = bounding_box(verts)
     return float(np.linalg.norm(high - low))
+
+
+def nearest_rotations(moments: Float64[np.ndarray, "N 3 3"]) -> Float64[np.ndarray, "N 3 3"]:
+    """Return the rotations R that maximise Σ (R a) · b, given Σ a bᵀ (Kabsch 1976)."""
+    left, _, right = np.linalg.svd(moments + 1e-14 * np.eye(3))
+    left[:, :, 2] *= np.sign(np.linalg.det(left @ right))[:, None]
+    return np.asarray(np.swapaxes(left @ right, 1, 2))

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from meshfit.fitting.registration.template import Template
-from meshfit.mesh.geometry import unit_vectors
+from meshfit.mesh.geometry import nearest_rotations, unit_vectors
 from meshfit.mesh.mesh import Verts
 
 Rotations = Float64[np.ndarray, "N 3 3"]
@@ -170,13 +170,6 @@ def cross_matrices(vectors: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, "
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         result[:, i, j], result[:, j, i] = -vectors[:, k], vectors[:, k]
     return result
-
-
-def nearest_rotations(moments: Float64[np.ndarray, "N 3 3"]) -> Rotations:
-    """Return the rotations R that maximise Σ (R a) · b, given Σ a bᵀ (Kabsch 1976)."""
-    left, _, right = np.linalg.svd(moments + 1e-14 * np.eye(3))
-    left[:, :, 2] *= np.sign(np.linalg.det(left @ right))[:, None]
-    return np.asarray(np.swapaxes(left @ right, 1, 2))
 
 
 def _spread(template: Template, count: int) -> tuple[list[int], list[tuple[np.ndarray, np.ndarray]]]:

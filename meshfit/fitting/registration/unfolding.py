@@ -10,8 +10,8 @@ from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import splu
 
 from meshfit.fitting.gauss_newton.surface import Shape
-from meshfit.fitting.registration.deformation_graph import nearest_rotations
 from meshfit.fitting.registration.template import Template
+from meshfit.mesh.geometry import nearest_rotations
 from meshfit.mesh.mesh import Verts
 from meshfit.remeshing.self_intersections import intersecting_pairs
 
