@@ -6,11 +6,13 @@ import subprocess
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from meshfit.experiment.storage.checkpoint import snapshots_in
-from meshfit.mesh.io.files import load_mesh
+from meshfit.mesh.io.files import load_mesh, save_mesh
 from meshfit.report.figures.animation import read_animation
 from tests.cli import answered, invoke, refused, trials_in_this_process
+from tests.shapes import cube
 from tests.small import config_file
 from tests.unit.test_snapshots import SECOND, quietly, taken
 from tests.unit.test_trial_runner import prepared, run_trial
@@ -101,6 +103,51 @@ def test_without_snapshots_one_line_says_how_to_get_them(tmp_path):
         assert invoke(*words, "-q").code == 0
     assert len(snapshots_in(place)) == trial.settings.fit.steps
     assert "'.avi' is not a video format" in refused("animate", place, "-o", tmp_path / "fit.avi")
+
+
+def test_between_shapes_with_the_same_faces_ends_are_exact_and_films_and_rows_are_drawn(tmp_path):
+    first = cube()
+    second = first.with_verts(Rotation.from_euler("y", 90, degrees=True).apply(first.verts.copy()))
+    for name, mesh in (("first", first), ("second", second)):
+        save_mesh(mesh, tmp_path / f"{name}.ply")
+    shapes = [tmp_path / "first.ply", tmp_path / "second.ply"]
+    arguments = ["--between", *shapes, "--steps", 2, "--size", 64]
+    film, folder = tmp_path / "film.gif", tmp_path / "way"
+    out = answered("animate", *arguments, "-o", film, "--meshes", folder, "--back", "--fps", 10)
+    assert re.fullmatch(r"wrote 5 meshes to .*way\nwrote .*film\.gif: 28 frames, 2\.8 s, [\d.]+ kB\n", out)
+    assert len(pictures(film)) == 5
+    written = [load_mesh(path).verts for path in sorted(folder.iterdir())]
+    assert [verts.tobytes() for verts in (written[0], written[2], written[4])] == [
+        mesh.verts.tobytes() for mesh in (first, second, first)
+    ]
+    half = Rotation.from_euler("y", 45, degrees=True).apply(first.verts.copy())
+    assert np.allclose(written[1], half) and np.allclose(written[3], half)
+    answered("animate", *arguments, "-o", tmp_path / "row.png", "--align", "--view", "front")
+    with pillow.open(tmp_path / "row.png") as row:
+        assert row.width > 2.5 * row.height
+
+
+def test_between_a_trials_source_and_its_result(tmp_path):
+    _, _, place = taken(tmp_path, 5)
+    answered("animate", "--between", place, "--meshes", tmp_path / "way", "--steps", 1)
+    first, last = (load_mesh(tmp_path / "way" / f"shape-00{k}.ply") for k in range(2))
+    assert np.allclose(last.verts, read_animation(place).frames[-1].mesh.verts)
+    assert np.allclose(first.verts, read_animation(place).frames[0].mesh.verts)
+
+
+def test_what_lies_between_no_shapes_is_refused(tmp_path):
+    save_mesh(cube(), tmp_path / "cube.ply")
+    save_mesh("icosahedron", tmp_path / "other.ply")
+    film = ["-o", tmp_path / "film.gif"]
+    for arguments, words in (
+        (["--between", tmp_path / "cube.ply", tmp_path / "other.ply", *film], "cube and other: 8 and 12 vertices"),
+        (["--between", tmp_path / "cube.ply", *film], "give two mesh files or more"),
+        (["--between", tmp_path / "cube.ply", tmp_path / "cube.ply"], "expected -o FILE"),
+        ([tmp_path / "cube.ply", tmp_path / "cube.ply", *film], "expected one trial, got 2; --between"),
+        ([tmp_path / "cube.ply", *film, "--back"], "--back: requires --between"),
+        ([tmp_path / "cube.ply"], "expected the video to write"),
+    ):
+        assert words in refused("animate", *arguments)
 
 
 def test_what_cannot_be_written_is_refused(tmp_path):

@@ -54,11 +54,13 @@ class Animation:
         target: the target.
         frames: the source, the snapshots and the result, in the target's normalised frame.
         up: the axis that points up.
+        view: as for `camera_of`.
     """
 
     target: Mesh
     frames: tuple[AnimationFrame, ...]
     up: UpChoice = "auto"
+    view: str = "best"
 
     @property
     def is_turned(self) -> bool:
@@ -167,7 +169,7 @@ def draw_animation(animation: Animation, *, size: int, fps: int, edges: bool | N
         ConfigError: pyvista or pillow is not installed.
     """
     frames = animation.frames
-    camera = camera_of(animation.target, animation.up).containing(*(frame.mesh for frame in frames))
+    camera = camera_of(animation.target, animation.up, animation.view).containing(*(frame.mesh for frame in frames))
     last, longest = len(frames) - 1, max((frame.caption for frame in frames), key=len)
     for place, frame in enumerate(frames):
         with_edges = edges if edges is not None else animation.changes_faces and place < last
