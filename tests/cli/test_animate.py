@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from meshfit.experiment.storage.checkpoint import snapshots_in
 from meshfit.mesh.io.files import load_mesh, save_mesh
+from meshfit.mesh.solids import SOLIDS
 from meshfit.report.figures.animation import read_animation
 from tests.cli import answered, invoke, refused, trials_in_this_process
-from tests.shapes import cube
 from tests.small import config_file
 from tests.unit.test_snapshots import SECOND, quietly, taken
 from tests.unit.test_trial_runner import prepared, run_trial
@@ -106,7 +106,7 @@ def test_without_snapshots_one_line_says_how_to_get_them(tmp_path):
 
 
 def test_between_shapes_with_the_same_faces_ends_are_exact_and_films_and_rows_are_drawn(tmp_path):
-    first = cube()
+    first = SOLIDS["cube"]()
     second = first.with_verts(Rotation.from_euler("y", 90, degrees=True).apply(first.verts.copy()))
     for name, mesh in (("first", first), ("second", second)):
         save_mesh(mesh, tmp_path / f"{name}.ply")
@@ -121,10 +121,11 @@ def test_between_shapes_with_the_same_faces_ends_are_exact_and_films_and_rows_ar
         mesh.verts.tobytes() for mesh in (first, second, first)
     ]
     half = Rotation.from_euler("y", 45, degrees=True).apply(first.verts.copy())
-    assert np.allclose(written[1], half) and np.allclose(written[3], half)
+    assert np.allclose(written[1], half)
+    assert np.allclose(written[3], half)
     answered("animate", *arguments, "-o", tmp_path / "row.png", "--align", "--view", "front")
     with pillow.open(tmp_path / "row.png") as row:
-        assert row.width > 2.5 * row.height
+        assert row.width == 3 * 64
 
 
 def test_between_a_trials_source_and_its_result(tmp_path):
@@ -136,7 +137,7 @@ def test_between_a_trials_source_and_its_result(tmp_path):
 
 
 def test_what_lies_between_no_shapes_is_refused(tmp_path):
-    save_mesh(cube(), tmp_path / "cube.ply")
+    save_mesh(SOLIDS["cube"](), tmp_path / "cube.ply")
     save_mesh("icosahedron", tmp_path / "other.ply")
     film = ["-o", tmp_path / "film.gif"]
     for arguments, words in (
