@@ -33,7 +33,7 @@ COMMANDS = {
         "status": "Show experiment status and time remaining.",
         "show": "Show one trial: status, metrics, settings, files, failure.",
         "save": "Write the result of a trial in any mesh format.",
-        "animate": "Write a video of a fit, from source to result.",
+        "animate": "Write a video of a fit, or from shape to shape.",
         "export": "Export one row per trial with all metrics and settings.",
         "clean": "Remove failed and interrupted trials.",
     },
