@@ -6,8 +6,9 @@ from typing import Any, Literal
 import numpy as np
 
 from meshfit.doors import no_type_check
-from meshfit.errors import ConfigError
+from meshfit.errors import ConfigError, MeasureError
 from meshfit.measuring.cloud import CloudFacts, measure_to_cloud
+from meshfit.measuring.correspondence import Unmatched, unmatched
 from meshfit.measuring.distance import (
     Distance,
     Farthest,
@@ -18,11 +19,14 @@ from meshfit.measuring.distance import (
     surface_distances,
 )
 from meshfit.measuring.edges import Edges, edge_scores
-from meshfit.measuring.metrics import MEASURED
+from meshfit.measuring.metrics import CORRESPONDING, MEASURED, METRICS
+from meshfit.measuring.new_defects import NewDefects, new_defects
 from meshfit.measuring.points import Chamfer, FScore, NormalConsistency, point_scores
 from meshfit.measuring.quality import Quality, mesh_quality
 from meshfit.measuring.settings import TAU_OF_FILES, MeasureSettings
+from meshfit.measuring.stretch import Stretch, stretch
 from meshfit.measuring.surface import as_target, as_triangles, require_surface
+from meshfit.measuring.vertex_error import VertexError, as_truth, vertex_error
 from meshfit.mesh.any_mesh import MeshLike
 from meshfit.mesh.geometry import bounding_box_diagonal
 from meshfit.mesh.mesh import Mesh
@@ -48,6 +52,7 @@ _SHOWN_FIRST = (
 )
 
 
+_SHOWN_FIRST_OF_TEMPLATES = ("vertex_error.rms", "stretch.p99", "new_defects.crossing_faces", "unmatched.source")
 _SHOWN_FIRST_OF_CLOUDS = ("distance.backward_rms", "distance.backward_mean", "hausdorff.backward")
 
 
@@ -66,6 +71,10 @@ class Measurement:
         quality: mesh quality of the result; independent of the target.
         farthest: where the largest distances are.
         cloud: facts of the target where it is a cloud of points; None for a mesh.
+        vertex_error: distances of vertices from where they belong; None where that is not known.
+        stretch: stretch of the faces of the source; None without one that has the faces of the result.
+        new_defects: defects that the source does not have; None without one.
+        unmatched: share of the source without a partner on the target; None without one.
 
     Example:
         >>> import meshfit
@@ -86,6 +95,10 @@ class Measurement:
     quality: Quality
     farthest: Farthest
     cloud: CloudFacts | None = None
+    vertex_error: VertexError | None = None
+    stretch: Stretch | None = None
+    new_defects: NewDefects | None = None
+    unmatched: Unmatched | None = None
 
     def __repr__(self) -> str:
         """Return the most important numbers."""
@@ -102,17 +115,19 @@ class Measurement:
     def _repr_html_(self) -> str:
         """Return the most important metrics as a table, and one of all to open, for notebooks."""
         values = self.flat()
-        rows = {name: (MEASURED[name].title, MEASURED[name].text(value)) for name, value in values.items()}
+        rows = {name: (METRICS[name].title, METRICS[name].text(value)) for name, value in values.items()}
         names = _SHOWN_FIRST if self.cloud is None else (*_SHOWN_FIRST_OF_CLOUDS, *_SHOWN_FIRST)
+        names = (*(name for name in _SHOWN_FIRST_OF_TEMPLATES if name in values), *names)
         first = html_table(("metric", "value"), (rows[name] for name in names))
         return (
             f"{first}<details><summary>all metrics</summary>{html_table(('metric', 'value'), rows.values())}</details>"
         )
 
     def flat(self) -> dict[str, Any]:
-        """Return every metric by its name, `group.name`, in the order of `MEASURED`."""
+        """Return every metric that was measured by its name, `group.name`, in the order of `METRICS`."""
         nested = self.to_dict()
-        return {name: nested[name.partition(".")[0]][name.partition(".")[2]] for name in MEASURED}
+        names = (*MEASURED, *(name for name in CORRESPONDING if name.partition(".")[0] in nested))
+        return {name: nested[name.partition(".")[0]][name.partition(".")[2]] for name in names}
 
     def to_pandas(self) -> Any:  # noqa: ANN401  pandas is optional
         """Return a pandas DataFrame of one row with a column for every metric; `pandas.concat` stacks several.
@@ -123,14 +138,12 @@ class Measurement:
         return import_pandas().DataFrame([self.flat()])
 
     def to_dict(self) -> dict[str, dict[str, Any]]:
-        """Return nested dicts of plain values for JSON; `MEASURED` names each metric as `group.name`.
+        """Return nested dicts of plain values for JSON; `METRICS` names each metric as `group.name`.
 
         Besides metrics, there are the numbers of points, tau, the reason of a missing value, the farthest points, and
-        for a target of points `cloud`.
+        for a target of points `cloud`. Groups that were not measured are left out.
         """
-        values = asdict(self)
-        if self.cloud is None:
-            del values["cloud"]
+        values = {group: part for group, part in asdict(self).items() if part is not None}
         for point in values["farthest"].values():
             point |= {key: list(point[key]) for key in ("position", "nearest")}
         return values
@@ -142,6 +155,9 @@ def measure(  # noqa: PLR0913  the settings, by name
     target: "MeshLike | PointCloud",
     settings: MeasureSettings | None = None,
     *,
+    source: "MeshLike | None" = None,
+    truth: Any = None,  # noqa: ANN401  any form of positions
+    scaled: bool | None = None,
     surface: Literal["all", "outer"] | None = None,
     samples: int | None = None,
     points: int | None = None,
@@ -170,6 +186,11 @@ def measure(  # noqa: PLR0913  the settings, by name
             to the target are to its nearest points, and thus too large by a share of their spacing. Without normals of
             its own, angles are up to 90°, and the signed normal consistency is missing; so are the scores of creases.
         settings: numbers of samples and points, tau and seed; defaults if not given.
+        source: the mesh that was fitted, with the faces of the result, in any form that `as_mesh` takes: the result is
+            then measured against it as well. Its pose and its size do not matter.
+        truth: where the vertices of the result belong, in the frame of the target: a mesh, points or an array.
+        scaled: whether the size of the source is without meaning, so that stretch is measured after its mean is
+            removed; if not given, it is beyond a ratio of 1.5.
         surface: `outer` measures between what can be seen of the two meshes from outside, as `outer_surface` returns
             it, so that parts inside others do not count; `all` between all of both. Mesh quality is that of all.
         samples: number of points on each surface for Hausdorff, mean and RMS distances.
@@ -183,7 +204,8 @@ def measure(  # noqa: PLR0913  the settings, by name
 
     Raises:
         MeshError: not a mesh.
-        MeasureError: a mesh without faces or area, or a vertex that is not finite.
+        MeasureError: a mesh without faces or area, a vertex that is not finite, a source with other faces than the
+            result, or a truth with another number of vertices.
         ConfigError: an unknown setting, or a value that is not allowed.
     """
     given = {
@@ -199,24 +221,53 @@ def measure(  # noqa: PLR0913  the settings, by name
     settings = override(settings or MeasureSettings(f_score_tau=TAU_OF_FILES), changes)
     whole, goal = as_triangles(result, "result"), as_target(target)
     require_surface(whole, "result")
-    if isinstance(goal, PointCloud):
-        seen = outer_surface(whole) if settings.surface == "outer" else whole
-        parts = measure_to_cloud(seen, goal, settings)
-        parts = parts._replace(farthest=_with_faces_of(parts.farthest, (seen, whole), None))
-        return Measurement(**parts._asdict(), quality=mesh_quality(whole, "result"))
-    result, target = whole, goal
-    all_of_target = target
+    start = None if source is None else _same_faces(as_triangles(source, "source"), whole)
+    places = None if truth is None else as_truth(truth, whole)
+    distances = _to_cloud(whole, goal, settings) if isinstance(goal, PointCloud) else _to_mesh(whole, goal, settings)
+    parts: dict[str, Any] = {"quality": mesh_quality(whole, "result")}
+    if places is not None:
+        parts |= {"vertex_error": vertex_error(whole, places, bounding_box_diagonal(goal.verts))}
+    if start is not None:
+        parts |= {"stretch": stretch(start, whole, scaled=scaled), "new_defects": new_defects(start, whole)}
+        parts |= {"unmatched": unmatched(start, whole, goal)}
+    return Measurement(**distances, **parts)
+
+
+def _to_cloud(whole: Mesh, target: PointCloud, settings: MeasureSettings) -> dict[str, Any]:
+    seen = outer_surface(whole) if settings.surface == "outer" else whole
+    parts = measure_to_cloud(seen, target, settings)
+    return parts._replace(farthest=_with_faces_of(parts.farthest, (seen, whole), None))._asdict()
+
+
+def _to_mesh(whole: Mesh, whole_target: Mesh, settings: MeasureSettings) -> dict[str, Any]:
+    result, target = whole, whole_target
     if settings.surface == "outer":
-        result, target = outer_surface(whole), outer_surface(target)
+        result, target = outer_surface(whole), outer_surface(whole_target)
     hausdorff, distance, normal_angle, farthest = surface_distances(result, target, settings.samples, settings.seed)
-    farthest = _with_faces_of(farthest, (result, whole), (target, all_of_target))
     points, tau = settings.points, settings.tau(bounding_box_diagonal(target.verts))
     chamfer, f_score, normal_consistency = point_scores(result, target, points, tau, settings.seed)
-    edges = edge_scores(result, target, points, settings.crease_angle, tau, settings.seed)
-    quality = mesh_quality(whole, "result")
-    return Measurement(
-        hausdorff, distance, chamfer, f_score, normal_consistency, normal_angle, edges, quality, farthest
-    )
+    return {
+        "hausdorff": hausdorff,
+        "distance": distance,
+        "chamfer": chamfer,
+        "f_score": f_score,
+        "normal_consistency": normal_consistency,
+        "normal_angle": normal_angle,
+        "edges": edge_scores(result, target, points, settings.crease_angle, tau, settings.seed),
+        "farthest": _with_faces_of(farthest, (result, whole), (target, whole_target)),
+    }
+
+
+def _same_faces(source: Mesh, result: Mesh) -> Mesh:
+    """Return the source; refuse one whose faces are not those of the result."""
+    require_surface(source, "source")
+    if source.num_verts == result.num_verts and np.array_equal(source.faces, result.faces):
+        return source
+    counts = [
+        f"{count_text(mesh.num_verts, 'vertex')} and {count_text(mesh.num_faces, 'face')}" for mesh in (source, result)
+    ]
+    other = f"the result {counts[1]}" if counts[0] != counts[1] else "the result as many, with other corners"
+    raise MeasureError(f"the source has {counts[0]}, {other}: expected the mesh that was fitted, with the same faces")
 
 
 def _with_faces_of(farthest: Farthest, results: tuple[Mesh, Mesh], targets: tuple[Mesh, Mesh] | None) -> Farthest:

@@ -105,9 +105,32 @@ MEASURED: Mapping[str, Metric] = MappingProxyType(
 )
 """The metrics of a `Measurement`, by dotted name. Those of the edges are None where there are no creases."""
 
+CORRESPONDING: Mapping[str, Metric] = MappingProxyType(
+    {
+        "vertex_error.rms": _length("vertex error"),
+        "vertex_error.p50": _length("median vertex error"),
+        "vertex_error.p99": _length("99th percentile of the vertex error"),
+        "vertex_error.max": _length("largest vertex error"),
+        "vertex_error.percent_of_diagonal": _less("vertex error, % of diagonal", ".3f", "%"),
+        "landmark_error.rms": _length("landmark error"),
+        "landmark_error.max": _length("largest landmark error"),
+        "landmark_error.left_out_rms": _length("error of landmarks left out"),
+        "landmark_error.left_out_max": _length("largest error of landmarks left out"),
+        "stretch.p50": _less("median stretch", ".3f"),
+        "stretch.p99": _less("99th percentile of the stretch", ".3f"),
+        "new_defects.crossing_pairs": _less("new pairs of crossing faces", _COUNT),
+        "new_defects.crossing_faces": _less("new crossing faces", _COUNT),
+        "new_defects.flipped_faces": _less("new flipped faces", _COUNT),
+        "new_defects.degenerate_faces": _less("new degenerate faces", _COUNT),
+        "unmatched.source": _less("unmatched share of the source", _SHARE),
+    }
+)
+"""The metrics of results whose vertices are those of a source: against where these belong, and against the source."""
+
 METRICS: Mapping[str, Metric] = MappingProxyType(
     {
         **MEASURED,
+        **CORRESPONDING,
         "source.area": _neutral("area of the source", ".6g", SQUARED_LENGTH),
         "source.verts": _neutral("vertices of the source", _COUNT),
         "source.faces": _neutral("faces of the source", _COUNT),
@@ -116,7 +139,10 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
         "peak_memory_mb": _less("peak memory (MB)", ".4g", "MB"),
     }
 )
-"""All metrics of a result: those of its measurement, those of the source, which no seed affects, time and memory."""
+"""All metrics of a result: those of its measurement, those of the source, which no seed affects, time and memory.
+
+Not every result has those of `CORRESPONDING`.
+"""
 
 DEFAULT_METRIC = "hausdorff.symmetric"
 DEFAULT_METRIC_OF_CLOUDS = "distance.backward_rms"
@@ -142,6 +168,11 @@ _MAIN = {
     "normal_consistency": "normal_consistency.signed",
     "normal_angle": "normal_angle.mean",
     "edges": "edges.f1",
+    "vertex_error": "vertex_error.rms",
+    "landmark_error": "landmark_error.rms",
+    "stretch": "stretch.p99",
+    "new_defects": "new_defects.crossing_faces",
+    "unmatched": "unmatched.source",
 }
 """The metric that a group's name alone stands for."""
 
