@@ -146,6 +146,16 @@ def fit(
             rich_help_panel=_FIT,
         ),
     ] = None,
+    correspondence: Annotated[
+        Path | None,
+        typer.Option(
+            "--correspondence",
+            help="CSV file to write, with the target's face and barycentric coordinates, or its point, nearest to each "
+            "vertex of the result; requires --register or --connectivity fixed. For several targets, a folder.",
+            metavar="FILE",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = None,
     noise: Annotated[
         str | None,
         typer.Option(
@@ -265,6 +275,7 @@ def fit(
         meshfit fit head.obj -o head-fitted.obj --source sphere --connectivity fixed
         meshfit fit scan.ply -o registered.glb --source template.glb --connectivity fixed  # keeps its texture
         meshfit fit scan.ply -o moved.obj --source template.obj --register rigid
+        meshfit fit scan.ply -o fitted.obj --source template.obj --connectivity fixed --correspondence pairs.csv
         meshfit fit scans/*.obj -o fitted/ --output-format obj --jobs 4
         zcat scan.ply.gz | meshfit fit - --format ply -o fitted.ply
     """
@@ -297,12 +308,13 @@ def fit(
         overrides=overrides or (),
     )
     check_options(options)
+    tables = _correspondences(correspondence, [*targets, source], outputs, options, many=many)
     run_options = RunOptions(jobs=jobs, quiet=quiet, as_json=as_json)
     try:
         with _folder(keep) as folder:
             fitting = _Fitting(options, folder, run_options, output_format, kept=keep is not None)
             with err.status(f"reading {count_text(len(targets), 'mesh')}") if err.is_terminal else nullcontext():
-                jobs_of = fitting.plan(targets, outputs, input_format, many=many)
+                jobs_of = fitting.plan(targets, outputs, tables, input_format, many=many)
             verdicts = fitting.run(jobs_of, many=many)
     except KeyboardInterrupt:
         if keep is not None:  # the same command resumes it
@@ -358,10 +370,11 @@ def _check_targets(targets: Sequence[str]) -> None:
 
 @dataclass(frozen=True)
 class _Job:
-    """A target, the trial that fits it, and the file to write."""
+    """A target, the trial that fits it, and the files to write."""
 
     target: str
     output: str
+    table: str | None
     trial: "Trial"
 
 
@@ -376,14 +389,21 @@ class _Fitting:
     kept: bool
 
     def plan(
-        self, targets: Sequence[str], outputs: Sequence[str], input_format: str | None, *, many: bool
+        self,
+        targets: Sequence[str],
+        outputs: Sequence[str],
+        tables: Sequence[str | None],
+        input_format: str | None,
+        *,
+        many: bool,
     ) -> list[_Job]:
         """Plan one fit per target; of many, name those that cannot be fitted, and go on."""
         jobs = []
-        for target, output in zip(targets, outputs, strict=True):
+        for target, output, table in zip(targets, outputs, tables, strict=True):
             try:
                 with suggest_option("--format"):
-                    jobs.append(_Job(target, output, plan_fit(self._file_of(target, input_format), self.options)))
+                    trial = plan_fit(self._file_of(target, input_format), self.options)
+                    jobs.append(_Job(target, output, table, trial))
             except MeshfitError as error:
                 if not many:
                     raise
@@ -453,10 +473,12 @@ class _Fitting:
         from meshfit.cli.verdict import verdict_of
         from meshfit.experiment.storage.attributes import with_attributes
         from meshfit.experiment.storage.frame import frame_of, written_frame
+        from meshfit.experiment.storage.run_directory import CORRESPONDENCE
         from meshfit.experiment.storage.targets import read_written_mesh
         from meshfit.measuring.metrics import MEASURED
         from meshfit.mesh.attributes import SUPPORTED
         from meshfit.mesh.io.files import mesh_output_suffix
+        from meshfit.mesh.io.mesh_file import write_file
 
         folder, record = store.folder(job.trial), store.result(job.trial)
         if record is None:
@@ -470,6 +492,8 @@ class _Fitting:
             # The share is in the verdict, and other formats have no place for the marks.
             mesh = mesh.with_attributes(mesh.attributes.without(SUPPORTED))
         _save(mesh, job.output, chosen)
+        if job.table is not None:
+            write_file(job.table, (folder / CORRESPONDENCE).read_bytes())
         stem = file_stem(job.target)
         for text in record["warnings"]:
             # The verdict says this itself.
@@ -522,6 +546,11 @@ def _check_output(output: str, output_format: str | None) -> None:
         if sys.stdout is None:
             raise MeshError("standard output: it is closed; give the path of a file")
         return
+    _check_place(output)
+
+
+def _check_place(output: str) -> None:
+    """Refuse the path of a file that cannot be written."""
     path = Path(output)
     folder = path.parent
     if not folder.is_dir():
@@ -573,6 +602,31 @@ def _remedy(targets: Sequence[str], output: str) -> str:
     template, scan = (shell_path(target) for target in targets)
     command = f"meshfit fit {scan} -o {shell_path(output)} --source {template} --connectivity fixed"
     return f"give -o fitted/, or, to bring the first to the second: {command}"
+
+
+def _correspondences(
+    path: Path | None, inputs: Sequence[str], outputs: Sequence[str], options: FitOptions, *, many: bool
+) -> list[str | None]:
+    """Return the table of the correspondence of each output, if wanted; refuse those that cannot be written."""
+    if path is None:
+        return [None] * len(outputs)
+    option = f"--correspondence {path_text(path)}"
+    if options.connectivity != "fixed":
+        remedy = "give --register near-rigid, or --connectivity fixed"
+        raise ConfigError(f"{option}: a remeshed result has other vertices than the source; {remedy}")
+    if not many and (is_folder(str(path)) or format_suffix(path) in MESH_SUFFIXES):
+        raise ConfigError(f"{option}: expected a CSV file; give a name such as pairs.csv")
+    if many:
+        from meshfit.experiment.storage.run_directory import make_folder
+
+        make_folder(path)
+    tables = [str(path / f"{file_stem(output)}.csv") if many else str(path) for output in outputs]
+    taken = {os.path.realpath(name) for name in (*inputs, *outputs)}
+    for table in tables:
+        if os.path.realpath(table) in taken:
+            raise ConfigError(f"{option}: would overwrite a mesh; give another name, such as pairs.csv")
+        _check_place(table)
+    return [*tables]
 
 
 def _check_not_overwritten(targets: Sequence[str], outputs: Sequence[str], source: str) -> None:

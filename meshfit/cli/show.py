@@ -42,6 +42,7 @@ _FILES = {
     "source.attributes.npz": "texture coordinates, colours and the like of the source",
     "result.ply": "the result",
     "result.attributes.npz": "those of the result; `meshfit save` writes both in any format",
+    "correspondence.csv": "the target's face or point nearest to each vertex of the result",
     "control.ply": "the control mesh; refined by the scheme, it is the result",
     "control.attributes.npz": "texture coordinates, colours and the like of the control mesh",
     "last_good.ply": "the mesh before the fit diverged",

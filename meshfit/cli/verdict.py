@@ -36,6 +36,8 @@ class Verdict:
         supported: share of the surface that the target shows; None if it has no holes.
         filled: number of openings of the target that the source fills, as set.
         registered: how the source was registered and why, where it was chosen; empty elsewhere.
+        unmatched: share of a registered source without a partner on the target; None if none was registered.
+        new_crossing_faces: faces that cross and did not in a registered source; None if none was registered.
     """
 
     target: str
@@ -61,6 +63,8 @@ class Verdict:
     supported: float | None
     filled: int = 0
     registered: str = ""
+    unmatched: float | None = None
+    new_crossing_faces: int | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values and the advice as plain data."""
@@ -73,7 +77,8 @@ class Verdict:
             f"distance{self._from}: worst {self.max_distance:.4g} ({self.max_percent:.2g} % of the diagonal), "
             f"mean {self.mean_distance:.4g} ({self.mean_percent:.2g} %), in the unit of the file"
         )
-        sound = f"faces: {self.crossing_faces:,} crossing, {self.flipped_faces:,} flipped; {self.result_topology}"
+        new = "" if self.new_crossing_faces is None else f" ({self.new_crossing_faces:,} new)"
+        sound = f"faces: {self.crossing_faces:,} crossing{new}, {self.flipped_faces:,} flipped; {self.result_topology}"
         if not self.target_topology:
             sound += " (target: points, without pieces or genus)"
         elif self.target_topology != self.result_topology:
@@ -98,7 +103,11 @@ class Verdict:
             yield f"started from a wrap around the target: {self.reason}; --source target starts from the target itself"
         if self.registered:
             yield self.registered
-        if self.supported is not None and self.supported < _ALL_BUT_NOTHING:
+        if self.unmatched is not None:
+            if self.unmatched > 1 - _ALL_BUT_NOTHING:
+                share = f"{100 * self.unmatched:.2g} % of the source"
+                yield f"{share} has no partner on the target, and keeps its shape there"
+        elif self.supported is not None and self.supported < _ALL_BUT_NOTHING:
             share = f"{100 * (1 - self.supported):.2g} % of the surface"
             if self.filled:
                 yield f"filled as set: {count_text(self.filled, 'opening')} of the target, {share}"
@@ -153,7 +162,7 @@ def verdict_of(target: str, output: str, folder: "Path", record: "Result") -> Ve
     worst, mean = record["hausdorff"][way[0]], record["distance"][way[1]]
     share = record["hausdorff"]["percent_of_diagonal"] / (record["hausdorff"]["symmetric"] or 1.0)
     percent = worst * share
-    quality = record["quality"]
+    quality, registered = record["quality"], record.get("register", {}).get("register", "off") != "off"
     return Verdict(
         target,
         output,
@@ -178,6 +187,8 @@ def verdict_of(target: str, output: str, folder: "Path", record: "Result") -> Ve
         supported=record.get("supported"),
         filled=max(openings[0] - openings[1], 0),
         registered=_registered(record),
+        unmatched=record["unmatched"]["source"] if registered and "unmatched" in record else None,
+        new_crossing_faces=record["new_defects"]["crossing_faces"] if registered and "new_defects" in record else None,
     )
 
 

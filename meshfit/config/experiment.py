@@ -1,6 +1,7 @@
 """The settings of an experiment: every target with every scheme and every seed, all else equal."""
 
 import json
+import re
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
@@ -13,6 +14,7 @@ from pydantic import (
     ValidationInfo,
     ValidatorFunctionWrapHandler,
     WrapValidator,
+    field_validator,
     model_validator,
 )
 
@@ -27,6 +29,8 @@ MAX_LEVELS = 8
 """The most subdivision levels that a source may have."""
 SOURCE_FILE_KEYS = (("source", "mesh"), ("source", "creases", "file"), ("source", "alpha", "file"))
 """Settings of the source that may be paths of files."""
+TRUTH_KEY = ("target", "truth")
+"""The setting that is the path of a file, or a pattern of paths."""
 MADE_FROM_TARGET = ("target", "closed", "wrap", "auto")
 """Values of `source.mesh` that stand for control meshes made from the trial's target."""
 _OF_TARGET = {"levels": 0, "wanted_verts": 2562, "radius": None, "centre": None}
@@ -216,6 +220,19 @@ class TargetSettings(Settings):
     """Position that a scan was taken from, in the coordinates and the unit of the target's file, towards which the
     normals of its points are oriented where the file has none; null orients them from neighbour to neighbour, outwards.
     Targets must be clouds of points."""
+    truth: str | None = None
+    """File with the places where the vertices of the source belong, for `vertex_error`, in the coordinates of the
+    target's file: a mesh, or points, with as many vertices as the file of the source, its control mesh, or the refined
+    source. In its name, `{target}` and `{scheme}` stand for those of a trial, as in `truth/{target}.ply`; null means
+    that none are known."""
+
+    @field_validator("truth")
+    @classmethod
+    def _known_placeholders(cls, value: str | None) -> str | None:
+        for name in re.findall(r"\{([^{}]*)\}", value or ""):
+            if name not in ("target", "scheme"):
+                raise ValueError(f"{{{name}}} stands for nothing; allowed: {{target}}, {{scheme}}")
+        return value
 
 
 class ViewSettings(Settings):
@@ -302,6 +319,22 @@ class ExperimentSettings(Settings):
                 raise ValueError(
                     f"source.{key}: {self.fit.method} fits without {key}; set fit.method: first-order, or remove it"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _truth_needs_vertices(self) -> "ExperimentSettings":
+        if self.target.truth is None:
+            return self
+        if self.source.is_made_from_target:
+            raise ValueError(
+                f"target.truth: the vertices of a source that is made from the target ({self.source.mesh}) belong "
+                "nowhere; set source.mesh to a file, or remove it"
+            )
+        if getattr(self.fit, "connectivity", "fixed") != "fixed":
+            raise ValueError(
+                "target.truth: a remeshed result has other vertices than the source; set fit.connectivity: fixed, or "
+                "remove it"
+            )
         return self
 
     def __hash__(self) -> int:

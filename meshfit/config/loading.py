@@ -8,7 +8,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from meshfit.config.experiment import SOURCE_FILE_KEYS, ExperimentSettings, canonical_key, with_canonical_keys
+from meshfit.config.experiment import (
+    SOURCE_FILE_KEYS,
+    TRUTH_KEY,
+    ExperimentSettings,
+    canonical_key,
+    with_canonical_keys,
+)
 from meshfit.config.scheme_files import read_scheme_files, relative_to_folder, resolve_specs
 from meshfit.config.strict_yaml import parse_value, read_document
 from meshfit.config.sweeps import variants_of
@@ -134,8 +140,10 @@ def _with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
             return value
         if key == ("schemes",) or (key[:1] == ("define",) and key[2:] == ("base",)):
             return relative_to_folder(value, folder)
-        if key == ("targets",) or any(tuple(key[-len(path) :]) == path for path in SOURCE_FILE_KEYS):
-            return absolute_path(value, folder)
+        files = (*SOURCE_FILE_KEYS, TRUTH_KEY)
+        if key == ("targets",) or any(tuple(key[-len(path) :]) == path for path in files):
+            is_pattern = tuple(key[-2:]) == TRUTH_KEY and "{" in value
+            return str(folder.resolve() / value) if is_pattern else absolute_path(value, folder)
         return value
 
     return {key: absolute(value, (key,)) for key, value in data.items()}

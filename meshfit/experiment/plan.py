@@ -14,6 +14,7 @@ from meshfit.config.loading import Experiment
 from meshfit.config.sweeps import Variant, variants_of
 from meshfit.errors import ConfigError, Faults
 from meshfit.experiment.source import build_source, source_files, stand_in
+from meshfit.experiment.truth import truth_path, vertex_counts
 from meshfit.fitting.external.tools import TOOLS
 from meshfit.fitting.settings import ExternalSettings, FirstOrderSettings, FitSettings
 from meshfit.mesh.cleaning_options import CleaningOptions
@@ -81,7 +82,14 @@ class Trial:
         for role, options in (("creases", source.creases), ("alpha", source.alpha)):
             if options is not None and options.file is not None:
                 names[role] = options.file
+        if self.truth is not None:
+            names["truth"] = self.truth
         return {role: names[role] for role, _ in self.inputs if role in names and names[role] not in NAMED_TARGETS}
+
+    @property
+    def truth(self) -> str | None:
+        """The file with the places where the vertices of the source belong, as the config names it."""
+        return truth_path(self.settings, target_label(self.target), self.scheme)
 
     def current_path(self, name: str) -> str:
         """The current path of a file that the settings name."""
@@ -174,7 +182,9 @@ def _trials_of(experiment: str, variant: Variant) -> Iterator[Trial]:
         inputs = (("target", targets[target]), *source_inputs, *_command_inputs(settings.fit))
         for scheme, seed in product(schemes, _seeds_with_effect(settings)):
             narrowed = {"targets": (target,), "schemes": (scheme.spec,), "seeds": (seed,), "define": dict(scheme.own)}
-            yield Trial(experiment, settings.model_copy(update=narrowed), inputs, variant.name)
+            truth = truth_path(settings, target_label(target), scheme.spec)
+            known = () if truth is None else (("truth", file_sha256(Path(truth))),)
+            yield Trial(experiment, settings.model_copy(update=narrowed), (*inputs, *known), variant.name)
 
 
 def _check_inputs(
@@ -196,7 +206,23 @@ def _check_inputs(
             _check_kind(target, checked, settings)
             targets[target] = checked.sha256
     faults.raise_any()
+    if settings.target.truth is not None:
+        for target, scheme in product(settings.targets, schemes):
+            with faults.collected():
+                _check_truth(settings, target_label(target), scheme)
+        faults.raise_any()
     return source, targets
+
+
+def _check_truth(settings: ExperimentSettings, target: str, scheme: NamedScheme) -> None:
+    """Read the file of the truth.
+
+    Raises:
+        MeshfitError: it cannot be read, or has another number of vertices.
+    """
+    path = truth_path(settings, target, scheme.spec)
+    assert path is not None  # noqa: S101  the settings have one
+    vertex_counts(settings.source, scheme, settings.fit).truth(path, path)
 
 
 class CheckedTarget(NamedTuple):
@@ -286,4 +312,6 @@ def _without_paths(settings: dict[str, Any]) -> dict[str, Any]:
     if settings["fit"].get("command"):
         names = [Path(part).name if Path(part).is_absolute() else part for part in settings["fit"]["command"]]
         settings = settings | {"fit": settings["fit"] | {"command": names}}
+    if settings.get("target", {}).get("truth"):
+        settings = settings | {"target": settings["target"] | {"truth": Path(settings["target"]["truth"]).stem}}
     return settings | {"targets": [target_label(name) for name in settings["targets"]], "source": source}

@@ -139,6 +139,15 @@ def stand_in(settings: SourceSettings) -> SourceSettings:
     return settings.model_copy(update={"mesh": "icosahedron", "wrap": None, "decimate": None})
 
 
+def control_verts(settings: SourceSettings, scheme: Scheme) -> tuple[int, VertexMap | None]:
+    """Return the number of vertices of a control mesh that is not made from a target, and those of its file.
+
+    The second is the vertices that those of its file became; None if it was decimated.
+    """
+    mesh, vertex_map = _control_mesh(settings, None, "all", polygons=isinstance(scheme, PolygonScheme))
+    return mesh.num_verts, vertex_map
+
+
 def expected_verts(settings: SourceSettings, scheme: Scheme) -> int:
     """Return the number of vertices of a source, or about that of one that has yet to be made from a target."""
     if settings.is_made_from_target and settings.wanted_verts is None and settings.decimate is not None:

@@ -101,6 +101,9 @@ class Engine(ABC):
         source = self.problems[member].source
         same = mesh.num_verts == source.num_verts and np.array_equal(mesh.faces, source.faces)
         return self.problems[member].landmarks if same else None
+    def pose_scale(self, _member: int) -> float | None:
+        """Return the change of size by the pose that a registration has found; None without one."""
+        return None
 
     def seconds(self, member: int) -> float:
         """Return the seconds that a fit has taken: its share of those of the batch, in all attempts."""
@@ -164,6 +167,7 @@ class FitResult:
         registered: how the source was registered; None where `register` is off.
         landmarks: the landmarks of the source on `mesh`, with their goals in the same coordinates, held out ones too;
             None without landmarks, or if the faces are not those of the source.
+        pose_scale: change of size by the pose that a registration found; None without one.
 
     Example:
         >>> import meshfit
@@ -184,6 +188,7 @@ class FitResult:
     tool: ToolRun | None = None
     registered: Registered | None = None
     landmarks: PlacedLandmarks | None = None
+    pose_scale: float | None = None
 
     def __repr__(self) -> str:
         """Return the mesh, the number of steps and the last value of the objective."""
@@ -274,6 +279,7 @@ def _result(engine: Engine, member: int) -> FitResult:
         tool=engine.tool(member),
         registered=engine.registered(member),
         landmarks=engine.landmarks(member, mesh),
+        pose_scale=engine.pose_scale(member),
     )
 
 

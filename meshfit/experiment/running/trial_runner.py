@@ -5,6 +5,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -37,6 +38,7 @@ from meshfit.experiment.storage.result import result_record
 from meshfit.experiment.storage.run_directory import (
     CHECKPOINT,
     CONFIG,
+    CORRESPONDENCE,
     FAILURE,
     RESULT,
     TIMES,
@@ -45,16 +47,19 @@ from meshfit.experiment.storage.run_directory import (
     RunDirectory,
     json_text,
 )
-from meshfit.experiment.storage.targets import carried_path, carry
+from meshfit.experiment.storage.targets import carried_path, carry, file_numbers
 from meshfit.experiment.storage.trial_log import TrialLog
 from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
+from meshfit.experiment.truth import source_with_faces_of, vertex_counts
 from meshfit.fitting.callbacks import Step
 from meshfit.fitting.external.tools import ToolError, ToolRun, works_from_target
 from meshfit.fitting.loop import FitResult
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem, Trace
 from meshfit.fitting.settings import ExternalSettings, FirstOrderSettings, FitSettings, GaussNewtonSettings
-from meshfit.measuring.measure import measure
+from meshfit.measuring.correspondence import Correspondence
+from meshfit.measuring.measure import Measurement, measure
 from meshfit.measuring.shortfalls import FAR, FAR_ON_AVERAGE, shortfalls
+from meshfit.measuring.vertex_error import Truth
 from meshfit.mesh.alignment import align, boxes_are_disjoint
 from meshfit.mesh.cleaning import outward, with_turning
 from meshfit.mesh.cleaning_options import CleaningOptions, Surface
@@ -121,6 +126,7 @@ class TrialRunner:
                 _check_unchanged(name, inputs.get(role))
             for role, path in command_files(settings.fit).items():
                 _check_unchanged(path, inputs.get(role))
+            self._truth = self._read_truth(inputs.get("truth"))
             built = build_source(source_settings, scheme, target=self._target, surface=settings.target.surface)
             made = made_from_target(source_settings, self._target, settings.target.surface)
             self._source_record = describe_source(source_settings, self._target, settings.target.surface)
@@ -136,6 +142,7 @@ class TrialRunner:
             self._log.note(f"warning: {text}")
         self.store.write(self.trial, CONFIG, dump(self.trial.config))
         polygons = built.with_verts(self._source.verts) if isinstance(built, PolygonMesh) else None
+        self._built = polygons or self._source
         checkpoint = self._checkpoint()
         before = checkpoint.get("seconds", 0.0) if checkpoint is not None else 0.0
         if checkpoint is not None:
@@ -176,9 +183,10 @@ class TrialRunner:
         start = time.perf_counter()
         filled = self._source if self.trial.settings.source.mesh == "closed" else None
         with self.warnings_recorded():
-            measured = measure(fitted.mesh, self._target, self.trial.settings.measure)
+            measured = self._measured(fitted)
             if filled is None:  # what fills holes is far from the target
                 _warn_if_farther(self._source, fitted.mesh, self._target, self.trial.settings.fit)
+            self._write_correspondence(fitted)
         short = list(fitted.shortfalls)
         far = FAR_ON_AVERAGE if isinstance(self.trial.settings.fit, FirstOrderSettings) else FAR
         settings = self.trial.settings
@@ -196,6 +204,42 @@ class TrialRunner:
         self.store.remove(self.trial, CHECKPOINT, FAILURE, LAST_GOOD)
         self._log.close(f"complete: {seconds['fit']:.1f} s of fitting, {seconds['measure']:.1f} s of measuring")
         self.outcome = Outcome(TrialStatus.COMPLETE)
+
+    def _measured(self, fitted: FitResult) -> Measurement:
+        """Measure a result against its target, and if it has the faces of the source, against that too."""
+        settings, scheme = self.trial.settings, self.trial.named_scheme.resolve()
+        source = source_with_faces_of(fitted.mesh, self._built, scheme, settings.fit, self._source)
+        truth = self._truth
+        if truth is not None and (source is None or int(truth.verts.max()) >= fitted.mesh.num_verts):
+            warnings.warn(
+                "no vertex error: the result has other vertices than the source", MeshfitWarning, stacklevel=2
+            )
+            truth = None
+        is_registered = fitted.registered is not None and fitted.registered.register != "off"
+        scaled = is_registered and fitted.pose_scale != 1.0
+        return measure(fitted.mesh, self._target, settings.measure, source=source, truth=truth, scaled=scaled)
+
+    def _write_correspondence(self, fitted: FitResult) -> None:
+        """Write the partner of each vertex on the target, where the vertices are those of the source."""
+        fit = self.trial.settings.fit
+        if not isinstance(fit, GaussNewtonSettings) or fit.connectivity != "fixed":
+            return
+        assert self._frame is not None  # noqa: S101  set by `prepare`
+        found = Correspondence.of(fitted.mesh, self._target).restored(self._frame)
+        numbered = found.numbered_as(*file_numbers(self.trial.current_path(self.trial.target)))
+        self.store.write(self.trial, CORRESPONDENCE, numbered.to_csv())
+
+    def _read_truth(self, sha256: str | None) -> Truth | None:
+        """Read where vertices of the result belong, in the normalised frame."""
+        trial = self.trial
+        if trial.truth is None:
+            return None
+        path = trial.current_path(trial.truth)
+        _check_unchanged(path, sha256)
+        source = relocated(trial.settings.source, trial.current_path)
+        truth = vertex_counts(source, trial.named_scheme, trial.settings.fit).truth(path, trial.truth)
+        assert self._frame is not None  # noqa: S101  set by `prepare`
+        return replace(truth, positions=(truth.positions - self._frame.centre) / self._frame.scale)
 
     def fail(self, error: Exception) -> None:
         """Record why the trial failed."""

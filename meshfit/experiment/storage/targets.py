@@ -10,9 +10,11 @@ import re
 import warnings
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 from filelock import FileLock
 
 from meshfit.errors import MeshError, MeshfitWarning, StoreError
@@ -21,9 +23,10 @@ from meshfit.mesh.cleaning_options import CleaningOptions
 
 if TYPE_CHECKING:
     from meshfit.experiment.plan import Trial
-    from meshfit.mesh.mesh import Mesh
+    from meshfit.mesh.mesh import Mesh, Verts
     from meshfit.mesh.point_cloud import PointCloud
     from meshfit.mesh.polygons import PolygonMesh
+    from meshfit.mesh.topology import Indices
 
 _CARRIED = re.compile(r"[0-9a-f]{64}")
 _LEVELS = 4
@@ -205,6 +208,24 @@ def read_written_mesh(path: Path) -> "Mesh | PolygonMesh":
         raise MeshError(f"{path}: damaged: its faces do not match its {num_verts} vertices")
     mesh = PolygonMesh(*soup)
     return Mesh(mesh.verts, mesh.corners.reshape(-1, 3), mesh.attributes) if (mesh.sizes == 3).all() else mesh
+
+
+@lru_cache(maxsize=2)  # a worker runs the trials of a target in succession
+def file_numbers(target: str) -> "tuple[Verts, Indices, int]":
+    """Return the vertices of a target's file, the corners of its faces one after the other, and their number.
+
+    Raises:
+        MeshError: it cannot be read.
+    """
+    from meshfit.mesh.io.files import POINT_FORMATS, parse_file, read_soup
+    from meshfit.mesh.targets import open_target
+
+    file = open_target(target)
+    if file.suffix in POINT_FORMATS:
+        verts = parse_file(file, POINT_FORMATS[file.suffix].read, POINT_FORMATS).verts
+        return np.asarray(verts, dtype=np.float64), np.empty(0, dtype=np.int64), 0
+    soup = read_soup(file)
+    return np.asarray(soup.verts, dtype=np.float64), np.asarray(soup.corners, dtype=np.int64), len(soup.sizes)
 
 
 def triangles(mesh: "Mesh | PolygonMesh") -> "Mesh":

@@ -53,6 +53,10 @@ class RegistrationEngine(GaussNewton):
         """Return how the source was registered."""
         return self._registrations[member].registered
 
+    def pose_scale(self, member: int) -> float:
+        """Return the change of size by the pose that has been found."""
+        return self._registrations[member].pose.scale
+
     def checkpoint(self, member: int) -> Checkpoint:
         """Return a copy of everything that the next step of one problem depends on."""
         return super().checkpoint(member) | {"registration": self._registrations[member].saved()}

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from meshfit.config.experiment import SOURCE_FILE_KEYS
+from meshfit.config.experiment import SOURCE_FILE_KEYS, TRUTH_KEY
 from meshfit.config.scheme_files import scheme_name_for
 from meshfit.errors import StoreError
 from meshfit.experiment.storage.run_directory import Result
@@ -27,7 +27,7 @@ _NOT_SHARED = ("targets", "schemes", "define", "seeds")
 
 # Settings that change which files are written, and no number.
 _WITHOUT_EFFECT = ("write_frame", "fit.trace_every")
-_PATHS = {".".join(path) for path in SOURCE_FILE_KEYS}
+_PATHS = {".".join(path) for path in (*SOURCE_FILE_KEYS, TRUTH_KEY)}
 
 
 @dataclass(frozen=True)
@@ -230,7 +230,7 @@ def shared_settings(result: Result) -> dict[str, Any]:
         # As in a trial's identity, the content of a file counts, and its folder does not.
         settings[key] = settings[key] and file_stem(settings[key])
     for role, sha256 in result.get("inputs", {}).items():
-        if role != "target":
+        if role not in ("target", "truth"):
             settings["source.sha256" if role == "source" else f"source.{role}.sha256"] = sha256[:12]
     return settings
 

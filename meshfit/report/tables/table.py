@@ -219,6 +219,19 @@ def default_metric(results: Iterable[Result]) -> str:
     return DEFAULT_METRIC_OF_CLOUDS if any("cloud" in result for result in results) else DEFAULT_METRIC
 
 
+def default_metrics(results: Sequence[Result]) -> tuple[str, ...]:
+    """Return the metrics of a table if none are chosen: several where vertices of a source have a meaning.
+
+    These are results of registrations, and those whose truth is known.
+    """
+    main, first, last = default_metric(results), list[str](), list[str]()
+    if any(result.get("vertex_error") for result in results):
+        first, last = ["vertex_error.rms"], ["seconds.fit"]
+    elif not any(result.get("register", {}).get("register", "off") != "off" for result in results):
+        return (main,)
+    return (*first, main, "stretch.p99", "new_defects.crossing_faces", *last)
+
+
 def build_tables(
     results: Sequence[Result],
     *metrics: str,
@@ -230,7 +243,7 @@ def build_tables(
 
     Args:
         results: the contents of `result.json` files.
-        metrics: names of `METRICS`; by default `default_metric` of the results.
+        metrics: names of `METRICS`; by default `default_metrics` of the results.
         baseline: the scheme that others are compared with; by default the first of each variation.
         schemes: order of the rows, as for `group_results`.
         targets: order of the columns, as for `group_results`.
@@ -240,7 +253,7 @@ def build_tables(
         SchemeError: the baseline is not a scheme.
         StoreError: results that contradict each other.
     """
-    metrics = tuple(dict.fromkeys(metrics or (default_metric(results),)))
+    metrics = tuple(dict.fromkeys(metrics or default_metrics(results)))
     for metric in metrics:
         require_metric(metric)
     if baseline is not None:
