@@ -85,16 +85,16 @@ def listed_metrics(incomplete: str) -> Completions:
 
 def listed_measured(incomplete: str) -> Completions:
     """The last metric of a comma-separated list, of those that `meshfit measure` measures."""
-    from meshfit.measuring.metrics import MEASURED
+    from meshfit.measuring.metrics import OF_MEASUREMENTS
 
-    return [pair for pair in listed_metrics(incomplete) if pair[0].rpartition(",")[2] in MEASURED]
+    return [pair for pair in listed_metrics(incomplete) if pair[0].rpartition(",")[2] in OF_MEASUREMENTS]
 
 
 def limits(incomplete: str) -> Completions:
     """Metrics of a measurement, up to the equals sign."""
-    from meshfit.measuring.metrics import MEASURED
+    from meshfit.measuring.metrics import OF_MEASUREMENTS
 
-    return _named({f"{name}=": metric.title for name, metric in MEASURED.items()}, incomplete)
+    return _named({f"{name}=": metric.title for name, metric in OF_MEASUREMENTS.items()}, incomplete)
 
 
 def settings(incomplete: str) -> Completions:

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -15,21 +15,25 @@ from meshfit.cli.measurements import Measured, Values, json_object, print_measur
 from meshfit.cli.options import OUTPUT, AsJson, MeshFormat, RepairMode, Weld, split_metrics, suggest_option
 from meshfit.errors import ConfigError, MeshfitError
 from meshfit.measuring.limits import Limit, parse_limit
-from meshfit.measuring.metrics import MEASURED
+from meshfit.measuring.metrics import CORRESPONDING, OF_MEASUREMENTS
 from meshfit.paths import MESH_SUFFIXES, STREAM, format_suffix, is_folder, is_pipe, path_text
 from meshfit.specs import suggest
+from meshfit.units import count_text
 
 if TYPE_CHECKING:
     from meshfit.measuring.settings import MeasureSettings
+    from meshfit.measuring.vertex_error import Truth
     from meshfit.mesh.cleaning_options import CleaningOptions
-    from meshfit.mesh.mesh import Mesh
+    from meshfit.mesh.mesh import Mesh, Verts
     from meshfit.mesh.normalisation import Frame, Normalisation
     from meshfit.mesh.point_cloud import PointCloud
 
-LIMITS = "Limits"
+LIMITS, TEMPLATES = "Limits", "Templates"
 
 _SAVE = "`meshfit save TRIAL -o FILE` writes"
 _WRITTEN = (".ply", ".vtp")
+# Options that groups of metrics need, other than --source.
+_OPTION_OF = {"vertex_error": "--truth"}
 _UNSIGNED, _UNSIGNED_TO_POINTS = "unsigned, since the target is open", "unsigned, to the nearest points of the target"
 
 
@@ -50,6 +54,28 @@ def measure(
             "-t",
             help="File or name of the target of all results, which become the rows of a table.",
             metavar="TARGET",
+            autocompletion=completions.targets,
+        ),
+    ] = None,
+    truth: Annotated[
+        str | None,
+        typer.Option(
+            "--truth",
+            help="File of a mesh or of points with the place where each vertex of the result belongs, in the frame of "
+            "the target, for the vertex error.",
+            metavar="FILE",
+            rich_help_panel=TEMPLATES,
+            autocompletion=completions.meshes,
+        ),
+    ] = None,
+    source: Annotated[
+        str | None,
+        typer.Option(
+            "--source",
+            help="Mesh that was fitted, with the faces of the result, for stretch, new defects and the share without a "
+            "partner; its pose does not matter.",
+            metavar="FILE",
+            rich_help_panel=TEMPLATES,
             autocompletion=completions.targets,
         ),
     ] = None,
@@ -158,8 +184,9 @@ def measure(
     """Measure a mesh against a target.
 
     The metrics are Hausdorff, mean and RMS distance and percentiles, chamfer distance, F-score, agreement of normals
-    and of creases, and mesh quality. Distances to a target of points are to the nearest of them, and thus too large by
-    a share of their spacing; those from it are exact. Lengths are in the files' own units unless --normalise names a
+    and of creases, and mesh quality; with --truth and --source, vertex errors, stretch and new defects. Distances to a
+    target of points are to the nearest of them, and thus too large by a share of their spacing; those from it are
+    exact. Lengths are in the files' own units unless --normalise names a
     frame. Several results are measured with --target; one that cannot be is named, the others are measured, and the
     exit code is 1.
 
@@ -168,6 +195,7 @@ def measure(
         meshfit measure result.ply scan.stl --write errors.ply
         meshfit measure results/*.ply --target scan.stl --csv errors.csv
         meshfit measure skin.ply parts.obj --surface outer
+        meshfit measure registered.obj scan.ply --source template.obj --truth known.ply
         meshfit measure result.ply points.xyz  # a cloud of points
         meshfit measure result.ply scan.stl --fail-above hausdorff=0.5%
         meshfit measure decimated.obj bunny --normalise tutorial --json
@@ -175,6 +203,7 @@ def measure(
     """
     from meshfit.measuring.settings import MeasureSettings
     from meshfit.measuring.surface import turned_target
+    from meshfit.mesh.any_target import require_mesh
     from meshfit.mesh.cleaning_options import CleaningOptions
     from meshfit.mesh.geometry import bounding_box_diagonal
     from meshfit.mesh.normalisation import frame_of
@@ -183,8 +212,10 @@ def measure(
     results, target_name = _roles(meshes, target)
     limits = [*(parse_limit(text, above=True) for text in fail_above or ())]
     limits += [parse_limit(text, above=False) for text in fail_below or ()]
-    _check_metrics(metrics)
-    _check_output([*results, target_name], write, csv_file, as_json=as_json)
+    given = {"--truth": truth, "--source": source}
+    _check_metrics(metrics, given)
+    _check_metrics([limit.metric for limit in limits], given)
+    _check_output([*results, target_name, *filter(None, given.values())], write, csv_file, as_json=as_json)
     if write is not None and len(results) > 1:
         raise ConfigError(f"--write takes one result, got {len(results)}; measure them one by one")
     options = {
@@ -197,7 +228,9 @@ def measure(
     load = _loader(CleaningOptions(weld, repair), input_format)
     target_mesh = turned_target(lambda: load(target_name))
     frame = frame_of(target_mesh.verts, normalise)
-    measuring = _Measuring(load, frame, frame.normalise(target_mesh), settings, write, target_name)
+    known = None if truth is None else _Known.read(truth, frame)
+    start = None if source is None else frame.normalise(require_mesh(load(source), source))
+    measuring = _Measuring(load, frame, frame.normalise(target_mesh), settings, write, target_name, known, start)
     diagonal = bounding_box_diagonal(measuring.target.verts)
     if target is None:
         measured = [Measured(results[0], measuring.measure(results[0]))]
@@ -243,10 +276,15 @@ def _roles(meshes: Sequence[str], target: str | None) -> tuple[list[str], str]:
     return results, last
 
 
-def _check_metrics(metrics: Sequence[str] | None) -> None:
+def _check_metrics(metrics: Sequence[str] | None, given: Mapping[str, str | None]) -> None:
+    """Refuse a metric that there is not, or that needs an option that is not given."""
     for metric in metrics or ():
-        if metric not in MEASURED:
-            raise ConfigError(f"'{metric}' is not a metric of a measurement: {suggest(metric, MEASURED)}")
+        if metric not in OF_MEASUREMENTS:
+            raise ConfigError(f"'{metric}' is not a metric of a measurement: {suggest(metric, OF_MEASUREMENTS)}")
+        if metric in CORRESPONDING:
+            option = _OPTION_OF.get(metric.partition(".")[0], "--source")
+            if given[option] is None:
+                raise ConfigError(f"{metric} requires {option} FILE")
 
 
 def _check_output(meshes: Sequence[str], write: str | None, csv_file: str | None, *, as_json: bool) -> None:
@@ -303,6 +341,41 @@ def _loader(cleaning: "CleaningOptions", input_format: str | None) -> "Callable[
 
 
 @dataclass(frozen=True)
+class _Known:
+    """The places where vertices belong, in the frame of the target, and the name of their file."""
+
+    name: str
+    positions: "Verts"
+
+    @classmethod
+    def read(cls, name: str, frame: "Frame") -> "_Known":
+        from meshfit.mesh.io.point_clouds import load_points
+
+        with suggest_option("--format"):
+            return cls(name, (load_points(name) - frame.centre) / frame.scale)
+
+    def of(self, result: "Mesh", name: str) -> "Truth":
+        """Return where vertices of a result belong; its file may have other vertices than the mesh that it became.
+
+        Raises:
+            ConfigError: neither has as many.
+        """
+        from meshfit.measuring.vertex_error import Truth
+        from meshfit.mesh.targets import NAMED_TARGETS, load_target_with_vertex_map
+
+        count = len(self.positions)
+        if count == result.num_verts:
+            return Truth.of_first(self.positions)
+        if name != STREAM and (name in NAMED_TARGETS or not is_pipe(name)):
+            _, vertex_map = load_target_with_vertex_map(name, polygons=False, attributes=False)
+            in_file, in_mesh = vertex_map.pairs()
+            if count == vertex_map.num_file_verts and int(in_mesh.max()) < result.num_verts:
+                return Truth(in_mesh, self.positions[in_file])
+        places = f"--truth {path_text(self.name)}: {count_text(count, 'vertex')}"
+        raise ConfigError(f"{places}, but {path_text(name)} has {result.num_verts:,}; give a place for each of them")
+
+
+@dataclass(frozen=True)
 class _Measuring:
     """Measurement of results by name, against one target in the frame of both."""
 
@@ -312,6 +385,8 @@ class _Measuring:
     settings: "MeasureSettings"
     write: str | None
     target_name: str
+    truth: _Known | None
+    source: "Mesh | None"
 
     def measure(self, name: str) -> Values:
         """Load and measure a result, and write its deviation if that is wanted.
@@ -329,7 +404,8 @@ class _Measuring:
         loaded = require_mesh(self.load(name), name)
         result = self.frame.normalise(loaded)
         self._warn_of_mismatch(name, loaded, result)
-        values = measure_mesh(result, self.target, self.settings).to_dict()
+        truth = None if self.truth is None else self.truth.of(result, name)
+        values = measure_mesh(result, self.target, self.settings, source=self.source, truth=truth).to_dict()
         if self.write is not None:
             target = self.target
             if self.settings.surface == "outer" and not isinstance(target, PointCloud):

@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from meshfit.cli.console import out
-from meshfit.measuring.metrics import LENGTH, MEASURED
+from meshfit.measuring.metrics import CORRESPONDING, LENGTH, MEASURED, OF_MEASUREMENTS
 from meshfit.paths import STREAM, path_text
 from meshfit.printable import csv_cell
 from meshfit.units import count_text
@@ -33,6 +33,8 @@ _WITH_TAU = ("f_score.", "edges.f1", "edges.precision", "edges.recall")
 """The starts of the names of metrics that count points within a distance."""
 _COLUMNS_OF_CLOUDS = ("distance.backward_rms", "distance.backward_mean", "hausdorff.backward", *_COLUMNS)
 """Those where the target is a cloud of points, from which distances are exact."""
+_COLUMNS_OF_TEMPLATES = ("vertex_error.rms", "stretch.p99", "new_defects.crossing_faces")
+"""Those that come first where they were measured."""
 
 _RESULT, _FAILED = "result", "failed"
 _LEAST = 12
@@ -67,7 +69,9 @@ def _value(values: Values, name: str) -> Any:  # noqa: ANN401  a number, a boole
 
 def _text(values: Values, name: str) -> str:
     value = _value(values, name)
-    return "–" if value is None else str(value) if isinstance(value, bool) else format(value, MEASURED[name].format)
+    return (
+        "–" if value is None else str(value) if isinstance(value, bool) else format(value, OF_MEASUREMENTS[name].format)
+    )
 
 
 # CSV.
@@ -108,8 +112,8 @@ def _long_rows(measured: Measured, target: str, metrics: Sequence[str] | None) -
 
 
 def _unit(name: str) -> str:
-    if name in MEASURED:
-        return MEASURED[name].unit
+    if name in OF_MEASUREMENTS:
+        return OF_MEASUREMENTS[name].unit
     return LENGTH if name == "f_score.tau" or (name.startswith("farthest") and not name.endswith("face")) else ""
 
 
@@ -172,6 +176,8 @@ def print_measured(
     elif any(each.values for each in measured):
         out.print(against, soft_wrap=True, markup=False, style="italic")
         usual = _COLUMNS_OF_CLOUDS if any("cloud" in each.values for each in measured) else _COLUMNS
+        groups = {group for each in measured for group in each.values}
+        usual = (*(name for name in _COLUMNS_OF_TEMPLATES if name.partition(".")[0] in groups), *usual)
         for number, table in enumerate(_results_tables(measured, metrics or usual, out.width)):
             if number:
                 out.print()
@@ -192,16 +198,16 @@ def _table(measured: Measured, metrics: Sequence[str] | None) -> Table:
         group = name.partition(".")[0]
         if not metrics and before not in ("", group):
             table.add_row()
-        table.add_row(MEASURED[name].title, _text(measured.values, name))
+        table.add_row(OF_MEASUREMENTS[name].title, _text(measured.values, name))
         before = group
     return table
 
 
 def _order(values: Values) -> list[str]:
-    """All metrics; for a target of points, first those from it to the result."""
-    if "cloud" not in values:
-        return list(MEASURED)
-    first = [name for name in MEASURED if ".backward" in name]
+    """All metrics; first those against truth and source, then for a target of points those from it to the result."""
+    first = [name for name in CORRESPONDING if name.partition(".")[0] in values]
+    if "cloud" in values:
+        first += [name for name in MEASURED if ".backward" in name]
     return [*first, *(name for name in MEASURED if name not in first)]
 
 
@@ -239,7 +245,7 @@ class _Column:
     @classmethod
     def of(cls, metric: str, measured: Sequence[Measured]) -> "_Column":
         cells = [_text(each.values, metric) if each.values else _FAILED for each in measured]
-        return cls(wrap(MEASURED[metric].title, max(_LEAST, *map(len, cells))), cells)
+        return cls(wrap(OF_MEASUREMENTS[metric].title, max(_LEAST, *map(len, cells))), cells)
 
     @property
     def width(self) -> int:
@@ -261,6 +267,8 @@ def _notes(values: Values, diagonal: float) -> Iterator[str]:
         f"{values['hausdorff']['samples']:,} samples and {values['chamfer']['points']:,} points per surface, "
         f"{_tau_text(values, diagonal)}"
     )
+    if values.get("stretch", {}).get("scale", 1.0) != 1.0:
+        yield f"stretch is that of the source made {values['stretch']['scale']:.4g} times as large"
     if reason := values["edges"]["reason"]:
         yield f"–: {reason}"
 

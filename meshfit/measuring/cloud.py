@@ -11,7 +11,6 @@ target, which is that of all points.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -218,11 +217,11 @@ def _usable(areas: Values) -> Values:
     return areas if areas.sum() > 0 else np.ones_like(areas)
 
 
-def percentiles_of(values: Values, weights: Values, percents: Sequence[float] = PERCENTILES) -> list[float]:
-    """Return percentiles of weighted values, interpolated linearly; with equal weights, those of numpy."""
+def percentiles_of(values: Values, weights: Values) -> list[float]:
+    """Return the percentiles of weighted values, interpolated linearly; with equal weights, those of numpy."""
     order = np.argsort(values, kind="stable")
     ends = weights[order].cumsum()
     middles = ends - weights[order] / 2
     span = middles[-1] - middles[0]
     places = (middles - middles[0]) / span if span > 0 else np.zeros(len(values))
-    return [float(value) for value in np.interp(np.array(percents) / 100, places, values[order])]
+    return [float(value) for value in np.interp(np.array(PERCENTILES) / 100, places, values[order])]

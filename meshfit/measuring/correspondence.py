@@ -16,7 +16,8 @@ from meshfit.mesh.proximity import nearest_on_surface
 from meshfit.mesh.topology import Topology
 
 # A vertex has no partner beyond this share of the target's diagonal if the nearest point is at the target's rim; nor if
-# the nearest face looks the other way, by this cosine. Between points of a cloud, it may be so many spacings away.
+# the nearest face looks the other way, by this cosine. Between points of a cloud,
+# it may be so many spacings away, and at its rim one.
 _AT_RIM, _FACING, _SPACINGS = 0.005, -0.3, 2.0
 # Largest coordinate difference, in diagonals, of positions that are the same up to rounding.
 _SAME_PLACE = 1e-6
@@ -139,7 +140,7 @@ def has_partner(result: Mesh, target: Mesh | PointCloud) -> Bool[np.ndarray, " V
     near, beside_rim = FAR * diagonal, _AT_RIM * diagonal
     if isinstance(target, PointCloud):
         spacing = float(np.sqrt(np.median(local_areas(target.verts))))
-        near, beside_rim = max(near, _SPACINGS * spacing), max(beside_rim, _SPACINGS * spacing)
+        near, beside_rim = max(near, _SPACINGS * spacing), max(beside_rim, spacing)
         partner = found.distances <= near
         rows = np.flatnonzero(partner & (found.distances > beside_rim))
         if len(rows):

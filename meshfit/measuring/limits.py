@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from meshfit.errors import ConfigError
-from meshfit.measuring.metrics import LENGTH, MEASURED, NO_SIDE, metric_named
+from meshfit.measuring.metrics import LENGTH, NO_SIDE, OF_MEASUREMENTS, metric_named
 from meshfit.specs import suggest
 
 _LIMIT = re.compile(r"(?P<name>[^=]*)=\s*(?P<number>[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?)\s*(?P<unit>.*)", re.IGNORECASE)
@@ -36,7 +36,7 @@ class Limit:
             diagonal: of the bounding box of the target.
         """
         group, _, key = self.metric.partition(".")
-        value, spec = values[group][key], MEASURED[self.metric].format or "d"
+        value, spec = values[group][key], OF_MEASUREMENTS[self.metric].format or "d"
         limit = self.value / 100 * diagonal if self.percent else self.value
         side = "above" if self.above else "below"
         if value is None:
@@ -63,9 +63,9 @@ def parse_limit(text: str, *, above: bool) -> Limit:
     if match is None:
         raise ConfigError(f"'{text}': expected METRIC=NUMBER, such as hausdorff=0.5 or hausdorff=0.5%")
     name, unit = metric_named(match["name"].strip()), match["unit"].strip()
-    if name not in MEASURED:
-        raise ConfigError(f"'{text}': '{name}' is not a metric of a measurement: {suggest(name, MEASURED)}")
-    metric = MEASURED[name]
+    if name not in OF_MEASUREMENTS:
+        raise ConfigError(f"'{text}': '{name}' is not a metric of a measurement: {suggest(name, OF_MEASUREMENTS)}")
+    metric = OF_MEASUREMENTS[name]
     if unit and unit != "%":
         lengths = ", or in % of the target's diagonal" if metric.unit == LENGTH else ""
         raise ConfigError(f"'{text}': unknown unit '{unit}': mesh files name none; give a number in theirs{lengths}")

@@ -19,7 +19,7 @@ from meshfit.measuring.distance import (
     surface_distances,
 )
 from meshfit.measuring.edges import Edges, edge_scores
-from meshfit.measuring.metrics import CORRESPONDING, MEASURED, METRICS
+from meshfit.measuring.metrics import CORRESPONDING, MEASURED, OF_MEASUREMENTS
 from meshfit.measuring.new_defects import NewDefects, new_defects
 from meshfit.measuring.points import Chamfer, FScore, NormalConsistency, point_scores
 from meshfit.measuring.quality import Quality, mesh_quality
@@ -115,7 +115,9 @@ class Measurement:
     def _repr_html_(self) -> str:
         """Return the most important metrics as a table, and one of all to open, for notebooks."""
         values = self.flat()
-        rows = {name: (METRICS[name].title, METRICS[name].text(value)) for name, value in values.items()}
+        rows = {
+            name: (OF_MEASUREMENTS[name].title, OF_MEASUREMENTS[name].text(value)) for name, value in values.items()
+        }
         names = _SHOWN_FIRST if self.cloud is None else (*_SHOWN_FIRST_OF_CLOUDS, *_SHOWN_FIRST)
         names = (*(name for name in _SHOWN_FIRST_OF_TEMPLATES if name in values), *names)
         first = html_table(("metric", "value"), (rows[name] for name in names))
@@ -124,7 +126,7 @@ class Measurement:
         )
 
     def flat(self) -> dict[str, Any]:
-        """Return every metric that was measured by its name, `group.name`, in the order of `METRICS`."""
+        """Return every metric that was measured by its name, `group.name`, in the order of `OF_MEASUREMENTS`."""
         nested = self.to_dict()
         names = (*MEASURED, *(name for name in CORRESPONDING if name.partition(".")[0] in nested))
         return {name: nested[name.partition(".")[0]][name.partition(".")[2]] for name in names}
@@ -138,7 +140,7 @@ class Measurement:
         return import_pandas().DataFrame([self.flat()])
 
     def to_dict(self) -> dict[str, dict[str, Any]]:
-        """Return nested dicts of plain values for JSON; `METRICS` names each metric as `group.name`.
+        """Return nested dicts of plain values for JSON; `OF_MEASUREMENTS` names each metric as `group.name`.
 
         Besides metrics, there are the numbers of points, tau, the reason of a missing value, the farthest points, and
         for a target of points `cloud`. Groups that were not measured are left out.

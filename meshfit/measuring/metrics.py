@@ -127,10 +127,12 @@ CORRESPONDING: Mapping[str, Metric] = MappingProxyType(
 )
 """The metrics of results whose vertices are those of a source: against where these belong, and against the source."""
 
+OF_MEASUREMENTS: Mapping[str, Metric] = MappingProxyType({**MEASURED, **CORRESPONDING})
+"""The metrics that a `Measurement` may have."""
+
 METRICS: Mapping[str, Metric] = MappingProxyType(
     {
-        **MEASURED,
-        **CORRESPONDING,
+        **OF_MEASUREMENTS,
         "source.area": _neutral("area of the source", ".6g", SQUARED_LENGTH),
         "source.verts": _neutral("vertices of the source", _COUNT),
         "source.faces": _neutral("faces of the source", _COUNT),

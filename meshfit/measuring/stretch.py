@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float64
 
 from meshfit.errors import MeasureError
-from meshfit.measuring.cloud import percentiles_of
 from meshfit.mesh.geometry import area_vectors
 from meshfit.mesh.mesh import Mesh
 
@@ -61,8 +60,10 @@ def stretch(source: Mesh, result: Mesh, *, scaled: bool | None = None) -> Stretc
     distortion = np.full(len(values), LARGEST)
     whole = values[:, 1] > 0
     distortion[whole] = np.minimum(np.maximum(values[whole, 0] / scale, scale / values[whole, 1]), LARGEST)
-    median, p99 = percentiles_of(distortion, weights, (50, 99))
-    return Stretch(median, p99, scale)
+    order = np.argsort(distortion, kind="stable")
+    total = weights[order].cumsum()
+    median, p99 = distortion[order][np.searchsorted(total, np.array([0.5, 0.99]) * total[-1])]
+    return Stretch(float(median), float(p99), scale)
 
 
 def singular_values(source: Mesh, result: Mesh) -> tuple[Float64[np.ndarray, "F 2"], np.ndarray]:
