@@ -101,6 +101,7 @@ class Engine(ABC):
         source = self.problems[member].source
         same = mesh.num_verts == source.num_verts and np.array_equal(mesh.faces, source.faces)
         return self.problems[member].landmarks if same else None
+
     def pose_scale(self, _member: int) -> float | None:
         """Return the change of size by the pose that a registration has found; None without one."""
         return None
