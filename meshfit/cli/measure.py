@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from meshfit.measuring.settings import MeasureSettings
     from meshfit.measuring.vertex_error import Truth
     from meshfit.mesh.cleaning_options import CleaningOptions
+    from meshfit.mesh.landmarks import Landmarks, PlacedLandmarks
     from meshfit.mesh.mesh import Mesh, Verts
     from meshfit.mesh.normalisation import Frame, Normalisation
     from meshfit.mesh.point_cloud import PointCloud
@@ -33,7 +34,7 @@ LIMITS, TEMPLATES = "Limits", "Templates"
 _SAVE = "`meshfit save TRIAL -o FILE` writes"
 _WRITTEN = (".ply", ".vtp")
 # Options that groups of metrics need, other than --source.
-_OPTION_OF = {"vertex_error": "--truth"}
+_OPTION_OF = {"vertex_error": "--truth", "landmark_error": "--landmarks"}
 _UNSIGNED, _UNSIGNED_TO_POINTS = "unsigned, since the target is open", "unsigned, to the nearest points of the target"
 
 
@@ -66,6 +67,16 @@ def measure(
             metavar="FILE",
             rich_help_panel=TEMPLATES,
             autocompletion=completions.meshes,
+        ),
+    ] = None,
+    landmarks: Annotated[
+        str | None,
+        typer.Option(
+            "--landmarks",
+            help="File of landmarks with their places on the source and on the target, for the landmark error: a CSV "
+            "table, or a point list of 3D Slicer.",
+            metavar="FILE",
+            rich_help_panel=TEMPLATES,
         ),
     ] = None,
     source: Annotated[
@@ -212,7 +223,7 @@ def measure(
     results, target_name = _roles(meshes, target)
     limits = [*(parse_limit(text, above=True) for text in fail_above or ())]
     limits += [parse_limit(text, above=False) for text in fail_below or ()]
-    given = {"--truth": truth, "--source": source}
+    given = {"--truth": truth, "--landmarks": landmarks, "--source": source}
     _check_metrics(metrics, given)
     _check_metrics([limit.metric for limit in limits], given)
     _check_output([*results, target_name, *filter(None, given.values())], write, csv_file, as_json=as_json)
@@ -230,7 +241,8 @@ def measure(
     frame = frame_of(target_mesh.verts, normalise)
     known = None if truth is None else _Known.read(truth, frame)
     start = None if source is None else frame.normalise(require_mesh(load(source), source))
-    measuring = _Measuring(load, frame, frame.normalise(target_mesh), settings, write, target_name, known, start)
+    pairs = None if landmarks is None else _Pairs.read(landmarks, source, target_name, target_mesh)
+    measuring = _Measuring(load, frame, frame.normalise(target_mesh), settings, write, target_name, known, pairs, start)
     diagonal = bounding_box_diagonal(measuring.target.verts)
     if target is None:
         measured = [Measured(results[0], measuring.measure(results[0]))]
@@ -376,6 +388,43 @@ class _Known:
 
 
 @dataclass(frozen=True)
+class _Pairs:
+    """Landmarks with positions on the target, in the coordinates of its file, and the source that they are on."""
+
+    landmarks: "Landmarks"
+    goals: "Verts"
+    source: str | None
+
+    @classmethod
+    def read(cls, name: str, source: str | None, target_name: str, target: "Mesh | PointCloud") -> "_Pairs":
+        from meshfit.mesh.io.landmark_files import load_landmarks
+        from meshfit.mesh.places import Numbering
+
+        loaded = load_landmarks(name)
+        if source is None and any(row.place.kind == "position" for row in loaded):
+            raise ConfigError(f"--landmarks {path_text(name)}: has positions on the source; give --source FILE as well")
+        numbering = Numbering.of(target) if target_name == STREAM else Numbering.of_file(target_name)
+        return cls(loaded, loaded.goal_positions(target, numbering), source)
+
+    def on(self, result: "Mesh", name: str) -> "PlacedLandmarks":
+        """Return the landmarks on a result with the faces of the source, or by the numbers of its own file."""
+        from meshfit.mesh.mesh import Mesh
+        from meshfit.mesh.places import Numbering
+        from meshfit.mesh.targets import load_target_with_vertex_map
+
+        where = self.source or name
+        if where == STREAM:
+            return self.landmarks.placed(result, Numbering.of(result), self.goals)
+        mesh, vertex_map = load_target_with_vertex_map(where, polygons=False, attributes=False)
+        mesh = mesh if isinstance(mesh, Mesh) else mesh.triangulated()
+        placed = self.landmarks.placed(mesh, Numbering.of_file(where, vertex_map), self.goals)
+        if mesh.num_verts != result.num_verts:
+            counts = f"{path_text(where)} has {count_text(mesh.num_verts, 'vertex')}"
+            raise ConfigError(f"--landmarks: {counts}, but {path_text(name)} {result.num_verts:,}")
+        return placed
+
+
+@dataclass(frozen=True)
 class _Measuring:
     """Measurement of results by name, against one target in the frame of both."""
 
@@ -386,6 +435,7 @@ class _Measuring:
     write: str | None
     target_name: str
     truth: _Known | None
+    landmarks: "_Pairs | None"
     source: "Mesh | None"
 
     def measure(self, name: str) -> Values:
@@ -405,7 +455,11 @@ class _Measuring:
         result = self.frame.normalise(loaded)
         self._warn_of_mismatch(name, loaded, result)
         truth = None if self.truth is None else self.truth.of(result, name)
-        values = measure_mesh(result, self.target, self.settings, source=self.source, truth=truth).to_dict()
+        pairs = None if self.landmarks is None else self.landmarks.on(loaded, name)
+        placed = None if pairs is None else pairs.in_frame(self.frame.centre, self.frame.scale)
+        values = measure_mesh(
+            result, self.target, self.settings, source=self.source, truth=truth, landmarks=placed
+        ).to_dict()
         if self.write is not None:
             target = self.target
             if self.settings.surface == "outer" and not isinstance(target, PointCloud):

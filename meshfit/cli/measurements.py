@@ -33,7 +33,7 @@ _WITH_TAU = ("f_score.", "edges.f1", "edges.precision", "edges.recall")
 """The starts of the names of metrics that count points within a distance."""
 _COLUMNS_OF_CLOUDS = ("distance.backward_rms", "distance.backward_mean", "hausdorff.backward", *_COLUMNS)
 """Those where the target is a cloud of points, from which distances are exact."""
-_COLUMNS_OF_TEMPLATES = ("vertex_error.rms", "stretch.p99", "new_defects.crossing_faces")
+_COLUMNS_OF_TEMPLATES = ("vertex_error.rms", "landmark_error.rms", "stretch.p99", "new_defects.crossing_faces")
 """Those that come first where they were measured."""
 
 _RESULT, _FAILED = "result", "failed"

@@ -26,9 +26,10 @@ from meshfit.measuring.quality import Quality, mesh_quality
 from meshfit.measuring.settings import TAU_OF_FILES, MeasureSettings
 from meshfit.measuring.stretch import Stretch, stretch
 from meshfit.measuring.surface import as_target, as_triangles, require_surface
-from meshfit.measuring.vertex_error import VertexError, as_truth, vertex_error
+from meshfit.measuring.vertex_error import LandmarkError, VertexError, as_truth, landmark_error, vertex_error
 from meshfit.mesh.any_mesh import MeshLike
 from meshfit.mesh.geometry import bounding_box_diagonal
+from meshfit.mesh.landmarks import PlacedLandmarks
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.outer_surface import outer_surface
 from meshfit.mesh.point_cloud import PointCloud
@@ -52,7 +53,13 @@ _SHOWN_FIRST = (
 )
 
 
-_SHOWN_FIRST_OF_TEMPLATES = ("vertex_error.rms", "stretch.p99", "new_defects.crossing_faces", "unmatched.source")
+_SHOWN_FIRST_OF_TEMPLATES = (
+    "vertex_error.rms",
+    "landmark_error.rms",
+    "stretch.p99",
+    "new_defects.crossing_faces",
+    "unmatched.source",
+)
 _SHOWN_FIRST_OF_CLOUDS = ("distance.backward_rms", "distance.backward_mean", "hausdorff.backward")
 
 
@@ -72,6 +79,7 @@ class Measurement:
         farthest: where the largest distances are.
         cloud: facts of the target where it is a cloud of points; None for a mesh.
         vertex_error: distances of vertices from where they belong; None where that is not known.
+        landmark_error: distances of landmarks from where they belong; None without landmarks.
         stretch: stretch of the faces of the source; None without one that has the faces of the result.
         new_defects: defects that the source does not have; None without one.
         unmatched: share of the source without a partner on the target; None without one.
@@ -96,6 +104,7 @@ class Measurement:
     farthest: Farthest
     cloud: CloudFacts | None = None
     vertex_error: VertexError | None = None
+    landmark_error: LandmarkError | None = None
     stretch: Stretch | None = None
     new_defects: NewDefects | None = None
     unmatched: Unmatched | None = None
@@ -159,6 +168,7 @@ def measure(  # noqa: PLR0913  the settings, by name
     *,
     source: "MeshLike | None" = None,
     truth: Any = None,  # noqa: ANN401  any form of positions
+    landmarks: PlacedLandmarks | None = None,
     scaled: bool | None = None,
     surface: Literal["all", "outer"] | None = None,
     samples: int | None = None,
@@ -191,6 +201,7 @@ def measure(  # noqa: PLR0913  the settings, by name
         source: the mesh that was fitted, with the faces of the result, in any form that `as_mesh` takes: the result is
             then measured against it as well. Its pose and its size do not matter.
         truth: where the vertices of the result belong, in the frame of the target: a mesh, points or an array.
+        landmarks: on the result, with their goals in the frame of the target, such as `FitResult.landmarks`.
         scaled: whether the size of the source is without meaning, so that stretch is measured after its mean is
             removed; if not given, it is beyond a ratio of 1.5.
         surface: `outer` measures between what can be seen of the two meshes from outside, as `outer_surface` returns
@@ -229,6 +240,8 @@ def measure(  # noqa: PLR0913  the settings, by name
     parts: dict[str, Any] = {"quality": mesh_quality(whole, "result")}
     if places is not None:
         parts |= {"vertex_error": vertex_error(whole, places, bounding_box_diagonal(goal.verts))}
+    if landmarks is not None:
+        parts |= {"landmark_error": landmark_error(whole, landmarks)}
     if start is not None:
         parts |= {"stretch": stretch(start, whole, scaled=scaled), "new_defects": new_defects(start, whole)}
         parts |= {"unmatched": unmatched(start, whole, goal)}

@@ -1,4 +1,4 @@
-"""Vertexwise errors: distances of the vertices of a result from where they belong."""
+"""Vertex and landmark errors: distances of points of a result from where they belong."""
 
 import math
 from dataclasses import dataclass
@@ -12,6 +12,7 @@ from meshfit.doors import no_type_check
 from meshfit.errors import MeasureError
 from meshfit.mesh.any_mesh import as_mesh
 from meshfit.mesh.io.point_clouds import load_points
+from meshfit.mesh.landmarks import PlacedLandmarks
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.point_cloud import PointCloud
 from meshfit.units import count_text
@@ -38,6 +39,27 @@ class VertexError:
     max: float
     percent_of_diagonal: float
     vertices: int
+
+
+@dataclass(frozen=True)
+class LandmarkError:
+    """Distances of landmarks from where they belong, in the unit of the vertices.
+
+    Attributes:
+        rms: root mean square, of those that a fit may use; None without any.
+        max: the largest of these.
+        left_out_rms: root mean square, of those that are held out; None without any.
+        left_out_max: the largest of these.
+        used: number of landmarks that a fit may use.
+        left_out: number of those that are held out.
+    """
+
+    rms: float | None
+    max: float | None
+    left_out_rms: float | None
+    left_out_max: float | None
+    used: int
+    left_out: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,3 +126,16 @@ def vertex_error(result: Mesh, truth: Truth, diagonal: float) -> VertexError:
     rms = math.sqrt(float((distances**2).mean()))
     median, p99 = (float(value) for value in np.percentile(distances, (50, 99)))
     return VertexError(rms, median, p99, float(distances.max()), 100.0 * rms / diagonal, len(distances))
+
+
+def landmark_error(result: Mesh, landmarks: PlacedLandmarks) -> LandmarkError:
+    """Measure how far landmarks on a result are from where they belong."""
+    distances = landmarks.errors(result.verts)
+    used, left_out = distances[landmarks.used], distances[~landmarks.used]
+    return LandmarkError(*_rms_and_max(used), *_rms_and_max(left_out), len(used), len(left_out))
+
+
+def _rms_and_max(distances: Float64[np.ndarray, " N"]) -> tuple[float | None, float | None]:
+    if not len(distances):
+        return None, None
+    return math.sqrt(float((distances**2).mean())), float(distances.max())

@@ -153,3 +153,22 @@ def test_vertices_that_cleaning_drops_keep_their_truth():
     np.savetxt("known/off.xyz", extra)
     ran = invoke("measure", "result.off", "a.ply", "--samples", 500, "--truth", "known/off.xyz", "--json")
     assert json.loads(ran.out)["vertex_error"]["max"] == pytest.approx(0, abs=1e-9)
+
+
+def test_errors_of_landmarks_used_and_held_out_are_measured():
+    result = TEMPLATE.with_verts(20 * TEMPLATE.verts + np.array([100, 3, 4]))
+    save_mesh(result, "result.ply")
+    goals = np.round(20 * TEMPLATE.verts[:5] + CENTRE, 9)
+    rows = [f"{k},{k},{x},{y},{z},{'no' if k == 4 else 'yes'}" for k, (x, y, z) in enumerate(goals)]
+    header = "name,source_vertex,target_x,target_y,target_z,use"
+    Path("pairs.csv").write_text("\n".join([header, *rows]) + "\n")
+    ball = subdivide(octahedron(), "loop", 3)
+    save_mesh(ball.with_verts(20 * ball.verts + CENTRE), "ball.ply")
+    arguments = ("measure", "result.ply", "ball.ply", "--samples", 500, "--landmarks", "pairs.csv", "--json")
+    for more in ((), ("--source", "template.ply")):
+        found = json.loads(invoke(*arguments, *more).out)["landmark_error"]
+        errors = [found[key] for key in ("rms", "max", "left_out_rms", "left_out_max")]
+        assert errors == pytest.approx([5] * 4)
+        assert (found["used"], found["left_out"]) == (4, 1)
+    line = refused("measure", "result.ply", "ball.ply", "--metric", "landmark_error")
+    assert "landmark_error.rms requires --landmarks FILE" in line

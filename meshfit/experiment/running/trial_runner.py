@@ -217,7 +217,15 @@ class TrialRunner:
             truth = None
         is_registered = fitted.registered is not None and fitted.registered.register != "off"
         scaled = is_registered and fitted.pose_scale != 1.0
-        return measure(fitted.mesh, self._target, settings.measure, source=source, truth=truth, scaled=scaled)
+        return measure(
+            fitted.mesh,
+            self._target,
+            settings.measure,
+            source=source,
+            truth=truth,
+            landmarks=fitted.landmarks,
+            scaled=scaled,
+        )
 
     def _write_correspondence(self, fitted: FitResult) -> None:
         """Write the partner of each vertex on the target, where the vertices are those of the source."""
