@@ -22,8 +22,8 @@ _EDGES, _DEVIATIONS, _SPACINGS = 0.8, 6.0, 2.0
 _AT_BOUNDARY = 1e-6
 
 Points = Float64[np.ndarray, "N 3"]
-Distances = Float64[np.ndarray, " N"]
-Rows = Int64[np.ndarray, " N"]
+Distances = Float64[np.ndarray, " R"]
+Rows = Int64[np.ndarray, " R"]
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from meshfit.mesh.meshlab import decimate
 from meshfit.mesh.point_cloud import PointCloud
 from tests.benchmarks.registration_pairs import figure, posed
 
-_POSES = ("walk", "arms raised", "squat")
+_POSES = {"walk": "walk", "raised": "arms raised", "squat": "squat"}
 _TEMPLATE_FACES, _TARGET_FACES = 2000, 6000
 _DIGITS = 6
 
@@ -23,8 +23,8 @@ def write(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     template, other = rounded(decimate(figure(0.019), _TEMPLATE_FACES)), decimate(figure(0.017), _TARGET_FACES)
     save_mesh(template, folder / "template.ply")
-    for pose in _POSES:
-        name, change = pose.replace(" ", "-"), posed(pose)
+    for name, pose in _POSES.items():
+        change = posed(pose)
         save_mesh(rounded(other.with_verts(change(other.verts))), folder / f"{name}.ply")
         save_point_cloud(PointCloud(change(template.verts).round(_DIGITS)), folder / f"{name}-truth.ply")
 
