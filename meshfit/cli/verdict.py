@@ -113,7 +113,7 @@ class Verdict:
                 yield f"filled as set: {count_text(self.filled, 'opening')} of the target, {share}"
             else:
                 yield f"{share} is filled in: the target shows nothing there"
-        own = self.made_from == "target"
+        own = self.made_from == "target" or self.unmatched is not None  # a template is not to be replaced
         for text in self.shortfalls:
             from_target = "" if own else "; try --source target, which starts from all of them"
             yield text + (from_target if text.startswith("topology") else "")
