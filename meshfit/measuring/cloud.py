@@ -35,11 +35,11 @@ from meshfit.measuring.surface import require_surface, require_target
 from meshfit.mesh.geometry import bounding_box_diagonal, face_normals
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.nearest import nearest_point_query
-from meshfit.mesh.point_cloud import PointCloud, local_areas, oriented_cloud, plane_normals
+from meshfit.mesh.point_cloud import MOST_POINTS, PointCloud, local_areas, oriented_cloud, plane_normals
 from meshfit.mesh.proximity import NearestPoints, nearest_on_surface
 from meshfit.mesh.sampling import SurfacePoints, sample_surface
 
-_MOST_POINTS = 400_000
+_MOST_POINTS = MOST_POINTS
 _NO_CREASES = "the target is a cloud of points, which has no creases"
 
 Values = Float64[np.ndarray, " N"]

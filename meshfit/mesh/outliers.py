@@ -1,10 +1,12 @@
 """Outliers of scans: points far from any surface, and vertices that stick out of one."""
 
+from functools import lru_cache
+
 import numpy as np
 from jaxtyping import Bool, Float64
 from scipy.spatial import cKDTree
 
-from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.mesh import Mesh, SameContent
 from meshfit.mesh.noise import heights_over_neighbours
 from meshfit.mesh.topology import Topology
 
@@ -29,16 +31,21 @@ def stray_points(points: Float64[np.ndarray, "N 3"]) -> Bool[np.ndarray, " N"]:
 
     Density may vary over the surface: a point is compared with its own neighbours first.
     """
+    return _stray_points(SameContent(Mesh(points, [])))
+
+
+@lru_cache(maxsize=2)  # a control mesh is made without them, and a fit leaves them out again
+def _stray_points(content: SameContent) -> Bool[np.ndarray, " N"]:
+    points = content.mesh.verts
     stray = np.zeros(len(points), dtype=bool)
-    if len(points) < _FEWEST:
-        return stray
     kept = np.arange(len(points))
-    for _ in range(_ROUNDS):
+    for _ in range(_ROUNDS if len(points) >= _FEWEST else 0):
         rows = _stray_among(points[kept])
         if not rows.any():
             break
         stray[kept[rows]] = True
         kept = kept[~rows]
+    stray.setflags(write=False)
     return stray
 
 

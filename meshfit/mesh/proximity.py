@@ -19,7 +19,7 @@ from meshfit.mesh.nearest import spatial_order
 _NEAR = 1e-5
 _IN_SIGHT = 1e-4
 # Trees of up to so many faces are kept as long as their meshes; they take some 200 bytes per face.
-_MOST_KEPT = 200_000
+_MOST_KEPT = 1_000_000
 
 Points = Float64[np.ndarray, "N 3"]
 Distances = Float64[np.ndarray, " N"]

@@ -22,6 +22,7 @@ from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.proximity import point_distances
 from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.solids import cube, icosahedron
+from meshfit.mesh.thinning import thinned
 from meshfit.mesh.topology import Topology
 from meshfit.settings import build
 from meshfit.subdivision.refine import subdivide
@@ -75,6 +76,29 @@ def test_pieces_genus_and_openings_are_those_of_the_target(name):
     assert 150 <= made.mesh.num_verts <= 200
     _, distance, *_ = surface_distances(made.mesh, target, 2000, 0)
     assert distance.rms < 0.02 * np.linalg.norm(np.ptp(target.verts, axis=0))
+
+
+@over("name", TARGETS)
+def test_thinning_keeps_the_topology_and_places_of_vertices(name):
+    """Noise makes removals fail as well."""
+    target = TARGETS[name]
+    rough = target.with_verts(target.verts + 0.01 * np.random.default_rng(0).normal(size=target.verts.shape))
+    for mesh in (target, rough):
+        few = thinned(mesh, mesh.num_faces // 4)
+        require_manifold(Topology.of(few), "this")
+        assert topology(few) == topology(mesh)
+        assert few.num_faces <= max(12, mesh.num_faces // 2)
+        assert set(map(tuple, few.verts)) <= set(map(tuple, mesh.verts))
+    _, distance, *_ = surface_distances(thinned(target, target.num_faces // 4), target, 2000, 0)
+    assert distance.rms < 0.02 * np.linalg.norm(np.ptp(target.verts, axis=0))
+
+
+def test_targets_of_very_many_faces_are_thinned_before_they_are_decimated(monkeypatch):
+    target = TARGETS["torus"]
+    monkeypatch.setattr("meshfit.mesh.control_mesh._COUNTED", 400)
+    made = control_mesh_of(target, verts=190)
+    assert topology(made.mesh) == topology(target)
+    assert 150 <= made.mesh.num_verts <= 200
 
 
 def test_a_number_of_faces_is_kept_to_and_small_targets_keep_their_own():

@@ -6,10 +6,11 @@ import pytest
 from meshfit.errors import ConfigError, MeshError
 from meshfit.fitting.fit import fit
 from meshfit.measuring.distance import surface_distances
+from meshfit.mesh.control_mesh import control_mesh_of
 from meshfit.mesh.geometry import unit_vectors
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.noise import noise_of_mesh, noise_of_points
-from meshfit.mesh.point_cloud import PointCloud, oriented_cloud, rim_of, sampled_areas
+from meshfit.mesh.point_cloud import PointCloud, evenly_spread, oriented_cloud, rim_of, sampled_areas
 from meshfit.mesh.targets import load_target
 from meshfit.subdivision.sphere import icosphere
 
@@ -100,6 +101,23 @@ def test_a_half_ball_pulls_the_rest_of_a_sphere_nowhere() -> None:
     assert distances.forward_rms < 0.01
     below = result.mesh.verts[icosphere(3).verts[:, 2] < -0.2]
     assert (below[:, 2] < -0.1).all()
+
+
+def test_an_even_subset_keeps_sparse_parts() -> None:
+    points = ball(20_000)
+    points = points[(points[:, 2] > 0) | (np.arange(20_000) % 20 == 0)]
+    rows = evenly_spread(points, 2000)
+    assert 1000 < len(rows) <= 2000
+    assert len(np.unique(rows)) == len(rows)
+    assert 0.15 < (points[rows, 2] < 0).mean() < 0.55  # 5 % of all points
+    assert evenly_spread(points[:50], 50).tolist() == list(range(50))
+    assert len(evenly_spread(np.zeros((30, 3)), 8)) == 1
+
+
+def test_clouds_of_many_points_are_wrapped_around_some_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("meshfit.mesh.control_mesh._MOST_WRAPPED", 1500)
+    made = control_mesh_of(PointCloud(ball(6000)), verts=200).mesh
+    assert np.abs(np.linalg.norm(made.verts, axis=1) - 1).max() < 0.1
 
 
 def test_clouds_are_refused_where_faces_are_needed() -> None:

@@ -22,8 +22,6 @@ from meshfit.remeshing.triangle_geometry import dot, length_of, unit
 
 _POINTS = 200_000
 _BOUNDARY_POINTS = 5000
-# Most points of a scan; of a larger one, as many are drawn at random.
-_MOST_POINTS = 400_000
 # Points of a mesh within this many mean distances of samples from its boundary are on the rim.
 _RIM = 2.0
 # Points are beyond the rim if they are aside of its points by more than this many mean distances of points.
@@ -162,8 +160,7 @@ class TargetCloud:
     def _of_points(
         cls, scan: PointCloud, dtype: torch.dtype, device: torch.device, noise: float | None, *, robust: bool
     ) -> "TargetCloud":
-        if scan.num_verts > _MOST_POINTS:
-            scan = scan.subset(np.sort(np.random.default_rng(0).permutation(scan.num_verts)[:_MOST_POINTS]))
+        scan = scan.thinned()
         stray = stray_points(scan.verts) if robust else np.zeros(scan.num_verts, dtype=bool)
         scan = oriented_cloud(scan.subset(np.flatnonzero(~stray)))
         areas = sampled_areas(scan.verts)
