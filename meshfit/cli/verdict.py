@@ -38,6 +38,7 @@ class Verdict:
         registered: how the source was registered and why, where it was chosen; empty elsewhere.
         unmatched: share of a registered source without a partner on the target; None if none was registered.
         new_crossing_faces: faces that cross and did not in a registered source; None if none was registered.
+        errors: how far vertices and landmarks are from where they belong, in words, as far as that is known.
     """
 
     target: str
@@ -65,6 +66,7 @@ class Verdict:
     registered: str = ""
     unmatched: float | None = None
     new_crossing_faces: int | None = None
+    errors: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values and the advice as plain data."""
@@ -72,7 +74,10 @@ class Verdict:
 
     @property
     def lines(self) -> list[str]:
-        """Three lines: distances; soundness; size, time and file. Advice follows where there is some."""
+        """Three lines: distances; soundness; size, time and file. Advice follows where there is some.
+
+        Errors of vertices and landmarks follow the distances where places are known.
+        """
         distances = (
             f"distance{self._from}: worst {self.max_distance:.4g} ({self.max_percent:.2g} % of the diagonal), "
             f"mean {self.mean_distance:.4g} ({self.mean_percent:.2g} %), in the unit of the file"
@@ -83,7 +88,13 @@ class Verdict:
             sound += " (target: points, without pieces or genus)"
         elif self.target_topology != self.result_topology:
             sound += f" (target: {self.target_topology})"
-        return [distances, sound, f"{self._size}: wrote {self.output}", *(f"note: {text}" for text in self.advice)]
+        return [
+            distances,
+            *self.errors,
+            sound,
+            f"{self._size}: wrote {self.output}",
+            *(f"note: {text}" for text in self.advice),
+        ]
 
     @property
     def line(self) -> str:
@@ -93,6 +104,7 @@ class Verdict:
         parts.append(f"{self.crossing_faces:,} crossing, {self.flipped_faces:,} flipped")
         parts += [] if self.closed else ["open"]
         parts.append(self._size)
+        parts += self.errors
         notes = "".join(f"; note: {text}" for text in self.advice)
         return f"{self.output}: {', '.join(parts)}{notes}"
 
@@ -189,12 +201,37 @@ def verdict_of(target: str, output: str, folder: "Path", record: "Result") -> Ve
         registered=_registered(record),
         unmatched=record["unmatched"]["source"] if registered and "unmatched" in record else None,
         new_crossing_faces=record["new_defects"]["crossing_faces"] if registered and "new_defects" in record else None,
+        errors=tuple(_errors(record, scale, share / scale)),
     )
 
 
 def _surface(settings: "Result") -> str:
     surfaces = (settings.get(key, {}).get("surface", "all") for key in ("target", "measure"))
     return "outer" if "outer" in surfaces else "all"
+
+
+def _errors(record: "Result", scale: float, percent: float) -> Iterator[str]:
+    """Yield how far vertices and landmarks are from where they belong.
+
+    Args:
+        record: of the trial.
+        scale: unit of the record's lengths, in that of the file.
+        percent: 1 in the unit of the file, in percent of the diagonal.
+    """
+
+    def text(rms: float, largest: float) -> str:
+        lengths = f"rms {rms * scale:.4g} ({rms * scale * percent:.2g} % of the diagonal)"
+        return f"{lengths}, worst {largest * scale:.4g}"
+
+    if error := record.get("vertex_error"):
+        yield f"vertex error: {text(error['rms'], error['max'])}"
+    if error := record.get("landmark_error"):
+        parts = [
+            text(error[f"{prefix}rms"], error[f"{prefix}max"]) + suffix
+            for prefix, suffix in (("", ""), ("left_out_", " of those held out"))
+            if error[f"{prefix}rms"] is not None
+        ]
+        yield f"landmark error: {'; '.join(parts)}"
 
 
 def _registered(record: "Result") -> str:

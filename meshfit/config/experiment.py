@@ -321,22 +321,6 @@ class ExperimentSettings(Settings):
                 )
         return self
 
-    @model_validator(mode="after")
-    def _truth_needs_vertices(self) -> "ExperimentSettings":
-        if self.target.truth is None:
-            return self
-        if self.source.is_made_from_target:
-            raise ValueError(
-                f"target.truth: the vertices of a source that is made from the target ({self.source.mesh}) belong "
-                "nowhere; set source.mesh to a file, or remove it"
-            )
-        if getattr(self.fit, "connectivity", "fixed") != "fixed":
-            raise ValueError(
-                "target.truth: a remeshed result has other vertices than the source; set fit.connectivity: fixed, or "
-                "remove it"
-            )
-        return self
-
     def __hash__(self) -> int:
         """Hash the JSON text, since a sweep is plain data, which has no hash."""
         return hash(self.model_dump_json())

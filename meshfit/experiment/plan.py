@@ -207,11 +207,31 @@ def _check_inputs(
             targets[target] = checked.sha256
     faults.raise_any()
     if settings.target.truth is not None:
+        _check_vertices_stay(settings)
         for target, scheme in product(settings.targets, schemes):
             with faults.collected():
                 _check_truth(settings, target_label(target), scheme)
         faults.raise_any()
     return source, targets
+
+
+def _check_vertices_stay(settings: ExperimentSettings) -> None:
+    """Refuse a truth for results whose vertices are not those of one source.
+
+    Raises:
+        ConfigError: naming the setting.
+    """
+    if settings.source.is_made_from_target:
+        made = f"made from the target ({settings.source.mesh})"
+        raise ConfigError(
+            f"target.truth: the vertices of a source that is {made} belong nowhere; set source.mesh to a file, or "
+            "remove it"
+        )
+    if getattr(settings.fit, "connectivity", "fixed") != "fixed":
+        raise ConfigError(
+            "target.truth: a remeshed result has other vertices than the source; set fit.connectivity: fixed, or "
+            "remove it"
+        )
 
 
 def _check_truth(settings: ExperimentSettings, target: str, scheme: NamedScheme) -> None:

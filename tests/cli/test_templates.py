@@ -99,12 +99,17 @@ def test_a_truth_for_other_vertices_is_refused_before_any_fit():
 
 def test_a_correspondence_is_written_beside_the_result():
     arguments = ("--source", "template.ply", "--connectivity", "fixed", "--register", "off", *FEW, "-q")
-    ran = invoke("fit", "a.ply", "-o", "out.ply", *arguments, "--correspondence", "pairs.csv")
+    known = ("--set", "target.truth=known/a.xyz", "--correspondence", "pairs.csv")
+    ran = invoke("fit", "a.ply", "-o", "out.ply", *arguments, *known)
     assert ran.code == 0, ran.err
     header, *rows = csv.reader(Path("pairs.csv").read_text().splitlines())
     assert header == ["source_vertex", "target_face", "target_u", "target_v", "target_w", "distance"]
     values, result, target = np.array(rows, dtype=np.float64), load_mesh("out.ply"), load_mesh("a.ply")
     assert len(values) == result.num_verts
+    apart = np.linalg.norm(result.verts - load_points("known/a.xyz"), axis=1)
+    rms, diagonal = np.sqrt((apart**2).mean()), np.linalg.norm(np.ptp(target.verts, axis=0))
+    words = f"vertex error: rms {rms:.4g}", f"({100 * rms / diagonal:.2g} % of the diagonal), worst {apart.max():.4g}"
+    assert all(word in ran.out for word in words), ran.out
     points = np.einsum("nk,nkd->nd", values[:, 2:5], target.verts[target.faces[values[:, 1].astype(int)]])
     assert np.linalg.norm(points - result.verts, axis=1) == pytest.approx(values[:, 5], abs=1e-4)
 
