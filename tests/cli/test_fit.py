@@ -267,6 +267,7 @@ def test_an_outer_surface_is_fitted_as_one_skin(tmp_path):
     assert invoke("show", *(tmp_path / "kept").rglob("seed-*")).code == 0
 
 
+@pytest.mark.slow
 def test_the_library_fits_an_outer_surface_to_the_same_bytes(tmp_path):
     save_mesh(joined(ball(level=2), ball(radius=0.5, level=1)), "parts.ply")
     ran = invoke("fit", "parts.ply", "-o", "skin.ply", "--surface", "outer", *QUICK, "--set", "fit.noise=0")

@@ -68,6 +68,7 @@ def test_a_trial_is_drawn_as_source_result_and_target(tmp_path):
     assert colourful(tmp_path / "three.png") == 0
 
 
+@pytest.mark.slow
 def test_a_trial_looks_the_same_in_whichever_frame_it_was_written(tmp_path):
     frame = Frame((1.0, -2.0, 3.0), 2.5)
     save_mesh(frame.restore(Mesh(icosahedron().verts * [1.0, 0.8, 0.5], icosahedron().faces)), tmp_path / "target.ply")
@@ -93,6 +94,7 @@ def test_against_a_target_meshes_get_the_colours_of_their_distances(tmp_path):
     assert colourful(picture) > 0.1
 
 
+@pytest.mark.slow
 def test_of_a_trial_only_the_result_is_coloured(tmp_path):
     write_trial(tmp_path)
     answered("render", tmp_path, "-o", tmp_path / "three.png", "--against", "bone")
@@ -171,6 +173,7 @@ def test_a_mesh_that_stands_along_z_is_shown_upright_and_this_is_said(tmp_path):
     assert np.abs(standing - lying).mean() > 5
 
 
+@pytest.mark.slow
 def test_pictures_wrap_and_have_their_size_view_and_background(tmp_path):
     meshes, picture = ["bone"] * 5, tmp_path / "x.png"
     answered("render", *meshes, "-o", picture, "--size", "90x60")

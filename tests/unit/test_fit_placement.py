@@ -32,7 +32,13 @@ def moved(mesh, scale=1000.0, offset=1e4):
 
 
 @pytest.mark.usefixtures("fewer_target_points")
-@pytest.mark.parametrize("settings", [FIT, SMALL | {"device": "cpu"}], ids=["first-order", "gauss-newton"])
+@pytest.mark.parametrize(
+    "settings",
+    [
+        pytest.param(FIT, id="first-order"),
+        pytest.param(SMALL | {"device": "cpu"}, id="gauss-newton", marks=pytest.mark.slow),
+    ],
+)
 @over(("source", "normalise"), [("sphere", "tutorial"), (HALF, "tutorial"), (HALF, "box")])
 def test_a_fit_in_another_unit_and_at_another_place_is_the_same_fit(settings, source, normalise):
     here = meshfit.fit(source, mixed_closed(), normalise=normalise, **settings)

@@ -142,6 +142,7 @@ def test_what_the_target_shows_is_marked_on_the_result():
     assert not closed.mesh.attributes
 
 
+@pytest.mark.slow
 def test_holes_are_filled_where_asked_and_marked():
     """A ball without two caps becomes a closed ball, on which the caps are smooth and marked."""
     whole, height = icosphere(4), 0.8

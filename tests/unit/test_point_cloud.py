@@ -81,6 +81,7 @@ def test_the_noise_of_a_mesh_is_found_and_shape_is_none() -> None:
         assert noise_of_mesh(clean) == 0.0
 
 
+@pytest.mark.slow
 def test_a_fit_to_noisy_points_lies_nearer_to_the_surface_than_they_do() -> None:
     cloud = PointCloud(ball(3000, 0.03))
     settings = {"method": "gauss-newton", "verts": 2000, "coarse_steps": 6, "tries": 1, "device": "cpu"}
