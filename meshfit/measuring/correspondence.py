@@ -19,6 +19,7 @@ from meshfit.mesh.topology import Topology
 # the nearest face looks the other way, by this cosine. Between points of a cloud,
 # it may be so many spacings away, and at its rim one.
 _AT_RIM, _FACING, _SPACINGS = 0.005, -0.3, 2.0
+_CLOUD_POINTS = 100_000
 # Largest coordinate difference, in diagonals, of positions that are the same up to rounding.
 _SAME_PLACE = 1e-6
 # A nearest point is on a boundary edge if the barycentric coordinate of the opposite corner is below this.
@@ -133,6 +134,7 @@ def unmatched(source: Mesh, result: Mesh, target: Mesh | PointCloud) -> Unmatche
 
 def has_partner(result: Mesh, target: Mesh | PointCloud) -> Bool[np.ndarray, " V"]:
     """Return (V,) which vertices of a result have a partner on the target."""
+    target = target.thinned(_CLOUD_POINTS) if isinstance(target, PointCloud) else target
     found = Correspondence.of(result, target)
     indices = found.indices
     assert indices is not None  # noqa: S101  they are the target's own

@@ -7,6 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from meshfit.config.loading import load_experiment
+from meshfit.experiment.plan import plan
+from meshfit.experiment.running.worker import pack_inputs, unpack_inputs
+from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.mesh.io.files import load_mesh, save_mesh
 from meshfit.mesh.io.point_clouds import load_points
 from meshfit.mesh.mesh import Mesh
@@ -95,6 +99,17 @@ def test_a_truth_for_other_vertices_is_refused_before_any_fit():
         ("source={mesh: wrap}", "set source.mesh to a file"),
     ):
         assert remedy in refused("run", config(), "--set", "fit={method: gauss-newton}", "--set", change)
+
+
+def test_the_truth_travels_to_remote_workers_and_its_content_is_part_of_the_identity(tmp_path):
+    trial = plan([load_experiment(config(targets="a.ply"))])[0]
+    store = RunDirectory(tmp_path / "worker")
+    there = unpack_inputs(trial, pack_inputs(trial, RunDirectory(tmp_path / "runs")), store, tmp_path / "inputs")
+    sent = Path(there.current_path(trial.truth))
+    assert sent.is_relative_to(tmp_path / "inputs")
+    assert sent.read_bytes() == Path("known/a.xyz").read_bytes()
+    np.savetxt("known/a.xyz", TEMPLATE.verts)
+    assert plan([load_experiment(config(targets="a.ply"))])[0].identity != trial.identity
 
 
 def test_a_correspondence_is_written_beside_the_result():
