@@ -15,6 +15,7 @@ from meshfit.fitting.registration.registration import Registration, Registration
 from meshfit.fitting.registration.target_points import target_points
 from meshfit.fitting.registration.template import Template
 from meshfit.fitting.registration.unfolding import Unfolding
+from meshfit.mesh.geometry import signed_volume
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.meshlab import decimate
 from meshfit.mesh.pieces import manifold_pieces
@@ -325,3 +326,13 @@ def test_only_sources_that_keep_their_faces_are_registered():
     for keys in ({"connectivity": "remeshed"}, {"connectivity": "fixed", "variables": "control"}):
         with pytest.raises(ConfigError, match="register: requires connectivity: fixed and variables: verts"):
             meshfit.fit("cube", "cube", method="gauss-newton", register="rigid", **keys)
+
+
+def test_a_mirrored_template_keeps_its_size_and_is_not_pressed_flat(animal):
+    mirrored = animal.with_verts(animal.verts * [-1, 1, 1])  # its faces are inside out
+    task = RegistrationTask(mirrored, target_points(animal))
+    registration = Registration(task)
+    registration.step(planned_steps("near-rigid")[0])
+    volumes = [abs(signed_volume(mesh)) for mesh in (animal, mirrored.with_verts(registration.verts))]
+    assert volumes[1] == pytest.approx(volumes[0], rel=0.1)
+    assert registration.distance < 0.05 * task.diagonal

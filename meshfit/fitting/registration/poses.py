@@ -1,6 +1,6 @@
 """Poses: rotations, translations and scales from which a template may start, by trimmed symmetric ICP."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float64
@@ -16,6 +16,8 @@ _SAMPLES, _ROUNDS = 800, 25
 # Of many starts, those that are best after a few rounds with few samples go on; the pose that is chosen ends with many.
 _FEW_SAMPLES, _FEW_ROUNDS, _GO_ON = 300, 4, 6
 _MANY_SAMPLES, _MANY_ROUNDS = 5000, 12
+# Starts that are poses without ICP, too.
+_UNMOVED = 2
 # Pairs farther apart than this quantile are left out; the others have robust weights of half its width.
 _TRIM = 0.8
 # Normals in the search for nearest points, and the largest distance that counts, relative to the target's diagonal.
@@ -86,10 +88,13 @@ def candidate_poses(
     found = [search.settled(some[number], _ROUNDS) for number in chosen]
     given = Pose.identity()
     poses = [Pose(given.rotation, given.translation, 1.0, search.score(given))]
+    starts = [replace(start, score=search.score(start)) for start in search.starts()[1:]]
+    # ICP turns bodies whose limbs have moved; the principal axes may well be nearer.
+    poses += [starts[number] for number in _ranked(starts, search)[:_UNMOVED]]
     for number in _ranked(found, search):
         if len(poses) == most:
             break
-        if all(found[number].angle_to(other) > _DISTINCT for other in poses[1:]):
+        if all(found[number].angle_to(other) > _DISTINCT for other in poses[1 + _UNMOVED :]):
             poses.append(found[number])
     return poses
 

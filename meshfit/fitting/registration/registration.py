@@ -23,14 +23,15 @@ from meshfit.mesh.landmarks import PlacedLandmarks
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.units import count_text
 
-_POSES = 4
+_POSES = 6
 # Worths of a difference of 1 in remoteness at the start of the coarsest graph, relative to the diagonal: with it, limbs
 # find each other however they are held; without it, a target of which large parts are missing.
 _REMOTENESS = (0.5, 0.0)
-# Of the other poses, so many go on after so many steps.
-_GO_ON, _FIRST_STEPS = 2, 14
-# The start as given is taken, without a look at others, if it is judged better than this.
-_GOOD = 0.025
+# Of the attempts without remoteness, so many go on after so many steps.
+_GO_ON, _FIRST_STEPS = 1, 12
+# The start as given is taken, without a look at others, if it is judged better than the first of these values and the
+# best rigid pose is turned by less than this angle; or better than the second.
+_GOOD, _ALIKE, _VERY_GOOD = 0.025, 0.6, 0.015
 # Of `auto`: the gap at which a pose is enough, the share of points within it, and the value at which nothing serves.
 _POSE_IS_ENOUGH, _NEARLY_ALL, _NOTHING_SERVES = 0.002, 0.95, 0.06
 # Nodes of the graphs that a fold may need, times of going back from them, and a retreat that is reported.
@@ -212,16 +213,23 @@ class Registration:
     def _bend(self, poses: Sequence[Pose]) -> float:
         """Fit the coarsest graph from some poses, keep the best, and return how it was judged.
 
-        The pose as given is tried first. Of the others, the best after some of the steps go on to the end.
+        The pose as given is tried first, then the others, with remoteness, until one serves very well; in the end
+        without, where the best after some of the steps go on.
         """
         coarsest = DeformationGraph.of(self._at_rest, LEVELS[0].nodes)
-        ways = [(pose, remoteness) for pose in poses for remoteness in _REMOTENESS]
-        starts = [self._attempt(coarsest, *way) for way in ways[: len(_REMOTENESS)]]
-        best = min((attempt.finished() for attempt in starts), key=lambda attempt: attempt.value)
-        if best.value >= _GOOD and len(ways) > len(starts):
-            others = [self._attempt(coarsest, *way).begun() for way in ways[len(starts) :]]
-            others = sorted(others, key=lambda attempt: attempt.value)[:_GO_ON]
-            best = min([best, *(attempt.finished() for attempt in others)], key=lambda attempt: attempt.value)
+        with_remoteness, without = _REMOTENESS
+        best = self._attempt(coarsest, poses[0], with_remoteness).finished()
+        # Bodies that look alike from behind serve about as well turned, so no other pose may look better.
+        plausible = len(poses) < 4 or poses[3].angle_to(poses[0]) < _ALIKE
+        if best.value >= (_GOOD if plausible else _VERY_GOOD):
+            for pose in poses[1:]:
+                if best.value >= _VERY_GOOD:
+                    other = self._attempt(coarsest, pose, with_remoteness).finished()
+                    best = min(best, other, key=lambda attempt: attempt.value)
+            if best.value >= _VERY_GOOD:  # parts may be missing
+                others = [self._attempt(coarsest, pose, without).begun() for pose in poses]
+                others = sorted(others, key=lambda attempt: attempt.value)[:_GO_ON]
+                best = min([best, *(other.finished() for other in others)], key=lambda attempt: attempt.value)
         self.pose, self._at_pose = best.pose, best.fit.template
         self._graph, self.verts, self._level = best.graph, best.graph.positions(), 0
         self.distance, self.matched = best.distance, best.matched

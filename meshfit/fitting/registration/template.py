@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from meshfit.fitting.gauss_newton.surface import Connectivity
 from meshfit.fitting.registration.oriented_points import OrientedPoints
-from meshfit.mesh.geometry import unit_vectors
+from meshfit.mesh.geometry import signed_volume, unit_vectors
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.topology import Topology
 
@@ -29,7 +29,7 @@ class Template:
     def posed(self, verts: Verts) -> "Template":
         """Return the template at rest in another pose and size, which have no effect on what is known of it already."""
         other = Template(self.mesh.with_verts(verts))
-        known = "edges", "rim", "adjacency", "remoteness", "connectivity", "_corners"
+        known = "edges", "rim", "adjacency", "remoteness", "connectivity", "side", "_corners"
         other.__dict__.update({name: self.__dict__[name] for name in known if name in self.__dict__})
         return other
 
@@ -81,13 +81,19 @@ class Template:
         columns = np.arange(len(faces)).repeat(3)
         return csr_array((np.ones(faces.size), (faces.ravel(), columns)), shape=(self.mesh.num_verts, len(faces)))
 
+    @cached_property
+    def side(self) -> float:
+        """-1 for a closed mesh that is inside out, such as a mirrored one, else 1."""
+        inside_out = not self.rim.any() and signed_volume(self.mesh) < 0
+        return -1.0 if inside_out else 1.0
+
     def points_at(self, verts: Verts) -> OrientedPoints:
         """Return the vertices at some positions, with their normals and areas there."""
         a, b, c = (verts[self.mesh.faces[:, k]] for k in range(3))
         vectors = np.cross(b - a, c - a)
         areas = np.linalg.norm(vectors, axis=1) / 6
         return OrientedPoints(
-            verts, unit_vectors(self._corners @ vectors), self._corners @ areas, self.rim, self.remoteness
+            verts, self.side * unit_vectors(self._corners @ vectors), self._corners @ areas, self.rim, self.remoteness
         )
 
     def grown(self, verts: Bool[np.ndarray, " V"], rings: int = 1) -> Bool[np.ndarray, " V"]:
