@@ -80,14 +80,15 @@ class Registration:
         pose: the pose that it has started from.
         distance: root mean square distance of the pairs of the last step.
         matched: share of the pairs of the last step that counted.
-        faults: number of pairs of faces that cross and of faces that are flipped, but not at rest; after `unfold`.
+        crossing: number of pairs of faces that cross and did not at rest; after `unfold`.
+        folded: number of faces that are flipped or without area and were not at rest; after `unfold`.
         retreat: distance, relative to the diagonal, by which vertices stayed back so that there are none.
         registered: the prior, and why; of `auto`, once the pose has been found.
     """
 
     def __init__(self, task: RegistrationTask) -> None:
         self.task, self.verts, self.pose = task, task.source.verts, Pose.identity()
-        self.distance, self.matched, self.faults, self.retreat = float("inf"), 0.0, 0, 0.0
+        self.distance, self.matched, self.crossing, self.folded, self.retreat = float("inf"), 0.0, 0, 0, 0.0
         self.registered = Registered(task.prior, AS_SET)
         if task.choice == "off":
             self.registered = Registered("off", "as the source was made to start from")
@@ -121,9 +122,10 @@ class Registration:
     def shortfalls(self) -> list[str]:
         """Shortfalls of the result, in words."""
         texts = list[str]()
-        if self.faults:
-            fault = count_text(self.faults, "fault")
-            texts.append(f"{fault}: faces that cross others or are flipped, and were not in the source")
+        if self.crossing:
+            texts.append(f"{count_text(self.crossing, 'pair')} of faces cross that did not cross in the source")
+        if self.folded:
+            texts.append(f"flipped or without area, but not in the source: {count_text(self.folded, 'face')}")
         if self.retreat > _NOTEWORTHY:
             texts.append(
                 f"faces would have crossed, so vertices stayed back by up to {100 * self.retreat:.2g} % of the diagonal"
@@ -136,7 +138,7 @@ class Registration:
         arrays = {"verts": self.verts, "start": self._start, "turn": self.pose.rotation, "move": self.pose.translation}
         if graph is not None:
             arrays |= {"rotations": graph.rotations, "translations": graph.translations}
-        numbers = {"scale": self.pose.scale, "level": self._level, "faults": self.faults}
+        numbers = {"scale": self.pose.scale, "level": self._level, "crossing": self.crossing, "folded": self.folded}
         numbers |= {"distance": self.distance, "matched": self.matched, "retreat": self.retreat}
         words = {"register": self.registered.register, "reason": self.registered.reason}
         return {key: torch.tensor(array) for key, array in arrays.items()} | numbers | words
@@ -146,7 +148,7 @@ class Registration:
         self.pose = Pose(saved["turn"].numpy(), saved["move"].numpy(), saved["scale"])
         self.verts, self._start, self._level = saved["verts"].numpy(), saved["start"].numpy(), saved["level"]
         self.distance, self.matched = saved["distance"], saved["matched"]
-        self.faults, self.retreat = saved["faults"], saved["retreat"]
+        self.crossing, self.folded, self.retreat = saved["crossing"], saved["folded"], saved["retreat"]
         self.registered = Registered(saved["register"], saved["reason"])
         if self._level >= 0:
             graph = DeformationGraph.of(self.template, LEVELS[self._level].nodes)
@@ -270,28 +272,32 @@ class Registration:
         if self._unfolding is None:
             self._unfolding = Unfolding.of(self.template)
         wanted = self.verts
-        self.verts, self.faults = self._unfolding.unfolded(wanted)
-        if self.faults:
+        self.verts, (self.crossing, self.folded) = self._unfolding.unfolded(wanted)
+        if self.crossing:
             self._retreat(self._unfolding, wanted)
+        if self.folded:
+            self.verts, self.folded = self._unfolding.smoothed(self.verts)
         self._start = self.verts
 
     def _retreat(self, unfolding: Unfolding, wanted: Verts) -> None:
-        """Find a state without faults, and go from there as far as none appears towards what was wanted."""
-        best, fewest = unfolding.unfolded(self.verts, stiffer=True)
+        """Find a state in which nothing crosses, and go from there as far as this stays so towards what was wanted."""
+        best, (fewest, _) = unfolding.unfolded(self.verts, stiffer=True)
         for nodes in _STIFFER_NODES:
             if not fewest:
                 break
-            verts, faults = unfolding.unfolded(DeformationGraph.of(self.template, nodes).fitted_to(wanted).positions())
-            if faults < fewest:
-                best, fewest = verts, faults
-        if fewest:  # in its pose, the template has none
+            verts, (crossing, _) = unfolding.unfolded(
+                DeformationGraph.of(self.template, nodes).fitted_to(wanted).positions()
+            )
+            if crossing < fewest:
+                best, fewest = verts, crossing
+        if fewest:  # in its pose, nothing crosses that did not at rest
             best = self.template.mesh.verts
         for _ in range(_RETURNS):
             moved, _ = limit_step(self.template.connectivity, torch.tensor(best), torch.tensor(self.verts))
-            if unfolding.faults(returned := np.asarray(moved.numpy())):
+            if len(unfolding.new_pairs(returned := np.asarray(moved.numpy()))):
                 break
             best = returned
-        self.verts, self.faults = best, unfolding.faults(best)
+        self.verts, (self.crossing, self.folded) = best, unfolding.faults(best)
         away = float(np.linalg.norm(best - wanted, axis=1).max()) / self.task.diagonal
         self.retreat = max(self.retreat, away)
 

@@ -24,6 +24,7 @@ _MOST_RINGS, _HELD_RINGS = 8, 2
 # Weights by which vertices stay where they are: those that unfold, those around them, those drawn inwards.
 _FREE, _HELD, _DRAWN = 1e-3, 1e3, 1.0
 _SMOOTHINGS = 3
+_SMOOTHING_ROUNDS = 12
 # Double area of a face, in squares of its longest edge, that is none.
 _NO_AREA = 1e-6
 
@@ -49,7 +50,7 @@ class Unfolding:
     2007). Vertices of faces that cross are tied: extra edges restore their offsets at rest. As the template does not
     cross itself there, ties that hold make the faces not cross. Pairs that are far apart at rest are drawn inwards.
 
-    Faces that are flipped or have lost their area follow their shape at rest, too.
+    Faces that are flipped or have lost their area are smoothed away where nothing comes to cross by it.
 
     Attributes:
         template: the template.
@@ -77,18 +78,18 @@ class Unfolding:
         """Return the faces that are flipped or without area at some positions, and were not at rest."""
         return np.flatnonzero(_folded(self.template, verts) & ~self.folded_at_rest)
 
-    def faults(self, verts: Verts) -> int:
+    def faults(self, verts: Verts) -> tuple[int, int]:
         """Return the number of pairs that cross and of faces that are folded, without those at rest."""
-        return len(self.new_pairs(verts)) + len(self.new_folds(verts))
+        return len(self.new_pairs(verts)), len(self.new_folds(verts))
 
     def unfolded(
         self, verts: Verts, on_round: Callable[[int], None] = lambda _: None, *, stiffer: bool = False
-    ) -> tuple[Verts, int]:
-        """Return the positions with the fewest faults that were found, and their number.
+    ) -> tuple[Verts, tuple[int, int]]:
+        """Return the positions with the fewest pairs that cross, and their number and that of folded faces.
 
         Args:
             verts: (V, 3) positions.
-            on_round: called with the number of faults in each round.
+            on_round: called with the number of pairs in each round.
             stiffer: follow the shape at rest more closely, and on larger patches.
         """
         most_rings, iterations = (4 * _MOST_RINGS, 4 * _ITERATIONS) if stiffer else (_MOST_RINGS, _ITERATIONS)
@@ -96,18 +97,18 @@ class Unfolding:
         edge = float(template.rest_lengths.mean())
         ties, level = _Ties(), np.zeros(count, dtype=np.int64)
         far, loose = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
-        best, fewest, since = verts, np.iinfo(np.int64).max, 0
+        best, fewest, since = verts, (np.iinfo(np.int64).max, 0), 0
         for number in range(_ROUNDS):
             pairs, folds = self.new_pairs(verts), self.new_folds(verts)
-            faults = len(pairs) + len(folds)
-            on_round(faults)
+            faults = len(pairs), len(folds)
+            on_round(len(pairs))
             if faults < fewest:
                 best, fewest, since = verts, faults, number
-            if not faults or number - since > _PATIENCE:
+            if not len(pairs) or number - since > _PATIENCE:
                 break
             corners = template.mesh.faces[pairs]
             crossing = np.zeros(count, dtype=bool)
-            crossing[corners.ravel()] = crossing[template.mesh.faces[folds].ravel()] = True
+            crossing[corners.ravel()] = True
             level[crossing] += 1
             first, second = corners[:, 0].repeat(3, axis=1).ravel(), np.tile(corners[:, 1], 3).ravel()
             apart = np.linalg.norm(template.mesh.verts[first] - template.mesh.verts[second], axis=1) >= _NEAR * edge
@@ -122,7 +123,24 @@ class Unfolding:
             stay = np.where(loose, _FREE, _HELD)
             stay[drawn] = _DRAWN
             verts = self._relaxed(verts, goals, stay, template.grown(loose, _HELD_RINGS), ties, iterations)
-        return best, int(fewest)
+        return best, fewest
+
+    def smoothed(self, verts: Verts) -> tuple[Verts, int]:
+        """Return positions with fewer folded faces, by smoothing, where nothing comes to cross, and how many are left."""
+        connectivity, most = self.template.connectivity, len(self.new_pairs(verts))
+        folds = self.new_folds(verts)
+        best, fewest, moved = verts, len(folds), torch.tensor(verts)
+        for number in range(_SMOOTHING_ROUNDS):
+            if not len(folds):
+                break
+            near = connectivity.verts_of(torch.tensor(np.isin(np.arange(self.template.mesh.num_faces), folds)))
+            for _ in range(number // 2):
+                near = connectivity.grown(near)
+            moved = torch.where(near[:, None], moved - (connectivity.umbrella @ moved) / 2, moved)
+            folds = self.new_folds(smooth := np.asarray(moved.numpy()))
+            if len(folds) < fewest and len(self.new_pairs(smooth)) <= most:
+                best, fewest = smooth, len(folds)
+        return best, fewest
 
     def _relaxed(
         self,
