@@ -126,7 +126,7 @@ class Unfolding:
         return best, fewest
 
     def smoothed(self, verts: Verts) -> tuple[Verts, int]:
-        """Return positions with fewer folded faces, by smoothing, where nothing comes to cross, and how many are left."""
+        """Return positions with fewer folded faces, by smoothing, where nothing comes to cross, and how many stay."""
         connectivity, most = self.template.connectivity, len(self.new_pairs(verts))
         folds = self.new_folds(verts)
         best, fewest, moved = verts, len(folds), torch.tensor(verts)
