@@ -165,7 +165,7 @@ def _made(
         return ControlMesh(_reduced(pieces, verts, faces, few), "target", reason)
     if not target.num_faces:
         target = _to_wrap(target.verts)
-    skin, lengths = _wrapped(target, wrap)
+    skin, lengths = _wrapped(SameContent(target), wrap)
     return ControlMesh(_reduced(skin, verts, faces), "wrap", reason, lengths)
 
 
@@ -258,11 +258,18 @@ def _enough(mesh: Mesh, few: Mesh | None, faces: int) -> Mesh:
     return few if few is not None and few.num_faces > faces else mesh
 
 
-def _wrapped(target: Mesh, wrap: Wrap) -> tuple[Mesh, Wrap]:
+def wrap_around(target: Mesh) -> Mesh:
+    """Return the closed surface around faces or points of which a control mesh is made, with all of its vertices."""
+    return _wrapped(SameContent(target), Wrap())[0]
+
+
+@lru_cache(maxsize=4)  # the normals of a cloud are those of the wrap that its control mesh is made of
+def _wrapped(content: SameContent, wrap: Wrap) -> tuple[Mesh, Wrap]:
     """Wrap a target; of several alphas, take the wrap of least genus among the nearest, then the finest.
 
     Where a finer wrap enters through an opening, the openings are capped for it and for those after it.
     """
+    target = content.mesh
     if wrap.alpha is not None:
         lengths = _lengths(wrap.alpha, wrap)
         return manifold_pieces(alpha_wrap(target, *lengths)), Wrap(*lengths)

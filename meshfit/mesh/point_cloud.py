@@ -253,7 +253,7 @@ def _unit_or_zero(vectors: Normals) -> Normals:
 
 
 def _plane_normals(points: Points, tree: "cKDTree[None]", rows: Indices | None = None) -> _OfSome:
-    count = _num_neighbours(points, tree)
+    count = num_plane_neighbours(points, tree)
     some = points if rows is None else points[rows]
     normals = np.empty_like(some)
     for start in range(0, len(some), 1 << 16):
@@ -264,7 +264,7 @@ def _plane_normals(points: Points, tree: "cKDTree[None]", rows: Indices | None =
     return normals
 
 
-def _num_neighbours(points: Points, tree: "cKDTree[None]") -> int:
+def num_plane_neighbours(points: Points, tree: "cKDTree[None]") -> int:
     """Return how many neighbours a plane needs: some, or as many as reach beyond the noise."""
     noise, most = noise_of_points(points), min(_MOST_NEIGHBOURS, len(points))
     if most <= _NEIGHBOURS:

@@ -21,7 +21,7 @@ from meshfit.remeshing.self_intersections import intersecting_faces
 from meshfit.remeshing.state import RemeshState
 from meshfit.remeshing.triangle_geometry import corners_of, dot, length_of, unit
 
-_PASSES = 60
+_PASSES = 120
 # Share of the edges, the cheapest, that a pass chooses from, beyond those that have to go.
 _CHEAPEST = 0.05
 # Weight of squared distances from the old vertices, relative to those from the planes of the old faces. It places

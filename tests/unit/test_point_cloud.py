@@ -12,6 +12,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.noise import noise_of_mesh, noise_of_points
 from meshfit.mesh.point_cloud import PointCloud, evenly_spread, oriented_cloud, rim_of, sampled_areas
 from meshfit.mesh.targets import load_target
+from meshfit.mesh.wrapped_normals import cloud_with_normals
 from meshfit.subdivision.sphere import icosphere
 
 
@@ -136,3 +137,21 @@ def test_a_cloud_is_wrapped_where_the_source_is_chosen_for_it() -> None:
     distances = np.linalg.norm(result.mesh.verts, axis=1) - 1, np.linalg.norm(result.mesh.verts - [1.2, 0, 0], axis=1)
     error = np.minimum(np.abs(distances[0]), np.abs(distances[1] - 0.5))
     assert np.percentile(error, 95) < 0.02
+
+
+def test_normals_of_thin_noisy_parts_point_outwards_and_those_of_open_scans_stay() -> None:
+    """A ball with a fin that is hardly thicker than the noise."""
+    body, directions, axes = ball(4000), ball(1500, seed=1), np.array([1.0, 0.6, 0.08])
+    fin = axes * directions + np.array([1.2, 0.0, 0.0])
+    outside = np.linalg.norm(fin, axis=1) > 1.05
+    points, outwards = (
+        np.concatenate([body, fin[outside]]),
+        np.concatenate([body, unit_vectors(directions / axes)[outside]]),
+    )
+    points = points + 0.02 * np.random.default_rng(2).normal(size=(len(points), 1)) * outwards
+    normals = cloud_with_normals(PointCloud(points)).normals
+    assert normals is not None
+    assert (np.einsum("nk,nk->n", normals, outwards)[len(body) :] > 0).mean() > 0.9
+    scan = PointCloud(points[points[:, 2] > 0.1])
+    for cloud in (scan, PointCloud(points, outwards)):
+        assert np.array_equal(cloud_with_normals(cloud).normals, oriented_cloud(cloud).normals)

@@ -15,9 +15,10 @@ from meshfit.mesh.geometry import face_areas, face_normals, unit_vectors, vert_a
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.noise import NEIGHBOURHOOD, noise_of_mesh, noise_of_points, smoothed_normals
 from meshfit.mesh.outliers import spikes, stray_points
-from meshfit.mesh.point_cloud import PointCloud, oriented_cloud, rim_of, sampled_areas
+from meshfit.mesh.point_cloud import PointCloud, rim_of, sampled_areas
 from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.topology import Topology
+from meshfit.mesh.wrapped_normals import cloud_with_normals
 from meshfit.remeshing.triangle_geometry import dot, length_of, unit
 
 _POINTS = 200_000
@@ -162,7 +163,7 @@ class TargetCloud:
     ) -> "TargetCloud":
         scan = scan.thinned()
         stray = stray_points(scan.verts) if robust else np.zeros(scan.num_verts, dtype=bool)
-        scan = oriented_cloud(scan.subset(np.flatnonzero(~stray)))
+        scan = cloud_with_normals(scan.subset(np.flatnonzero(~stray)))
         areas = sampled_areas(scan.verts)
         order = cKDTree(scan.verts).indices  # neighbours are close in memory, which makes queries fast
         cloud = torch.tensor(scan.verts[order], dtype=dtype, device=device)
