@@ -236,8 +236,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     target_mesh = as_mesh_or_points(target)
     _require_surface(target_mesh, "target")
     frame = frame_of(target_mesh.verts, _require_one_of("normalise", normalise, get_args(Normalisation)))
-    goal = target_mesh.with_verts((target_mesh.verts - frame.centre) / frame.scale)
-    goal = outward(goal)
+    goal = outward(frame.normalise(target_mesh))
     if _require_one_of("surface", surface, get_args(Surface)) == "outer":
         if isinstance(target_mesh, PointCloud):
             raise ConfigError("surface: outer: a cloud of points has no faces, so none are hidden; remove it")

@@ -1,5 +1,6 @@
 """Normalisation: the frame that maps a target from its own coordinates to those of all lengths and results."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, TypeVar, get_args, overload
 
@@ -47,8 +48,7 @@ class Frame:
     @no_type_check
     def normalise(self, mesh: "MeshLike | PointCloud") -> Mesh | PolygonMesh | PointCloud:
         """Return a mesh, in any form that `as_mesh` takes, or points, in normalised coordinates."""
-        mesh = mesh if isinstance(mesh, PointCloud) else as_mesh(mesh)
-        return mesh.with_verts((mesh.verts - self.centre) / self.scale)
+        return _moved(mesh, lambda verts: (verts - self.centre) / self.scale)
 
     @overload
     def restore(self, mesh: _AnyMesh) -> _AnyMesh: ...  # type: ignore[overload-overlap]
@@ -57,8 +57,15 @@ class Frame:
     @no_type_check
     def restore(self, mesh: "MeshLike | PointCloud") -> Mesh | PolygonMesh | PointCloud:
         """Return a normalised mesh, in any form that `as_mesh` takes, or points, in its original coordinates."""
-        mesh = mesh if isinstance(mesh, PointCloud) else as_mesh(mesh)
-        return mesh.with_verts(mesh.verts * self.scale + self.centre)
+        return _moved(mesh, lambda verts: verts * self.scale + self.centre)
+
+
+@no_type_check
+def _moved(mesh: "MeshLike | PointCloud", move: Callable[[Verts], Verts]) -> Mesh | PolygonMesh | PointCloud:
+    if isinstance(mesh, PointCloud):
+        return mesh.moved(move)
+    mesh = as_mesh(mesh)
+    return mesh.with_verts(move(mesh.verts))
 
 
 IDENTITY = Frame((0.0, 0.0, 0.0), 1.0)

@@ -1,6 +1,7 @@
 """Point clouds: positions, perhaps with normals, and what can be estimated from neighbouring points."""
 
 from bisect import bisect_right
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +23,7 @@ Points = Float64[np.ndarray, "N 3"]
 Indices = Int64[np.ndarray, " M"]
 Normals = Float64[np.ndarray, "N 3"]
 _OfSome = Float64[np.ndarray, "_ 3"]
+Position = tuple[float, float, float]
 
 MOST_POINTS = 400_000
 """Points of a scan that are worked with; of a larger one, as many are drawn at random."""
@@ -50,6 +52,8 @@ class PointCloud:
     Attributes:
         verts: (V, 3) float64, positions.
         normals: (V, 3) float64, unit normals that point outwards, 0 where one is not known; None if none is.
+        sensor: position that all points were seen from, towards which normals that are not known point; None if
+            it is not known.
 
     Example:
         >>> import meshfit
@@ -62,8 +66,11 @@ class PointCloud:
 
     verts: Verts
     normals: Normals | None
+    sensor: Position | None
 
-    def __init__(self, verts: ArrayLike, normals: ArrayLike | None = None) -> None:
+    def __init__(
+        self, verts: ArrayLike, normals: ArrayLike | None = None, sensor: Sequence[float] | None = None
+    ) -> None:
         array = np.array(verts, dtype=np.float64)
         if array.ndim != 2 or array.shape[1] != 3:
             raise MeshError(f"points: expected rows of three numbers, got an array of shape {array.shape}")
@@ -79,6 +86,7 @@ class PointCloud:
         array.setflags(write=False)
         object.__setattr__(self, "verts", array)
         object.__setattr__(self, "normals", directions)
+        object.__setattr__(self, "sensor", None if sensor is None else _position(sensor))
 
     @property
     def num_verts(self) -> int:
@@ -91,12 +99,17 @@ class PointCloud:
         return 0
 
     def with_verts(self, verts: ArrayLike) -> "PointCloud":
-        """Return the same normals at other positions."""
+        """Return the same normals at other positions, without a sensor."""
         return PointCloud(verts, self.normals)
+
+    def moved(self, move: Callable[[Points], Points]) -> "PointCloud":
+        """Return points and sensor moved by a function of positions that scales and shifts them."""
+        sensor = None if self.sensor is None else move(np.array([self.sensor]))[0].tolist()
+        return PointCloud(move(self.verts), self.normals, sensor)
 
     def subset(self, rows: Indices) -> "PointCloud":
         """Return some of the points."""
-        return PointCloud(self.verts[rows], None if self.normals is None else self.normals[rows])
+        return PointCloud(self.verts[rows], None if self.normals is None else self.normals[rows], self.sensor)
 
     def thinned(self, most: int = MOST_POINTS) -> "PointCloud":
         """Return the cloud, or if it is larger, as many of its points, drawn at random, always the same.
@@ -116,21 +129,26 @@ class PointCloud:
         return f"PointCloud({count_text(self.num_verts, 'point')}{with_normals}, box {size})"
 
 
+def seen_cloud(cloud: PointCloud, sensor: ArrayLike | None = None) -> PointCloud:
+    """Return the cloud with normals towards the sensor, or towards its own; as it is where neither is known."""
+    return cloud if sensor is None and cloud.sensor is None else oriented_cloud(cloud, sensor)
+
+
 @no_type_check
 def oriented_cloud(cloud: PointCloud, sensor: ArrayLike | None = None) -> PointCloud:
     """Return the cloud with normals: its own, or estimated ones.
 
     Each estimated normal is that of the plane of nearest neighbours, the direction of least variance. Normals are
-    oriented towards the sensor if it is given. Where only some points of a cloud have normals, the others follow the
-    nearest of these. Otherwise orientation is passed on along a minimum spanning tree over
-    neighbours, whose links cost 1 - |n · n'| (Hoppe et al. 1992, sec. 3.3), from the highest point of each connected
-    part, where the normal points up.
+    oriented towards the sensor if it is given, or else towards that of the cloud. Where only some points of a cloud
+    have normals, the others follow the nearest of these. Otherwise orientation is passed on along a minimum spanning
+    tree over neighbours, whose links cost 1 - |n · n'| (Hoppe et al. 1992, sec. 3.3), from the highest point of each
+    connected part, where the normal points up.
 
     Args:
         cloud: N points.
         sensor: position that all points were seen from.
     """
-    own = cloud.normals
+    own, sensor = cloud.normals, cloud.sensor if sensor is None else sensor
     known = np.zeros(cloud.num_verts, dtype=bool) if own is None else np.asarray(own.any(axis=1))
     if known.all():
         return cloud
@@ -243,6 +261,14 @@ def tangent_vectors(normals: Normals) -> tuple[Normals, Normals]:
     least = np.eye(3)[np.abs(normals).argmin(axis=1)]
     first = unit_vectors(np.cross(normals, least))
     return first, np.cross(normals, first)
+
+
+def _position(sensor: Sequence[float]) -> Position:
+    numbers = np.array(sensor, dtype=np.float64)
+    if numbers.shape != (3,) or not np.isfinite(numbers).all():
+        raise MeshError(f"sensor: expected three finite numbers, got {numbers.tolist()}")
+    x, y, z = numbers.tolist()
+    return x, y, z
 
 
 def _unit_or_zero(vectors: Normals) -> Normals:

@@ -22,12 +22,16 @@ _LARGEST = np.iinfo(np.int64).max
 
 
 class PolygonSoup(NamedTuple):
-    """The raw, unchecked content of a file: (V, 3) positions, (C,) corners of all faces, (F,) sizes, attributes."""
+    """The raw, unchecked content of a file: (V, 3) positions, (C,) corners of all faces, (F,) sizes, attributes.
+
+    Readers of some formats add (V, 3) normals of points, where the file has no faces.
+    """
 
     verts: NDArray[np.floating]
     corners: NDArray[np.int64]
     sizes: NDArray[np.int64]
     attributes: Attributes = NO_ATTRIBUTES
+    normals: NDArray[np.floating] | None = None
 
     @classmethod
     def of_triangles(cls, verts: NDArray[np.floating], faces: NDArray[np.int64]) -> "PolygonSoup":

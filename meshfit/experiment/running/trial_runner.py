@@ -70,7 +70,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.nearest import nearest_point_query
 from meshfit.mesh.normalisation import Frame, Normalisation, frame_of
 from meshfit.mesh.outer_surface import outer_surface
-from meshfit.mesh.point_cloud import PointCloud, oriented_cloud
+from meshfit.mesh.point_cloud import PointCloud, seen_cloud
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.proximity import point_distances
 from meshfit.mesh.sampling import sample_surface
@@ -368,7 +368,9 @@ def _load_target(
     frame = frame_of(mesh.verts, normalise)
     fitted, note = turned, ""
     if isinstance(turned, PointCloud):
-        fitted = turned if settings.sensor is None else oriented_cloud(turned, settings.sensor)
+        fitted = seen_cloud(turned, settings.sensor)
+        if settings.sensor is None and turned.sensor is not None and turned.normals is None:
+            note = f"target: normals point towards its file's viewpoint, {turned.sensor}"
     elif settings.surface == "outer":
         fitted = outer_surface(turned)
         note = "" if fitted is turned else _hidden_share(turned, fitted)

@@ -159,12 +159,12 @@ def read_target(folder: Path, record: Result) -> "Mesh | PointCloud":
 
 def _as_fitted(target: "Mesh | PointCloud", record: Result) -> "Mesh | PointCloud":
     from meshfit.mesh.cleaning import outward
-    from meshfit.mesh.point_cloud import PointCloud, oriented_cloud
+    from meshfit.mesh.point_cloud import PointCloud, seen_cloud
 
     settings = record.get("settings", {}).get("target", {})
     sensor = settings.get("sensor")
     if isinstance(target, PointCloud):
-        return target if sensor is None else oriented_cloud(target, sensor)
+        return seen_cloud(target, sensor)
     mesh: Mesh = outward(target)
     if settings.get("surface", "all") == "all":
         return mesh
@@ -206,7 +206,7 @@ def read_written_mesh(path: Path) -> "Mesh | PolygonMesh":
     corners, num_verts = soup.corners, len(soup.verts)
     if not len(soup.sizes) or corners.min() < 0 or corners.max() >= num_verts:
         raise MeshError(f"{path}: damaged: its faces do not match its {num_verts} vertices")
-    mesh = PolygonMesh(*soup)
+    mesh = PolygonMesh(soup.verts, soup.corners, soup.sizes, soup.attributes)
     return Mesh(mesh.verts, mesh.corners.reshape(-1, 3), mesh.attributes) if (mesh.sizes == 3).all() else mesh
 
 

@@ -19,23 +19,29 @@ from meshfit.units import count_text
 
 Matrices = Float64[np.ndarray, "N 4 4"]
 
+_POINTS = 0
 INSTANCING = "EXT_mesh_gpu_instancing"
 # Single precision, in which a file has its matrices, moves a vertex by no more, relative to the size of all.
 _ROUNDING = 2e-6
 
 
 class _Part(NamedTuple):
-    """Primitives of a mesh that share their vertices: positions, triangles, joints that move them, attributes."""
+    """Primitives of a mesh that share their vertices: positions, triangles, joints that move them, attributes.
+
+    Those of points alone have normals, too.
+    """
 
     verts: Float64[np.ndarray, "V 3"]
     triangles: Int64[np.ndarray, "T 3"]
     joints: Int64[np.ndarray, "V J"] | None
     weights: Float64[np.ndarray, "V J"] | None
     attributes: Attributes
+    normals: NDArray[np.floating] | None = None
 
     def soup(self) -> PolygonSoup:
         """Return its triangles."""
-        return PolygonSoup.of_triangles(self.verts, self.triangles)._replace(attributes=self.attributes)
+        soup = PolygonSoup.of_triangles(self.verts, self.triangles)
+        return soup._replace(attributes=self.attributes, normals=self.normals)
 
 
 class Scene:
@@ -71,11 +77,11 @@ class Scene:
             for number in range(len(self._document.items("meshes"))):
                 name = self._mesh_name(number)
                 self._place(self._parts(number, "the file", None, skinned=False), np.eye(4)[None], name)
-        if self._passed_over:
+        soup = self._placed.soup()
+        if self._passed_over and len(soup.sizes):
             _warn(f"passed over {count_text(self._passed_over, 'primitive')} of points and lines")
         for note in self._notes:
             _warn(note)
-        soup = self._placed.soup()
         return soup if self._carried is None else self._carried.completed(soup, self._placed.pieces, parents, worlds)
 
     def _forest(self) -> tuple[list[list[int]], list[int | None]]:
@@ -184,7 +190,7 @@ class Scene:
             if _moves(pose, worlds[joints], verts):
                 self._notes["a skin bends the mesh; reading it in the pose of the file's nodes"] = None
                 verts, mirrored = _posed(verts, part.joints, part.weights, pose)
-            soup = self._grouped(part.soup()._replace(verts=verts), name)
+            soup = self._grouped(part.soup()._replace(verts=verts, normals=None), name)
             if self._carried is not None:
                 soup = self._carried.skinned(soup, joints, part.joints, part.weights)
             self._placed.append(soup, mirrored=mirrored)
@@ -258,7 +264,10 @@ class Scene:
         attributes = NO_ATTRIBUTES
         if self._carried is not None:
             attributes = self._carried.of_primitive(reader, primitive, len(verts), len(triangles))
-        return reader.vertex_key(), _Part(verts, triangles, joints, joint_weights, attributes)
+        normals = reader.attribute("NORMAL", "VEC3") if mode == _POINTS else None
+        if normals is not None and len(normals) != len(verts):
+            raise MeshError(f"{primitive.place}: {len(normals)} normals for {len(verts)} vertices")
+        return reader.vertex_key(), _Part(verts, triangles, joints, joint_weights, attributes, normals)
 
 
 def _moves(pose: Matrices, worlds: Matrices, verts: Float64[np.ndarray, "V 3"]) -> bool:

@@ -1,4 +1,4 @@
-"""OFF files: the numbers of vertices and faces, then their coordinates and corners. Colours and normals are ignored."""
+"""OFF files: the numbers of vertices and faces, then their coordinates and corners; without colours."""
 
 import itertools
 import re
@@ -42,7 +42,7 @@ class _Counts(NamedTuple):
 
 
 def read_off(content: bytes) -> PolygonSoup:
-    """Read vertices and faces in file order, one per line, or else word by word.
+    """Read vertices and faces in file order, one per line, or else word by word; of points, the normals too.
 
     Raises:
         MeshError: naming the line at fault.
@@ -50,6 +50,13 @@ def read_off(content: bytes) -> PolygonSoup:
     text = plain_text(content)
     keyword_end, columns = _read_keyword(text)
     candidates = list(_read_counts(text, keyword_end))
+    soup = _read_soup(text, candidates, columns)
+    if len(soup.sizes) or b"N" not in text[:keyword_end].upper():
+        return soup
+    return soup._replace(normals=_normals(text, candidates, len(soup.verts)))
+
+
+def _read_soup(text: bytes, candidates: list[_Counts], columns: int) -> PolygonSoup:
     if (soup := _read_at_once(text, candidates[0])) is not None:
         return soup
     errors = list[MeshError]()
@@ -63,6 +70,15 @@ def read_off(content: bytes) -> PolygonSoup:
         except MeshError as error:
             errors.append(error)
     raise errors[0]
+
+
+def _normals(text: bytes, candidates: list[_Counts], num_verts: int) -> NDArray[np.float64] | None:
+    """Return (V, 3) the normals of points, which follow their positions; None if anything is unusual."""
+    for counts in candidates:
+        numbers = parse_floats(text[counts.end :])
+        if numbers is not None and num_verts and len(numbers) % num_verts == 0 and len(numbers) >= 6 * num_verts:
+            return numbers.reshape(num_verts, -1)[:, 3:6]
+    return None
 
 
 def write_off(mesh: Mesh | PolygonMesh) -> bytes:

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.mesh.io.raw_points import RawPoints
+from meshfit.mesh.io.text import parse_float
 from meshfit.units import count_text
 
 _HEADER = re.compile(rb"(?:[^\n]*\n)*?DATA[ \t]+(ascii|binary|binary_compressed)[ \t]*\r?\n", re.IGNORECASE)
+_VIEWPOINT = re.compile(rb"^VIEWPOINT[ \t]+([^\n]*)", re.IGNORECASE | re.MULTILINE)
 _KINDS = {b"F": "f", b"I": "i", b"U": "u"}
 _SIZES = {"f": (4, 8), "i": (1, 2, 4, 8), "u": (1, 2, 4, 8)}
 _LONGEST_HEADER = 10_000
@@ -32,7 +34,9 @@ class _Layout(NamedTuple):
 
 
 def read_pcd(content: bytes) -> RawPoints:
-    """Read the points of a PCD file, with normals in fields normal_x, normal_y and normal_z.
+    """Read the points of a PCD file, with normals in fields normal_x, normal_y and normal_z, and its viewpoint.
+
+    A viewpoint of 0 0 0, which programs write by default, tells nothing.
 
     Points that are not finite, which stand for pixels without a point, are left out.
 
@@ -58,7 +62,16 @@ def read_pcd(content: bytes) -> RawPoints:
         warnings.warn(f"left out {left_out} with a coordinate that is not finite", MeshfitWarning, stacklevel=2)
     if not finite.any():
         raise MeshError("no points in it")
-    return RawPoints(points[finite], None if normals is None else normals[finite])
+    return RawPoints(points[finite], None if normals is None else normals[finite], _viewpoint(found.group()))
+
+
+def _viewpoint(header: bytes) -> tuple[float, float, float] | None:
+    found = _VIEWPOINT.search(header)
+    numbers = [parse_float(word) for word in found[1].split()[:3]] if found else []
+    x, y, z = (number for number in (*numbers, None, None, None)[:3])
+    if x is None or y is None or z is None or not np.isfinite([x, y, z]).all() or (x, y, z) == (0, 0, 0):
+        return None
+    return x, y, z
 
 
 def _layout(header: bytes) -> _Layout:

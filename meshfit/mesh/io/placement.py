@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float64
+from numpy.typing import NDArray
 
 from meshfit.errors import MeshError
 from meshfit.mesh.io.attribute_union import united
@@ -39,7 +40,11 @@ class PlacedMeshes:
         with np.errstate(all="ignore"):  # coordinates that overflow are refused later, with their vertex
             verts = piece.verts @ transform[:3, :3].T + transform[:3, 3]
             mirrored = bool(np.linalg.det(transform[:3, :3]) < 0)
-        self.append(piece._replace(verts=verts), mirrored=mirrored)
+        normals = piece.normals
+        if normals is not None:
+            turn = np.linalg.pinv(transform[:3, :3]) if np.isfinite(transform).all() else np.zeros((3, 3))
+            normals = normals.astype(np.float64) @ turn
+        self.append(piece._replace(verts=verts, normals=normals), mirrored=mirrored)
 
     def append(self, piece: PolygonSoup, *, mirrored: bool) -> None:
         """Append a piece as it is, turned if it is mirrored."""
@@ -61,12 +66,19 @@ class PlacedMeshes:
             np.concatenate([np.empty(0, np.int64), *corners]),
             np.concatenate([np.empty(0, np.int64), *(piece.sizes for piece in pieces)]),
             united(pieces),
+            None if any(piece.normals is None for piece in pieces) else _stacked(pieces),
         )
 
     @property
     def pieces(self) -> list[PolygonSoup]:
         """The pieces that have faces; those without any where none has."""
         return [piece for piece in self._pieces if len(piece.sizes)] or self._pieces
+
+
+def _stacked(pieces: list[PolygonSoup]) -> NDArray[np.floating] | None:
+    """Return the normals of all pieces, unless there are none."""
+    normals = [piece.normals for piece in pieces if piece.normals is not None]
+    return np.concatenate(normals) if normals else None
 
 
 def _reversed(piece: PolygonSoup) -> PolygonSoup:

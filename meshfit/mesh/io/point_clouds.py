@@ -14,12 +14,14 @@ from meshfit.mesh.io.files import POINT_FORMATS, encode_mesh, mesh_output_suffix
 from meshfit.mesh.io.mesh_file import MeshFile, write_file
 from meshfit.mesh.io.obj import read_obj_normals
 from meshfit.mesh.io.ply import read_ply_normals
+from meshfit.mesh.io.ply_elements import read_comments
 from meshfit.mesh.io.raw_points import RawPoints
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.point_cloud import PointCloud
+from meshfit.mesh.point_cloud import PointCloud, Position
 from meshfit.paths import path_text
 from meshfit.units import count_text
 
+_SENSOR = "sensor"
 _NORMALS = {".ply": read_ply_normals, ".obj": read_obj_normals}
 # Points on a line, up to rounding, are no surface.
 _THIN = 1e-9
@@ -49,7 +51,8 @@ def load_points(path: str | Path | MeshFile, *, file_format: str | None = None) 
 def load_point_cloud(path: str | Path | MeshFile, *, file_format: str | None = None) -> PointCloud:
     """Read a point cloud, with its normals if it has some: PLY, OBJ, XYZ, PTS, TXT, ASC, CSV, PCD, LAS or LAZ.
 
-    Of a mesh file, the points are its vertices. Duplicates and points that are not finite are left out.
+    A PCD file may name its sensor. Of a mesh file, the points are its vertices. Duplicates and points that are not
+    finite are left out.
 
     Args:
         path: of the file, which may be compressed; the text `-` is standard input.
@@ -87,7 +90,7 @@ def load_point_cloud(path: str | Path | MeshFile, *, file_format: str | None = N
         warnings.warn(text, MeshfitWarning, stacklevel=2)
         verts, normals = verts[first], None if normals is None else normals[first]
     try:
-        cloud = PointCloud(verts, normals)
+        cloud = PointCloud(verts, normals, raw.sensor)
     except MeshError as error:
         raise MeshError(f"{file.name}: {error}") from None
     sizes = np.linalg.svd(verts - verts.mean(axis=0), compute_uv=False)
@@ -99,8 +102,15 @@ def load_point_cloud(path: str | Path | MeshFile, *, file_format: str | None = N
 
 
 def encode_point_cloud(cloud: PointCloud, suffix: str = ".ply") -> bytes:
-    """Return the bytes of a file of points, with their normals, which is read back to the last bit."""
-    return encode_mesh(Mesh(cloud.verts, []), suffix, cloud.normals)
+    """Return the bytes of a file of points, with their normals, which is read back to the last bit.
+
+    A sensor is written to PLY, as a comment.
+    """
+    content = encode_mesh(Mesh(cloud.verts, []), suffix, cloud.normals)
+    if cloud.sensor is None or suffix != ".ply":
+        return content
+    place = content.index(b"element")
+    return content[:place] + f"comment {_SENSOR} {' '.join(map(repr, cloud.sensor))}\n".encode() + content[place:]
 
 
 def save_point_cloud(cloud: PointCloud, path: str | Path, *, file_format: str | None = None) -> None:
@@ -125,12 +135,24 @@ def read_written_points(file: MeshFile) -> PointCloud | None:
     soup = read_soup(file)
     if len(soup.sizes):
         return None
-    return PointCloud(soup.verts, read_ply_normals(file.content))
+    return PointCloud(soup.verts, read_ply_normals(file.content), _sensor(file))
 
 
 def _read(file: MeshFile) -> RawPoints:
     if file.suffix in POINT_FORMATS:
         return parse_file(file, POINT_FORMATS[file.suffix].read, POINT_FORMATS)
-    verts = read_soup(file).verts
+    soup = read_soup(file)
     read = _NORMALS.get(file.suffix)
-    return RawPoints(verts, None if read is None else parse_file(file, read, _NORMALS))
+    normals = soup.normals if read is None else parse_file(file, read, _NORMALS)
+    return RawPoints(soup.verts, normals, _sensor(file))
+
+
+def _sensor(file: MeshFile) -> Position | None:
+    """Return the sensor that `encode_point_cloud` wrote."""
+    comments = read_comments(file.content) if file.suffix == ".ply" else []
+    words = next((words[1:] for words in comments if len(words) == 4 and words[0] == _SENSOR), [])
+    try:
+        x, y, z = map(float, words)
+    except ValueError:
+        return None
+    return (x, y, z) if np.isfinite([x, y, z]).all() else None

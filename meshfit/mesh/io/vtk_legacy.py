@@ -1,6 +1,7 @@
 """Legacy VTK files (`.vtk`) of poly data and unstructured grids, text or binary."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from meshfit.mesh.polygons import PolygonSoup
 
 _TYPES = {
     "char": "i1", "signed_char": "i1", "unsigned_char": "u1", "short": "i2", "unsigned_short": "u2", "int": "i4",
-    "unsigned_int": "u4", "long": "i8", "unsigned_long": "u8", "float": "f4", "double": "f8", "vtkidtype": "i8",
+    "unsigned_int": "u4", "long": "i8", "unsigned_long": "u8", "float": "f4", "double": "f8", "vtkidtype": "i4",
     "vtktypeint64": "i8", "vtktypeuint64": "u8", "vtktypeint32": "i4",
 }  # fmt: skip
 _CELLS = {"VERTICES": "verts", "LINES": "lines", "POLYGONS": "polygons", "TRIANGLE_STRIPS": "strips"}
@@ -21,7 +22,7 @@ _LONGEST = 40
 
 
 def read_vtk(content: bytes) -> PolygonSoup:
-    """Read the polygons and triangle strips of a VTK file, legacy or XML.
+    """Read the polygons and triangle strips of a VTK file, legacy or XML; of one without them, points and normals.
 
     Raises:
         MeshError: a damaged file, another kind of data, or a volume mesh.
@@ -54,25 +55,72 @@ class _Reader:
 
     def read(self) -> PolygonSoup:
         """Return the surface."""
-        sections: dict[str, Callable[[list[str]], None]] = {
+        sections: dict[str, Callable[[list[str]], object]] = {
             "DATASET": _require_dataset,
             "POINTS": self._read_points,
             "CELLS": self._read_grid,
             "CELL_TYPES": self._read_types,
-            "FIELD": self._skip_field,
+            "FIELD": self._field,
             "METADATA": self._skip_metadata,
         }
         sections |= dict.fromkeys(_CELLS, self._read_cells)
-        while (words := self._next_words()) and words[0].upper() not in {"POINT_DATA", "CELL_DATA"}:
+        words = self._next_words()
+        while words and words[0].upper() not in {"POINT_DATA", "CELL_DATA"}:
             section = sections.get(words[0].upper())
             if section is None:
                 raise MeshError(f"expected a section such as POINTS or POLYGONS, got {_shown(words[0])}")
             section(words)
+            words = self._next_words()
         if self._verts is None:
             raise MeshError("no POINTS in it")
         if self._grid is not None:
             raise MeshError("CELLS without CELL_TYPES; cut short")
-        return surface(self._verts, self._pieces)
+        soup = surface(self._verts, self._pieces)
+        if len(soup.sizes) or not words or words[0].upper() != "POINT_DATA":
+            return soup
+        with suppress(MeshError):  # no other data of points matters
+            return soup._replace(normals=self._normals(len(self._verts)))
+        return soup
+
+    def _normals(self, count: int) -> NDArray[np.float64] | None:
+        """Return (V, 3) the normals among the data of points; None if there are none."""
+        while (words := self._next_words()) and words[0].upper() != "CELL_DATA":
+            arrays = self._data_of_points(words, count)
+            found = next((values for name, values in arrays.items() if name.lower() == "normals"), None)
+            if found is not None and found.size == 3 * count:
+                return found.astype(np.float64).reshape(-1, 3)
+        return None
+
+    def _data_of_points(self, words: list[str], count: int) -> dict[str, NDArray[Any]]:
+        """Read a section of the data of points; return its arrays by name, normals as `normals`."""
+        match words[0].upper():
+            case "FIELD":
+                return self._field(words)
+            case "METADATA":
+                self._skip_metadata([])
+            case "NORMALS" | "VECTORS":
+                values = self._numbers(3 * count, _dtype(words, 2), words[0])
+                return {words[0]: values}
+            case "TENSORS":
+                self._numbers(9 * count, _dtype(words, 2), words[0])
+            case "SCALARS":
+                place = self._place
+                if (self._next_words() or [""])[0].upper() != "LOOKUP_TABLE":
+                    self._place = place
+                self._numbers((_count(words, 3) if len(words) > 3 else 1) * count, _dtype(words, 2), words[0])
+            case "COLOR_SCALARS":
+                self._numbers(_count(words, 2) * count, self._colours, words[0])
+            case "LOOKUP_TABLE":
+                self._numbers(4 * _count(words, 2), self._colours, words[0])
+            case "TEXTURE_COORDINATES":
+                self._numbers(_count(words, 2) * count, _dtype(words, 3), words[0])
+            case other:
+                raise MeshError(f"expected data of points, got {_shown(other)}")
+        return {}
+
+    @property
+    def _colours(self) -> np.dtype[Any]:
+        return np.dtype("u1" if self._binary else "f4")
 
     def _read_points(self, words: list[str]) -> None:
         numbers = self._numbers(3 * _count(words, 1), _dtype(words, 2), "POINTS")
@@ -114,7 +162,9 @@ class _Reader:
             raise MeshError(f"{keyword}: {total} corners without offsets")
         return corners, sizes
 
-    def _skip_field(self, words: list[str]) -> None:
+    def _field(self, words: list[str]) -> dict[str, NDArray[Any]]:
+        """Return the arrays of a field by name, each with one row per element."""
+        arrays = {}
         for _ in range(_count(words, 2)):
             array = self._next_words()
             if not array:
@@ -125,7 +175,10 @@ class _Reader:
             kind = array[3].lower() if len(array) > 3 else ""
             if kind not in _TYPES:
                 raise MeshError("FIELD: expected arrays of numbers, each with a name, two counts and a type")
-            self._numbers(_count(array, 1) * _count(array, 2), np.dtype(_TYPES[kind]), "FIELD")
+            width, rows = _count(array, 1), _count(array, 2)
+            values = self._numbers(width * rows, np.dtype(_TYPES[kind]), "FIELD")
+            arrays[array[0]] = values.reshape(rows, width)
+        return arrays
 
     def _skip_metadata(self, _: list[str]) -> None:
         while self._place < len(self._content) and self._line().strip():

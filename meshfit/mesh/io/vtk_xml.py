@@ -7,6 +7,7 @@ import lzma
 import re
 import zlib
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 from xml.etree import ElementTree
 
@@ -44,7 +45,7 @@ _BYTES_PER_PACKED_BYTE = 100
 
 
 def read_vtk_xml(content: bytes) -> PolygonSoup:
-    """Read the polygons and triangle strips of all pieces of a VTK XML file.
+    """Read the polygons and triangle strips of all pieces of a VTK XML file; of one without them, points and normals.
 
     Raises:
         MeshError: a damaged file, another kind of data, or a volume mesh.
@@ -60,8 +61,8 @@ def read_vtk_xml(content: bytes) -> PolygonSoup:
         raise MeshError(f"expected poly data or an unstructured grid, got {shown(kind)}")
     arrays = _Arrays(root, appended, len(content))
     verts, pieces = [np.empty((0, 3))], [Cells.of_type(np.empty(0, np.int64), np.empty(0, np.int64), "verts")]
-    count = 0
-    for number, piece in enumerate(children(data, "Piece")):
+    count, all_pieces = 0, list(children(data, "Piece"))
+    for number, piece in enumerate(all_pieces):
         place = f"piece {number}"
         points = arrays.points(piece, place)
         for cells in arrays.cells(piece, place):
@@ -70,7 +71,12 @@ def read_vtk_xml(content: bytes) -> PolygonSoup:
             pieces.append(cells._replace(corners=cells.corners + count))
         verts.append(points)
         count += len(points)
-    return surface(np.concatenate(verts), pieces)
+    soup = surface(np.concatenate(verts), pieces)
+    if len(soup.sizes):
+        return soup
+    normals = [arrays.normals(piece, len(points)) for piece, points in zip(all_pieces, verts[1:], strict=True)]
+    found = [rows for rows in normals if rows is not None]
+    return soup._replace(normals=np.concatenate(found)) if found and len(found) == len(normals) else soup
 
 
 def write_vtp_values(
@@ -148,6 +154,19 @@ class _Arrays:
         if len(values) != 3 * count:
             raise MeshError(f"{place}: expected {count} points, got {len(values)} coordinates")
         return values.astype(np.float64).reshape(-1, 3)
+
+    def normals(self, piece: Element, count: int) -> NDArray[np.float64] | None:
+        """Return (V, 3) the normals of the points of a piece; None if there are none."""
+        parent = child(piece, "PointData")
+        if parent is None:
+            return None
+        named = {(attribute(array, "Name") or "").lower(): array for array in children(parent, "DataArray")}
+        array = named.get((attribute(parent, "Normals") or "normals").lower())
+        with suppress(MeshError):  # no other data of points matters
+            values = None if array is None else self._values(array, "Normals")
+            if values is not None and len(values) == 3 * count:
+                return values.astype(np.float64).reshape(-1, 3)
+        return None
 
     def cells(self, piece: Element, place: str) -> list[Cells]:
         """Return the cells of a piece."""
