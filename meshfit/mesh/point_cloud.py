@@ -41,6 +41,8 @@ _BESIDE_RIM, _AVERAGED = 8, 24
 _ROUNDING = 1e-12
 # Grids of points that are spread evenly, per doubling of the number of cells.
 _FINENESSES = 4
+# Width of a direction in mean distances of points, and how much nearer a point is that hides another.
+_CELL, _DEPTH = 2.0, 10.0
 # At most this many points decide how large a neighbourhood is.
 _SOME = 2000
 
@@ -163,6 +165,21 @@ def oriented_cloud(cloud: PointCloud, sensor: ArrayLike | None = None) -> PointC
         away = np.einsum("nk,nk->n", normals, towards) < 0
         return PointCloud(cloud.verts, np.where(away[:, None], -normals, normals))
     return PointCloud(cloud.verts, _consistently_oriented(cloud.verts, normals, tree))
+
+
+def hidden_from_sensor(cloud: PointCloud) -> float:
+    """Return the share of points that others hide from the sensor, nearer to it in about the same direction."""
+    away = cloud.verts - np.array(cloud.sensor)
+    depths = np.linalg.norm(away, axis=1)
+    rows = np.flatnonzero(depths > 0)
+    some = rows[:: max(1, len(rows) // _SOME)]
+    directions = away[rows] / depths[rows, None]
+    # Of few points, the nearest ones around a direction may all be hidden: cells are some points wide.
+    apart = float(np.median(sampled_areas(cloud.verts)) ** 0.5)
+    angle = _CELL * apart / float(np.median(depths))
+    near = cKDTree(directions).query_ball_point(away[some] / depths[some, None], angle)
+    nearest = np.array([depths[rows[found]].min() for found in near])
+    return float((depths[some] - nearest > _DEPTH * apart).mean()) if len(some) else 0.0
 
 
 def plane_normals(points: Points) -> Normals:

@@ -17,12 +17,17 @@ from meshfit.mesh.io.ply import read_ply_normals
 from meshfit.mesh.io.ply_elements import read_comments
 from meshfit.mesh.io.raw_points import RawPoints
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.point_cloud import PointCloud, Position
+from meshfit.mesh.point_cloud import PointCloud, Position, hidden_from_sensor
 from meshfit.paths import path_text
 from meshfit.units import count_text
 
 _SENSOR = "sensor"
 _NORMALS = {".ply": read_ply_normals, ".obj": read_obj_normals}
+# A step of coordinates that is a larger share of the size is warned of.
+_COARSE = 1e-4
+# A viewpoint from which a larger share of the points is hidden is that of another scan.
+_MOST_HIDDEN = 0.15
+_LARGEST_SINGLE = float(np.finfo(np.float32).max)
 # Points on a line, up to rounding, are no surface.
 _THIN = 1e-9
 
@@ -93,12 +98,32 @@ def load_point_cloud(path: str | Path | MeshFile, *, file_format: str | None = N
         cloud = PointCloud(verts, normals, raw.sensor)
     except MeshError as error:
         raise MeshError(f"{file.name}: {error}") from None
+    _warn_of_coarse_steps(verts, file.name)
     sizes = np.linalg.svd(verts - verts.mean(axis=0), compute_uv=False)
     if sizes[1] <= _THIN * sizes[0]:
         raise MeshError(
             f"{file.name}: its {count_text(len(verts), 'point')} lie on a line: there is no surface in them"
         )
-    return cloud
+    return _without_other_sensor(cloud, file.name)
+
+
+def _warn_of_coarse_steps(verts: Float64[np.ndarray, "N 3"], name: str) -> None:
+    """Warn of single precision so far from the origin that it moves points by much of the size of the cloud."""
+    size, largest = np.linalg.norm(np.ptp(verts, axis=0)), np.abs(verts).max()
+    step = float(np.spacing(np.float32(largest))) if largest < _LARGEST_SINGLE else 0.0
+    if step > _COARSE * size and np.array_equal(verts, verts.astype(np.float32)):
+        text = f"{name}: its coordinates are in single precision, in steps of {step:.2g} so far from the origin, and"
+        remedy = "write it in double precision, or nearer to the origin"
+        warnings.warn(f"{text} its size is {size:.3g}; {remedy}", MeshfitWarning, stacklevel=3)
+
+
+def _without_other_sensor(cloud: PointCloud, name: str) -> PointCloud:
+    """Return a cloud without its sensor if that cannot have seen its points, as others are in front of them."""
+    if cloud.sensor is None or cloud.normals is not None or (hidden := hidden_from_sensor(cloud)) < _MOST_HIDDEN:
+        return cloud
+    text = f"{name}: its viewpoint {cloud.sensor} does not see {100 * hidden:.0f} % of its points; it is left out"
+    warnings.warn(text, MeshfitWarning, stacklevel=3)
+    return PointCloud(cloud.verts)
 
 
 def encode_point_cloud(cloud: PointCloud, suffix: str = ".ply") -> bytes:

@@ -56,7 +56,7 @@ def read_xyz(content: bytes, *, with_normals: bool = True) -> RawPoints:
     of_normals: list[tuple[int, ...]] | None = None
     if not _is_number(table.words[0]):
         columns, of_normals = _named_columns(table.line(0), int(table.numbers[0]))
-        table = table.without_first()
+        table = _under_names(table)
     _check_blocks(table)
     points = _coordinates(table, columns)
     return RawPoints(points, _normals(table, of_normals) if with_normals else None)
@@ -68,6 +68,8 @@ def _table(content: bytes) -> _Table:
         raise MeshError("expected text in UTF-8, got other data")
     if b"#" in text or b"//" in text:
         text = _COMMENT.sub(b"", text)
+    if text.startswith((b",", b";")):  # the first column has no name, such as an index
+        text = b"index" + text
     if b";" in text or b"," in text:
         text = _without_separators(text)
     letters = np.frombuffer(text + b"\n", np.uint8)
@@ -97,6 +99,17 @@ def _named_columns(names: list[bytes], number: int) -> tuple[tuple[int, ...], li
         raise MeshError(f"line {number}: expected numbers, or columns named x, y and z, got {_shown(names)}")
     named = [axes for axes in _NORMALS if set(axes) <= set(lower)]
     return tuple(map(lower.index, (b"x", b"y", b"z"))), [tuple(map(lower.index, axes)) for axes in named[:1]]
+
+
+def _under_names(table: _Table) -> _Table:
+    """Return the lines below that of the names; refuse those of more columns, whose names would be others'."""
+    names, rows = int(table.sizes[0]), table.without_first()
+    if len(rows.sizes) and rows.sizes[0] > names:
+        line = (
+            f"line {rows.numbers[0]}: expected {names} columns, as line {table.numbers[0]} names, got {rows.sizes[0]}"
+        )
+        raise MeshError(f"{line}; write decimal points, not commas, and a name for each column")
+    return rows
 
 
 def _check_blocks(table: _Table) -> None:
@@ -137,7 +150,7 @@ def _coordinates(table: _Table, columns: tuple[int, ...]) -> Float64[np.ndarray,
         raise MeshError(
             f"line {table.numbers[rows[bad]]}: expected numbers, got {_shown(words[bad].tolist())}"
         ) from None
-    return _finite(points, table.numbers[rows])
+    return points
 
 
 def _normals(table: _Table, named: list[tuple[int, ...]] | None) -> NDArray[np.float64] | None:
@@ -156,14 +169,6 @@ def _normals(table: _Table, named: list[tuple[int, ...]] | None) -> NDArray[np.f
         if named is not None or (known.any() and np.abs(lengths[known] - 1).max() < _UNIT):
             return np.asarray(vectors)
     return None
-
-
-def _finite(points: NDArray[np.float64], numbers: Int64[np.ndarray, " N"]) -> Float64[np.ndarray, "N 3"]:
-    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
-    if len(bad):
-        shown = " ".join(map(str, points[bad[0]].tolist()))
-        raise MeshError(f"line {numbers[bad[0]]}: a coordinate that is not finite: {shown}")
-    return points
 
 
 def _is_number(word: bytes) -> bool:

@@ -35,12 +35,13 @@ def surfels(cloud: PointCloud, most: int, radius: float = _DRAWN, corners: int =
     Args:
         cloud: the points.
         most: largest number of discs; of more points, as many are drawn at random, always the same.
-        radius: of a disc, in mean distances of these points.
+        radius: of a hexagon, in mean distances of these points; discs with fewer corners have its area.
         corners: of a disc.
     """
     cloud = oriented_cloud(cloud.thinned(most))
     assert cloud.normals is not None  # noqa: S101  oriented
     first, second = tangent_vectors(cloud.normals)
+    radius *= float(np.sqrt(_area(_HEXAGON) / _area(corners)))
     size = radius * float(np.sqrt(np.median(sampled_areas(cloud.verts))))
     angles = 2 * np.pi * np.arange(corners) / corners
     around = np.cos(angles)[:, None] * first[:, None] + np.sin(angles)[:, None] * second[:, None]
@@ -48,3 +49,8 @@ def surfels(cloud: PointCloud, most: int, radius: float = _DRAWN, corners: int =
     fan = np.stack([np.zeros(corners - 2, np.int64), np.arange(1, corners - 1), np.arange(2, corners)], axis=1)
     faces = corners * np.arange(cloud.num_verts)[:, None, None] + fan
     return Mesh(verts, faces.reshape(-1, 3))
+
+
+def _area(corners: int) -> float:
+    """Return the area of a regular polygon of radius 1."""
+    return corners * float(np.sin(2 * np.pi / corners)) / 2

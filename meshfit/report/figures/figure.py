@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+from meshfit.config.experiment import MADE_FROM_TARGET
 from meshfit.experiment.storage.plan_file import UpChoice, planned_up
 from meshfit.fitting.external.tools import works_from_target
 from meshfit.measuring.metrics import METRICS
@@ -144,14 +145,17 @@ def shows_sources(targets: Sequence[FigureTarget], sources: Sources) -> list[boo
     fitted = [not works_from_target(target.selected.settings.get("fit.tool")) for target in targets]
     if sources != "once":
         return [sources == "all" and has_source for has_source in fitted]
-    of_source = [
-        {key: value for key, value in target.selected.settings.items() if key.startswith("source.")}
-        for target in targets
-    ]
+    of_source = [_source_settings(target) for target in targets]
     return [
         has_source and not any(fitted[i] and of_source[i] == settings for i in range(place))
         for place, (settings, has_source) in enumerate(zip(of_source, fitted, strict=True))
     ]
+
+
+def _source_settings(target: FigureTarget) -> dict[str, object]:
+    """Return what a source depends on: its settings, and the target where it is made from it."""
+    settings = {key: value for key, value in target.selected.settings.items() if key.startswith("source.")}
+    return settings | ({"target": target.selected.target} if settings.get("source.mesh") in MADE_FROM_TARGET else {})
 
 
 def _shape(target: FigureTarget, metric: str, style: FigureStyle, *, sources: bool, in_line: bool) -> BlockShape:

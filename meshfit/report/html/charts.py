@@ -42,7 +42,7 @@ _NAMES = {
     "matched": "share of matched points",
     "fairness": "weight of fairness",
     "point_weight": "weight of points, rather than planes",
-    "held_back": "share of vertices held back",
+    "held_back": "vertices held back",
 }
 # Steps from one row of a trace to the next, as a multiple of the usual ones, above which no line joins them.
 _JUMP = 1.5
