@@ -133,12 +133,7 @@ def _facts(experiment: ScannedExperiment, trial: ScannedTrial, result: Result | 
     if carried := find_carried(trial.path, result):
         yield "target", str(carried)
     yield from _frame(result)
-    if "made_from" in (source := result.get("source", {})):
-        wrap = "".join(f", {name} {value:.3g}" for name, value in source.get("wrap", {}).items())
-        yield "source", f"from the {source['made_from']} ({source['reason']}){wrap}"
-    if cloud := result.get("cloud"):
-        normals = "its own normals" if cloud["normals"] == "own" else "estimated normals"
-        yield "points", f"{cloud['points']:,}, about {cloud['spacing']:.3g} apart, {normals}"
+    yield from _inputs(result)
     machine, versions = result.get("platform", {}), result.get("versions", {})
     device = result.get("fit", {}).get("device")
     parts = [str(machine.get("system", "")), f"device {device}" if device else ""]
@@ -152,6 +147,16 @@ def _facts(experiment: ScannedExperiment, trial: ScannedTrial, result: Result | 
         yield "memory", size_text(memory * 1e6)
     for text in result.get("warnings", ()):
         yield "warning", str(text)
+
+
+def _inputs(result: Result) -> Iterator[tuple[str, str]]:
+    """Yield what a source was made from, and the points of a target that is a cloud."""
+    if "made_from" in (source := result.get("source", {})):
+        wrap = "".join(f", {name} {value:.3g}" for name, value in source.get("wrap", {}).items())
+        yield "source", f"from the {source['made_from']} ({source['reason']}){wrap}"
+    if cloud := result.get("cloud"):
+        normals = "its own normals" if cloud["normals"] == "own" else "estimated normals"
+        yield "points", f"{cloud['points']:,}, about {cloud['spacing']:.3g} apart, {normals}"
 
 
 def _frame(result: Result) -> Iterator[tuple[str, str]]:

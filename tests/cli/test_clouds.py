@@ -1,7 +1,9 @@
 """Clouds of points as targets: fitted, measured, tabulated, drawn and saved, and refused where they cannot serve."""
 
 import json
+import os
 import re
+import signal
 
 import numpy as np
 import pytest
@@ -9,12 +11,17 @@ import pytest
 from meshfit.config.loading import load_experiment
 from meshfit.experiment.plan import plan
 from meshfit.experiment.running import trial_runner
+from meshfit.experiment.running.backends import Remote
+from meshfit.experiment.running.scheduler import run_trials
+from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.experiment.storage.targets import read_target
 from meshfit.mesh.io.files import load_mesh, save_mesh
 from meshfit.mesh.io.point_clouds import load_point_cloud
 from meshfit.mesh.proximity import point_distances
 from meshfit.subdivision.sphere import icosphere
 from tests.cli import answered, invoke, refused, trials_in_this_process
+from tests.cli.processes import contents, meshfit, start, wait_until
+from tests.inline import Inline
 
 FEW = "fit={coarse_steps: 3, tries: 1, level_steps: 4, last_steps: 2}"
 SMALL = ("--set", FEW, "--set", "measure={samples: 500, points: 500}")
@@ -66,7 +73,9 @@ def test_a_cloud_becomes_a_closed_surface_in_its_own_place(tmp_path):
     scale = record["frame"]["scale"]
     exact = point_distances(result, load_point_cloud("points.xyz").verts)
     assert record["hausdorff"]["backward"] * scale == pytest.approx(exact.max(), rel=1e-3)
-    answered("show", str(folder))
+    shown = answered("show", str(folder))
+    assert "source      from the wrap (a cloud of points), alpha 0." in shown
+    assert "points      1,500, about 0." in shown
     answered("save", str(folder), "--what", "target", "-o", "again.ply")
     assert load_point_cloud("again.ply").verts.tobytes() == load_point_cloud("points.xyz").verts.tobytes()
     assert refused("save", str(folder), "--what", "target", "-o", "again.stl").endswith("give a name in .ply or .obj")
@@ -101,8 +110,15 @@ def test_runs_carry_the_points_and_tables_lead_with_the_distance_from_them(tmp_p
     assert cloud.normals is not None
     table = answered("table", "runs")
     assert "RMS distance, target to result" in table
-    (tmp_path / "points.xyz").unlink()
     (trial,) = (path.parent for path in (tmp_path / "runs").rglob("result.json"))
+    # A worker that has only the files that are sent to it gives the same bytes.
+    points("points.xyz", rays(800), rays(800))
+    trials = plan([load_experiment("a.yaml")])
+    run_trials(trials, RunDirectory(tmp_path / "again"), remote=Remote(Inline(), transfer="returned"))
+    for name in ("result.ply", "source.ply", "trace.csv"):
+        (copy,) = (tmp_path / "again").rglob(name)
+        assert copy.read_bytes() == (trial / name).read_bytes(), name
+    (tmp_path / "points.xyz").unlink()
     answered("save", str(trial), "--what", "target", "-o", "again.obj")
     assert load_point_cloud("again.obj").num_verts == 800
 
@@ -151,6 +167,25 @@ def test_what_a_cloud_cannot_serve_is_refused_with_what_to_use(tmp_path):
         ("--noise", "-1", "expected auto, or a length of 0 or more in the unit of the target's file"),
     ):
         assert refused("fit", "points.xyz", "-o", "a.ply", option, value) == f"error: {option} {value}: {message}"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs POSIX signals")
+def test_two_workers_and_a_run_that_was_killed_give_the_bytes_of_one(tmp_path):
+    names = ("result.ply", "source.ply", "trace.csv")
+    points("points.xyz", rays(1500))
+    (tmp_path / "a.yaml").write_text(CONFIG.replace("[loop]", "[loop, interp-loop]").replace("150", "600"))
+    for jobs in (1, 2):
+        meshfit("run", "a.yaml", "-q", "--runs", f"jobs{jobs}", "--jobs", jobs, folder=tmp_path)
+    process = start("run", "a.yaml", "-q", "--runs", "killed", "--jobs", 1, folder=tmp_path)
+    wait_until(lambda: any((tmp_path / "killed").rglob("progress.json")), process)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.communicate(timeout=60)
+    meshfit("run", "a.yaml", "-q", "--runs", "killed", folder=tmp_path)
+    expected = contents(tmp_path / "jobs1", *names)
+    assert len(expected) == 6
+    assert contents(tmp_path / "jobs2", *names) == expected
+    assert contents(tmp_path / "killed", *names) == expected
 
 
 @pytest.mark.slow

@@ -121,10 +121,12 @@ def test_a_result_whose_mesh_is_gone_is_told_in_one_line(tmp_path):
 
 
 def test_sources_are_shown_once_for_each_setting_of_the_source():
-    def target(mesh):
-        return SimpleNamespace(selected=SimpleNamespace(settings={"source.mesh": mesh, "fit.steps": 3}))
+    def target(mesh, name="a"):
+        return SimpleNamespace(selected=SimpleNamespace(settings={"source.mesh": mesh, "fit.steps": 3}, target=name))
 
-    targets = [target("icosahedron"), target("icosahedron"), target("cube")]
+    made = [target("auto", "a"), target("auto", "b"), target("auto", "b"), target("wrap", "b")]
+    assert shows_sources(made, "once") == [True, True, False, True]
+    targets = [target("icosahedron"), target("icosahedron", "b"), target("cube")]
     assert shows_sources(targets, "once") == [True, False, True]
     assert shows_sources(targets, "all") == [True, True, True]
     assert shows_sources(targets, "none") == [False, False, False]

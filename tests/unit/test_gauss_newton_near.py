@@ -16,9 +16,11 @@ from meshfit.mesh.manifold import describe_topology
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.meshlab import decimate
 from meshfit.mesh.pieces import crossing_faces, manifold_pieces
+from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.solids import cube, icosahedron
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.refine import subdivide
+from tests.loops import over
 from tests.shapes import torus
 
 pytestmark = pytest.mark.usefixtures("fewer_target_points")
@@ -135,9 +137,11 @@ def test_pieces_that_cross_in_the_target_are_fitted_although_they_cross():
     assert again._states[0].crossing
 
 
-def test_a_near_fit_is_resumed_to_the_byte():
+@over("points", [False, True])
+def test_a_near_fit_is_resumed_to_the_byte(points):
     goal = torus(24, 16)
     source = decimate(goal, 200)
+    goal = PointCloud(torus(48, 32).verts) if points else goal
     whole = to_the_end(engine(source, goal))
     half = engine(source, goal)
     while half.done < half.steps - 3:
@@ -146,3 +150,44 @@ def test_a_near_fit_is_resumed_to_the_byte():
     again.restore([half.checkpoint(0)])
     np.testing.assert_array_equal(to_the_end(again).mesh(0).verts, whole.mesh(0).verts)
     assert again.traces[0].rows == whole.traces[0].rows
+
+
+def heap(count):
+    """Return many small balls in one place, each of which crosses most others."""
+    rng, small = np.random.default_rng(0), ball(0, 0.3)
+    verts = [small.verts + 0.2 * rng.normal(size=3) for _ in range(count)]
+    return Mesh(np.concatenate(verts), np.concatenate([small.faces + small.num_verts * i for i in range(count)]))
+
+
+def apart(levels):
+    sphere = ball(levels)
+    return sphere.with_verts(sphere.verts + np.array([3.0, 0, 0]))
+
+
+def test_a_fit_to_points_that_cannot_become_sound_is_cut_short_and_says_so():
+    source, goal = heap(8), PointCloud(apart(2).verts)
+    settings = SETTINGS.model_copy(update={"connectivity": "remeshed", "verts": 24})
+    fit = engine(source, goal, settings)
+    half = None
+    while fit.done < fit.steps:
+        half = fit.checkpoint(0) if fit._made[0] == 1 else half
+        fit.step()
+    texts = fit.shortfalls(0)
+    assert sum(text.startswith("cut short: the source crosses itself, and has too many pieces") for text in texts) == 1
+    assert any(text.startswith("too many vertices: 96, more than the 24 wanted, as its 8 pieces") for text in texts)
+    # One step of each stage, and no search for a rough shape.
+    stages = len({id(stage) for stage, _ in fit._plans[False] if stage.attempt is None})
+    assert fit.progress(0) == (stages, stages)
+    assert len(fit.traces[0].rows) == stages
+    assert fit.mesh(0).num_verts == 96
+    assert np.isfinite(fit.mesh(0).verts).all()
+    again = engine(source, goal, settings)
+    again.restore([half])
+    np.testing.assert_array_equal(to_the_end(again).mesh(0).verts, fit.mesh(0).verts)
+    assert again.shortfalls(0) == texts
+
+
+@over(("connectivity", "verts", "count"), [("fixed", 60, 20), ("remeshed", 600, 20), ("remeshed", 60, 1)])
+def test_a_fit_is_not_cut_short_where_it_can_be_remeshed_or_has_no_need_to(connectivity, verts, count):
+    settings = SETTINGS.model_copy(update={"connectivity": connectivity, "verts": verts})
+    assert not engine(heap(count), apart(1), settings)._restarts[0].hopeless

@@ -1,5 +1,7 @@
 """Files of points as targets: normals where a file has them, and one clear line or warning for what cannot be used."""
 
+import struct
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from meshfit.mesh.point_cloud import PointCloud, oriented_cloud
 from meshfit.mesh.solids import cube, octahedron
 from meshfit.mesh.targets import load_target
 from meshfit.subdivision.sphere import icosphere
+from tests.gltf import GltfFile
 from tests.loops import over
 
 RNG = np.random.default_rng(0)
@@ -34,6 +37,44 @@ def pcd(rows, fields):
     return head.encode() + b"ascii\n" + text(rows).encode(), head.encode() + b"binary\n" + rows.tobytes()
 
 
+def vtk(*after):
+    head = "# vtk DataFile Version 3.0\npoints\nASCII\nDATASET POLYDATA\nPOINTS 30 double\n" + text(POINTS)
+    return head + "POINT_DATA 30\nSCALARS i float 1\nLOOKUP_TABLE default\n" + "1\n" * 30 + "\n".join(after)
+
+
+def vtp(normals):
+    array = f'<DataArray type="Float64" Name="N" NumberOfComponents="3">{text(NORMALS)}</DataArray>'
+    points = f'<Points><DataArray type="Float64">{text(POINTS)}</DataArray></Points>'
+    piece = f'<Piece NumberOfPoints="30"><PointData{normals}>{array}</PointData>{points}</Piece>'
+    return f'<VTKFile type="PolyData"><PolyData>{piece}</PolyData></VTKFile>'
+
+
+def las(extra, *columns):
+    """A LAS file of point format 0 with extra bytes, each a name, a number of a type, and a scale or None."""
+    records = b""
+    for name, kind, scale in extra:
+        record = bytearray(192)
+        record[2:4], record[4 : 4 + len(name)] = bytes([kind, 8 if scale else 0]), name.encode()
+        struct.pack_into("<d", record, 112, scale or 0)
+        records += bytes(record)
+    record = struct.pack("<2x16sHH32x", b"LASF_Spec", 4, len(records)) + records
+    rows = [np.round(POINTS * 1e6).astype("<i4"), np.zeros((30, 8), "u1"), *columns]
+    body = np.concatenate([np.ascontiguousarray(row).view("u1").reshape(30, -1) for row in rows], axis=1)
+    header = bytearray(227)
+    header[:4], header[24:26] = b"LASF", bytes([1, 2])
+    struct.pack_into("<HIIBHI", header, 94, 227, 227 + len(record), 1, 0, body.shape[1], 30)
+    struct.pack_into("<6d", header, 131, *[1e-6] * 3, *[0.0] * 3)
+    return bytes(header) + record + body.tobytes()
+
+
+def glb(**node):
+    file = GltfFile()
+    primitive = file.primitive(POINTS.astype("<f4"), mode=0)
+    primitive["attributes"]["NORMAL"] = file.accessor(NORMALS.astype("<f4"))
+    file.node(mesh=file.mesh(primitive), **node)
+    return file.glb()
+
+
 COLOURS = RNG.integers(0, 256, (30, 3)).astype(float)
 PCD_FIELDS = "x y z normal_x normal_y normal_z"
 WITH_NORMALS = {
@@ -46,6 +87,15 @@ WITH_NORMALS = {
     "binary.pcd": pcd(BOTH, PCD_FIELDS)[1],
     "a.ply": encode_point_cloud(PointCloud(POINTS, NORMALS)),
     "a.obj": encode_point_cloud(PointCloud(POINTS, NORMALS), ".obj"),
+    "a.off": "NOFF\n30 0 0\n" + text(BOTH),
+    "colours.off": "CNOFF\n30 0 0\n" + text(BOTH, COLOURS, COLOURS[:, :1]),
+    "a.vtk": vtk("NORMALS n double", text(NORMALS)),
+    "field.vtk": vtk("VECTORS v float", text(POINTS), "FIELD f 1", "Normals 3 30 double", text(NORMALS)),
+    "a.vtp": vtp(' Normals="N"'),
+    "a.glb": glb(),
+    "a.las": las([("NormalX", 9, None), ("NormalY", 9, None), ("NormalZ", 9, None)], NORMALS.astype("<f4")),
+    "array.las": las([("id", 1, None), ("normals", 30, None)], np.zeros((30, 1), "u1"), NORMALS),
+    "scaled.las": las([(f"n{axis}", 4, 1e-4) for axis in "xyz"], np.round(NORMALS * 1e4).astype("<i2")),
 }
 WITHOUT = {
     "a.xyz": text(POINTS),
@@ -55,6 +105,9 @@ WITHOUT = {
     "a.ply": encode_point_cloud(PointCloud(POINTS)),
     "zero.xyzn": text(POINTS, 0 * NORMALS),
     "nan.xyzn": text(POINTS, np.nan * NORMALS),
+    "unnamed.vtp": vtp("").replace('"N"', '"other"'),
+    "index.csv": ",x,y,z\n"
+    + "".join(f"{number},{line}\n" for number, line in enumerate(text(POINTS, separator=",").split())),
     "words.txt": "".join(f"{line} a b c\n" for line in text(POINTS).splitlines()),
 }
 
@@ -67,8 +120,9 @@ def written(folder, name, content):
 @over("name", WITH_NORMALS)
 def test_normals_of_a_file_are_read(tmp_path, name):
     for cloud in (load_target(written(tmp_path, name, WITH_NORMALS[name])), load_point_cloud(tmp_path / name)):
-        assert np.allclose(cloud.verts, POINTS, atol=1e-12)
-        assert np.allclose(cloud.normals, NORMALS, atol=1e-12)
+        single = name.endswith(("glb", "las"))
+        assert np.allclose(cloud.verts, POINTS, atol=1e-6 if single else 1e-12)
+        assert np.allclose(cloud.normals, NORMALS, atol=1e-4 if single else 1e-12)
 
 
 @over("name", WITHOUT)
@@ -91,6 +145,13 @@ def test_points_are_written_and_read_to_the_last_bit(tmp_path):
         save_point_cloud(cloud, tmp_path / "a.stl")
 
 
+def test_the_normals_of_a_scene_are_turned_as_its_points_are(tmp_path):
+    cloud = load_target(written(tmp_path, "a.glb", glb(scale=[-1, 2, 1])))
+    normals = NORMALS * [-1, 0.5, 1]
+    assert np.allclose(cloud.verts, POINTS * [-1, 2, 1], atol=1e-6)
+    assert np.allclose(cloud.normals, normals / np.linalg.norm(normals, axis=1, keepdims=True), atol=1e-6)
+
+
 def test_points_far_from_the_origin_keep_their_shape(tmp_path):
     far = np.array([4.5e6, -6.1e6, 312.0])
     cloud = load_target(written(tmp_path, "a.xyz", text(POINTS + far)))
@@ -100,6 +161,8 @@ def test_points_far_from_the_origin_keep_their_shape(tmp_path):
 
 WARNED = {
     "nan.ply": (encode_point_cloud(PointCloud(np.vstack([POINTS, [[np.nan, 0, 0]]]))), "left out 1 point with a coord"),
+    "nan.xyz": ("nan nan nan\n" + text(POINTS), "left out 1 point with a coord"),
+    "coarse.xyz": (text(np.round(POINTS * 40) / 2 + 5e6), "single precision, in steps of 0.5"),
     "twice.xyz": (text(np.vstack([POINTS, POINTS[:2]])), "left out 2 duplicate points"),
     "normals.obj": (
         "".join(f"v {line}\n" for line in text(POINTS).splitlines()) + "vn 0 0 1\n",
@@ -130,6 +193,10 @@ ONE += "end_header\n1 2 3\n"
 REFUSED = {
     "three.xyz": (text(POINTS[:3]), "points: expected 4 or more, got 3"),
     "one.ply": (ONE, "expected 4 or more, got 1"),
+    "commas.csv": (
+        "x,y,z\n" + text(POINTS).replace(".", ",").replace(" ", ","),
+        "expected 3 columns, as line 1 names, got 6",
+    ),
     "same.xyz": (text(np.repeat(POINTS[:1], 9, axis=0)), "expected 4 or more, got 1"),
     "line.xyz": (text(np.outer(np.arange(9.0), [1, 2, 3])), "its 9 points lie on a line"),
     "empty.xyz": ("", "the file is empty"),
@@ -166,6 +233,30 @@ def test_points_without_a_normal_follow_those_that_have_one():
     found = oriented_cloud(cloud)
     assert np.array_equal(found.normals[::7], cloud.normals[::7])
     assert (np.einsum("nk,nk->n", found.normals, sphere) < -0.9).all()
+
+
+@over("sensor", [(0, 0, 9.0), (0.0, 0, 0.25), (0, 0, 0.0)])
+def test_the_viewpoint_of_a_file_is_its_sensor_unless_it_is_the_default(tmp_path, sensor):
+    sphere = icosphere(4).verts
+    seen = sphere[sphere[:, 2] > 0.3]
+    content = pcd(seen, "x y z")[1].replace(b"VIEWPOINT 0 0 0", f"VIEWPOINT {' '.join(map(str, sensor))}".encode())
+    cloud = load_target(written(tmp_path, "a.pcd", content))
+    assert cloud.sensor == (sensor if any(sensor) else None)
+    side = -1 if sensor[2] == 0.25 else 1
+    frame = meshfit.frame_of(cloud)
+    again = read_written_points(MeshFile("a", ".ply", encode_point_cloud(cloud)))
+    for other in (cloud, frame.normalise(cloud), frame.restore(frame.normalise(cloud)), again):
+        assert (side * np.einsum("nk,nk->n", oriented_cloud(other).normals, seen) > 0.9).all()
+    # A sensor that is given goes before that of the file.
+    other = (0, 0, -9 * side)
+    assert np.array_equal(oriented_cloud(cloud, other).normals, oriented_cloud(PointCloud(seen), other).normals)
+
+
+def test_a_viewpoint_that_does_not_see_the_points_is_left_out(tmp_path):
+    content = pcd(icosphere(4).verts, "x y z")[1].replace(b"VIEWPOINT 0 0 0", b"VIEWPOINT 0 0 9")
+    with pytest.warns(MeshfitWarning, match=r"its viewpoint \(0.0, 0.0, 9.0\) does not see \d+ % of its points"):
+        cloud = load_target(written(tmp_path, "a.pcd", content))
+    assert cloud.sensor is None
 
 
 def test_a_sensor_tells_the_side():

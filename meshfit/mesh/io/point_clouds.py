@@ -26,7 +26,7 @@ _NORMALS = {".ply": read_ply_normals, ".obj": read_obj_normals}
 # A step of coordinates that is a larger share of the size is warned of.
 _COARSE = 1e-4
 # A viewpoint from which a larger share of the points is hidden is that of another scan.
-_MOST_HIDDEN = 0.15
+_MOST_HIDDEN = 0.2
 _LARGEST_SINGLE = float(np.finfo(np.float32).max)
 # Points on a line, up to rounding, are no surface.
 _THIN = 1e-9

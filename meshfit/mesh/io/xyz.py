@@ -105,10 +105,8 @@ def _under_names(table: _Table) -> _Table:
     """Return the lines below that of the names; refuse those of more columns, whose names would be others'."""
     names, rows = int(table.sizes[0]), table.without_first()
     if len(rows.sizes) and rows.sizes[0] > names:
-        line = (
-            f"line {rows.numbers[0]}: expected {names} columns, as line {table.numbers[0]} names, got {rows.sizes[0]}"
-        )
-        raise MeshError(f"{line}; write decimal points, not commas, and a name for each column")
+        line = f"line {rows.numbers[0]}: expected {names} columns, as line {table.numbers[0]} names"
+        raise MeshError(f"{line}, got {rows.sizes[0]}; write decimal points, not commas, and a name for each column")
     return rows
 
 
