@@ -10,6 +10,7 @@ from typing import Any, Literal, TypeVar, Unpack, get_args
 
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
 
 from meshfit.doors import no_type_check
 from meshfit.errors import ConfigError, DeviceError, MeshError, MeshfitWarning
@@ -24,6 +25,7 @@ from meshfit.fitting.nearest_neighbours import search_threads
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem
 from meshfit.fitting.progress import shown_progress
 from meshfit.fitting.registration.engine import RegistrationEngine
+from meshfit.fitting.registration.guidance import Guidance
 from meshfit.fitting.settings import (
     METHODS,
     Dtype,
@@ -124,7 +126,11 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     robust: Literal["auto", "off"] | None = None,
     direction: Literal["both", "to-target", "to-source"] | None = None,
     register: Literal["off", "auto", "rigid", "near-rigid"] | None = None,
+    offset: float | None = None,
     landmarks: "Landmarks | str | Path | None" = None,
+    weights: "ArrayLike | None" = None,
+    fixed: "ArrayLike | None" = None,
+    rigid: "ArrayLike | None" = None,
     # the computation
     device: str = "auto",
     dtype: Literal["float32", "float64"] = "float32",
@@ -189,8 +195,12 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         direction: gauss-newton: pairs that pull: `both`, only those from the surface `to-target`, or only `to-source`.
         register: gauss-newton: registration of a source whose vertices have a meaning: `rigid`, `near-rigid`, or `auto`
             to have it chosen; see `FitResult.registered`.
+        offset: gauss-newton: distance of the result from the target along its normals, outside it if above 0.
         landmarks: for `register`, three or more places on the source and where they belong on the target, or the path
             of a file of such pairs; `load_landmarks` joins two files, `Landmarks.of` takes arrays. Some may be wrong.
+        weights: for `register`, (V,) confidence in the data at each vertex of the source, 0 or more.
+        fixed: for `register`, (V,) True for vertices of the source that stay where they are.
+        rigid: for `register`, (V,) labels: the vertices of each label above 0 move rigidly.
         device: `auto`, `cpu`, `cuda`, `cuda:N` or `mps`.
         dtype: precision of the computation; meshes are float64 in any case.
         threads: number of threads of the nearest-neighbour search on the CPU, of which each problem uses two; the rest
@@ -245,11 +255,12 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     start = _placed_source(source, frame, goal, settings, scheme, align, surface)
     own = not (isinstance(source, str) and (source in ("sphere", *ORIGINS) or source in SOLIDS))
     known = None if landmarks is None else _landmarks(landmarks, source, target, target_mesh, frame, settings)
+    guidance = _guidance(known, {"weights": weights, "fixed": fixed, "rigid": rigid}, start.num_verts, settings)
     restored = _Restored(None if normalise == "none" else frame, on_snapshot)
     shown = shown_progress(settings, on_step, source_verts=start.num_verts, scheme=scheme)
     with shown if progress else nullcontext(on_step) as step_made:
         problem = Problem(
-            start, goal, seed, step_made, resume, save, scheme, restored.snapshot, landmarks=known, own=own
+            start, goal, seed, step_made, resume, save, scheme, restored.snapshot, guidance=guidance, own=own
         )
         (outcome,) = fit_batch(
             [problem], settings, device=device, dtype=dtype, threads=threads, allow_commands=allow_commands
@@ -336,6 +347,28 @@ def fit_batch(
                 engine.restore([problem.resume for problem in batch if problem.resume is not None])
             outcomes |= run(engine, save_end=group is not groups[-1], snapshots=settings.snapshots)
     return [outcomes[problem] for problem in problems]
+
+
+def _guidance(
+    landmarks: PlacedLandmarks | None, given: Mapping[str, "ArrayLike | None"], num_verts: int, settings: FitSettings
+) -> Guidance | None:
+    """Return what is known of the source, checked; None if nothing is."""
+    arrays = {}
+    for name, values in given.items():
+        if values is None:
+            continue
+        if not (isinstance(settings, GaussNewtonSettings) and settings.prior is not None):
+            raise ConfigError(f"{name}: only a fit with register='rigid' or 'near-rigid' uses them")
+        try:
+            array = np.asarray(values, dtype={"weights": np.float64, "fixed": bool, "rigid": np.int64}[name])
+        except (TypeError, ValueError):
+            raise ConfigError(f"{name}: expected a number for each vertex, got {described(values)}") from None
+        arrays[name] = array
+    if landmarks is None and not arrays:
+        return None
+    guidance = Guidance(landmarks, **arrays)
+    guidance.require_size(num_verts)
+    return guidance
 
 
 @no_type_check

@@ -59,3 +59,4 @@ class FitKeys(TypedDict, total=False):
     robust: Literal["auto", "off"] | None
     direction: Literal["both", "to-target", "to-source"] | None
     register: Literal["off", "auto", "rigid", "near-rigid"] | None
+    offset: float | None

@@ -98,9 +98,9 @@ class Engine(ABC):
 
     def landmarks(self, member: int, mesh: Mesh) -> PlacedLandmarks | None:
         """Return the landmarks of the source on the surface at the end, if it has the same faces."""
-        source = self.problems[member].source
+        source, guidance = self.problems[member].source, self.problems[member].guidance
         same = mesh.num_verts == source.num_verts and np.array_equal(mesh.faces, source.faces)
-        return self.problems[member].landmarks if same else None
+        return guidance.landmarks if guidance is not None and same else None
 
     def pose_scale(self, _member: int) -> float | None:
         """Return the change of size by the pose that a registration has found; None without one."""

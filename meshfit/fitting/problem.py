@@ -7,9 +7,9 @@ from typing import Any
 from meshfit.doors import no_type_check
 from meshfit.errors import ConfigError, TrialError
 from meshfit.fitting.callbacks import Step
+from meshfit.fitting.registration.guidance import Guidance
 from meshfit.mesh.any_mesh import MeshLike, as_mesh
 from meshfit.mesh.any_target import as_mesh_or_points
-from meshfit.mesh.landmarks import PlacedLandmarks
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.polygons import PolygonMesh
@@ -167,8 +167,7 @@ class Problem:
         on_snapshot: called with the number of steps made and the surface, as often as the settings say; before a
             checkpoint of the same step is saved.
         polygons: the polygons that the source was triangulated from, if any; schemes on polygons start from them.
-        landmarks: places on the source, and where they belong on the target; a registration uses those that are not
-            held out.
+        guidance: landmarks, weights, and parts of the source that stay or are rigid, for `register`.
         own: whether the source is a mesh of the user's own, whose vertices may have a meaning, not one that was made to
             start from; `register: auto` registers no others.
 
@@ -190,7 +189,7 @@ class Problem:
     scheme: str | Scheme = "loop"
     on_snapshot: Callable[[int, Mesh | PolygonMesh], None] | None = None
     polygons: PolygonMesh | None = None
-    landmarks: PlacedLandmarks | None = None
+    guidance: Guidance | None = None
     own: bool = True
 
     @no_type_check
@@ -205,14 +204,14 @@ class Problem:
         scheme: str | Scheme = "loop",
         on_snapshot: Callable[[int, Mesh | PolygonMesh], None] | None = None,
         polygons: PolygonMesh | None = None,
-        landmarks: PlacedLandmarks | None = None,
+        guidance: Guidance | None = None,
         own: bool = True,  # noqa: FBT001, FBT002  by name
     ) -> None:
         start = as_mesh(source, "source")
         polygons = start if isinstance(start, PolygonMesh) else polygons
         triangles = start.triangulated() if isinstance(start, PolygonMesh) else start
         goal = as_mesh_or_points(target)
-        values = (triangles, goal, seed, on_step, resume, save, scheme, on_snapshot, polygons, landmarks, own)
+        values = (triangles, goal, seed, on_step, resume, save, scheme, on_snapshot, polygons, guidance, own)
         for attribute, value in zip(fields(self), values, strict=True):
             object.__setattr__(self, attribute.name, value)
 

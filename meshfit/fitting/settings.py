@@ -155,6 +155,9 @@ class GaussNewtonSettings(Settings):
     """Registration of the source, each of whose vertices has a meaning: `rigid` finds its pose, `near-rigid` also bends
     it, so that vertices go where they belong; requires `connectivity: fixed`. Where sizes differ, so does its scale.
     `auto` registers meshes from files: `rigid` if a pose is enough, `near-rigid` if not, and `off` if none serves."""
+    offset: float = 0.0
+    """Distance of the result from the target along its normals: above 0 outside it, as skin is over bone, below 0
+    inside. It is in the normalised frame."""
     trace_every: Every = 1
     """Number of steps (1 or more) from one row of `trace.csv` to the next; the first and last steps always have one."""
     snapshots: Every | None = None

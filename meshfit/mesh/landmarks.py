@@ -308,6 +308,13 @@ class PlacedLandmarks:
         names = tuple(name for name, chosen in zip(self.names, rows, strict=True) if chosen)
         return PlacedLandmarks(names, self.corners[rows], self.shares[rows], self.goals[rows], self.used[rows])
 
+    def moved_to(self, surface: Mesh, points: Verts) -> "PlacedLandmarks":
+        """Return the landmarks at the points of another surface that are nearest to these (L, 3) points."""
+        from meshfit.mesh.projection import Places  # brings libigl
+
+        nearest = Places.nearest(surface, points)
+        return replace(self, corners=surface.faces[nearest.face], shares=nearest.weights)
+
     def in_frame(self, centre: Sequence[float], scale: float) -> "PlacedLandmarks":
         """Return the landmarks with their goals in a frame, x ↦ (x - centre) / scale."""
         return replace(self, goals=(self.goals - np.asarray(centre)) / scale)

@@ -12,6 +12,7 @@ from torch import Generator, Tensor
 from meshfit.errors import ConfigError
 from meshfit.fitting.gauss_newton.attributes import carried_attributes, initial_rest
 from meshfit.fitting.gauss_newton.closeness import Closeness, hidden_share, is_near
+from meshfit.fitting.gauss_newton.correspondences import Correspondences
 from meshfit.fitting.gauss_newton.fit_state import FitState
 from meshfit.fitting.gauss_newton.refinement import control_mesh, linearly_refined, refine_state, with_control_mesh
 from meshfit.fitting.gauss_newton.schedule import Stage, rough_verts, schedule
@@ -143,6 +144,8 @@ class GaussNewton(Engine):
         noise = None if settings.noise == "auto" else settings.noise
         robust = settings.robust == "auto"
         clouds = {target: TargetCloud.of(target, dtype, device, noise, robust=robust) for target in targets}
+        if settings.offset:
+            clouds = {target: cloud.lifted(settings.offset) for target, cloud in clouds.items()}
         self._targets = [clouds[problem.target] for problem in problems]
         self._generators = [Generator().manual_seed(problem.seed) for problem in problems]
         for problem in problems:
@@ -272,7 +275,7 @@ class GaussNewton(Engine):
         near, _ = self._near[member]
         # With fewer vertices than the source, a result may well be farther.
         fewer = self.settings.connectivity == "remeshed" and problem.source.num_verts > self.settings.verts
-        if not near or fewer or not bool(state.verts.isfinite().all()):
+        if not near or fewer or self.settings.offset or not bool(state.verts.isfinite().all()):
             return state
         if isinstance(problem.target, PointCloud) or self._targets[member].noise:
             return state  # a smooth surface is farther from noise than one that follows it
@@ -383,7 +386,15 @@ class GaussNewton(Engine):
         fairness, point_weight = stage.weights[number]
         fairness = max(fairness, target.least_fairness(len(before.verts)))
         robust = stage.robust if self.settings.robust == "auto" else None
-        report = before.step(target, fairness, point_weight, self._generators[member], self.settings.direction, robust)
+        report = before.step(
+            target,
+            fairness,
+            point_weight,
+            self._generators[member],
+            self.settings.direction,
+            robust,
+            self._adapted(member),
+        )
         distance, matched, after = report.pairs.distance, report.pairs.matched, report.state
         if not bool(after.verts.isfinite().all()):
             last_good = _polygons_at(before) or _mesh_at(before)
@@ -393,6 +404,10 @@ class GaussNewton(Engine):
         restarts.record(stage, number, distance, matched)
         self._trace(member, distance, matched, fairness, point_weight, report.held)
         return distance
+
+    def _adapted(self, _member: int) -> Callable[[Correspondences, Shape], Correspondences] | None:
+        """Return how correspondences are adapted to what is known of the source; None if nothing is."""
+        return None
 
     def _trace(
         self, member: int, distance: float, matched: float, fairness: float, point_weight: float, held: int

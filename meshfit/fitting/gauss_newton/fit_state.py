@@ -1,5 +1,6 @@
 """The state of one fit: a surface, its Gauss–Newton steps, and the changes of its connectivity between them."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
@@ -151,10 +152,12 @@ class FitState:
         generator: Generator,
         direction: Direction = "both",
         robust: float | None = None,
+        adapted: Callable[[Correspondences, Shape], Correspondences] | None = None,
     ) -> StepReport:
         """Make a Gauss–Newton step towards the target, as far as the surface stays sound."""
         shape, connectivity, controlled = self.shape, self.pattern.connectivity, self.controlled
         pairs = find_correspondences(shape, target, generator, direction, robust)
+        pairs = pairs if adapted is None else adapted(pairs, shape)
         tension = membrane_tension(shape, pairs.membranes, fairness) if controlled is None else None
         weights = self.stiffness * (fairness / len(self.verts))
         smoothness = Fairness(connectivity, weights, tension, self.reference)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -92,6 +92,12 @@ class TargetCloud:
     num_independent: int
     num_outliers: int
     nearest: Callable[[Tensor], Tensor]
+
+    def lifted(self, offset: float) -> "TargetCloud":
+        """Return the points moved along their normals, outwards if the offset is above 0; without the boundary."""
+        points = self.points + offset * self.normals
+        nearest = nearest_neighbour_search(points, scattered=True)
+        return replace(self, points=points, boundary=None, nearest=nearest)
 
     @classmethod
     def of(

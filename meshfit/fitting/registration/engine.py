@@ -1,25 +1,31 @@
 """The Gauss–Newton engine for templates: it registers the source, then fits each level with smooth displacements."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 
 import numpy as np
 import torch
 
+from meshfit.fitting.gauss_newton.correspondences import Correspondences
 from meshfit.fitting.gauss_newton.engine import GaussNewton, Restarts, restarts_for
 from meshfit.fitting.gauss_newton.fit_state import FitState
 from meshfit.fitting.gauss_newton.refinement import refine_state
 from meshfit.fitting.gauss_newton.schedule import Stage
+from meshfit.fitting.gauss_newton.surface import Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.fitting.problem import Checkpoint, Problem
+from meshfit.fitting.registration.guidance import NO_GUIDANCE, HeldParts
+from meshfit.fitting.registration.guided_levels import RefinedGuide, adapted_pairs
 from meshfit.fitting.registration.oriented_points import OrientedPoints
 from meshfit.fitting.registration.plan import Register, Registered, planned_steps
 from meshfit.fitting.registration.registration import Registration, RegistrationTask
 from meshfit.fitting.registration.target_points import target_points
 from meshfit.fitting.settings import GaussNewtonSettings
-from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.landmarks import PlacedLandmarks
+from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.point_cloud import PointCloud
+from meshfit.mesh.polygons import PolygonMesh
 
 # The scale is to be found if the spreads of source and target have a ratio beyond this.
 _SAME_SIZE = 1.5
@@ -42,7 +48,8 @@ class RegistrationEngine(GaussNewton):
         points: dict[Mesh | PointCloud, OrientedPoints] = {}
         for problem in problems:
             if problem.target not in points:
-                points[problem.target] = target_points(problem.target)
+                points[problem.target] = target_points(problem.target).lifted(settings.offset)
+        self._guides = [RefinedGuide(problem) for problem in problems]
         self._registrations = [Registration(self._task(problem, points[problem.target])) for problem in problems]
 
     def shortfalls(self, member: int) -> list[str]:
@@ -56,6 +63,21 @@ class RegistrationEngine(GaussNewton):
     def pose_scale(self, member: int) -> float:
         """Return the change of size by the pose that has been found."""
         return self._registrations[member].pose.scale
+
+    def mesh(self, member: int) -> Mesh:
+        """Return the current surface, with what is held in its place in double precision."""
+        mesh, held = super().mesh(member), self._held(member)
+        return mesh.with_verts(self._in_place(member, mesh.verts, held)) if held else mesh
+
+    def polygons(self, member: int) -> PolygonMesh | None:
+        """Return the polygons that the current surface was triangulated from, if any."""
+        mesh, held = super().polygons(member), self._held(member)
+        return mesh.with_verts(self._in_place(member, mesh.verts, held)) if mesh is not None and held else mesh
+
+    def landmarks(self, member: int, mesh: Mesh) -> PlacedLandmarks | None:
+        """Return the landmarks of the source on the surface at the end."""
+        guide = self._guides[member]
+        return guide.at(self._level).landmarks if guide.has_landmarks else super().landmarks(member, mesh)
 
     def checkpoint(self, member: int) -> Checkpoint:
         """Return a copy of everything that the next step of one problem depends on."""
@@ -93,7 +115,7 @@ class RegistrationEngine(GaussNewton):
         if not self._applies(member, stage):
             return registration.distance
         if stage.change != "register":
-            return super()._step(member, stage, number)
+            return self._refined_step(member, stage, number)
         registration.step(self._planned[self.done])
         self._made[member] += 1
         if self._is_off(member):
@@ -103,6 +125,40 @@ class RegistrationEngine(GaussNewton):
         self._states[member] = replace(state, verts=verts, reference=verts)
         self._trace(member, registration.distance, registration.matched, *stage.weights[number], 0)
         return registration.distance
+
+    def _refined_step(self, member: int, stage: Stage, number: int) -> float:
+        """Make a step of a refined level, and put what is held where it belongs."""
+        distance, held = super()._step(member, stage, number), self._held(member)
+        if held:
+            state = self._states[member]
+            verts = held.applied(state.verts.cpu().double().numpy())
+            self._states[member] = replace(state, verts=torch.tensor(verts).to(state.verts))
+        return distance
+
+    @property
+    def _level(self) -> int:
+        """Number of levels that the surface is refined by."""
+        begun = {id(stage): stage for stage, _ in self._plans[False][: self.done + 1]}
+        return sum(stage.change == "refine" and stage.registered for stage in begun.values())
+
+    def _held(self, member: int) -> HeldParts | None:
+        """Return what is held of the present surface; None for nothing."""
+        if self._is_off(member) or not self._guides[member].holds:
+            return None
+        guide, pose = self._guides[member], self._registrations[member].pose
+        held = HeldParts.of(pose.applied(guide.rest_at(self._level)), guide.at(self._level))
+        return held or None
+
+    def _in_place(self, member: int, verts: Verts, held: HeldParts) -> Verts:
+        # Those of a registration are in double precision.
+        return held.applied(verts if self._level else self._registrations[member].verts)
+
+    def _adapted(self, member: int) -> Callable[[Correspondences, Shape], Correspondences] | None:
+        guidance = self._guides[member].at(self._level)
+        if self._is_off(member) or not guidance.steers:
+            return None
+        diagonal = self._registrations[member].task.diagonal
+        return lambda pairs, shape: adapted_pairs(pairs, shape, guidance, diagonal)
 
     def _start_unregistered(self, member: int) -> float:
         """Go on as a fit without a registration, from the source as it is."""
@@ -127,10 +183,9 @@ class RegistrationEngine(GaussNewton):
         assert self.settings.prior is not None  # noqa: S101  another engine has those
         spreads = [float(np.linalg.norm(points.std(axis=0))) for points in (problem.source.verts, target.points)]
         similarity = not 1 / _SAME_SIZE < spreads[0] / spreads[1] < _SAME_SIZE
-        landmarks = None if problem.landmarks is None else problem.landmarks.subset(problem.landmarks.used)
-        landmarks = landmarks if landmarks is None or len(landmarks) else None
+        guidance = problem.guidance or NO_GUIDANCE
         prior, direction = self.settings.prior, self.settings.direction
         choice: Register = self.settings.register
         if self._is_unregistered(problem):
             choice = "off"
-        return RegistrationTask(problem.source, target, prior, direction, similarity, landmarks, problem.seed, choice)
+        return RegistrationTask(problem.source, target, prior, direction, similarity, guidance, problem.seed, choice)

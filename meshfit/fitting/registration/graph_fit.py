@@ -25,6 +25,8 @@ _DAMPING, _LARGEST_TURN = 1e-9, 0.5
 _SAMPLES_PER_NODE = 6
 # Distance at which a landmark has a quarter of its weight, relative to the diagonal: of those given, some are wrong.
 _LANDMARK_WIDTH = (0.2, 0.02)
+# Rows of fixed vertices, at most about, and their weight; pairs have up to 2.
+_FIXED_ROWS, _FIXED_WEIGHT = 500, 50.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +40,8 @@ class GraphFit:
         diagonal: of the target.
         remoteness: distance that a difference of 1 in remoteness is worth at first, relative to the diagonal.
         landmarks: points whose places are known.
+        weights: (V,) confidence in the data at each vertex; None for the same everywhere.
+        fixed: vertices that are held where they are in the template.
     """
 
     template: Template
@@ -46,6 +50,8 @@ class GraphFit:
     diagonal: float
     remoteness: float = 0.0
     landmarks: PlacedLandmarks | None = None
+    weights: Float64[np.ndarray, " V"] | None = None
+    fixed: Int64[np.ndarray, " F"] | None = None
 
     def step(
         self,
@@ -81,6 +87,7 @@ class GraphFit:
             self.remoteness * self.diagonal * (1 - share),
         )
         pairs = find_pairs(template, target, verts, points, matching)
+        pairs = pairs.weighted(None if self.weights is None else self.weights[rows])
         roots = metric_roots(pairs.normals, pairs.weights, point_weight)
         jacobian = part.jacobian(pairs.verts, roots)
         residuals = np.einsum("nij,nj->ni", roots, pairs.goals - template.points[pairs.verts]).ravel()
@@ -90,6 +97,9 @@ class GraphFit:
         right = jacobian.T @ residuals - bend.T @ (shares * bent)
         if self.landmarks is not None:
             more_square, more_right = self._pull_of_landmarks(self.landmarks, graph, progress)
+            square, right = square + more_square, right + more_right
+        if self.fixed is not None and len(self.fixed):
+            more_square, more_right = self._hold_of_fixed(self.fixed, graph)
             square, right = square + more_square, right + more_right
         square = csc_array(square + _DAMPING * eye_array(square.shape[0]))
         return graph.moved(_solved(square, right).reshape(-1, 6), _LARGEST_TURN), pairs
@@ -103,6 +113,17 @@ class GraphFit:
     @cached_property
     def _at_rest(self) -> OrientedPoints:
         return self.template.points_at(self.template.mesh.verts)
+
+    def _hold_of_fixed(
+        self, fixed: Int64[np.ndarray, " F"], graph: DeformationGraph
+    ) -> tuple[csr_array, Float64[np.ndarray, " N"]]:
+        """Return the equations that hold fixed vertices, or some of them, where they are in the template."""
+        some = fixed[:: max(1, len(fixed) // _FIXED_ROWS)]
+        part = graph.restricted(some)
+        away = self.template.mesh.verts[some] - part.positions()
+        root = np.sqrt(_FIXED_WEIGHT / len(some))
+        jacobian = part.jacobian(np.arange(len(some)), np.broadcast_to(root * np.eye(3), (len(some), 3, 3)))
+        return csr_array(jacobian.T @ jacobian), jacobian.T @ (root * away).ravel()
 
     def _pull_of_landmarks(
         self, landmarks: PlacedLandmarks, graph: DeformationGraph, progress: float

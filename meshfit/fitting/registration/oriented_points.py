@@ -34,6 +34,11 @@ class OrientedPoints:
         """Return the number of points."""
         return len(self.points)
 
+    def lifted(self, offset: float) -> "OrientedPoints":
+        """Return the points moved along their normals."""
+        parts = self.normals, self.areas, self.rim, self.remoteness
+        return OrientedPoints(self.points + offset * self.normals, *parts)
+
     def subset(self, rows: Indices) -> "OrientedPoints":
         """Return some of the points."""
         parts = self.points, self.normals, self.areas, self.rim, self.remoteness

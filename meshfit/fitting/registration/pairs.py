@@ -1,6 +1,6 @@
 """Pairs of points that registration brings together, with robust weights and symmetric normals."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -34,6 +34,12 @@ class Pairs:
     weights: Float64[np.ndarray, " M"]
     matched: float
     distance: float
+
+    def weighted(self, confidence: Float64[np.ndarray, " V"] | None) -> "Pairs":
+        """Return the pairs with their weights times the confidence in the data at their vertices."""
+        if confidence is None:
+            return self
+        return replace(self, weights=self.weights * confidence[self.verts])
 
 
 @dataclass(frozen=True)

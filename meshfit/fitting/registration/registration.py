@@ -10,6 +10,7 @@ import torch
 from meshfit.fitting.gauss_newton.step_limiting import limit_step
 from meshfit.fitting.registration.deformation_graph import DeformationGraph
 from meshfit.fitting.registration.graph_fit import GraphFit
+from meshfit.fitting.registration.guidance import NO_GUIDANCE, Guidance, HeldParts
 from meshfit.fitting.registration.landmarks import pose_of_landmarks
 from meshfit.fitting.registration.oriented_points import OrientedPoints
 from meshfit.fitting.registration.pairs import Matching, Pairs, find_pairs
@@ -19,7 +20,6 @@ from meshfit.fitting.registration.template import Template
 from meshfit.fitting.registration.unfolding import Unfolding
 from meshfit.fitting.registration.vertex_fit import VertexFit
 from meshfit.fitting.settings import Direction
-from meshfit.mesh.landmarks import PlacedLandmarks
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.units import count_text
 
@@ -50,7 +50,7 @@ class RegistrationTask:
         prior: `rigid`: only its pose changes; `near-rigid`: it bends.
         direction: of the pairs.
         similarity: whether its size is to be found, too.
-        landmarks: points whose places are known.
+        guidance: landmarks, weights, and parts that stay or are rigid.
         seed: of the samples.
         choice: `auto` to find out whether a pose is enough, or nothing serves; `off` for what is not to be registered;
             None for neither.
@@ -61,7 +61,7 @@ class RegistrationTask:
     prior: Prior = "near-rigid"
     direction: Direction = "both"
     similarity: bool = False
-    landmarks: PlacedLandmarks | None = None
+    guidance: Guidance = NO_GUIDANCE
     seed: int = 0
     choice: Register | None = None
 
@@ -99,6 +99,7 @@ class Registration:
         self._at_pose: Template | None = None
         self._unfolding: Unfolding | None = None
         self._at_rest = Template(task.source)
+        self._held: HeldParts | None = None
 
     @property
     def template(self) -> Template:
@@ -106,6 +107,13 @@ class Registration:
         if self._at_pose is None:
             self._at_pose = self._at_rest.posed(self.pose.applied(self.task.source.verts))
         return self._at_pose
+
+    @property
+    def held(self) -> HeldParts:
+        """Vertices that stay, and rigid parts, of the template in its pose."""
+        if self._held is None:
+            self._held = HeldParts.of(self.template.mesh.verts, self.task.guidance)
+        return self._held
 
     def step(self, planned: PlannedStep) -> None:
         """Make a step."""
@@ -157,7 +165,7 @@ class Registration:
     def _find_pose(self) -> None:
         task = self.task
         poses = self._poses()
-        if task.landmarks is not None and task.prior == "rigid":
+        if (task.guidance.used_landmarks is not None or task.guidance.fixed is not None) and task.prior == "rigid":
             self._place(poses[0])
             return
         if task.prior == "rigid" or task.choice == "auto":
@@ -177,7 +185,7 @@ class Registration:
         if task.choice == "auto":
             text = f"as it bends to within {100 * best:.2g} % of the diagonal"
             self.registered = Registered("near-rigid", text)
-            if best > _NOTHING_SERVES:
+            if best > _NOTHING_SERVES and not task.guidance.steers:
                 text = f"as bent from no pose it is nearer than {100 * best:.2g} % of the diagonal: another shape"
                 self.registered = Registered("off", text)
 
@@ -238,27 +246,43 @@ class Registration:
         return best.value
 
     def _attempt(self, coarsest: DeformationGraph, pose: Pose, remoteness: float) -> "_Attempt":
-        task, template = self.task, self._at_rest.posed(pose.applied(self.task.source.verts))
-        fit = GraphFit(template, task.target, task.direction, task.diagonal, remoteness, task.landmarks)
-        return _Attempt(task, pose, fit, coarsest.posed(template.mesh.verts))
+        template = self._at_rest.posed(pose.applied(self.task.source.verts))
+        return _Attempt(self.task, pose, self._graph_fit(template, remoteness), coarsest.posed(template.mesh.verts))
 
     def _poses(self) -> list[Pose]:
         task = self.task
         at_rest = self._at_rest.points_at(task.source.verts)
-        if task.landmarks is not None:
-            return [pose_of_landmarks(task.landmarks, task.source, similarity=task.similarity)]
+        if task.guidance.fixed is not None:
+            return [Pose.identity()]
+        landmarks = task.guidance.used_landmarks
+        if landmarks is not None:
+            return [pose_of_landmarks(landmarks, task.source, similarity=task.similarity)]
         return candidate_poses(at_rest, task.target, similarity=task.similarity, most=_POSES, seed=task.seed)
 
     def _step_graph(self, planned: PlannedStep) -> None:
-        task, level = self.task, LEVELS[planned.level]
+        level = LEVELS[planned.level]
         if self._level != planned.level or self._graph is None:
-            self._graph = DeformationGraph.of(self.template, level.nodes).fitted_to(self.verts)
+            self._graph = DeformationGraph.of(self.template, level.nodes).fitted_to(self.held.applied(self.verts))
             self._level = planned.level
         if not isinstance(self._fit, GraphFit):
-            self._fit = GraphFit(self.template, task.target, task.direction, task.diagonal, landmarks=task.landmarks)
+            self._fit = self._graph_fit(self.template)
         self._graph, pairs = self._graph_step(self._fit, self._graph, level, planned.level, planned.number)
         self.verts = self._graph.positions()
         self.distance, self.matched = pairs.distance, pairs.matched
+
+    def _graph_fit(self, template: Template, remoteness: float = 0.0) -> GraphFit:
+        task, known = self.task, self.task.guidance
+        fixed = None if known.fixed is None else np.flatnonzero(known.fixed)
+        return GraphFit(
+            template,
+            task.target,
+            task.direction,
+            task.diagonal,
+            remoteness,
+            known.used_landmarks,
+            known.weights,
+            fixed,
+        )
 
     def _graph_step(
         self, fit: GraphFit, graph: DeformationGraph, level: Level, index: int, number: int
@@ -270,8 +294,8 @@ class Registration:
     def _unfold(self) -> None:
         """Take faces apart that cross or are folded; where that fails, go back to a stiffer state that is sound."""
         if self._unfolding is None:
-            self._unfolding = Unfolding.of(self.template)
-        wanted = self.verts
+            self._unfolding = Unfolding.of(self.template, self.held.mask if self.held else None)
+        wanted = self.held.applied(self.verts)
         self.verts, (self.crossing, self.folded) = self._unfolding.unfolded(wanted)
         if self.crossing:
             self._retreat(self._unfolding, wanted)
@@ -285,9 +309,8 @@ class Registration:
         for nodes in _STIFFER_NODES:
             if not fewest:
                 break
-            verts, (crossing, _) = unfolding.unfolded(
-                DeformationGraph.of(self.template, nodes).fitted_to(wanted).positions()
-            )
+            stiff = DeformationGraph.of(self.template, nodes).fitted_to(wanted).positions()
+            verts, (crossing, _) = unfolding.unfolded(self.held.applied(stiff))
             if crossing < fewest:
                 best, fewest = verts, crossing
         if fewest:  # in its pose, nothing crosses that did not at rest
@@ -297,6 +320,7 @@ class Registration:
             if len(unfolding.new_pairs(returned := np.asarray(moved.numpy()))):
                 break
             best = returned
+        best = self.held.applied(best)
         self.verts, (self.crossing, self.folded) = best, unfolding.faults(best)
         away = float(np.linalg.norm(best - wanted, axis=1).max()) / self.task.diagonal
         self.retreat = max(self.retreat, away)
@@ -304,7 +328,8 @@ class Registration:
     def _step_vertices(self, planned: PlannedStep) -> None:
         task = self.task
         if not isinstance(self._fit, VertexFit):
-            self._fit = VertexFit(self.template, task.target, self._start, task.direction, task.diagonal)
+            parts = self._start, task.direction, task.diagonal, task.guidance, self.held
+            self._fit = VertexFit(self.template, task.target, *parts)
         self.verts, pairs = self._fit.step(self.verts, planned.number)
         self.distance, self.matched = pairs.distance, pairs.matched
 

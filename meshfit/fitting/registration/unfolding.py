@@ -23,6 +23,7 @@ _NEAR, _INWARDS = 8.0, 0.15
 _MOST_RINGS, _HELD_RINGS = 8, 2
 # Weights by which vertices stay where they are: those that unfold, those around them, those drawn inwards.
 _FREE, _HELD, _DRAWN = 1e-3, 1e3, 1.0
+_IMMOVABLE = 1e9
 _SMOOTHINGS = 3
 _SMOOTHING_ROUNDS = 12
 # Double area of a face, in squares of its longest edge, that is none.
@@ -56,18 +57,20 @@ class Unfolding:
         template: the template.
         crossing_at_rest: (F,) faces that cross others at rest; two of them may cross each other.
         folded_at_rest: (F,) faces that are flipped or without area at rest, and may stay so.
+        held: (V,) vertices that do not move; None for none.
     """
 
     template: Template
     crossing_at_rest: Bool[np.ndarray, " F"]
     folded_at_rest: Bool[np.ndarray, " F"]
+    held: Bool[np.ndarray, " V"] | None = None
 
     @classmethod
-    def of(cls, template: Template) -> "Unfolding":
+    def of(cls, template: Template, held: Bool[np.ndarray, " V"] | None = None) -> "Unfolding":
         """Return the unfolding of a template."""
         crossing = np.zeros(template.mesh.num_faces, dtype=bool)
         crossing[_crossing(template, template.mesh.verts).ravel()] = True
-        return cls(template, crossing, _folded(template, template.mesh.verts))
+        return cls(template, crossing, _folded(template, template.mesh.verts), held)
 
     def new_pairs(self, verts: Verts) -> Int64[np.ndarray, "P 2"]:
         """Return the pairs of faces that cross at some positions, and did not at rest."""
@@ -122,7 +125,10 @@ class Unfolding:
             goals[drawn] -= _INWARDS * edge * template.points_at(verts).normals[drawn]
             stay = np.where(loose, _FREE, _HELD)
             stay[drawn] = _DRAWN
-            verts = self._relaxed(verts, goals, stay, template.grown(loose, _HELD_RINGS), ties, iterations)
+            if self.held is not None:
+                stay[self.held], goals[self.held] = _IMMOVABLE, verts[self.held]
+            relaxed = self._relaxed(verts, goals, stay, template.grown(loose, _HELD_RINGS), ties, iterations)
+            verts = relaxed if self.held is None else np.where(self.held[:, None], verts, relaxed)
         return best, fewest
 
     def smoothed(self, verts: Verts) -> tuple[Verts, int]:
@@ -136,6 +142,8 @@ class Unfolding:
             near = connectivity.verts_of(torch.tensor(np.isin(np.arange(self.template.mesh.num_faces), folds)))
             for _ in range(number // 2):
                 near = connectivity.grown(near)
+            if self.held is not None:
+                near &= ~torch.tensor(self.held)
             moved = torch.where(near[:, None], moved - (connectivity.umbrella @ moved) / 2, moved)
             folds = self.new_folds(smooth := np.asarray(moved.numpy()))
             if len(folds) < fewest and len(self.new_pairs(smooth)) <= most:

@@ -5,14 +5,15 @@ from functools import cached_property
 
 import numpy as np
 import torch
-from jaxtyping import Float64
-from scipy.sparse import csc_array, diags_array
+from jaxtyping import Bool, Float64
+from scipy.sparse import coo_array, csc_array, csr_array, diags_array
 from scipy.sparse.linalg import LinearOperator, cg, splu
 
 from meshfit.fitting.gauss_newton.step_limiting import limit_step
 from meshfit.fitting.registration.graph_fit import between
+from meshfit.fitting.registration.guidance import Guidance, HeldParts
 from meshfit.fitting.registration.oriented_points import OrientedPoints
-from meshfit.fitting.registration.pairs import Matching, Pairs, find_pairs
+from meshfit.fitting.registration.pairs import Matching, Pairs, find_pairs, geman_mcclure
 from meshfit.fitting.registration.plan import VERTEX_STEPS, Range
 from meshfit.fitting.registration.template import Template
 from meshfit.fitting.settings import Direction
@@ -21,6 +22,10 @@ from meshfit.mesh.mesh import Verts
 _WIDTH: Range = (0.012, 0.006)
 _FAIRNESS: Range = (1.0, 0.2)
 _POINT_WEIGHT, _NORMAL_LENGTH = 0.01, 0.02
+# Weight of a landmark, where that of a vertex is about 1, and the distance at which a quarter of it is left.
+_LANDMARK_WEIGHT = 10.0
+_LANDMARK_WIDTH: Range = (0.02, 0.01)
+_LARGE = 1e9
 _DAMPING, _TOLERANCE, _MOST_ITERATIONS = 1e-6, 1e-4, 30
 
 
@@ -36,6 +41,8 @@ class VertexFit:
         start: (V, 3) positions that displacements count from.
         direction: of the pairs.
         diagonal: of the target.
+        guidance: landmarks and weights.
+        held: vertices that stay, and rigid parts.
     """
 
     template: Template
@@ -43,6 +50,8 @@ class VertexFit:
     start: Verts
     direction: Direction
     diagonal: float
+    guidance: Guidance
+    held: HeldParts
 
     @cached_property
     def _bending(self) -> csc_array:
@@ -57,6 +66,7 @@ class VertexFit:
         matching = Matching(between(_WIDTH, share) * self.diagonal, _NORMAL_LENGTH * self.diagonal, self.direction)
         template, count = self.template.points_at(verts), len(verts)
         pairs = find_pairs(template, self.target, np.arange(count), np.arange(len(self.target)), matching)
+        pairs = pairs.weighted(self.guidance.weights)
         weights = pairs.weights * count / 2
         metric = pairs.normals[:, :, None] * pairs.normals[:, None, :] + _POINT_WEIGHT * np.eye(3)
         metric = weights[:, None, None] * metric
@@ -64,28 +74,67 @@ class VertexFit:
         blocks = _summed(pairs.verts, metric.reshape(-1, 9), count).reshape(-1, 3, 3)
         fairness = between(_FAIRNESS, share)
         right = _summed(pairs.verts, pull, count) + fairness * (self._bending @ self.start) + _DAMPING * verts
-        return self._limited(verts, self._solved(verts, blocks, right, fairness)), pairs
+        rows = self._rows_of_landmarks(verts, share)
+        right = right if rows is None else right + rows[1]
+        square = fairness * self._bending if rows is None else csc_array(fairness * self._bending + rows[0])
+        free = np.ones(count, dtype=bool)
+        free[self.held.fixed] = False
+        solved = self._solved(verts, blocks, right, square, free)
+        if self.held.parts:  # what is around them follows where they go
+            solved, free = self.held.applied(solved), ~self.held.mask
+            solved = self._solved(solved, blocks, right, square, free)
+        return self.held.applied(self._limited(verts, solved)), pairs
+
+    def _rows_of_landmarks(self, verts: Verts, share: float) -> tuple[csc_array, Float64[np.ndarray, "V 3"]] | None:
+        """Return the square and the right side of the rows of landmarks, with robust weights."""
+        landmarks = self.guidance.used_landmarks
+        if landmarks is None:
+            return None
+        weights = _LANDMARK_WEIGHT * geman_mcclure(
+            landmarks.errors(verts), between(_LANDMARK_WIDTH, share) * self.diagonal
+        )
+        number = np.arange(len(landmarks)).repeat(3)
+        matrix = csr_array(
+            coo_array(
+                (landmarks.shares.ravel(), (number, landmarks.corners.ravel())), shape=(len(landmarks), len(verts))
+            )
+        )
+        scaled = diags_array(weights) @ matrix
+        return csc_array(matrix.T @ scaled), scaled.T @ landmarks.goals
 
     def _solved(
-        self, verts: Verts, blocks: Float64[np.ndarray, "V 3 3"], right: Float64[np.ndarray, "V 3"], fairness: float
+        self,
+        verts: Verts,
+        blocks: Float64[np.ndarray, "V 3 3"],
+        right: Float64[np.ndarray, "V 3"],
+        bending: csc_array,
+        free: Bool[np.ndarray, " V"],
     ) -> Verts:
-        bending = fairness * self._bending
-        mean = np.trace(blocks, axis1=1, axis2=2) / 3 + _DAMPING
+        """Solve for the free vertices; the others stay where they are."""
+        mean = np.trace(blocks, axis1=1, axis2=2) / 3 + _DAMPING + np.where(free, 0.0, _LARGE)
         options = {"SymmetricMode": True}
         matrix = (bending + diags_array(mean)).tocsc()
         factors = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
 
+        def product(x: Float64[np.ndarray, "V 3"]) -> Float64[np.ndarray, "V 3"]:
+            return np.asarray(bending @ x + np.einsum("nij,nj->ni", blocks, x) + _DAMPING * x)
+
+        if not free.all():
+            start = np.where(free[:, None], 0.0, verts)
+            right = np.where(free[:, None], right - product(start), 0.0)
+
         def times(flat: Float64[np.ndarray, " N"]) -> Float64[np.ndarray, " N"]:
             x = flat.reshape(-1, 3)
-            return np.asarray((bending @ x + np.einsum("nij,nj->ni", blocks, x) + _DAMPING * x).ravel())
+            return np.asarray(np.where(free[:, None], product(np.where(free[:, None], x, 0.0)), x).ravel())
 
         def preconditioned(flat: Float64[np.ndarray, " N"]) -> Float64[np.ndarray, " N"]:
             return np.asarray(factors.solve(np.ascontiguousarray(flat.reshape(-1, 3))).ravel())
 
         shape = (verts.size, verts.size)
-        operator, inverse = (LinearOperator(shape, product, dtype=np.float64) for product in (times, preconditioned))
-        flat, _ = cg(operator, right.ravel(), verts.ravel(), M=inverse, rtol=_TOLERANCE, maxiter=_MOST_ITERATIONS)
-        return np.asarray(flat.reshape(-1, 3))
+        operator, inverse = (LinearOperator(shape, function, dtype=np.float64) for function in (times, preconditioned))
+        first = np.where(free[:, None], verts, 0.0)
+        flat, _ = cg(operator, right.ravel(), first.ravel(), M=inverse, rtol=_TOLERANCE, maxiter=_MOST_ITERATIONS)
+        return np.asarray(np.where(free[:, None], flat.reshape(-1, 3), verts))
 
     def _limited(self, verts: Verts, goals: Verts) -> Verts:
         moved, _ = limit_step(self.template.connectivity, torch.tensor(verts), torch.tensor(goals))
