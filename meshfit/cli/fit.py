@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from meshfit.mesh.mesh import Mesh
     from meshfit.mesh.polygons import PolygonMesh
 
-_FIT, SCANS = "Fit", "Scans"
+_FIT, TEMPLATES, SCANS = "Fit", "Templates", "Scans"
 _FORMAT_OF_MANY = "ply"
 _INPUTS, _DIGITS = "inputs", 12
 """Folder of what came through pipes, and digits of the hash by which its files are told apart."""
@@ -144,6 +144,63 @@ def fit(
             show_default="auto for a file with --connectivity fixed, else off",
             metavar="auto|rigid|near-rigid|off",
             rich_help_panel=_FIT,
+        ),
+    ] = None,
+    landmarks: Annotated[
+        str | None,
+        typer.Option(
+            "--landmarks",
+            help="Landmarks of --source, with where they belong, or with names that --target-landmarks has too: "
+            "CSV, .fcsv, .mrk.json, or MeshMonk's x,y,z rows.",
+            metavar="FILE",
+            rich_help_panel=TEMPLATES,
+        ),
+    ] = None,
+    target_landmarks: Annotated[
+        str | None,
+        typer.Option(
+            "--target-landmarks",
+            help="Landmarks on the target, by name; of several targets, with {target} in its name for theirs.",
+            metavar="FILE",
+            rich_help_panel=TEMPLATES,
+        ),
+    ] = None,
+    weights: Annotated[
+        str | None,
+        typer.Option(
+            "--weights",
+            help="Confidence in the data at each vertex of --source, 0 or more: vertex data in its file, or a text "
+            "file with one number per line.",
+            metavar="NAME|FILE",
+            rich_help_panel=TEMPLATES,
+        ),
+    ] = None,
+    fixed: Annotated[
+        str | None,
+        typer.Option(
+            "--fixed",
+            help="Vertices of --source that stay where they are, other than 0: as --weights.",
+            metavar="NAME|FILE",
+            rich_help_panel=TEMPLATES,
+        ),
+    ] = None,
+    rigid: Annotated[
+        str | None,
+        typer.Option(
+            "--rigid",
+            help="Labels above 0 of vertices of --source that move rigidly, part by part: as --weights.",
+            metavar="NAME|FILE",
+            rich_help_panel=TEMPLATES,
+        ),
+    ] = None,
+    offset: Annotated[
+        float | None,
+        typer.Option(
+            "--offset",
+            help="Distance of the result from the target, in the unit of its file: above 0 outside it, as skin "
+            "is over bone.",
+            metavar="LENGTH",
+            rich_help_panel=TEMPLATES,
         ),
     ] = None,
     correspondence: Annotated[
@@ -275,6 +332,7 @@ def fit(
         meshfit fit head.obj -o head-fitted.obj --source sphere --connectivity fixed
         meshfit fit scan.ply -o registered.glb --source template.glb --connectivity fixed  # keeps its texture
         meshfit fit scan.ply -o moved.obj --source template.obj --register rigid
+        meshfit fit scan.ply -o registered.obj --source template.obj --landmarks pairs.csv
         meshfit fit scan.ply -o fitted.obj --source template.obj --connectivity fixed --correspondence pairs.csv
         meshfit fit scans/*.obj -o fitted/ --output-format obj --jobs 4
         zcat scan.ply.gz | meshfit fit - --format ply -o fitted.ply
@@ -291,11 +349,13 @@ def fit(
     if measure and any(target == STREAM or is_pipe(target) for target in targets):
         raise ConfigError("--measure reads the target again, and a pipe can be read only once; use --json")
     _check_not_overwritten(targets, outputs, source)
+    guidance = {"landmarks": landmarks, "weights": weights, "fixed": fixed, "rigid": rigid}
+    _check_landmarks(landmarks, target_landmarks, targets)
     options = FitOptions(
         verts=verts,
         scheme=scheme,
         levels=levels,
-        connectivity="fixed" if register not in {None, "off"} else connectivity,
+        connectivity="fixed" if register not in {None, "off"} or any(guidance.values()) else connectivity,
         source=source,
         register=register,
         surface=surface,
@@ -304,6 +364,9 @@ def fit(
         sensor=None if sensor is None else _parse_position("--sensor", sensor),
         noise=None if noise is None else _parse_noise(noise),
         direction=direction,
+        guidance={key: value for key, value in guidance.items() if value is not None},
+        target_landmarks=target_landmarks,
+        offset=offset,
         cleaning=CleaningOptions(weld, repair),
         overrides=overrides or (),
     )
@@ -333,6 +396,13 @@ def fit(
     if many and len(verdicts) < len(targets):
         err.print(f"fitted {len(verdicts)} of {count_text(len(targets), 'target')}", soft_wrap=True, markup=False)
     return 0 if len(verdicts) == len(targets) else EXIT_FAILED
+
+
+def _check_landmarks(landmarks: str | None, target_landmarks: str | None, targets: Sequence[str]) -> None:
+    if target_landmarks is not None and landmarks is None:
+        raise ConfigError("--target-landmarks: gives places of the names in --landmarks; give that too")
+    if target_landmarks is not None and len(targets) > 1 and "{target}" not in target_landmarks:
+        raise ConfigError("--target-landmarks: of several targets, give each its own, as in 'landmarks/{target}.csv'")
 
 
 def _parse_position(option: str, text: str) -> tuple[float, float, float]:

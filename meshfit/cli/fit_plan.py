@@ -2,12 +2,13 @@
 
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 from meshfit.errors import ConfigError, MeshfitError
+from meshfit.paths import is_regular_file, looks_like_path
 
 if TYPE_CHECKING:
     from meshfit.config.loading import Experiment
@@ -36,6 +37,9 @@ class FitOptions:
     sensor: tuple[float, float, float] | None
     noise: Literal["auto"] | float | None
     direction: Literal["both", "to-target", "to-source"] | None
+    guidance: Mapping[str, str]
+    target_landmarks: str | None
+    offset: float | None
     cleaning: "CleaningOptions"
     overrides: Sequence[str]
 
@@ -75,8 +79,11 @@ def plan_fit(target: str, options: FitOptions) -> "Trial":
 
     plain = list(_plain(target, options))
     experiment = load_experiment("accurate", [*plain, *options.overrides])
-    if isinstance(options.noise, float):
-        plain.append(_setting("fit.noise", options.noise / _scale(target, options, experiment)))
+    given = {"fit.noise": None if options.noise == "auto" else options.noise, "fit.offset": options.offset}
+    lengths = {key: length for key, length in given.items() if length is not None}
+    if lengths:
+        scale = _scale(target, options, experiment)
+        plain += [_setting(key, length / scale) for key, length in lengths.items()]
         experiment = load_experiment("accurate", [*plain, *options.overrides])
     if options.source not in BUILT:
         placed = list(_placed(target, options, experiment))
@@ -130,6 +137,11 @@ def _plain(target: str, options: FitOptions) -> Iterator[str]:
 
 
 def _of_template(options: FitOptions) -> Iterator[str]:
+    for key in options.guidance:
+        if options.source in BUILT:
+            raise ConfigError(f"--{key}: requires --source FILE, the mesh that it is about")
+        if options.register == "off":
+            raise ConfigError(f"--{key}: only a registration uses it; leave out --register off")
     if not options.registers:
         return
     if options.source in BUILT:
@@ -177,6 +189,7 @@ def _placed(target: str, options: FitOptions, experiment: "Experiment") -> Itera
     yield _setting("source.mesh", _absolute(options.source))
     yield _setting("source.levels", 0)
     yield _setting("source.project", "none")
+    yield from _guidance(options)
     if not options.registers and describe_mismatch(control, target_mesh):
         yield _setting("source.align", "pca")
         return
@@ -184,6 +197,19 @@ def _placed(target: str, options: FitOptions, experiment: "Experiment") -> Itera
     mean = placed.verts.mean(axis=0)
     yield _setting("source.radius", float(np.linalg.norm(placed.verts - mean, axis=1).max()))
     yield _setting("source.centre", [float(value) for value in mean])
+
+
+def _guidance(options: FitOptions) -> Iterator[str]:
+    """Settings of landmarks and of values of vertices: files, or names of vertex data."""
+    for key, text in options.guidance.items():
+        if key == "landmarks":
+            yield _setting("source.landmarks.file", os.path.abspath(text))  # noqa: PTH100  keeps links
+        elif is_regular_file(text) or looks_like_path(text):
+            yield _setting(f"source.{key}.file", os.path.abspath(text))  # noqa: PTH100  keeps links
+        else:
+            yield _setting(f"source.{key}.attribute", text)
+    if options.target_landmarks is not None:
+        yield _setting("target.landmarks", os.path.abspath(options.target_landmarks))  # noqa: PTH100  keeps links
 
 
 def _absolute(name: str) -> str:

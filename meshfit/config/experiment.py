@@ -27,7 +27,9 @@ from meshfit.subdivision.registry import SURFACES, Definitions, canonical, entry
 
 MAX_LEVELS = 8
 """The most subdivision levels that a source may have."""
-SOURCE_FILE_KEYS = (("source", "mesh"), ("source", "creases", "file"), ("source", "alpha", "file"))
+KEYS_WITH_FILES = ("creases", "alpha", "landmarks", "weights", "fixed", "rigid")
+"""Groups of settings of the source that may name a `file`."""
+SOURCE_FILE_KEYS = (("source", "mesh"), ("source", "landmarks"), *(("source", key, "file") for key in KEYS_WITH_FILES))
 """Settings of the source that may be paths of files."""
 TRUTH_KEY = ("target", "truth")
 """The setting that is the path of a file, or a pattern of paths."""
@@ -129,6 +131,31 @@ class AlphaSettings(Settings):
         return self
 
 
+class LandmarkSettings(Settings):
+    """Landmarks of the source: named places, and where they belong on the target."""
+
+    file: str
+    """File, relative to this one: a CSV table, MeshMonk's `x,y,z` rows, or a point list of 3D Slicer (.fcsv,
+    .mrk.json). It has pairs of places, or places on the source whose names `target.landmarks` has too."""
+    hold_out: Annotated[float, Field(ge=0, le=1)] | tuple[str, ...] = 0.0
+    """Landmarks that are only measured, to see what a fit has not been told: their names, or a share (0 to 1) of all;
+    1 for all. Rows with `use: no` are held out in any case."""
+
+
+class VertexValueSettings(Settings):
+    """One value for each vertex of the control mesh, from a text file or from the mesh file itself."""
+
+    file: str | None = None
+    """Text file, relative to this one, with one number per line for each vertex of the control mesh's file."""
+    attribute: str | None = None
+    """Name of vertex data in the control mesh's file."""
+
+    @model_validator(mode="after")
+    def _either_file_or_attribute(self) -> "VertexValueSettings":
+        _require_one(self, "file", "attribute")
+        return self
+
+
 class WrapSettings(Settings):
     """The alpha wrap that a source is made from, with lengths in the normalised frame."""
 
@@ -183,6 +210,18 @@ class SourceSettings(Settings):
     alpha: AlphaSettings | None = None
     """One alpha per vertex of the control mesh, in place of the schemes' own: `{file: PATH}` or `{attribute: NAME}`;
     null means none."""
+    landmarks: LandmarkSettings | None = None
+    """Landmarks, which a registration brings to where they belong: `{file: FILE}` with an optional `hold_out`, or the
+    path alone; null means none."""
+    weights: VertexValueSettings | None = None
+    """Confidence in the data at each vertex, 0 or more, for a registration: `{attribute: NAME}` or `{file: PATH}`; a
+    vertex of weight 0 follows the others; null means the same everywhere."""
+    fixed: VertexValueSettings | None = None
+    """Vertices that a registration leaves where `align` puts them, other than 0: `{attribute: NAME}` or `{file: PATH}`.
+    No other pose is looked for then; null means none."""
+    rigid: VertexValueSettings | None = None
+    """Label of the part that moves rigidly in a registration, such as an eyeball, for each vertex; 0 or less for those
+    that are free: `{attribute: NAME}` or `{file: PATH}`; null means no parts."""
 
     @property
     def cleaning(self) -> CleaningOptions:
@@ -197,6 +236,8 @@ class SourceSettings(Settings):
     @classmethod
     def with_dependent_defaults(cls, data: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return plain data with the defaults that depend on the mesh."""
+        if isinstance(data.get("landmarks"), str):
+            data = {**data, "landmarks": {"file": data["landmarks"]}}
         mesh = data.get("mesh")
         defaults = _SOURCE_DEFAULTS.get(mesh, {}) if isinstance(mesh, str) else {}
         if data.get("decimate") is not None:
@@ -220,6 +261,10 @@ class TargetSettings(Settings):
     """Position that a scan was taken from, in the coordinates and the unit of the target's file, towards which the
     normals of its points are oriented where the file has none; null orients them from neighbour to neighbour, outwards.
     Targets must be clouds of points."""
+    landmarks: str | None = None
+    """File of places on the target whose names `source.landmarks` has too, in the coordinates of the target's file; in
+    its name, `{target}` stands for that of the trial's target, as in `landmarks/{target}.csv`; null if the file of the
+    source has pairs."""
     truth: str | None = None
     """File with the places where the vertices of the source belong, for `vertex_error`, in the coordinates of the
     target's file: a mesh, or points, with as many vertices as the file of the source, its control mesh, or the refined
@@ -319,6 +364,27 @@ class ExperimentSettings(Settings):
                 raise ValueError(
                     f"source.{key}: {self.fit.method} fits without {key}; set fit.method: first-order, or remove it"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _guidance_needs_a_registration(self) -> "ExperimentSettings":
+        source = self.source
+        if self.target.landmarks is not None and source.landmarks is None:
+            raise ValueError("target.landmarks: source.landmarks has the places on the source; set it, too")
+        given = [key for key in ("landmarks", "weights", "fixed", "rigid") if getattr(source, key) is not None]
+        if given and source.is_made_from_target:
+            raise ValueError(
+                f"source.{given[0]}: the source is made from the target ({source.mesh}), and no vertex of it is known "
+                "before; set source.mesh to a file"
+            )
+        if source.landmarks is not None and source.landmarks.hold_out == 1:
+            given.remove("landmarks")
+        if given and getattr(self.fit, "prior", None) is None:
+            alone = ", or source.landmarks.hold_out: 1 to measure alone" if given[0] == "landmarks" else ""
+            raise ValueError(
+                f"source.{given[0]}: only a registration uses it; set fit.method: gauss-newton, fit.connectivity: "
+                f"fixed and fit.register: near-rigid{alone}"
+            )
         return self
 
     def __hash__(self) -> int:

@@ -140,9 +140,10 @@ def _with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
             return value
         if key == ("schemes",) or (key[:1] == ("define",) and key[2:] == ("base",)):
             return relative_to_folder(value, folder)
-        files = (*SOURCE_FILE_KEYS, TRUTH_KEY)
+        patterns = (TRUTH_KEY, ("target", "landmarks"))
+        files = (*SOURCE_FILE_KEYS, *patterns)
         if key == ("targets",) or any(tuple(key[-len(path) :]) == path for path in files):
-            is_pattern = tuple(key[-2:]) == TRUTH_KEY and "{" in value
+            is_pattern = tuple(key[-2:]) in patterns and "{" in value
             return str(folder.resolve() / value) if is_pattern else absolute_path(value, folder)
         return value
 
@@ -166,7 +167,11 @@ def absolute_path(text: str, folder: Path = Path()) -> str:
     """
     path = folder / text
     is_file = os.path.lexists(path) and not is_folder(path)
-    is_missing = folder != Path() and format_suffix(text) in (*MESH_SUFFIXES, ".txt") and not os.path.lexists(text)
+    is_missing = (
+        folder != Path()
+        and format_suffix(text) in (*MESH_SUFFIXES, ".txt", ".csv", ".fcsv", ".json")
+        and not os.path.lexists(text)
+    )
     return str(path.parent.resolve() / path.name) if is_file or is_missing else text
 
 

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -9,10 +10,17 @@ from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from meshfit.config.experiment import NO_EFFECT_ON_RESULTS, ExperimentSettings, SourceSettings, TargetSettings
+from meshfit.config.experiment import (
+    KEYS_WITH_FILES,
+    NO_EFFECT_ON_RESULTS,
+    ExperimentSettings,
+    SourceSettings,
+    TargetSettings,
+)
 from meshfit.config.loading import Experiment
 from meshfit.config.sweeps import Variant, variants_of
-from meshfit.errors import ConfigError, Faults
+from meshfit.errors import ConfigError, Faults, MeshfitWarning
+from meshfit.experiment.guidance import guidance_of, landmarks_path, read_landmarks
 from meshfit.experiment.source import build_source, source_files, stand_in
 from meshfit.experiment.truth import truth_path, vertex_counts
 from meshfit.fitting.external.tools import TOOLS
@@ -31,8 +39,7 @@ RESULTS_VERSION = 3
 It is the `schema_version` of a `result.json`, and part of each trial's identity.
 """
 
-_KEYS_WITH_FILES = ("creases", "alpha")
-_KEYS_OMITTED_IF_NULL = (*_KEYS_WITH_FILES, "wanted_verts", "wrap")
+_KEYS_OMITTED_IF_NULL = (*KEYS_WITH_FILES, "wanted_verts", "wrap")
 
 
 @dataclass(frozen=True)
@@ -79,9 +86,12 @@ class Trial:
         """The meshes and tables of the user that it reads, by role; files of a command stay where they are."""
         source = self.settings.source
         names = {"target": self.target, "source": source.mesh}
-        for role, options in (("creases", source.creases), ("alpha", source.alpha)):
+        for role in KEYS_WITH_FILES:
+            options = getattr(source, role)
             if options is not None and options.file is not None:
                 names[role] = options.file
+        if self.target_landmarks is not None:
+            names["target-landmarks"] = self.target_landmarks
         if self.truth is not None:
             names["truth"] = self.truth
         return {role: names[role] for role, _ in self.inputs if role in names and names[role] not in NAMED_TARGETS}
@@ -90,6 +100,11 @@ class Trial:
     def truth(self) -> str | None:
         """The file with the places where the vertices of the source belong, as the config names it."""
         return truth_path(self.settings, target_label(self.target), self.scheme)
+
+    @property
+    def target_landmarks(self) -> str | None:
+        """The file of the places on the target, as the config names it."""
+        return landmarks_path(self.settings, target_label(self.target))
 
     def current_path(self, name: str) -> str:
         """The current path of a file that the settings name."""
@@ -184,7 +199,9 @@ def _trials_of(experiment: str, variant: Variant) -> Iterator[Trial]:
             narrowed = {"targets": (target,), "schemes": (scheme.spec,), "seeds": (seed,), "define": dict(scheme.own)}
             truth = truth_path(settings, target_label(target), scheme.spec)
             known = () if truth is None else (("truth", file_sha256(Path(truth))),)
-            yield Trial(experiment, settings.model_copy(update=narrowed), (*inputs, *known), variant.name)
+            places = landmarks_path(settings, target_label(target))
+            of_target = () if places is None else (("target-landmarks", file_sha256(Path(places))),)
+            yield Trial(experiment, settings.model_copy(update=narrowed), (*inputs, *known, *of_target), variant.name)
 
 
 def _check_inputs(
@@ -205,6 +222,11 @@ def _check_inputs(
             checked = checked_target(target, settings.cleaning)
             _check_kind(target, checked, settings)
             targets[target] = checked.sha256
+    faults.raise_any()
+    for target in settings.targets:
+        with faults.collected():
+            places = landmarks_path(settings, target_label(target))
+            _check_guidance(settings.source, schemes, places)
     faults.raise_any()
     if settings.target.truth is not None:
         _check_vertices_stay(settings)
@@ -243,6 +265,19 @@ def _check_truth(settings: ExperimentSettings, target: str, scheme: NamedScheme)
     path = truth_path(settings, target, scheme.spec)
     assert path is not None  # noqa: S101  the settings have one
     vertex_counts(settings.source, scheme, settings.fit).truth(path, path)
+
+
+@cache
+def _check_guidance(source: SourceSettings, schemes: tuple[NamedScheme, ...], target_landmarks: str | None) -> None:
+    """Read the landmarks and the values of vertices.
+
+    Raises:
+        MeshfitError: they cannot be read, or do not go with the source.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MeshfitWarning)  # a trial gives them
+        read_landmarks(source, target_landmarks)
+        guidance_of(source.model_copy(update={"levels": 0, "wanted_verts": None}), schemes[0].resolve())
 
 
 class CheckedTarget(NamedTuple):
@@ -326,7 +361,7 @@ def _check_device(settings: ExperimentSettings) -> None:
 
 def _without_paths(settings: dict[str, Any]) -> dict[str, Any]:
     source = settings["source"] | {"mesh": target_label(settings["source"]["mesh"])}
-    for key in _KEYS_WITH_FILES:
+    for key in KEYS_WITH_FILES:
         if source.get(key) and source[key]["file"]:
             source[key] = source[key] | {"file": Path(source[key]["file"]).stem}
     if settings["fit"].get("command"):
@@ -334,4 +369,6 @@ def _without_paths(settings: dict[str, Any]) -> dict[str, Any]:
         settings = settings | {"fit": settings["fit"] | {"command": names}}
     if settings.get("target", {}).get("truth"):
         settings = settings | {"target": settings["target"] | {"truth": Path(settings["target"]["truth"]).stem}}
+    if settings.get("target", {}).get("landmarks"):
+        settings = settings | {"target": settings["target"] | {"landmarks": Path(settings["target"]["landmarks"]).stem}}
     return settings | {"targets": [target_label(name) for name in settings["targets"]], "source": source}

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from meshfit.config.experiment import MADE_FROM_TARGET, MAX_LEVELS, SourceSettings
+from meshfit.config.experiment import KEYS_WITH_FILES, MADE_FROM_TARGET, MAX_LEVELS, SourceSettings
 from meshfit.errors import ConfigError, MeshError, MeshfitError
 from meshfit.mesh.cleaning import VertexMap
 from meshfit.mesh.cleaning_options import CleaningOptions, Surface
@@ -88,19 +88,16 @@ def source_files(settings: SourceSettings) -> dict[str, str]:
     Raises:
         ConfigError: the control mesh is neither built in, nor a target, nor a file.
     """
-    creases, alpha = settings.creases, settings.alpha
-    names = {
-        "source": settings.mesh if _control_mesh_path(settings.mesh) is not None else None,
-        "creases": creases.file if creases is not None else None,
-        "alpha": alpha.file if alpha is not None else None,
-    }
+    names = {"source": settings.mesh if _control_mesh_path(settings.mesh) is not None else None}
+    names |= {key: getattr(getattr(settings, key), "file", None) for key in KEYS_WITH_FILES}
     return {role: name for role, name in names.items() if name is not None}
 
 
 def relocated(settings: SourceSettings, where: Callable[[str], str]) -> SourceSettings:
     """Return the settings with each file replaced by its current path."""
     changes: dict[str, object] = {"mesh": where(settings.mesh)}
-    for key, files in (("creases", settings.creases), ("alpha", settings.alpha)):
+    for key in KEYS_WITH_FILES:
+        files = getattr(settings, key)
         if files is not None and files.file is not None:
             changes[key] = files.model_copy(update={"file": where(files.file)})
     return settings.model_copy(update=changes)
@@ -120,7 +117,7 @@ def made_from_target(
     wanted = settings.wanted_verts or _USUAL_VERTS
     verts = max(4, round(wanted / 4**settings.levels)) if settings.decimate is None else None
     wrap = None if settings.wrap is None else Wrap(settings.wrap.alpha, settings.wrap.offset)
-    with _error_prefix("source.mesh"):
+    with error_prefix("source.mesh"):
         return control_mesh_of(target, origin, verts=verts, faces=settings.decimate, wrap=wrap, surface=surface)
 
 
@@ -134,7 +131,7 @@ def stand_in(settings: SourceSettings) -> SourceSettings:
         return settings
     for key, options in (("creases", settings.creases), ("alpha", settings.alpha)):
         if options is not None and (key == "alpha" or options.file is not None):
-            with _error_prefix(f"source.{key}"):
+            with error_prefix(f"source.{key}"):
                 _undecimated(settings, None)
     return settings.model_copy(update={"mesh": "icosahedron", "wrap": None, "decimate": None})
 
@@ -180,12 +177,32 @@ def _control_mesh(
         made = made_from_target(settings, target, surface)
         assert made is not None  # noqa: S101  as it is made from the target
         return PolygonMesh.of(made.mesh) if polygons else made.mesh, None
+    mesh, vertex_map = own_control_mesh(settings, polygons=polygons)
+    return mesh.with_verts(_placed(mesh.verts, settings)), vertex_map
+
+
+def own_control_mesh(settings: SourceSettings, *, polygons: bool) -> tuple[AnyMesh, VertexMap | None]:
+    """Load and decimate a control mesh that is not made from a target, in the coordinates of its file.
+
+    Returns:
+        The mesh, and the vertices of it that those of its file became; None if it was decimated.
+    """
+    mesh: AnyMesh
+    vertex_map: VertexMap | None
     mesh, vertex_map = _load(settings.mesh, settings.cleaning, polygons=polygons)
     triangles = mesh.triangulated() if isinstance(mesh, PolygonMesh) else mesh
     if settings.decimate is not None and settings.decimate < triangles.num_faces:
         triangles = _decimated(triangles, settings.decimate)
         mesh, vertex_map = PolygonMesh.of(triangles) if polygons else triangles, None
-    return mesh.with_verts(_placed(mesh.verts, settings)), vertex_map
+    return mesh, vertex_map
+
+
+def levels_of(settings: SourceSettings, mesh: AnyMesh, scheme: Scheme) -> int:
+    """Return the number of levels by which a control mesh is refined."""
+    if settings.wanted_verts is None:
+        return settings.levels
+    topology = Topology.of(mesh) if isinstance(mesh, Mesh) else PolygonTopology.of(mesh)
+    return len(_nearest_in_size(topology, scheme, settings.wanted_verts, None).operators)
 
 
 def _decimated(mesh: Mesh, num_faces: int) -> Mesh:
@@ -224,7 +241,7 @@ def _control_mesh_path(name: str) -> Path | None:
     if name in NAMED_TARGETS or is_regular_file(name):
         return target_path(name)
     if name == STREAM or looks_like_path(name) or os.path.lexists(name):
-        with _error_prefix("source.mesh"):
+        with error_prefix("source.mesh"):
             return target_path(name)
     allowed = [*MADE_FROM_TARGET, _SPHERE, *SOLIDS, "icosphere", *NAMED_TARGETS]
     raise ConfigError(f"source.mesh: '{name}': {suggest(name, allowed)}, or the path of a mesh file")
@@ -280,7 +297,7 @@ def _creases(
     if options is None:
         return None
     sharpness = inf if options.sharpness is None else options.sharpness
-    with _error_prefix("source.creases"):
+    with error_prefix("source.creases"):
         require_takes_creases(scheme, name)
         assert isinstance(mesh, Mesh)  # noqa: S101  schemes that take creases are on triangles
         if options.angle is not None:
@@ -293,9 +310,9 @@ def _with_alphas(settings: SourceSettings, scheme: Scheme, name: str, vertex_map
     options = settings.alpha
     if options is None:
         return scheme
-    with _error_prefix(f"source.alpha: {name}"):
+    with error_prefix(f"source.alpha: {name}"):
         scheme = scheme.with_alpha(0.0)  # refuses schemes without an alpha before any file is read
-    with _error_prefix("source.alpha"):
+    with error_prefix("source.alpha"):
         verts = _undecimated(settings, vertex_map)
         if options.file is not None:
             return scheme.with_alpha(read_vertex_values(options.file, verts, (0.0, 1.0)))
@@ -307,7 +324,7 @@ def _with_alphas(settings: SourceSettings, scheme: Scheme, name: str, vertex_map
 
 
 @contextmanager
-def _error_prefix(key: str) -> Iterator[None]:
+def error_prefix(key: str) -> Iterator[None]:
     """Prefix errors with the key at fault."""
     try:
         yield

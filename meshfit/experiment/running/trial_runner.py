@@ -3,7 +3,7 @@
 import platform
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache
@@ -12,9 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from meshfit.config.experiment import TargetSettings
+from meshfit.config.experiment import SourceSettings, TargetSettings
 from meshfit.config.strict_yaml import dump
 from meshfit.errors import MeshError, MeshfitWarning
+from meshfit.experiment.guidance import guidance_of, read_landmarks
 from meshfit.experiment.plan import Trial, command_files
 from meshfit.experiment.source import (
     build_source,
@@ -55,6 +56,7 @@ from meshfit.fitting.callbacks import Step
 from meshfit.fitting.external.tools import ToolError, ToolRun, works_from_target
 from meshfit.fitting.loop import FitResult
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem, Trace
+from meshfit.fitting.registration.guidance import Guidance
 from meshfit.fitting.settings import ExternalSettings, FirstOrderSettings, FitSettings, GaussNewtonSettings
 from meshfit.measuring.correspondence import Correspondence
 from meshfit.measuring.measure import Measurement, measure
@@ -69,6 +71,7 @@ from meshfit.mesh.manifold import describe_topology
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.nearest import nearest_point_query
 from meshfit.mesh.normalisation import Frame, Normalisation, frame_of
+from meshfit.mesh.offset import lifted
 from meshfit.mesh.outer_surface import outer_surface
 from meshfit.mesh.point_cloud import PointCloud, seen_cloud
 from meshfit.mesh.polygons import PolygonMesh
@@ -76,6 +79,7 @@ from meshfit.mesh.proximity import point_distances
 from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.targets import file_sha256, load_target, target_path
 from meshfit.mesh.topology import Topology
+from meshfit.subdivision.registry import Scheme
 from meshfit.units import count_text
 
 # A source whose box has this many times the diagonal of the target's is reported; so is a result whose distance is that
@@ -127,6 +131,7 @@ class TrialRunner:
             for role, path in command_files(settings.fit).items():
                 _check_unchanged(path, inputs.get(role))
             self._truth = self._read_truth(inputs.get("truth"))
+            guidance = self._guidance(source_settings, scheme, target, inputs)
             built = build_source(source_settings, scheme, target=self._target, surface=settings.target.surface)
             made = made_from_target(source_settings, self._target, settings.target.surface)
             self._source_record = describe_source(source_settings, self._target, settings.target.surface)
@@ -162,6 +167,7 @@ class TrialRunner:
             save=self._save_checkpoint,
             polygons=polygons,
             own=is_own_mesh(source_settings),
+            guidance=guidance,
         )
 
     def finish(self, fitted: FitResult) -> None:
@@ -184,14 +190,16 @@ class TrialRunner:
         filled = self._source if self.trial.settings.source.mesh == "closed" else None
         with self.warnings_recorded():
             measured = self._measured(fitted)
-            if filled is None:  # what fills holes is far from the target
+            offset = getattr(self.trial.settings.fit, "offset", 0.0)
+            if filled is None and not offset:  # what fills holes is far from the target
                 _warn_if_farther(self._source, fitted.mesh, self._target, self.trial.settings.fit)
             self._write_correspondence(fitted)
         short = list(fitted.shortfalls)
         far = FAR_ON_AVERAGE if isinstance(self.trial.settings.fit, FirstOrderSettings) else FAR
         settings = self.trial.settings
         surface: Surface = "outer" if "outer" in (settings.target.surface, settings.measure.surface) else "all"
-        short += shortfalls(fitted.mesh, self._target, far, surface=surface, filled=filled)
+        wanted = lifted(self._target, offset) if offset else self._target
+        short += shortfalls(fitted.mesh, wanted, far, surface=surface, filled=filled)
         for text in short:
             self.warn(text)
         seconds["measure"] = time.perf_counter() - start
@@ -236,6 +244,18 @@ class TrialRunner:
         found = Correspondence.of(fitted.mesh, self._target).restored(self._frame)
         numbered = found.numbered_as(*file_numbers(self.trial.current_path(self.trial.target)))
         self.store.write(self.trial, CORRESPONDENCE, numbered.to_csv())
+
+    def _guidance(
+        self, source: SourceSettings, scheme: Scheme, target: "_Target", inputs: Mapping[str, str]
+    ) -> Guidance | None:
+        """Read what is known of the source."""
+        trial, places = self.trial, self.trial.target_landmarks
+        if places is not None:
+            places = trial.current_path(places)
+            _check_unchanged(places, inputs.get("target-landmarks"))
+        landmarks = read_landmarks(source, places)
+        name = trial.current_path(trial.target)
+        return guidance_of(source, scheme, landmarks, (name, target.frame.restore(target.mesh), target.frame))
 
     def _read_truth(self, sha256: str | None) -> Truth | None:
         """Read where vertices of the result belong, in the normalised frame."""

@@ -168,7 +168,7 @@ class Registration:
         if (task.guidance.used_landmarks is not None or task.guidance.fixed is not None) and task.prior == "rigid":
             self._place(poses[0])
             return
-        if task.prior == "rigid" or task.choice == "auto":
+        if len(poses) > 1 and (task.prior == "rigid" or task.choice == "auto"):
             gap, pose = self._best_rigid(poses)
             if gap < _POSE_IS_ENOUGH:
                 self._place(pose)
