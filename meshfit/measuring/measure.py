@@ -35,7 +35,7 @@ from meshfit.mesh.outer_surface import outer_surface
 from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.proximity import nearest_on_surface
 from meshfit.optional import import_pandas
-from meshfit.printable import value_text
+from meshfit.printable import described, value_text
 from meshfit.settings import override
 from meshfit.units import count_text, html_table
 
@@ -231,6 +231,10 @@ def measure(  # noqa: PLR0913  the settings, by name
     changes = {key: value for key, value in (given | {"seed": seed}).items() if value is not None} | unknown
     if settings is not None and not isinstance(settings, MeasureSettings):
         raise ConfigError(f"settings: expected MeasureSettings, got {value_text(settings)}")
+    if landmarks is not None and not isinstance(landmarks, PlacedLandmarks):
+        raise ConfigError(f"landmarks: expected those of a FitResult, got {described(landmarks)}")
+    if scaled is not None and not isinstance(scaled, bool):
+        raise ConfigError(f"scaled: expected true or false, got {value_text(scaled)}")
     settings = override(settings or MeasureSettings(f_score_tau=TAU_OF_FILES), changes)
     whole, goal = as_triangles(result, "result"), as_target(target)
     require_surface(whole, "result")
@@ -241,6 +245,8 @@ def measure(  # noqa: PLR0913  the settings, by name
     if places is not None:
         parts |= {"vertex_error": vertex_error(whole, places, bounding_box_diagonal(goal.verts))}
     if landmarks is not None:
+        if landmarks.corners.size and int(landmarks.corners.max()) >= whole.num_verts:
+            raise MeasureError(f"landmarks: on other vertices than the {whole.num_verts:,} of the result")
         parts |= {"landmark_error": landmark_error(whole, landmarks)}
     if start is not None:
         parts |= {"stretch": stretch(start, whole, scaled=scaled), "new_defects": new_defects(start, whole)}
