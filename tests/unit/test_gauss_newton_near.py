@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 import torch
 
+from meshfit.errors import MeshfitWarning
+from meshfit.fitting.fit import fit
 from meshfit.fitting.gauss_newton import engine as gauss_newton
 from meshfit.fitting.gauss_newton.closeness import Closeness, hidden_share, is_near
 from meshfit.fitting.gauss_newton.engine import GaussNewton
@@ -18,6 +20,7 @@ from meshfit.mesh.meshlab import decimate
 from meshfit.mesh.pieces import crossing_faces, manifold_pieces
 from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.solids import cube, icosahedron
+from meshfit.mesh.targets import load_target
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.refine import subdivide
 from tests.loops import over
@@ -118,6 +121,15 @@ def test_a_fit_that_would_end_worse_returns_the_surface_of_its_source_and_says_s
     assert "farther from the target than its source" in text
     before, after = (Closeness.of(mesh, goal) for mesh in (source, fit.mesh(0)))
     assert not after.is_worse_than(before)
+
+
+def test_a_fit_from_a_very_coarse_source_ends_no_farther_than_it_began():
+    """It is no near one, by its edges."""
+    target = load_target("airplane")
+    source = decimate(target, 50)
+    with pytest.warns(MeshfitWarning, match="so the result is the surface of the source"):
+        result = fit(source, target, method="gauss-newton", connectivity="fixed", levels=0)
+    assert not Closeness.of(result.mesh, target).is_worse_than(Closeness.of(source, target))
 
 
 def test_pieces_that_cross_in_the_target_are_fitted_although_they_cross():

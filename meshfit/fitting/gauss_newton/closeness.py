@@ -33,7 +33,7 @@ _SAMPLES = 20_000
 _HIDDEN_SAMPLES, _OFF = 5000, 0.002
 # A surface has lost its shape if its root mean square distance is so many times as large, and its largest one more than
 # this share of the diagonal.
-_LOST, _LOST_DIAGONAL = 5.0, 0.02
+_LOST, _LOST_DIAGONAL = 1.2, 0.02
 # A fit ends worse than it began if its root mean square distance is larger, and more than this share of the diagonal;
 # or if its largest one is so many times as large, and more than that share.
 _WORSE_RMS, _FAR_RMS = 1.02, 1e-4

@@ -46,6 +46,8 @@ _ENOUGH, _WORTHWHILE = 0.992, 0.75
 _OF_TARGET = 4 / 13
 # Share of unsound faces above which a surface that cannot be remeshed gets few steps, which are slow and mend nothing.
 _UNSOUND = 0.02
+# A fit that ends at less than this share of its first distance from the target has not lost by it.
+_MUCH_NEARER = 0.5
 # Share of outliers from which on they are reported.
 _MANY_OUTLIERS = 0.01
 # From this share on, a search for the rough shape ends once its fairness is lowest; and a level ends at a step before
@@ -270,12 +272,15 @@ class GaussNewton(Engine):
         return state
 
     def _not_worse(self, member: int, state: FitState) -> FitState:
-        """Return the state at the end, or the source's own surface where a fit from a near source has lost by it."""
+        """Return the state at the end, or the source's own surface where a fit has lost by it."""
         problem = self.problems[member]
-        near, _ = self._near[member]
+        near, began = self._near[member]
+        better = not near and (
+            self.settings.register != "off" or self._restarts[member].distance < _MUCH_NEARER * began
+        )
         # With fewer vertices than the source, a result may well be farther.
         fewer = self.settings.connectivity == "remeshed" and problem.source.num_verts > self.settings.verts
-        if not near or fewer or self.settings.offset or not bool(state.verts.isfinite().all()):
+        if better or fewer or self.settings.offset or not bool(state.verts.isfinite().all()):
             return state
         if isinstance(problem.target, PointCloud) or self._targets[member].noise:
             return state  # a smooth surface is farther from noise than one that follows it
