@@ -24,8 +24,10 @@ from meshfit.fitting.registration.target_points import target_points
 from meshfit.fitting.settings import GaussNewtonSettings
 from meshfit.mesh.landmarks import PlacedLandmarks
 from meshfit.mesh.mesh import Mesh, Verts
+from meshfit.mesh.pieces import crossing_faces
 from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.polygons import PolygonMesh
+from meshfit.units import count_text
 
 # The scale is to be found if the spreads of source and target have a ratio beyond this.
 _SAME_SIZE = 1.5
@@ -177,7 +179,22 @@ class RegistrationEngine(GaussNewton):
         return replace(state, reference=state.verts)
 
     def _ended(self, member: int, state: FitState) -> FitState:
-        return super()._ended(member, state) if self._is_off(member) else state
+        if self._is_off(member):
+            return super()._ended(member, state)
+        if self.settings.levels:
+            self._shortfalls[member] += self._crossing_by_levels(member, state)
+        return state
+
+    def _crossing_by_levels(self, member: int, state: FitState) -> list[str]:
+        """Return in words how many faces cross others that do not in the source, refined as well."""
+        rest = self._start(self.problems[member], near=True)
+        for _ in range(self.settings.levels):
+            rest = refine_state(rest, self.problems[member].scheme, untangle=False)
+        before, after = (
+            crossing_faces(each.shape.connectivity.mesh(each.shape.verts.double()))[0] for each in (rest, state)
+        )
+        count = int((after & ~before).sum())
+        return [f"crossing others, but not in the refined source: {count_text(count, 'face')}"] if count else []
 
     def _task(self, problem: Problem, target: OrientedPoints) -> RegistrationTask:
         assert self.settings.prior is not None  # noqa: S101  another engine has those
