@@ -271,7 +271,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     polygons = None if outcome.polygons is None else restored.mesh(outcome.polygons)
     control = None if outcome.control is None else restored.mesh(outcome.control)
     mesh = restored.mesh(outcome.mesh)
-    for text in outcome.shortfalls:
+    for text in (*outcome.notes, *outcome.shortfalls):
         warnings.warn(text, MeshfitWarning, stacklevel=2)
     found = outcome.landmarks
     if found is not None and normalise != "none":

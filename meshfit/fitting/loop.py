@@ -88,6 +88,10 @@ class Engine(ABC):
         """Return how the source was registered, once it has ended; None where registration is off."""
         return None
 
+    def notes(self, _member: int) -> Sequence[str]:
+        """Return what the fit did beyond its schedule, in words, once it has ended."""
+        return ()
+
     def control(self, _member: int) -> Mesh | PolygonMesh | None:
         """Return the current control mesh, if one is solved for."""
         return None
@@ -164,6 +168,7 @@ class FitResult:
         frame: the frame of all lengths in the trace; that of no change for a result of `fit_batch`.
         target: the target, in its own coordinates as the meshes above; None for a result of `fit_batch`.
         shortfalls: what the fit did not reach, in words; empty for most.
+        notes: what the fit did beyond its schedule, in words; empty for most.
         tool: the run of the external tool that made the mesh, if one did; there is no trace then.
         registered: how the source was registered; None where `register` is off.
         landmarks: the landmarks of the source on `mesh`, with their goals in the same coordinates, held out ones too;
@@ -186,6 +191,7 @@ class FitResult:
     frame: Frame = IDENTITY
     target: Mesh | PointCloud | None = None
     shortfalls: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     tool: ToolRun | None = None
     registered: Registered | None = None
     landmarks: PlacedLandmarks | None = None
@@ -278,6 +284,7 @@ def _result(engine: Engine, member: int) -> FitResult:
         polygons,
         shortfalls=shortfalls,
         tool=engine.tool(member),
+        notes=tuple(engine.notes(member)),
         registered=engine.registered(member),
         landmarks=engine.landmarks(member, mesh),
         pose_scale=engine.pose_scale(member),

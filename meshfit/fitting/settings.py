@@ -129,7 +129,8 @@ class GaussNewtonSettings(Settings):
     """Number of steps (0 or more) of each search for the rough shape."""
     tries: Annotated[int, Field(ge=1, le=10)] = 3
     """Largest number of searches (1 to 10) for the rough shape; each restarts from the source, with more vertices, and
-    only while parts of the surface stay off the target. A source that is near to the target needs none."""
+    only while parts of the surface stay off the target. A source that is near to the target needs none. Above 1, a fit
+    that ends with parts joined which the target has apart is followed by a second one; the nearer is the result."""
     level_steps: Annotated[int, Field(ge=1)] = 8
     """Number of steps (1 or more) at each level."""
     last_steps: Annotated[int, Field(ge=0)] = 5

@@ -1,20 +1,27 @@
-"""Membranes: their detection, their tension, and their removal in a fit."""
+"""Membranes: their detection, their tension, and their removal in a fit, or in a second one."""
 
 import numpy as np
 import pytest
 import torch
 
 import meshfit
+from meshfit.errors import MeshfitWarning
 from meshfit.fitting.gauss_newton import fairness, target
 from meshfit.fitting.gauss_newton.correspondences import find_correspondences
 from meshfit.fitting.gauss_newton.fairness import in_membranes, membrane_share, membrane_tension
+from meshfit.fitting.gauss_newton.second_fit import bridge_of, second_problem
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
+from meshfit.fitting.problem import Problem
+from meshfit.fitting.settings import GaussNewtonSettings
+from meshfit.mesh.manifold import TopologyCounts
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.solids import cube, icosahedron
+from meshfit.mesh.topology import Topology
 from meshfit.subdivision.refine import subdivide
 from tests.fits import fit
-from tests.shapes import table
+from tests.shapes import table, torus
 
 LEGS = 0.5
 
@@ -99,10 +106,10 @@ def test_only_long_edges_of_membranes_are_under_tension():
     torch.testing.assert_close(softer.weights, found.weights / 4)
 
 
-def fitted_from_a_ball():
+def fitted_from_a_ball(tries=1):
     ball = subdivide(icosahedron(), "midpoint", 3)
     ball = Mesh(0.3 * ball.verts / np.linalg.norm(ball.verts, axis=1, keepdims=True), ball.faces)
-    settings = {"verts": 1200, "levels": 0, "coarse_steps": 40, "tries": 1, "level_steps": 8, "last_steps": 0}
+    settings = {"verts": 1200, "levels": 0, "coarse_steps": 40, "tries": tries, "level_steps": 8, "last_steps": 0}
     goal = table()
     result = fit(ball, goal, method="gauss-newton", device="cpu", scheme="loop", **settings).mesh
     return meshfit.measure(result, goal, samples=5000, points=1000)
@@ -113,3 +120,33 @@ def test_membranes_between_legs_vanish_with_tension_and_stay_without(monkeypatch
     assert fitted_from_a_ball().hausdorff.symmetric < 0.08
     monkeypatch.setattr(fairness, "_TENSION", 0.0)
     assert fitted_from_a_ball().hausdorff.forward > 0.2
+
+
+def test_only_a_bridge_that_another_fit_may_do_without_counts():
+    ball = subdivide(icosahedron(), "loop", 3)
+    fin = ball.with_verts(np.concatenate([1.5 * ball.verts[:1], ball.verts[1:]]))
+    found = bridge_of(fin, Problem(ball, ball), 0.99)
+    assert found is not None
+    assert found.distance == pytest.approx(0.5 * np.linalg.norm(ball.verts[0]))
+    assert bridge_of(fin, Problem(ball, ball), 1.0) is None
+    assert bridge_of(ball, Problem(ball, ball), 0.99) is None
+    assert bridge_of(fin, Problem(torus(), ball), 0.99) is None
+    assert bridge_of(fin, Problem(ball, PointCloud(ball.verts)), 0.99) is None
+
+
+def test_a_second_fit_starts_from_the_target_where_faces_are_free_and_from_the_source_where_they_stay():
+    problem = Problem(subdivide(icosahedron(), "loop", 1), table(), seed=3)
+    again, settings, _ = second_problem(problem, GaussNewtonSettings(verts=400, levels=1))
+    assert TopologyCounts.of(Topology.of(again.source)) == TopologyCounts.of(Topology.of(table()))
+    assert again.source.num_verts <= 100
+    assert settings.verts == 400
+    again, settings, _ = second_problem(problem, GaussNewtonSettings(connectivity="fixed"))
+    assert again.source is problem.source
+    assert settings.verts == 20_484
+
+
+@pytest.mark.slow
+def test_membranes_that_stay_are_gone_in_a_second_fit(monkeypatch):
+    monkeypatch.setattr(fairness, "_TENSION", 0.0)
+    with pytest.warns(MeshfitWarning, match="this is a second one, from the target's own surface"):
+        assert fitted_from_a_ball(tries=2).hausdorff.symmetric < 0.08

@@ -200,7 +200,7 @@ class TrialRunner:
         surface: Surface = "outer" if "outer" in (settings.target.surface, settings.measure.surface) else "all"
         wanted = lifted(self._target, offset) if offset else self._target
         short += shortfalls(fitted.mesh, wanted, far, surface=surface, filled=filled)
-        for text in short:
+        for text in (*fitted.notes, *short):
             self.warn(text)
         seconds["measure"] = time.perf_counter() - start
         source = self._source_record | {"area": float(face_areas(self._source).sum())}

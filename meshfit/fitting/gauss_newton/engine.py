@@ -16,6 +16,7 @@ from meshfit.fitting.gauss_newton.correspondences import Correspondences
 from meshfit.fitting.gauss_newton.fit_state import FitState
 from meshfit.fitting.gauss_newton.refinement import control_mesh, linearly_refined, refine_state, with_control_mesh
 from meshfit.fitting.gauss_newton.schedule import Stage, rough_verts, schedule
+from meshfit.fitting.gauss_newton.second_fit import bridge_of, is_better, second_problem
 from meshfit.fitting.gauss_newton.sphere_map import initial_sphere_map
 from meshfit.fitting.gauss_newton.step_limiting import faults_of, unsound_faces
 from meshfit.fitting.gauss_newton.support import with_support
@@ -132,6 +133,7 @@ class GaussNewton(Engine):
 
     settings: GaussNewtonSettings
     columns = COLUMNS
+    is_second = False
 
     def __init__(
         self,
@@ -165,6 +167,7 @@ class GaussNewton(Engine):
             for (near, distance), state in zip(self._near, self._states, strict=True)
         ]
         self._shortfalls = [outliers_left_out(target) for target in self._targets]
+        self._notes: list[list[str]] = [[] for _ in problems]
         self._made = [0] * len(problems)
 
     def progress(self, member: int) -> tuple[int, int]:
@@ -245,6 +248,10 @@ class GaussNewton(Engine):
         """Return what the fit did not reach, in words."""
         return self._shortfalls[member]
 
+    def notes(self, member: int) -> list[str]:
+        """Return what the fit did beyond its schedule, in words."""
+        return self._notes[member]
+
     def _faults(self, state: FitState) -> list[str]:
         """Return what is not as wanted of the surface itself, in words."""
         count, wanted = len(state.verts), self.settings.verts
@@ -265,11 +272,49 @@ class GaussNewton(Engine):
         """Return the state to end with."""
         # Steps make no sound face unsound; those left were so when they were put in place.
         state = self._not_worse(member, state.untangled())
+        second = self._second(member, state)
+        if second is not None:
+            return second
         self._shortfalls[member] += self._faults(state)
         if self._restarts[member].hopeless:
             text = "cut short: the source crosses itself, and has too many pieces or handles to be remeshed"
             self._shortfalls[member].append(f"{text}; raise fit.verts, or start from a sphere")
         return state
+
+    def _second(self, member: int, state: FitState) -> FitState | None:
+        """Fit again where the result bridges parts of the target; return the second result if it is much nearer."""
+        settings, problem = self.settings, self.problems[member]
+        near, _ = self._near[member]
+        if (
+            near
+            or self.is_second
+            or settings.tries == 1
+            or self._restarts[member].hopeless
+            or not bool(state.verts.isfinite().all())
+        ):
+            return None
+        first = _mesh_at(state)
+        bridge = bridge_of(first, problem, self._restarts[member].matched)
+        if bridge is None:
+            return None
+        again, changed, start = second_problem(problem, settings)
+        engine = GaussNewton([again], changed, self.device, self.dtype)
+        engine.is_second = True
+        while engine.done < engine.steps and not engine.failed:
+            engine.step()
+        text = f"the first fit ended {100 * bridge.share:.1f} % of the target's diagonal off it at one place; "
+        if engine.failed or not is_better(engine.mesh(0), first, problem.target):
+            self._notes[member].append(f"{text}a second one, from {start}, was no better")
+            return None
+        self._notes[member].append(f"{text}this is a second one, from {start}")
+        self._add_trace(member, engine)
+        self._shortfalls[member] += engine.shortfalls(0)
+        return engine._states[0]
+
+    def _add_trace(self, member: int, second: "GaussNewton") -> None:
+        trace, other = self.traces[member], second.traces[0]
+        trace.rows += [(self.done + int(step), *values) for step, *values in other.rows]
+        trace.seconds += [self.seconds(member)] * len(other.rows)
 
     def _not_worse(self, member: int, state: FitState) -> FitState:
         """Return the state at the end, or the source's own surface where a fit has lost by it."""
