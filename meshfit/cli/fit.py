@@ -135,14 +135,15 @@ def fit(
         ),
     ] = "auto",
     register: Annotated[
-        Literal["auto", "rigid", "near-rigid", "off"] | None,
+        Literal["auto", "rigid", "near-rigid", "soft", "off"] | None,
         typer.Option(
             "--register",
             help="Register --source, a template each of whose vertices has a meaning: rigid finds its pose, near-rigid "
-            "also bends it, so that ears go to ears; auto chooses, and says what; off fits it from where it is. All "
-            "but off keep its faces.",
+            "also bends it, so that ears go to ears, and soft lets its parts grow and shrink, too, as from animal to "
+            "animal; auto chooses between the first two, and says what; off fits it from where it is. All but off keep "
+            "its faces.",
             show_default="auto for a file with --connectivity fixed, else off",
-            metavar="auto|rigid|near-rigid|off",
+            metavar="auto|rigid|near-rigid|soft|off",
             rich_help_panel=_FIT,
         ),
     ] = None,

@@ -30,7 +30,7 @@ class FitOptions:
     levels: int | None
     connectivity: Literal["remeshed", "fixed"]
     source: str
-    register: Literal["auto", "rigid", "near-rigid", "off"] | None
+    register: Literal["auto", "rigid", "near-rigid", "soft", "off"] | None
     surface: Literal["all", "outer"]
     seed: int
     device: str | None

@@ -32,7 +32,7 @@ def run(
     its own; trials that are complete in another experiment of the run directory are copied from there.
 
     Bundled configs: quickstart (under 2 minutes), table1, reproduce, tutorial, schemes, accurate, accurate-sphere,
-    accurate-fixed, and peers, which compares with other tools.
+    accurate-fixed, metamorphosis, and peers, which compares with other tools.
 
     Examples:
         meshfit run quickstart

@@ -125,7 +125,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     noise: Literal["auto"] | float | None = None,
     robust: Literal["auto", "off"] | None = None,
     direction: Literal["both", "to-target", "to-source"] | None = None,
-    register: Literal["off", "auto", "rigid", "near-rigid"] | None = None,
+    register: Literal["off", "auto", "rigid", "near-rigid", "soft"] | None = None,
     offset: float | None = None,
     landmarks: "Landmarks | str | Path | None" = None,
     weights: "ArrayLike | None" = None,
@@ -193,8 +193,8 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         noise: gauss-newton: standard deviation of the target's points across its surface, or `auto`.
         robust: gauss-newton: `auto` gives up outliers of clouds and of meshes with noise, `off` follows every point.
         direction: gauss-newton: pairs that pull: `both`, only those from the surface `to-target`, or only `to-source`.
-        register: gauss-newton: registration of a source whose vertices have a meaning: `rigid`, `near-rigid`, or `auto`
-            to have it chosen; see `FitResult.registered`.
+        register: gauss-newton: registration of a source whose vertices have a meaning: `rigid`, `near-rigid`,
+            `soft`, or `auto` to have it chosen; see `FitResult.registered`.
         offset: gauss-newton: distance of the result from the target along its normals, outside it if above 0.
         landmarks: for `register`, three or more places on the source and where they belong on the target, or the path
             of a file of such pairs; `load_landmarks` joins two files, `Landmarks.of` takes arrays. Some may be wrong.
@@ -389,7 +389,7 @@ def _landmarks(
     if isinstance(source, str) and source in (*ORIGINS, "sphere"):
         raise ConfigError(f"landmarks: the source '{source}' has no places of its own; give a mesh")
     if any(given.used) and not (isinstance(settings, GaussNewtonSettings) and settings.prior is not None):
-        raise ConfigError("landmarks: only a fit with register='rigid' or 'near-rigid' uses them")
+        raise ConfigError("landmarks: only a fit with register='rigid', 'near-rigid' or 'soft' uses them")
     goals = given.goal_positions(target_mesh, _numbering(target, target_mesh))
     mesh = as_mesh(source, "source", triangles=True)
     placed_landmarks = given.placed(mesh, _numbering(source, mesh), goals)

@@ -58,5 +58,5 @@ class FitKeys(TypedDict, total=False):
     noise: Literal["auto"] | float | None
     robust: Literal["auto", "off"] | None
     direction: Literal["both", "to-target", "to-source"] | None
-    register: Literal["off", "auto", "rigid", "near-rigid"] | None
+    register: Literal["off", "auto", "rigid", "near-rigid", "soft"] | None
     offset: float | None

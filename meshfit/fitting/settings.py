@@ -155,6 +155,7 @@ class GaussNewtonSettings(Settings):
     register: Register = "off"
     """Registration of the source, each of whose vertices has a meaning: `rigid` finds its pose, `near-rigid` also bends
     it, so that vertices go where they belong; requires `connectivity: fixed`. Where sizes differ, so does its scale.
+    `soft` also lets parts grow and shrink, for another shape of the same kind, such as animal to animal.
     `auto` registers meshes from files: `rigid` if a pose is enough, `near-rigid` if not, and `off` if none serves."""
     offset: float = 0.0
     """Distance of the result from the target along its normals: above 0 outside it, as skin is over bone, below 0

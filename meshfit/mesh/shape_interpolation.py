@@ -26,7 +26,7 @@ from meshfit.mesh.topology import Indices, Topology
 from meshfit.printable import described
 from meshfit.units import count_text
 
-Vectors = Float64[np.ndarray, "N 3"]
+Vectors = Float64[np.ndarray, "_ 3"]
 
 # Rotations by less than this angle have no axis.
 _SMALL = 1e-6
@@ -185,7 +185,7 @@ class ShapeInterpolation:
     @cached_property
     def _rotations(self) -> tuple[Float64[np.ndarray, "3"], Vectors]:
         topology = Topology.of(self.first)
-        pairs = topology.face_of(topology.face_pairs)
+        pairs = topology.face_of(topology.face_pairs.ravel()).reshape(-1, 2)
         whole = Rotation.from_matrix(nearest_rotations(_scaled(self._moments.sum(axis=0)[None]))[0])
         rotations = Rotation.from_matrix(nearest_rotations(_scaled(self._moments)))
         turns = (whole.inv() * rotations).as_rotvec()
@@ -257,7 +257,7 @@ def _edges_of(mesh: Mesh) -> Vectors:
     return np.asarray(np.roll(mesh.verts[mesh.faces], -1, axis=1) - mesh.verts[mesh.faces]).reshape(-1, 3)
 
 
-def _turned(vectors: Float64[np.ndarray, "*N 3"], points: Vectors) -> Vectors:
+def _turned(vectors: Float64[np.ndarray, "... 3"], points: Vectors) -> Vectors:
     """Return points turned by rotation vectors: one for each, or one for all."""
     return np.asarray(Rotation.from_rotvec(vectors).apply(points)) if len(points) else points
 

@@ -56,6 +56,23 @@ def test_a_graph_at_rest_moves_nothing_and_follows_a_rigid_motion_exactly(animal
     assert np.allclose(placed.stiffness()[1], 0, atol=1e-9)
 
 
+def test_a_soft_graph_follows_a_similarity_exactly_and_keeps_derivatives(animal):
+    graph = DeformationGraph.of(Template(animal), 40)
+    moved = 1.7 * animal.verts @ TURN.T + [1, 2, 3]
+    stiff, soft = (graph.fitted_to(moved, similar=similar) for similar in (False, True))
+    assert np.allclose(soft.rescaled().rotations, 1.7 * TURN, atol=1e-7)
+    assert np.allclose(soft.rotations, 1.7 * TURN, atol=1e-7)
+    assert np.allclose(soft.positions(), moved, atol=1e-7)
+    assert np.allclose(soft.stiffness()[1], 0, atol=1e-7)
+    assert np.abs(stiff.stiffness()[1]).max() > 0.1
+    generator = np.random.default_rng(0)
+    rows, step = np.arange(0, animal.num_verts, 50), 1e-6 * generator.normal(size=(graph.num_nodes, 6))
+    roots = generator.normal(size=(len(rows), 3, 3))
+    after, before = soft.moved(step, 1.0), soft.moved(-step, 1.0)
+    change = np.einsum("nij,nj->ni", roots, (after.positions() - before.positions())[rows] / 2)
+    assert np.allclose(soft.jacobian(rows, roots) @ step.ravel(), change.ravel(), atol=1e-11)
+
+
 def test_derivatives_of_a_graph_are_those_of_finite_differences():
     mesh = torus(12, 8)
     generator = np.random.default_rng(0)

@@ -24,6 +24,8 @@ _NODES_PER_VERT, _REACH = 6, 2.0
 _SEARCH = 1.3 * _REACH
 # Nodes beyond the wanted number, so that each piece of the mesh has one.
 _MORE_NODES = 200
+# Smallest and largest scale at a node.
+_SCALES = (0.2, 5.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,14 +105,23 @@ class DeformationGraph:
         """Return the graph of the same mesh at rest in another pose and size."""
         return replace(self, rest=verts, nodes=verts[self.node_verts])
 
-    def fitted_to(self, verts: Verts) -> "DeformationGraph":
-        """Return the graph with the rotations and translations that bring its vertices nearest to `verts`."""
+    def fitted_to(self, verts: Verts, *, similar: bool = False) -> "DeformationGraph":
+        """Return the graph with the rotations and translations that bring its vertices nearest to `verts`.
+
+        Args:
+            verts: (V, 3) positions.
+            similar: with a scale at each node, as a factor of the rotation.
+        """
         gather = _matrix(self.node_of, self.weights, self.num_nodes).T.tocsr()
         total = gather.sum(axis=1)[:, None]
         centre, goal = gather @ self.rest / total, gather @ verts / total
         products = (self.rest[:, :, None] * verts[:, None, :]).reshape(-1, 9)
         moments = (gather @ products).reshape(-1, 3, 3) - total[:, :, None] * centre[:, :, None] * goal[:, None, :]
         rotations = nearest_rotations(moments)
+        if similar:
+            spread = gather @ (self.rest**2).sum(axis=1) - total[:, 0] * (centre**2).sum(axis=1)
+            scales = np.einsum("nij,nji->n", rotations, moments) / np.maximum(spread, 1e-300)
+            rotations = np.clip(scales, *_SCALES)[:, None, None] * rotations
         translations = goal - self.nodes - np.einsum("nij,nj->ni", rotations, centre - self.nodes)
         return self.placed(rotations, translations)
 
@@ -126,6 +137,20 @@ class DeformationGraph:
         turns = turns * np.minimum(1.0, largest_turn / np.maximum(angles, 1e-12))
         rotations = rotation_matrices(turns) @ self.rotations
         return self.placed(rotations, self.translations + step[:, 3:])
+
+    def rescaled(self) -> "DeformationGraph":
+        """Return the graph with the local scale at each node that its edges have, as a factor of the rotation.
+
+        The stiffness then is that of similarities: a part may grow or shrink, if those around it do so gradually.
+        """
+        units = self.rotations / np.cbrt(np.linalg.det(self.rotations))[:, None, None]
+        arms = self.nodes[self.head] - self.nodes[self.tail]
+        moved = (self.nodes + self.translations)[self.head] - (self.nodes + self.translations)[self.tail]
+        along = (np.einsum("eij,ej->ei", units[self.tail], arms) * moved).sum(axis=1)
+        squares = (arms**2).sum(axis=1)
+        total, spread = (np.bincount(self.tail, self.shares * each, self.num_nodes) for each in (along, squares))
+        scales = np.divide(total, spread, out=np.ones(self.num_nodes), where=spread > 0)
+        return self.placed(np.clip(scales, *_SCALES)[:, None, None] * units, self.translations)
 
     def placed(self, rotations: Rotations, translations: Float64[np.ndarray, "N 3"]) -> "DeformationGraph":
         """Return the graph with these rotations and translations of its nodes."""

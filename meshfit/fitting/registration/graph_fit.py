@@ -42,6 +42,7 @@ class GraphFit:
         landmarks: points whose places are known.
         weights: (V,) confidence in the data at each vertex; None for the same everywhere.
         fixed: vertices that are held where they are in the template.
+        soft: whether parts may grow and shrink.
     """
 
     template: Template
@@ -52,6 +53,7 @@ class GraphFit:
     landmarks: PlacedLandmarks | None = None
     weights: Float64[np.ndarray, " V"] | None = None
     fixed: Int64[np.ndarray, " F"] | None = None
+    soft: bool = False
 
     def step(
         self,
@@ -102,7 +104,8 @@ class GraphFit:
             more_square, more_right = self._hold_of_fixed(self.fixed, graph)
             square, right = square + more_square, right + more_right
         square = csc_array(square + _DAMPING * eye_array(square.shape[0]))
-        return graph.moved(_solved(square, right).reshape(-1, 6), _LARGEST_TURN), pairs
+        moved = graph.moved(_solved(square, right).reshape(-1, 6), _LARGEST_TURN)
+        return moved.rescaled() if self.soft else moved, pairs
 
     def _points(self, graph: DeformationGraph, rows: Int64[np.ndarray, " M"]) -> OrientedPoints:
         """Return some vertices, which are those of the graph, where it moves them, with their normals there."""

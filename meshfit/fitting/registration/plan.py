@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
-Prior = Literal["rigid", "near-rigid"]
-Register = Literal["off", "auto", "rigid", "near-rigid"]
+Prior = Literal["rigid", "near-rigid", "soft"]
+Register = Literal["off", "auto", "rigid", "near-rigid", "soft"]
 Kind = Literal["pose", "graph", "unfold", "vertices"]
 Range = tuple[float, float]
 

@@ -47,7 +47,7 @@ class RegistrationTask:
     Attributes:
         source: the template.
         target: points of the target.
-        prior: `rigid`: only its pose changes; `near-rigid`: it bends.
+        prior: `rigid`: only its pose changes; `near-rigid`: it bends; `soft`: its parts also grow and shrink.
         direction: of the pairs.
         similarity: whether its size is to be found, too.
         guidance: landmarks, weights, and parts that stay or are rigid.
@@ -64,6 +64,11 @@ class RegistrationTask:
     guidance: Guidance = NO_GUIDANCE
     seed: int = 0
     choice: Register | None = None
+
+    @property
+    def soft(self) -> bool:
+        """Whether parts may grow and shrink."""
+        return self.prior == "soft"
 
     @property
     def diagonal(self) -> float:
@@ -262,7 +267,9 @@ class Registration:
     def _step_graph(self, planned: PlannedStep) -> None:
         level = LEVELS[planned.level]
         if self._level != planned.level or self._graph is None:
-            self._graph = DeformationGraph.of(self.template, level.nodes).fitted_to(self.held.applied(self.verts))
+            self._graph = DeformationGraph.of(self.template, level.nodes).fitted_to(
+                self.held.applied(self.verts), similar=self.task.soft
+            )
             self._level = planned.level
         if not isinstance(self._fit, GraphFit):
             self._fit = self._graph_fit(self.template)
@@ -282,6 +289,7 @@ class Registration:
             known.used_landmarks,
             known.weights,
             fixed,
+            task.soft,
         )
 
     def _graph_step(
