@@ -185,7 +185,7 @@ def test_numbers_are_those_of_the_file_and_positions_are_taken_to_the_surface():
         (
             Landmark("1", Place(vertex=5), Place(vertex=1)),
             Landmark("2", Place(face=30, weights=weights), Place(face=30, weights=weights)),
-            Landmark("3", Place(position=tuple(1.02 * ball.verts[40])), Place(position=(1, 0, 0))),
+            Landmark("3", Place(position=tuple((1.02 * ball.verts[40]).tolist())), Place(position=(1.0, 0.0, 0.0))),
         )
     )
     goals = landmarks.goal_positions(ball, numbering)
