@@ -6,6 +6,7 @@ import torch
 
 from meshfit.errors import MeshfitWarning
 from meshfit.fitting.fit import fit
+from meshfit.fitting.gauss_newton import closeness
 from meshfit.fitting.gauss_newton import engine as gauss_newton
 from meshfit.fitting.gauss_newton.closeness import Closeness, hidden_share, is_near
 from meshfit.fitting.gauss_newton.engine import GaussNewton
@@ -123,13 +124,35 @@ def test_a_fit_that_would_end_worse_returns_the_surface_of_its_source_and_says_s
     assert not after.is_worse_than(before)
 
 
-def test_a_fit_from_a_very_coarse_source_ends_no_farther_than_it_began():
-    """It is no near one, by its edges."""
+@pytest.mark.parametrize("faces", [50, 100])
+def test_a_fit_from_a_very_coarse_source_ends_no_farther_than_it_began(faces):
+    """One of 50 faces is no near one, by its edges; one of 100 has needles, none of which cross."""
     target = load_target("airplane")
-    source = decimate(target, 50)
+    source = decimate(target, faces)
     with pytest.warns(MeshfitWarning, match="so the result is the surface of the source"):
-        result = fit(source, target, method="gauss-newton", connectivity="fixed", levels=0)
+        result = fit(source, target, method="gauss-newton", connectivity="fixed", levels=0, coarse_steps=10)
     assert not Closeness.of(result.mesh, target).is_worse_than(Closeness.of(source, target))
+
+
+def test_a_larger_distance_somewhere_is_the_price_of_a_much_better_fit_only():
+    """The largest distance grows by a fifth, from 1 % of the diagonal."""
+    before = Closeness(0.004, 0.01, 1.0)
+    much_better, hardly_better = Closeness(0.002, 0.012, 1.0), Closeness(0.0039, 0.012, 1.0)
+    assert not much_better.is_worse_than(before)
+    assert much_better.has_grown(before)
+    assert much_better.growth_text(before) == "the largest distance grew from 1 % to 1.2 % of the diagonal"
+    assert hardly_better.is_worse_than(before)
+    assert not Closeness(0.0039, 0.0105, 1.0).is_worse_than(before)
+    assert not Closeness(0.0039, 0.006, 1.0).has_grown(Closeness(0.004, 0.005, 1.0))
+
+
+def test_a_fit_whose_largest_distance_grew_says_so(monkeypatch):
+    goal = torus(24, 16)
+    source = decimate(goal, 200)
+    monkeypatch.setattr(closeness, "_GROWN_DIAGONAL", 0.0)
+    monkeypatch.setattr(closeness, "_GROWN", 0.0)
+    (text,) = to_the_end(engine(source, goal)).shortfalls(0)
+    assert "the largest distance grew from" in text
 
 
 def test_pieces_that_cross_in_the_target_are_fitted_although_they_cross():

@@ -31,13 +31,16 @@ _LEAST_MATCHED = 0.4
 _SAMPLES = 20_000
 # Samples of the target that are tested for whether they are hidden, and their distance from it in diagonals.
 _HIDDEN_SAMPLES, _OFF = 5000, 0.002
-# A surface has lost its shape if its root mean square distance is so many times as large, and its largest one more than
-# this share of the diagonal.
-_LOST, _LOST_DIAGONAL = 1.2, 0.02
+# A surface has lost its shape if its root mean square distance, or its largest one, is so many times as large, and the
+# largest one more than this share of the diagonal.
+_LOST, _LOST_MAX, _LOST_DIAGONAL = 1.2, 2.0, 0.02
 # A fit ends worse than it began if its root mean square distance is larger, and more than this share of the diagonal;
 # or if its largest one is so many times as large, and more than that share.
 _WORSE_RMS, _FAR_RMS = 1.02, 1e-4
 _WORSE_MAX, _FAR_DIAGONAL = 1.5, 0.005
+# Its largest distance has grown if it is so many times as large, and more than this share of the diagonal. That is the
+# price of a better surface only where the root mean square distance fell below this share.
+_GROWN, _GROWN_DIAGONAL, _MUCH_BETTER = 1.1, 0.01, 0.7
 
 
 @dataclass(frozen=True)
@@ -64,11 +67,22 @@ class Closeness:
     def is_worse_than(self, other: "Closeness") -> bool:
         """Return whether a fit that ends so has lost what it began with."""
         farther = self.worst > max(_WORSE_MAX * other.worst, _FAR_DIAGONAL * self.diagonal)
-        return self.rms > max(_WORSE_RMS * other.rms, _FAR_RMS * self.diagonal) or farther
+        no_gain = self.has_grown(other) and self.rms > _MUCH_BETTER * other.rms
+        return self.rms > max(_WORSE_RMS * other.rms, _FAR_RMS * self.diagonal) or farther or no_gain
+
+    def has_grown(self, other: "Closeness") -> bool:
+        """Return whether the largest distance is larger than that of the beginning."""
+        return self.worst > max(_GROWN * other.worst, _GROWN_DIAGONAL * self.diagonal)
 
     def has_lost(self, other: "Closeness") -> bool:
         """Return whether a fit that ends so has lost the shape that it began with."""
-        return self.rms > _LOST * other.rms and self.worst > _LOST_DIAGONAL * self.diagonal
+        lost = self.rms > _LOST * other.rms or self.worst > _LOST_MAX * other.worst
+        return lost and self.worst > _LOST_DIAGONAL * self.diagonal
+
+    def growth_text(self, other: "Closeness") -> str:
+        """Return in words how much the largest distance has grown."""
+        before, after = (100 * each.worst / each.diagonal for each in (other, self))
+        return f"the largest distance grew from {before:.2g} % to {after:.2g} % of the diagonal"
 
 
 @lru_cache(maxsize=8)

@@ -18,7 +18,7 @@ from meshfit.fitting.gauss_newton.refinement import control_mesh, linearly_refin
 from meshfit.fitting.gauss_newton.schedule import Stage, rough_verts, schedule
 from meshfit.fitting.gauss_newton.second_fit import bridge_of, is_better, second_problem
 from meshfit.fitting.gauss_newton.sphere_map import initial_sphere_map
-from meshfit.fitting.gauss_newton.step_limiting import faults_of, unsound_faces
+from meshfit.fitting.gauss_newton.step_limiting import faults_of, num_crossing, unsound_faces
 from meshfit.fitting.gauss_newton.support import with_support
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
@@ -334,13 +334,13 @@ class GaussNewton(Engine):
         before = Closeness.of(problem.source, problem.target)
         after = Closeness.of(_mesh_at(state), problem.target)
         if not after.is_worse_than(before):
+            if after.has_grown(before):
+                self._shortfalls[member].append(f"{after.growth_text(before)}, although the mean distance fell")
             return state
         kept = self._source_surface(problem)
         words = "the fit ended farther from the target than its source was"
         less_sound = (
-            kept is not None
-            and not after.has_lost(before)
-            and int(unsound_faces(kept.shape).sum()) > int(unsound_faces(state.shape).sum())
+            kept is not None and not after.has_lost(before) and num_crossing(kept.shape) > num_crossing(state.shape)
         )
         if kept is None or less_sound or Closeness.of(_mesh_at(kept), problem.target).is_worse_than(before):
             self._shortfalls[member].append(words)

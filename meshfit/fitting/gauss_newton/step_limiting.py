@@ -37,11 +37,16 @@ def unsound_faces(shape: Shape, among: Bool[Tensor, " F"] | None = None) -> Bool
     return bad | intersecting_faces(connectivity.apart(shape.verts), connectivity.faces, among=among)
 
 
+def num_crossing(shape: Shape) -> int:
+    """Return how many faces cross others; those of other pieces count unless they may cross."""
+    connectivity = shape.connectivity
+    return int(intersecting_faces(connectivity.apart(shape.verts.double()), connectivity.faces).sum())
+
+
 def faults_of(shape: Shape) -> list[str]:
     """Return in words how many faces cross others or have a tiny angle; other pieces count unless they may cross."""
-    connectivity, verts = shape.connectivity, shape.verts.double()
-    _, sines = normal_and_sine(*corners_of(verts, connectivity.faces))
-    crossing = int(intersecting_faces(connectivity.apart(verts), connectivity.faces).sum())
+    _, sines = normal_and_sine(*corners_of(shape.verts.double(), shape.connectivity.faces))
+    crossing = num_crossing(shape)
     needles = int((sines < math.sin(math.radians(_LEAST_ANGLE))).sum())
     texts = [f"self-intersecting: {count_text(crossing, 'face')}"] if crossing else []
     return texts + ([f"thin faces: {count_text(needles, 'face')} with an angle below 1 degree"] if needles else [])
