@@ -272,6 +272,8 @@ class GaussNewton(Engine):
         """Return the state to end with."""
         # Steps make no sound face unsound; those left were so when they were put in place.
         state = self._not_worse(member, state.untangled())
+        if self._may_change_faces(state):
+            state = state.without_thin_faces()
         second = self._second(member, state)
         if second is not None:
             return second
@@ -280,6 +282,11 @@ class GaussNewton(Engine):
             text = "cut short: the source crosses itself, and has too many pieces or handles to be remeshed"
             self._shortfalls[member].append(f"{text}; raise fit.verts, or start from a sphere")
         return state
+
+    def _may_change_faces(self, state: FitState) -> bool:
+        """Return whether the faces at the end need not be those of the source or of the scheme."""
+        free = self.settings.connectivity == "remeshed" and state.controlled is None and state.polygons is None
+        return free and bool(state.verts.isfinite().all())
 
     def _second(self, member: int, state: FitState) -> FitState | None:
         """Fit again where the result bridges parts of the target; return the second result if it is much nearer."""

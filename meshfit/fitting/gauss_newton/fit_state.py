@@ -21,6 +21,7 @@ from meshfit.mesh.topology import PolygonTopology
 from meshfit.remeshing.decimate import decimate
 from meshfit.remeshing.remesh import remesh_state
 from meshfit.remeshing.state import RemeshState
+from meshfit.remeshing.thin_faces import without_thin_faces
 
 _REMESH_ROUNDS = 3
 # Lengths fall with curvature to this power where a connectivity is placed; the sphere map follows in part only.
@@ -175,6 +176,16 @@ class FitState:
         if self.controlled is not None:
             return self
         return replace(self, verts=untangle(self.pattern.connectivity, self.verts)[0])
+
+    def without_thin_faces(self) -> "FitState":
+        """Return the state without the angles below 1 degree that can be removed; only where faces may change."""
+        connectivity = self.pattern.connectivity
+        piece = connectivity.pieces[1] if self.crossing else None
+        verts, faces = without_thin_faces(self.verts, connectivity.faces, piece)
+        if faces is connectivity.faces:
+            return self
+        state = FitState.of(verts, faces, crossing=self.crossing)
+        return state if self.rest is None else replace(state, rest=self._rest_at(verts))
 
     def is_as_sound_as(self, other: "FitState") -> bool:
         """Return whether the surface has no more unsound faces than another, which counts only if it has any."""
