@@ -1,10 +1,11 @@
 """The metamorphosis between mouse and bunny: errors of landmarks, and the pictures of docs/guide/metamorphosis.md.
 
-python -m tests.benchmarks.metamorphosis RUNS FOLDER    # 2 minutes
+python -m tests.benchmarks.metamorphosis RUNS FOLDER    # after the runs on that page
 
-RUNS is a run directory in which `meshfit run metamorphosis` is complete. Landmarks were placed by hand.
+RUNS has the run directories of both.
 """
 
+import csv
 import sys
 from pathlib import Path
 
@@ -15,18 +16,26 @@ from meshfit.mesh.geometry import bounding_box_diagonal
 from meshfit.report.figures.shape_animation import NamedShape, aligned, shapes_of_trial, steps_between, write_row
 from meshfit.report.figures.trial_meshes import read_trial_meshes
 
-# Vertices of the named targets: the tips of the right and the left ear, and the nose.
-LANDMARKS = {"mousehead": [137, 5557, 2868], "bunny": [22257, 8082, 1433]}
+_LANDMARKS = Path(__file__).parents[2] / "data" / "landmarks" / "mousehead-bunny.csv"
 _VIEW = "-35,15"
 
 
+def landmark_verts() -> dict[str, list[int]]:
+    """Return the vertices of the landmarks on the named targets."""
+    with _LANDMARKS.open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    sides = {"mousehead": "source_vertex", "bunny": "target_vertex"}
+    return {name: [int(row[column]) for row in rows] for name, column in sides.items()}
+
+
 def errors_by_a_sphere(runs: Path) -> tuple[list[NamedShape], np.ndarray]:
-    """Return the results of the config, and how far the bunny's landmarks are from the mouse's, as shares."""
-    folders = {name: next((runs / "metamorphosis" / name / "loop").glob("seed-0-*")) for name in LANDMARKS}
+    """Return the results from a sphere, and how far the bunny's landmarks are from the mouse's, as shares."""
+    verts_of = landmark_verts()
+    folders = {name: next((runs / "accurate-fixed-loop" / name / "loop").glob("seed-0-*")) for name in verts_of}
     shapes = {name: shapes_of_trial(folder)[1] for name, folder in folders.items()}
     places = {
         name: read_trial_meshes(folders[name]).frame.normalise(meshfit.load_target(name)).verts[verts]
-        for name, verts in LANDMARKS.items()
+        for name, verts in verts_of.items()
     }
     away = np.linalg.norm(shapes["bunny"].mesh.verts[:, None] - places["bunny"], axis=2)
     mouse = shapes["mousehead"].mesh.verts
@@ -34,22 +43,21 @@ def errors_by_a_sphere(runs: Path) -> tuple[list[NamedShape], np.ndarray]:
     return [shapes["bunny"], shapes["mousehead"]], errors / bounding_box_diagonal(mouse)
 
 
-def errors_by_registration() -> tuple[list[NamedShape], np.ndarray]:
+def errors_by_registration(runs: Path) -> tuple[list[NamedShape], np.ndarray]:
     """Return the mouse, the bunny registered from it, and the errors of the landmarks given, as shares."""
-    mouse, bunny = meshfit.load_target("mousehead"), meshfit.load_target("bunny")
-    goals = bunny.verts[LANDMARKS["bunny"]]
-    landmarks = meshfit.Landmarks.of(LANDMARKS["mousehead"], goals)
-    settings = meshfit.GaussNewtonSettings(connectivity="fixed", levels=0, register="soft")
-    result = meshfit.fit(mouse, bunny, settings, landmarks=landmarks).mesh
-    errors = np.linalg.norm(result.verts[LANDMARKS["mousehead"]] - goals, axis=1)
-    return [NamedShape("mouse", mouse), NamedShape("bunny", result)], errors / bounding_box_diagonal(bunny.verts)
+    verts_of = landmark_verts()
+    folder = next((runs / "metamorphosis" / "bunny" / "loop").glob("seed-0-*"))
+    mouse, result = shapes_of_trial(folder)
+    bunny = read_trial_meshes(folder).frame.normalise(meshfit.load_target("bunny")).verts
+    errors = np.linalg.norm(result.mesh.verts[verts_of["mousehead"]] - bunny[verts_of["bunny"]], axis=1)
+    return [NamedShape("mouse", mouse.mesh), NamedShape("bunny", result.mesh)], errors / bounding_box_diagonal(bunny)
 
 
 def main(runs: Path, folder: Path) -> None:
     """Print the errors, and draw the rows."""
     for name, (shapes, errors) in (
         ("metamorphosis-sphere", errors_by_a_sphere(runs)),
-        ("metamorphosis", errors_by_registration()),
+        ("metamorphosis", errors_by_registration(runs)),
     ):
         sys.stdout.write(f"{name}: landmarks off by {', '.join(f'{error:.3f}' for error in errors)} of the diagonal\n")
         steps = list(steps_between(aligned(shapes) if name == "metamorphosis" else shapes, 4))

@@ -199,9 +199,9 @@ class RegistrationEngine(GaussNewton):
     def _task(self, problem: Problem, target: OrientedPoints) -> RegistrationTask:
         assert self.settings.prior is not None  # noqa: S101  another engine has those
         spreads = [float(np.linalg.norm(points.std(axis=0))) for points in (problem.source.verts, target.points)]
-        similarity = not 1 / _SAME_SIZE < spreads[0] / spreads[1] < _SAME_SIZE
-        guidance = problem.guidance or NO_GUIDANCE
         prior, direction = self.settings.prior, self.settings.direction
+        similarity = prior == "soft" or not 1 / _SAME_SIZE < spreads[0] / spreads[1] < _SAME_SIZE
+        guidance = problem.guidance or NO_GUIDANCE
         choice: Register = self.settings.register
         if self._is_unregistered(problem):
             choice = "off"

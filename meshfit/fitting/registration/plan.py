@@ -1,6 +1,6 @@
 """The steps of a registration, and the settings of each. Importing it does not import torch."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 Prior = Literal["rigid", "near-rigid", "soft"]
@@ -40,6 +40,9 @@ LEVELS = (
     Level(500, 10, 20_000, 3000, (0.03, 0.012), (0.05, 0.02), (0.05, 0.02), 0.05),
 )
 """From coarse to fine; found on pairs of figures and animals with known correspondence."""
+
+# Nodes that have scales of their own are tied more firmly, or thin parts crumple.
+_SOFT_LEVELS = (LEVELS[0], replace(LEVELS[1], stiffness=(0.5, 0.1)), replace(LEVELS[2], stiffness=(0.1, 0.05)))
 
 VERTEX_STEPS = 8
 """Number of steps of all vertices."""
@@ -90,6 +93,11 @@ class PlannedStep:
     level: int = 0
     number: int = 0
     cost: float = 1.0
+
+
+def levels_of(prior: Prior) -> tuple[Level, ...]:
+    """Return the levels of a registration, from coarse to fine; their numbers of steps are those of `LEVELS`."""
+    return _SOFT_LEVELS if prior == "soft" else LEVELS
 
 
 def planned_steps(prior: Prior) -> list[PlannedStep]:

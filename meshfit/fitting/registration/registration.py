@@ -14,7 +14,7 @@ from meshfit.fitting.registration.guidance import NO_GUIDANCE, Guidance, HeldPar
 from meshfit.fitting.registration.landmarks import pose_of_landmarks
 from meshfit.fitting.registration.oriented_points import OrientedPoints
 from meshfit.fitting.registration.pairs import Matching, Pairs, find_pairs
-from meshfit.fitting.registration.plan import AS_SET, LEVELS, Level, PlannedStep, Prior, Register, Registered
+from meshfit.fitting.registration.plan import AS_SET, LEVELS, Level, PlannedStep, Prior, Register, Registered, levels_of
 from meshfit.fitting.registration.poses import Pose, candidate_poses, nearest_pose, polished
 from meshfit.fitting.registration.template import Template
 from meshfit.fitting.registration.unfolding import Unfolding
@@ -265,7 +265,7 @@ class Registration:
         return candidate_poses(at_rest, task.target, similarity=task.similarity, most=_POSES, seed=task.seed)
 
     def _step_graph(self, planned: PlannedStep) -> None:
-        level = LEVELS[planned.level]
+        level = levels_of(self.task.prior)[planned.level]
         if self._level != planned.level or self._graph is None:
             self._graph = DeformationGraph.of(self.template, level.nodes).fitted_to(
                 self.held.applied(self.verts), similar=self.task.soft

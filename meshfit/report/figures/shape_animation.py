@@ -53,7 +53,7 @@ class ShapeStep:
         """Where it is on the way."""
         if self.share in (0, 1):
             return self.after if self.share else self.before
-        return f"{self.before} → {self.after}  ·  {self.share:.0%}"
+        return f"{self.before} to {self.after}  ·  {self.share:.0%}"
 
 
 def shape_of_file(path: Path) -> NamedShape:
