@@ -1,6 +1,7 @@
 """Progress of one fit on stderr: a bar on a terminal, a plain line now and then elsewhere."""
 
-from collections.abc import Iterator, Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -34,7 +35,7 @@ def show_fit(trial: "Trial", *, quiet: bool) -> Iterator["Watcher"]:
     if quiet:
         yield lambda *_: None
         return
-    fit = _Fit(trial)
+    fit = FitProgress(trial)
     if not err.is_terminal or err.is_dumb_terminal:
         lines = Lines()
 
@@ -60,15 +61,16 @@ def show_fit(trial: "Trial", *, quiet: bool) -> Iterator["Watcher"]:
         yield move_bar
 
 
-class _Fit:
+class FitProgress:
     """The state of a fit in words; its steps, and measuring after them, are weighed by their cost."""
 
-    def __init__(self, trial: "Trial") -> None:
+    def __init__(self, trial: "Trial", clock: Callable[[], float] = time.monotonic) -> None:
         settings, scheme = trial.settings, trial.named_scheme.resolve()
         self._settings = settings.fit
         faces = checked_target(trial.target, settings.cleaning).faces
         self._after = measuring_cost(self._settings, faces) * settings.measure.samples / _SAMPLES
         source_verts = expected_verts(settings.source, scheme)
+        self._clock, self._preparing_since = clock, -1.0
         self._course = Course(self._settings, source_verts=source_verts, scheme=scheme, after=self._after)
 
     @property
@@ -77,8 +79,14 @@ class _Fit:
 
     def update(self, progress: "ProgressReader") -> str:
         status, step, course = progress[0].status, progress[0].step, self._course
+        if status is TrialStatus.PREPARING:
+            if self._preparing_since < 0:
+                self._preparing_since = self._clock()
+            return f"making the control mesh, {duration_text(self._clock() - self._preparing_since)}"
         if status is not TrialStatus.MEASURING and not step.done:
-            return "loading" if course.step is None else "writing"
+            if course.step is not None:
+                return "writing"
+            return "loading" if self._preparing_since < 0 else "starting the fit"
         if step.done and (course.step is None or course.step.done != step.done):
             course.update(step)
         left = course.seconds_left

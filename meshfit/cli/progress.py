@@ -178,7 +178,8 @@ class TrialBars:
         fitting = f"{step.done}/{steps} {_stage_and_loss(trial, step)}" if step.done else "loading"
         if isinstance(trial.settings.fit, ExternalSettings):
             fitting = f"running {escape(trial.settings.fit.name)}" if step.steps else "loading"
-        state = "measuring" if progress[i].status is TrialStatus.MEASURING else fitting
+        others = {TrialStatus.MEASURING: "measuring", TrialStatus.PREPARING: "making the control mesh"}
+        state = others.get(progress[i].status, fitting)
         self._bars.update(self._tasks[i], completed=step.done, total=steps, state=state)
 
 

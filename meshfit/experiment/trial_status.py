@@ -13,6 +13,8 @@ class TrialStatus(StrEnum):
     WAITING = "waiting"
     RUNNING = "running"
     """Fitting or measuring; a scan of the run directory does not distinguish the two."""
+    PREPARING = "preparing"
+    """Making the control mesh from the target."""
     FITTING = "fitting"
     MEASURING = "measuring"
     COMPLETE = "complete"
@@ -25,7 +27,7 @@ class TrialStatus(StrEnum):
     @property
     def is_running(self) -> bool:
         """Whether a process works on the trial."""
-        return self in (TrialStatus.RUNNING, TrialStatus.FITTING, TrialStatus.MEASURING)
+        return self in (TrialStatus.RUNNING, TrialStatus.PREPARING, TrialStatus.FITTING, TrialStatus.MEASURING)
 
 
 _NO_STEP = Step(0, 0, math.nan)

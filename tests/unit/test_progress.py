@@ -4,9 +4,12 @@ import re
 
 import pytest
 
+from meshfit.cli.fit_progress import FitProgress
 from meshfit.cli.progress import TrialLines, show_parts
 from meshfit.experiment.plan import plan
+from meshfit.experiment.running.batch_runner import run_batch
 from meshfit.experiment.running.shared_progress import SharedProgress
+from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
 from meshfit.fitting.callbacks import Step
 from tests.small import experiment
@@ -91,3 +94,25 @@ def test_parts_are_printed_at_a_rate_that_can_be_read_and_their_end_in_any_case(
     with show_parts(quiet=True) as show:
         show("drawing", 1, 1)
     assert capsys.readouterr().err == ""
+
+
+def test_a_control_mesh_that_takes_time_is_named_with_the_time(tmp_path):
+    """Its phase is that of a trial whose source is made from the target, and of no other."""
+    seen = {}
+    for mesh in ("octahedron", "target"):
+        source = {"mesh": mesh} if mesh == "octahedron" else {"mesh": mesh, "decimate": 100, "levels": 0}
+        (trial,) = plan([experiment(tmp_path, source=source, targets=[str(tmp_path / "ellipsoid.ply")])])
+        statuses = seen[mesh] = list[TrialStatus]()
+        run_batch([trial], RunDirectory(tmp_path / mesh), lambda _, progress, to=statuses: to.append(progress.status))
+    assert TrialStatus.PREPARING not in seen["octahedron"]
+    assert seen["target"][:3] == [TrialStatus.FITTING, TrialStatus.PREPARING, TrialStatus.FITTING]
+    assert all(status.is_running for status in seen["target"])
+
+    now = [0.0]
+    shown, progress = FitProgress(trial, lambda: now[0]), SharedProgress.of(1)
+    texts = []
+    for status, seconds in (("fitting", 1), ("preparing", 2), ("preparing", 9), ("fitting", 10)):
+        now[0] = seconds
+        progress[0] = Progress(TrialStatus(status))
+        texts.append(shown.update(progress))
+    assert texts == ["loading", "making the control mesh, 0 s", "making the control mesh, 7 s", "starting the fit"]

@@ -132,6 +132,8 @@ class TrialRunner:
                 _check_unchanged(path, inputs.get(role))
             self._truth = self._read_truth(inputs.get("truth"))
             guidance = self._guidance(source_settings, scheme, target, inputs)
+            if source_settings.is_made_from_target:
+                self._report(TrialStatus.PREPARING)
             built = build_source(source_settings, scheme, target=self._target, surface=settings.target.surface)
             made = made_from_target(source_settings, self._target, settings.target.surface)
             self._source_record = describe_source(source_settings, self._target, settings.target.surface)
@@ -146,6 +148,8 @@ class TrialRunner:
         for text in self._warnings:
             self._log.note(f"warning: {text}")
         self.store.write(self.trial, CONFIG, dump(self.trial.config))
+        if made is not None:
+            self._report(TrialStatus.FITTING)
         polygons = built.with_verts(self._source.verts) if isinstance(built, PolygonMesh) else None
         self._built = polygons or self._source
         checkpoint = self._checkpoint()
