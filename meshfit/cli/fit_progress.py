@@ -75,9 +75,11 @@ class FitProgress:
 
     @property
     def share(self) -> float:
+        """Share of the work that is done."""
         return self._course.share
 
     def update(self, progress: "ProgressReader") -> str:
+        """Return the present phase in words."""
         status, step, course = progress[0].status, progress[0].step, self._course
         if status is TrialStatus.PREPARING:
             if self._preparing_since < 0:
