@@ -269,7 +269,7 @@ def test_a_diverging_trial_is_recorded_with_step_term_and_last_good_mesh(tmp_pat
 def test_an_unforeseen_error_is_recorded_with_its_traceback(tmp_path, monkeypatch):
     trial, store, folder = prepared(tmp_path)
 
-    def broken(*_args):
+    def broken(*_args, **_options):
         raise RuntimeError("out of luck")
 
     monkeypatch.setattr(trial_runner, "measure", broken)
