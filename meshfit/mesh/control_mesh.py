@@ -33,10 +33,15 @@ ORIGINS: tuple[Origin, ...] = ("target", "closed", "wrap", "auto")
 USUAL_VERTS = 2562
 """Vertices of a control mesh where no number is set: a quarter of the usual result, less its rounding."""
 
-# A target is a soup, to be wrapped, if more than these shares of its faces cross others of their piece, or others at
-# all; or if more than this share of its area is in open pieces of fewer faces.
+# A target may be a soup, to be wrapped, if more than these shares of its faces cross others of their piece, or others
+# at all; or if more than this share of its area is in open pieces of fewer faces.
 _CROSSING_WITHIN, _CROSSING = 0.05, 0.25
 _CRUMBS, _FEWEST_FACES = 0.25, 12
+# It is one whatever the wrap is like if more than these shares of its faces cross within pieces, or of its area are in
+# such small pieces. Otherwise a wrap is not taken if its distance from the target is more than so many times that of
+# the target with few faces, and so many offsets: around gaps that it closes and crossings that it rounds.
+_HOPELESS_WITHIN, _HOPELESS_CRUMBS = 0.25, 0.5
+_MANY_TIMES, _MANY_OFFSETS = 5.0, 1.5
 # Crossings are counted on at most so many faces: those of the decimated target, if it has more.
 _COUNTED = 60_000
 # More than this many times as many faces as are counted, or wanted, are thinned before they are decimated.
@@ -125,8 +130,8 @@ def control_mesh_of(
     Args:
         target: faces of any kind, or a cloud of points.
         origin: `target` decimates the target itself; `closed` fills its holes before; `wrap` makes one closed surface
-            around it, which is decimated; `auto` takes the target unless it is a cloud, or a soup whose faces cross
-            each other.
+            around it, which is decimated; `auto` takes the target unless it is a cloud, or a soup of crumbs or of faces
+            that cross each other, around which a wrap lies close.
         verts: about the largest number of vertices; more where topology needs them.
         faces: number of faces instead; a target with fewer keeps its own.
         wrap: lengths of the wrap.
@@ -156,7 +161,14 @@ def _made(
             origin, reason = "wrap", f"one skin around an outer surface in {count} open pieces"
         else:
             few = _with_few_faces(pieces)
-            origin, reason = _choice(pieces, few)
+            origin, reason, is_certain = _choice(pieces, few)
+            if not is_certain:
+                own = _reduced(pieces, verts, faces, few)
+                skin, lengths = _wrapped(SameContent(target), wrap)
+                skin = _reduced(skin, verts, faces)
+                is_near, distances = _is_near(skin, lengths, own, pieces)
+                reason = f"{reason}; {distances}"
+                return ControlMesh(skin, "wrap", reason, lengths) if is_near else ControlMesh(own, "target", reason)
     if origin == "closed":
         filled = manifold_pieces(fill_holes(pieces))
         return ControlMesh(_reduced(filled, verts, faces), "target", "as set, with its holes filled")
@@ -181,26 +193,50 @@ def _with_few_faces(pieces: Mesh) -> Mesh:
     return pieces if pieces.num_faces <= _COUNTED else manifold_pieces(_decimated(pieces, _COUNTED))
 
 
-def _choice(pieces: Mesh, few: Mesh) -> tuple[Literal["target", "wrap"], str]:
-    """Choose between the target and a wrap, with the reason; crossings are counted on the target with few faces."""
+def _choice(pieces: Mesh, few: Mesh) -> tuple[Literal["target", "wrap"], str, bool]:
+    """Choose between the target and a wrap; crossings are counted on the target with few faces.
+
+    Returns:
+        The choice, the reason, and whether it is certain, or depends on how near the wrap is.
+    """
     if not pieces.num_faces:
-        return "wrap", "a cloud of points"
+        return "wrap", "a cloud of points", True
     count, piece = piece_of_face(pieces)
     small = (np.bincount(piece, minlength=count) < _FEWEST_FACES)[piece] & _is_open(pieces, count, piece)[piece]
     areas = face_areas(pieces)
     crumbs = float(areas[small].sum() / areas.sum())
     # A box or a card has few faces, and is no crumb.
     if crumbs > _CRUMBS and count > _FEWEST_FACES:
-        return "wrap", f"a soup: {crumbs:.0%} of the area is in open pieces of fewer than {_FEWEST_FACES} faces"
+        reason = f"{crumbs:.0%} of the area is in open pieces of fewer than {_FEWEST_FACES} faces"
+        return ("wrap", f"a soup: {reason}", True) if crumbs > _HOPELESS_CRUMBS else ("wrap", reason, False)
     crossing, within = (float(mask.mean()) for mask in crossing_faces(few))
     if within > _CROSSING_WITHIN:
-        return "wrap", f"a soup: {within:.1%} of the faces cross others of their own piece"
+        reason = f"{within:.1%} of the faces cross others of their own piece"
+        return ("wrap", f"a soup: {reason}", True) if within > _HOPELESS_WITHIN else ("wrap", reason, False)
     if crossing > _CROSSING and not Topology.of(pieces).is_watertight:  # closed ones may cross in a fit as well
-        return "wrap", f"a soup: {crossing:.0%} of the faces cross others"
+        return "wrap", f"{crossing:.0%} of the faces cross others", False
     if not crossing:
-        return "target", "sound: oriented manifold pieces without crossings"
+        return "target", "sound: oriented manifold pieces without crossings", True
     where = "within pieces" if within else "between pieces only"
-    return "target", f"sound: oriented manifold pieces; {crossing:.1%} of the faces cross, {where}"
+    return "target", f"sound: oriented manifold pieces; {crossing:.1%} of the faces cross, {where}", True
+
+
+def _is_near(wrap: Mesh, lengths: Wrap, own: Mesh, pieces: Mesh) -> tuple[bool, str]:
+    """Return whether a wrap lies about as close to a target as the target with few faces does, and the distances."""
+    from meshfit.mesh.proximity import point_distances  # brings libigl
+
+    def distance_of(mesh: Mesh) -> float:
+        points = sample_surface(mesh, _SAMPLES, np.random.default_rng(0)).points
+        return float(np.sqrt((point_distances(pieces, points) ** 2).mean()))
+
+    around, decimated = distance_of(wrap), distance_of(own)
+    assert lengths.offset is not None  # noqa: S101  chosen
+    is_near = around <= max(_MANY_TIMES * decimated, _MANY_OFFSETS * lengths.offset)
+    percent = 100 / bounding_box_diagonal(pieces.verts)
+    return is_near, (
+        f"a wrap is {around * percent:.3f} % of the diagonal off the target, which with few faces is "
+        f"{decimated * percent:.3f} % off"
+    )
 
 
 def _is_open(mesh: Mesh, count: int, piece: Indices) -> Mask:

@@ -4,6 +4,7 @@ The trees of libigl work in double precision, handle faces of any shape, and tak
 it is near the surface or a diagonal away.
 """
 
+import atexit
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
@@ -56,6 +57,8 @@ def nearest_on_surface(surface: Mesh, points: Points) -> NearestPoints:
 
 
 _trees = WeakKeyDictionary[Mesh, igl.AABB]()
+# Meshes in caches may outlive libigl, which reports their trees as leaks when a process ends.
+atexit.register(_trees.clear)
 
 
 def _tree(surface: Mesh) -> igl.AABB:

@@ -50,7 +50,7 @@ def thinned(mesh: Mesh, num_faces: int) -> Mesh:
     return Mesh(mesh.verts[used], (used.cumsum() - 1)[faces])
 
 
-def _with_fewer(verts: _Verts, faces: _Faces, refused: _Mask, most: int) -> _Faces:
+def _with_fewer(verts: _Verts, faces: _Faces, refused: _Mask, most: int) -> Int64[np.ndarray, "G 3"]:
     """Remove at most some vertices in one round, and mark those that cannot be removed.
 
     Args:
