@@ -9,7 +9,7 @@ from meshfit.mesh.geometry import bounding_box_diagonal
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.nearest import nearest_point_query
 from meshfit.mesh.noise import noise_of_mesh, noise_of_points
-from meshfit.mesh.point_cloud import PointCloud, is_at_rim, local_areas
+from meshfit.mesh.point_cloud import PointCloud, is_beyond_rim, local_areas
 from meshfit.mesh.proximity import nearest_on_surface, point_distances, segment_distances
 from meshfit.mesh.topology import Topology
 
@@ -98,7 +98,7 @@ def _off_points(cloud: PointCloud, points: Points, least: float) -> Distances:
         limits = np.maximum(_DEVIATIONS * noise_of_points(cloud.verts), _SPACINGS * spacings)
         rows = rows[distances[rows] > limits[nearest[rows]]]
     if len(rows):
-        rows = rows[~is_at_rim(cloud.verts, nearest[rows])]
+        rows = rows[~is_beyond_rim(cloud.verts, nearest[rows], points[rows])]
     return np.asarray(distances[rows])
 
 

@@ -38,6 +38,8 @@ _LARGEST_AREA = 2.0
 _RIM_NEIGHBOURS, _RIM_ANGLE = 24, 0.85 * np.pi
 # Points at the rim or next to it, and points over which areas are averaged.
 _BESIDE_RIM, _AVERAGED = 8, 24
+# Sine of the least angle with the surface at which a place is off it, and not beyond its rim.
+_LEAST_SINE = 0.5
 _ROUNDING = 1e-12
 # Grids of points that are spread evenly, per doubling of the number of cells.
 _FINENESSES = 4
@@ -243,6 +245,25 @@ def is_at_rim(points: Points, rows: Indices) -> Bool[np.ndarray, " M"]:
     looked_at, inverse = np.unique(around, return_inverse=True)
     rim = _at_rim(points, tree, looked_at, _plane_normals(points, tree, looked_at))
     return np.asarray(rim[inverse.reshape(around.shape)].any(axis=1))
+
+
+def is_beyond_rim(points: Points, rows: Indices, places: Points) -> Bool[np.ndarray, " M"]:
+    """Return which places go on beyond a rim of a cloud: from their nearest point, mostly along the surface there.
+
+    Where the cloud goes on as well, some other point would be nearer.
+
+    Args:
+        points: (N, 3) all points.
+        rows: (M,) index of the point nearest to each place.
+        places: (M, 3) farther from it than points are from each other.
+    """
+    at_rim = is_at_rim(points, rows)
+    rest = np.flatnonzero(~at_rim)
+    offsets = places[rest] - points[rows[rest]]
+    normals = _plane_normals(points, cKDTree(points), rows[rest])
+    across = np.abs((offsets * normals).sum(axis=1))
+    at_rim[rest] = across < _LEAST_SINE * np.linalg.norm(offsets, axis=1)
+    return at_rim
 
 
 def local_areas(points: Points) -> Float64[np.ndarray, " N"]:

@@ -63,6 +63,8 @@ def interpolate_shapes(
     require_same_faces(meshes, ("first", "second"))
     if isinstance(shares, int | float):
         shares = (shares,)
+    if not isinstance(shares, Iterable):
+        raise MeshError(f"shares: expected numbers from 0 to 1, got {described(shares)}")
     wanted = [_share(value) for value in shares]
     triangles = [mesh.triangulated() if isinstance(mesh, PolygonMesh) else mesh for mesh in meshes]
     # Polygons that bend are triangulated by their shape, but both in one way.
