@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 import meshfit
 from meshfit.errors import ConfigError, MeshfitError
 from meshfit.fitting.registration.deformation_graph import DeformationGraph, nearest_rotations, rotation_matrices
+from meshfit.fitting.registration.guidance import NO_GUIDANCE, HeldParts
 from meshfit.fitting.registration.oriented_points import OrientedPoints
 from meshfit.fitting.registration.pairs import Matching, find_pairs, geman_mcclure, metric_roots
 from meshfit.fitting.registration.plan import PlannedStep, planned_steps
@@ -15,6 +16,7 @@ from meshfit.fitting.registration.registration import Registration, Registration
 from meshfit.fitting.registration.target_points import target_points
 from meshfit.fitting.registration.template import Template
 from meshfit.fitting.registration.unfolding import Unfolding
+from meshfit.fitting.registration.vertex_fit import VertexFit
 from meshfit.mesh.geometry import signed_volume
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.meshlab import decimate
@@ -22,6 +24,7 @@ from meshfit.mesh.pieces import manifold_pieces
 from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.targets import load_target
+from meshfit.subdivision.refine import subdivide
 from tests.shapes import torus
 
 TURN = Rotation.from_rotvec([0.3, -0.5, 0.4]).as_matrix()
@@ -189,6 +192,18 @@ def test_what_cannot_be_unfolded_goes_back_to_a_sound_state_and_says_so():
     registration.step(PlannedStep("unfolding", "unfold"))
     assert registration.crossing == len(Unfolding.of(Template(tube)).new_pairs(registration.verts)) == 0
     assert ("stayed back" in " ".join(registration.shortfalls)) == (registration.retreat > 0.005)
+
+
+def test_factors_of_roots_are_within_a_factor_of_the_equations_of_vertices():
+    mesh = subdivide(meshfit.as_mesh("cube"), "loop", 1)
+    template = Template(mesh)
+    points = template.points_at(mesh.verts)
+    fit = VertexFit(template, points, mesh.verts, "both", 1.0, NO_GUIDANCE, HeldParts.of(mesh.verts, NO_GUIDANCE))
+    for mean in (np.ones(mesh.num_verts), np.random.default_rng(0).uniform(0.3, 3, mesh.num_verts)):
+        equations = 0.5 * fit._bending.toarray() + np.diag(mean)
+        values = np.linalg.eigvals(fit._root_inverse(0.5, mean)(np.eye(mesh.num_verts)) @ equations).real
+        assert values.min() > 0.3
+        assert values.max() < 1.5
 
 
 def test_points_of_a_target_are_oriented_whatever_it_is(animal):

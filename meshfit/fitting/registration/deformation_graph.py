@@ -200,13 +200,15 @@ def cross_matrices(vectors: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, "
 def _spread(template: Template, count: int) -> tuple[list[int], list[tuple[np.ndarray, np.ndarray]]]:
     """Return vertices that are far from each other along edges, and the vertices around each with their distances."""
     verts, (tail, head) = template.mesh.verts, template.edges.T
-    graph = coo_array((template.rest_lengths, (tail, head)), shape=(len(verts), len(verts))).tocsr()
+    # Both ways: an undirected search would transpose the graph each time.
+    ends = np.concatenate([tail, head]), np.concatenate([head, tail])
+    graph = coo_array((np.tile(template.rest_lengths, 2), ends), shape=(len(verts), len(verts))).tocsr()
     chosen = [int(np.linalg.norm(verts - verts.mean(axis=0), axis=1).argmax())]
     least = np.full(len(verts), np.inf)
     reached = list[tuple[np.ndarray, np.ndarray]]()
     while True:
         limit = np.inf if len(chosen) == 1 else _SEARCH * float(least.max())
-        distances = dijkstra(graph, directed=False, indices=[chosen[-1]], limit=limit)[0]
+        distances = dijkstra(graph, indices=[chosen[-1]], limit=limit)[0]
         rows = np.flatnonzero(np.isfinite(distances))
         reached.append((rows, distances[rows]))
         least[rows] = np.minimum(least[rows], distances[rows])

@@ -58,6 +58,11 @@ class RegistrationEngine(GaussNewton):
         """Return what the fit did not reach, in words."""
         return [*super().shortfalls(member), *self._registrations[member].shortfalls]
 
+    def notes(self, member: int) -> list[str]:
+        """Return what the fit did beyond its schedule, and another pose that would have served, in words."""
+        rival = self._registrations[member].rival
+        return [*super().notes(member), *([rival] if rival else [])]
+
     def registered(self, member: int) -> Registered:
         """Return how the source was registered."""
         return self._registrations[member].registered

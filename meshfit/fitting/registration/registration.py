@@ -32,6 +32,8 @@ _GO_ON, _FIRST_STEPS = 1, 12
 # The start as given is taken, without a look at others, if it is judged better than the first of these values and the
 # best rigid pose is turned by less than this angle; or better than the second.
 _GOOD, _ALIKE, _VERY_GOOD = 0.025, 0.6, 0.015
+# Where the template would end turned by more than this angle, it has to be judged better than as given by this factor.
+_TURNED, _CLOSE = 0.6, 1.1
 # Of `auto`: the gap at which a pose is enough, the share of points within it, and the value at which nothing serves.
 _POSE_IS_ENOUGH, _NEARLY_ALL, _NOTHING_SERVES = 0.002, 0.95, 0.06
 # Nodes of the graphs that a fold may need, times of going back from them, and a retreat that is reported.
@@ -87,6 +89,7 @@ class Registration:
         matched: share of the pairs of the last step that counted.
         crossing: number of pairs of faces that cross and did not at rest; after `unfold`.
         folded: number of faces that are flipped or without area and were not at rest; after `unfold`.
+        rival: in words, another pose that serves about as well; empty for none.
         retreat: distance, relative to the diagonal, by which vertices stayed back so that there are none.
         registered: the prior, and why; of `auto`, once the pose has been found.
     """
@@ -97,6 +100,7 @@ class Registration:
         self.registered = Registered(task.prior, AS_SET)
         if task.choice == "off":
             self.registered = Registered("off", "as the source was made to start from")
+        self.rival = ""
         self._start = self.verts
         self._level = -1
         self._graph: DeformationGraph | None = None
@@ -154,6 +158,7 @@ class Registration:
         numbers = {"scale": self.pose.scale, "level": self._level, "crossing": self.crossing, "folded": self.folded}
         numbers |= {"distance": self.distance, "matched": self.matched, "retreat": self.retreat}
         words = {"register": self.registered.register, "reason": self.registered.reason}
+        words["rival"] = self.rival
         return {key: torch.tensor(array) for key, array in arrays.items()} | numbers | words
 
     def restore(self, saved: dict[str, Any]) -> None:
@@ -162,7 +167,7 @@ class Registration:
         self.verts, self._start, self._level = saved["verts"].numpy(), saved["start"].numpy(), saved["level"]
         self.distance, self.matched = saved["distance"], saved["matched"]
         self.crossing, self.folded, self.retreat = saved["crossing"], saved["folded"], saved["retreat"]
-        self.registered = Registered(saved["register"], saved["reason"])
+        self.registered, self.rival = Registered(saved["register"], saved["reason"]), saved["rival"]
         if self._level >= 0:
             graph = DeformationGraph.of(self.template, LEVELS[self._level].nodes)
             self._graph = graph.placed(saved["rotations"].numpy(), saved["translations"].numpy())
@@ -192,7 +197,7 @@ class Registration:
             self.registered = Registered("near-rigid", text)
             if best > _NOTHING_SERVES and not task.guidance.steers:
                 text = f"as bent from no pose it is nearer than {100 * best:.2g} % of the diagonal: another shape"
-                self.registered = Registered("off", text)
+                self.registered, self.rival = Registered("off", text), ""
 
     def _best_rigid(self, poses: Sequence[Pose]) -> tuple[float, Pose]:
         """Return the least gap that poses leave, after ICP with many points, and the pose."""
@@ -229,22 +234,29 @@ class Registration:
         """Fit the coarsest graph from some poses, keep the best, and return how it was judged.
 
         The pose as given is tried first, then the others, with remoteness, until one serves very well; in the end
-        without, where the best after some of the steps go on.
+        without, where the best after some of the steps go on. Where another is hardly better, and turned, that as given
+        is kept.
         """
         coarsest = DeformationGraph.of(self._at_rest, LEVELS[0].nodes)
         with_remoteness, without = _REMOTENESS
-        best = self._attempt(coarsest, poses[0], with_remoteness).finished()
+        given = self._attempt(coarsest, poses[0], with_remoteness).finished()
+        tried, best = [given], given
         # Bodies that look alike from behind serve about as well turned, so no other pose may look better.
         plausible = len(poses) < 4 or poses[3].angle_to(poses[0]) < _ALIKE
         if best.value >= (_GOOD if plausible else _VERY_GOOD):
             for pose in poses[1:]:
                 if best.value >= _VERY_GOOD:
                     other = self._attempt(coarsest, pose, with_remoteness).finished()
+                    tried.append(other)
                     best = min(best, other, key=lambda attempt: attempt.value)
             if best.value >= _VERY_GOOD:  # parts may be missing
                 others = [self._attempt(coarsest, pose, without).begun() for pose in poses]
                 others = sorted(others, key=lambda attempt: attempt.value)[:_GO_ON]
-                best = min([best, *(other.finished() for other in others)], key=lambda attempt: attempt.value)
+                tried += [other.finished() for other in others]
+        best = min(tried, key=lambda attempt: attempt.value)
+        if given.value < _CLOSE * best.value and given.turn_to(best) > _TURNED:
+            best = given
+        self.rival = _rival_of(best, tried)
         self.pose, self._at_pose = best.pose, best.fit.template
         self._graph, self.verts, self._level = best.graph, best.graph.positions(), 0
         self.distance, self.matched = best.distance, best.matched
@@ -374,6 +386,14 @@ class _Attempt:
         """Make all steps that are left."""
         return self._stepped(LEVELS[0].steps)
 
+    def turn_to(self, other: "_Attempt") -> float:
+        """Return the angle of the rotation that brings where this one is nearest to where another is."""
+        template = self.fit.template
+        areas = template.points_at(template.mesh.verts).areas
+        return Pose.identity().angle_to(
+            nearest_pose(self.graph.positions(), other.graph.positions(), areas, similarity=False)
+        )
+
     def _stepped(self, end: int) -> "_Attempt":
         for number in range(self.done, end):
             generator = np.random.default_rng([self.task.seed, 0, number])
@@ -383,6 +403,18 @@ class _Attempt:
         self.done = end
         self.value = _judged(self.fit.template, self.task, self.graph.positions())
         return self
+
+
+def _rival_of(best: _Attempt, tried: Sequence[_Attempt]) -> str:
+    """Name the best of the attempts that ended turned against the chosen one and are judged about as well."""
+    close = [other for other in tried if other is not best and other.value < _CLOSE * best.value]
+    for other in sorted(close, key=lambda attempt: attempt.value):
+        if (angle := best.turn_to(other)) > _TURNED:
+            return (
+                f"the template fits about as well turned by {np.degrees(angle):.0f} degrees (misfit {other.value:.2g}, "
+                f"{best.value:.2g} as it is); three landmarks tell which is right"
+            )
+    return ""
 
 
 def _judged(template: Template, task: RegistrationTask, verts: Verts) -> float:
