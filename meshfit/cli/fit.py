@@ -489,7 +489,7 @@ class _Fitting:
 
         if target in NAMED_TARGETS or (target != STREAM and not is_pipe(target) and input_format is None):
             return target
-        file = open_target(target, file_format=input_format)
+        file = open_target(target, file_format=input_format, points=True)
         stem = "standard-input" if target == STREAM else file_stem(target)
         # Pipes of equal names differ in content.
         path = self.folder / _INPUTS / sha256(file.content).hexdigest()[:_DIGITS] / f"{stem}{file.suffix}"

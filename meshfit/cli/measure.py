@@ -347,7 +347,7 @@ def _loader(cleaning: "CleaningOptions", input_format: str | None) -> "Callable[
         if name in NAMED_TARGETS or (format_suffix(name) in MESH_SUFFIXES and not is_pipe(name)):
             return load_target(name, cleaning)
         with suggest_option("--format"):
-            return load_target(name, cleaning, file=open_target(name, file_format=input_format))
+            return load_target(name, cleaning, file=open_target(name, file_format=input_format, points=True))
 
     return load
 

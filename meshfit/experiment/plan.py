@@ -281,19 +281,30 @@ def _check_guidance(source: SourceSettings, schemes: tuple[NamedScheme, ...], ta
 
 
 class CheckedTarget(NamedTuple):
-    """A target that can be loaded: the SHA-256 of its file, and its number of faces, or of points without faces."""
+    """A target that can be loaded.
+
+    Attributes:
+        sha256: of its file.
+        faces: their number.
+        points: their number, where there are no faces.
+        fault: why no closed surface can be fitted to the points, in words; empty if one can.
+    """
 
     sha256: str
     faces: int
     points: int
+    fault: str
 
 
 @cache
 def checked_target(target: str, cleaning: CleaningOptions) -> CheckedTarget:
     """Load a target, once in this process, and return what a plan needs to know of it."""
+    from meshfit.mesh.point_cloud import PointCloud, no_closed_surface
+
     loaded = load_target(target, cleaning)
     points = 0 if loaded.num_faces else loaded.num_verts
-    return CheckedTarget(file_sha256(target_path(target)), loaded.num_faces, points)
+    fault = no_closed_surface(loaded) if isinstance(loaded, PointCloud) else ""
+    return CheckedTarget(file_sha256(target_path(target)), loaded.num_faces, points, fault)
 
 
 def _check_kind(target: str, checked: CheckedTarget, settings: ExperimentSettings) -> None:
@@ -318,6 +329,8 @@ def _check_kind(target: str, checked: CheckedTarget, settings: ExperimentSetting
         raise ConfigError(f"{cloud} target.surface: outer selects from; remove it")
     if settings.source.mesh == "target":
         raise ConfigError(f"{cloud} source.mesh: target starts from; use source.mesh: wrap or auto")
+    if checked.fault and not source_files(settings.source):
+        raise ConfigError(f"{name}: {checked.fault}")
 
 
 @cache

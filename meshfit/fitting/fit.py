@@ -50,7 +50,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.normalisation import Frame, Normalisation, frame_of, placed
 from meshfit.mesh.outer_surface import outer_surface
 from meshfit.mesh.places import Numbering
-from meshfit.mesh.point_cloud import PointCloud
+from meshfit.mesh.point_cloud import PointCloud, no_closed_surface
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.solids import SOLIDS
 from meshfit.mesh.targets import load_target_with_vertex_map
@@ -252,8 +252,9 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
             raise ConfigError("surface: outer: a cloud of points has no faces, so none are hidden; remove it")
         goal = frame.normalise(outer_surface(outward(target_mesh)))
     _require_one_of("align", align, get_args(Placement))
-    start = _placed_source(source, frame, goal, settings, scheme, align, surface)
     own = not (isinstance(source, str) and (source in ("sphere", *ORIGINS) or source in SOLIDS))
+    _require_closable(target_mesh, own=own)
+    start = _placed_source(source, frame, goal, settings, scheme, align, surface)
     known = None if landmarks is None else _landmarks(landmarks, source, target, target_mesh, frame, settings)
     guidance = _guidance(known, {"weights": weights, "fixed": fixed, "rigid": rigid}, start.num_verts, settings)
     restored = _Restored(None if normalise == "none" else frame, on_snapshot)
@@ -472,6 +473,12 @@ def _require_whole(key: str, value: int, least: int) -> None:
 
 
 @no_type_check
+def _require_closable(target: Mesh | PointCloud, *, own: bool) -> None:
+    """Refuse points without a closed surface, unless a source of the caller's own may be open."""
+    if isinstance(target, PointCloud) and not own and (fault := no_closed_surface(target)):
+        raise MeshError(f"target: {fault}")
+
+
 def _placed_source(
     source: "MeshLike",
     frame: Frame,

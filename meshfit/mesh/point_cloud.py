@@ -28,7 +28,12 @@ Position = tuple[float, float, float]
 MOST_POINTS = 400_000
 """Points of a scan that are worked with; of a larger one, as many are drawn at random."""
 
+MOST_HIDDEN = 0.2
+"""A place from which a larger share of the points is hidden is not where they were seen from."""
+
 _LEAST = 4
+# Points that vary less across a plane, as a share of their length, are flat up to rounding.
+_FLAT = 1e-6
 # Neighbours of a point whose plane gives its normal, and the most, where noise is larger than they are apart.
 _NEIGHBOURS, _MOST_NEIGHBOURS = 16, 96
 # Neighbours of a point along which orientation is passed on, and from whose distance density is estimated.
@@ -133,13 +138,13 @@ class PointCloud:
         return f"PointCloud({count_text(self.num_verts, 'point')}{with_normals}, box {size})"
 
 
-def seen_cloud(cloud: PointCloud, sensor: ArrayLike | None = None) -> PointCloud:
+def seen_cloud(cloud: PointCloud, sensor: Sequence[float] | None = None) -> PointCloud:
     """Return the cloud with normals towards the sensor, or towards its own; as it is where neither is known."""
     return cloud if sensor is None and cloud.sensor is None else oriented_cloud(cloud, sensor)
 
 
 @no_type_check
-def oriented_cloud(cloud: PointCloud, sensor: ArrayLike | None = None) -> PointCloud:
+def oriented_cloud(cloud: PointCloud, sensor: Sequence[float] | None = None) -> PointCloud:
     """Return the cloud with normals: its own, or estimated ones.
 
     Each estimated normal is that of the plane of nearest neighbours, the direction of least variance. Normals are
@@ -167,6 +172,19 @@ def oriented_cloud(cloud: PointCloud, sensor: ArrayLike | None = None) -> PointC
         away = np.einsum("nk,nk->n", normals, towards) < 0
         return PointCloud(cloud.verts, np.where(away[:, None], -normals, normals))
     return PointCloud(cloud.verts, _consistently_oriented(cloud.verts, normals, tree))
+
+
+def no_closed_surface(cloud: PointCloud) -> str:
+    """Return why no closed surface can be fitted to points, in words; empty if one can."""
+    count = cloud.num_verts
+    if count <= _NEIGHBOURS:
+        # All of them would have the same neighbours, and so the same plane.
+        return f"{count_text(count, 'point')} are too few to tell a surface; give more than {_NEIGHBOURS}"
+    lengths = np.linalg.svd(cloud.verts - cloud.verts.mean(axis=0), compute_uv=False)
+    if lengths[2] > _FLAT * lengths[0]:
+        return ""
+    flat = f"its {count_text(count, 'point')} lie in a plane, and no closed surface does"
+    return f"{flat}; start from a sheet: the path of its mesh as source.mesh"
 
 
 def hidden_from_sensor(cloud: PointCloud) -> float:

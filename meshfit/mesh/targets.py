@@ -130,13 +130,16 @@ def target_path(target: str) -> Path:
     )
 
 
-def open_target(target: str, kind: Literal["mesh", "curve"] = "mesh", file_format: str | None = None) -> MeshFile:
+def open_target(
+    target: str, kind: Literal["mesh", "curve"] = "mesh", file_format: str | None = None, *, points: bool = False
+) -> MeshFile:
     """Read the file of a target once; with a format, a pipe or `-` for standard input as well.
 
     Args:
         target: as for `target_path`.
         kind: of the file's content.
         file_format: the format, such as `ply`, in place of the suffix.
+        points: as for `open_mesh_file`.
 
     Raises:
         MeshError: as `target_path` and `open_mesh_file` do.
@@ -144,7 +147,7 @@ def open_target(target: str, kind: Literal["mesh", "curve"] = "mesh", file_forma
     from meshfit.mesh.io.files import open_mesh_file  # imports scipy, which a list of names does not need
 
     is_stream = target not in NAMED_TARGETS and (target == STREAM or is_pipe(target))
-    return open_mesh_file(target if is_stream else target_path(target), kind, file_format)
+    return open_mesh_file(target if is_stream else target_path(target), kind, file_format, points=points)
 
 
 @overload
@@ -229,7 +232,7 @@ def _mesh_or_points(
     from meshfit.mesh.io.point_clouds import load_point_cloud
     from meshfit.mesh.topology import NONE
 
-    file = path if isinstance(path, MeshFile) else open_mesh_file(path, "mesh")
+    file = path if isinstance(path, MeshFile) else open_mesh_file(path, "mesh", points=True)
     if file.suffix in POINT_FORMATS:
         return load_point_cloud(file)
     with warnings.catch_warnings(record=True) as caught:

@@ -9,14 +9,17 @@ import numpy as np
 import pytest
 
 from meshfit.config.loading import load_experiment
+from meshfit.errors import MeshError
 from meshfit.experiment.plan import plan
 from meshfit.experiment.running import trial_runner
 from meshfit.experiment.running.backends import Remote
 from meshfit.experiment.running.scheduler import run_trials
 from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.experiment.storage.targets import read_target
+from meshfit.fitting.fit import fit
 from meshfit.mesh.io.files import load_mesh, save_mesh
 from meshfit.mesh.io.point_clouds import load_point_cloud
+from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.proximity import point_distances
 from meshfit.subdivision.sphere import icosphere
 from tests.cli import answered, invoke, refused, trials_in_this_process
@@ -137,6 +140,35 @@ def test_a_sensor_is_part_of_a_trial_and_decides_the_side(tmp_path):
         record = {"settings": {"targets": [trial.target], "target": {"sensor": known.sensor}}}
         for cloud in (target, read_target(tmp_path, record)):
             assert (side * np.einsum("nk,nk->n", cloud.normals, seen) > 0.9).mean() > 0.95
+    # No place sees a whole ball.
+    points("ball.xyz", rays(900))
+    place = trials[0].settings.target.model_copy(update={"sensor": (0.0, 0.0, 5.0)})
+    (text,) = trial_runner._load_target(str(tmp_path / "ball.xyz"), None, "box", cleaning, place, None).warnings
+    assert text.startswith("target.sensor: from (0, 0, 5), ")
+    assert text.endswith(
+        " % of the points are hidden behind others, and their normals face inwards; give the place "
+        "they were seen from, or none"
+    )
+
+
+FLAT = {
+    "four": (np.vstack([np.eye(3), np.zeros(3)]), "4 points are too few to tell a surface; give more than 16"),
+    "plane": (rays(60) * [1, 1, 0], "its 60 points lie in a plane, and no closed surface does; start from a sheet: "),
+    "line": (rays(60)[:, :1] * [1, 2, 3] + np.float32(0.1), "its 60 points lie on a line: there is no surface in them"),
+}
+
+
+def test_points_without_a_closed_surface_are_refused(tmp_path):
+    for name, (verts, message) in FLAT.items():
+        points(f"{name}.xyz", verts)
+        assert message in refused("fit", f"{name}.xyz", "-o", "a.ply")
+        if name != "line":
+            with pytest.raises(MeshError, match=message[:20]):
+                fit("sphere", PointCloud(verts), method="gauss-newton")
+    (tmp_path / "a.ptx").write_text("1\n1\n")
+    assert refused("fit", "a.ptx", "-o", "a.ply").endswith("export its points as PLY, XYZ, PTS, PCD or LAS")
+    (tmp_path / "a.foo").write_text("\x01")
+    assert ", .xyz, .xyzn, .pts, " in refused("fit", "a.foo", "-o", "a.ply")
 
 
 REFUSED = {

@@ -124,6 +124,13 @@ def test_a_fit_that_would_end_worse_returns_the_surface_of_its_source_and_says_s
     assert not after.is_worse_than(before)
 
 
+def test_a_corner_that_is_cut_off_does_not_outweigh_a_surface_that_is_much_nearer():
+    before = Closeness(rms=5e-4, worst=3e-3, diagonal=2.4)
+    assert not Closeness(rms=1.4e-4, worst=1.3e-2, diagonal=2.4).is_worse_than(before)
+    assert Closeness(rms=4e-4, worst=1.3e-2, diagonal=2.4).is_worse_than(before)
+    assert Closeness(rms=1.4e-4, worst=5e-2, diagonal=2.4).is_worse_than(before)
+
+
 @pytest.mark.parametrize("faces", [50, 100])
 def test_a_fit_from_a_very_coarse_source_ends_no_farther_than_it_began(faces):
     """One of 50 faces is no near one, by its edges; one of 100 has needles, none of which cross."""

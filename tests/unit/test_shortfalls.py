@@ -123,7 +123,7 @@ def unreached(share):
 
 
 def cell_of(target="cow", scheme="loop", seed=0, *texts):
-    return result_of(target, scheme, seed) | {"shortfalls": list(texts)}
+    return result_of(target, scheme, seed) | {"shortfalls": list(texts), "vertex_error": None}
 
 
 def squeezed(text):
@@ -139,7 +139,7 @@ def test_the_pieces_of_a_soup_are_nothing_to_match():
 
 
 def test_cells_of_results_with_shortfalls_are_marked_and_explained_in_every_format():
-    tables = build_tables([result_of(), cell_of("cow", "loop", 0, HANDLE)])
+    tables = build_tables([cell_of("bunny"), cell_of("cow", "loop", 0, HANDLE)])
     for text, mark in ((to_text(tables), "†"), (to_markdown(tables), "†"), (to_latex(tables), r"\dag{}")):
         assert text.count(mark) == 2, text
         assert f"falls short of its target: on the cow, {HANDLE}" in squeezed(text)

@@ -73,7 +73,7 @@ from meshfit.mesh.nearest import nearest_point_query
 from meshfit.mesh.normalisation import Frame, Normalisation, frame_of
 from meshfit.mesh.offset import lifted
 from meshfit.mesh.outer_surface import outer_surface
-from meshfit.mesh.point_cloud import PointCloud, seen_cloud
+from meshfit.mesh.point_cloud import MOST_HIDDEN, PointCloud, Position, hidden_from_sensor, seen_cloud
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.proximity import point_distances
 from meshfit.mesh.sampling import sample_surface
@@ -393,12 +393,24 @@ def _load_target(
     fitted, note = turned, ""
     if isinstance(turned, PointCloud):
         fitted = seen_cloud(turned, settings.sensor)
+        if settings.sensor is not None and turned.normals is None:
+            texts = [*texts, *_doubts_of_sensor(turned, settings.sensor)]
         if settings.sensor is None and turned.sensor is not None and turned.normals is None:
             note = f"target: normals point towards its file's viewpoint, {turned.sensor}"
     elif settings.surface == "outer":
         fitted = outer_surface(turned)
         note = "" if fitted is turned else _hidden_share(turned, fitted)
     return _Target(frame, frame.normalise(fitted), tuple(texts), note)
+
+
+def _doubts_of_sensor(cloud: PointCloud, sensor: Position) -> list[str]:
+    """Return a warning if the points cannot have been seen from one place, as others are in front of them."""
+    hidden = hidden_from_sensor(PointCloud(cloud.verts, None, sensor))
+    if hidden < MOST_HIDDEN:
+        return []
+    place = ", ".join(f"{number:g}" for number in sensor)
+    text = f"target.sensor: from ({place}), {100 * hidden:.0f} % of the points are hidden behind others"
+    return [f"{text}, and their normals face inwards; give the place they were seen from, or none"]
 
 
 def _hidden_share(whole: Mesh, outer: Mesh) -> str:

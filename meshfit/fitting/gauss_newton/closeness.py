@@ -35,9 +35,10 @@ _HIDDEN_SAMPLES, _OFF = 5000, 0.002
 # largest one more than this share of the diagonal.
 _LOST, _LOST_MAX, _LOST_DIAGONAL = 1.2, 2.0, 0.02
 # A fit ends worse than it began if its root mean square distance is larger, and more than this share of the diagonal;
-# or if its largest one is so many times as large, and more than that share.
+# or if its largest one is so many times as large, and more than that share, or where the other is less than half, than
+# that of a lost shape: a corner of a rim that is cut off does not outweigh a surface that is much nearer.
 _WORSE_RMS, _FAR_RMS = 1.02, 1e-4
-_WORSE_MAX, _FAR_DIAGONAL = 1.5, 0.005
+_WORSE_MAX, _FAR_DIAGONAL, _MUCH_NEARER = 1.5, 0.005, 0.5
 # Its largest distance has grown if it is so many times as large, and more than this share of the diagonal. That is the
 # price of a better surface only where the root mean square distance fell below this share.
 _GROWN, _GROWN_DIAGONAL, _MUCH_BETTER = 1.1, 0.01, 0.7
@@ -66,7 +67,8 @@ class Closeness:
 
     def is_worse_than(self, other: "Closeness") -> bool:
         """Return whether a fit that ends so has lost what it began with."""
-        farther = self.worst > max(_WORSE_MAX * other.worst, _FAR_DIAGONAL * self.diagonal)
+        far = _LOST_DIAGONAL if self.rms < _MUCH_NEARER * other.rms else _FAR_DIAGONAL
+        farther = self.worst > max(_WORSE_MAX * other.worst, far * self.diagonal)
         no_gain = self.has_grown(other) and self.rms > _MUCH_BETTER * other.rms
         return self.rms > max(_WORSE_RMS * other.rms, _FAR_RMS * self.diagonal) or farther or no_gain
 

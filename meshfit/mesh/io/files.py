@@ -261,13 +261,16 @@ def load_curves(path: str | Path | MeshFile, *, file_format: str | None = None) 
 
 
 @no_type_check
-def open_mesh_file(path: str | Path, kind: Literal["mesh", "curve"], file_format: str | None = None) -> MeshFile:
+def open_mesh_file(
+    path: str | Path, kind: Literal["mesh", "curve"], file_format: str | None = None, *, points: bool = False
+) -> MeshFile:
     """Read a file's bytes once, for functions that take it in place of a path.
 
     Args:
         path: as for `load_mesh`.
         kind: of its content.
         file_format: as for `load_mesh`.
+        points: name the formats of point clouds, too, among those that are allowed.
 
     Raises:
         FormatError: the format is not known, or the content is not of it.
@@ -277,7 +280,7 @@ def open_mesh_file(path: str | Path, kind: Literal["mesh", "curve"], file_format
         return read_file(path, CURVE_FORMATS, kind, file_format)
     suffix = format_suffix(path) if file_format is None else suffix_of_format(file_format)
     # Point clouds are recognised, but are not among the formats that messages allow for a mesh.
-    formats = READABLE_FORMATS | POINT_FORMATS if suffix in POINT_FORMATS else READABLE_FORMATS
+    formats = READABLE_FORMATS | POINT_FORMATS if points or suffix in POINT_FORMATS else READABLE_FORMATS
     return read_file(path, formats, kind, file_format)
 
 

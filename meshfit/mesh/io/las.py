@@ -144,7 +144,7 @@ def _records(
         + axis.offset
         for axis in extra
     ]
-    return points, np.stack(columns, axis=1)
+    return points, np.stack(columns, axis=1).astype(np.float64)
 
 
 def _decoded_laz(

@@ -17,7 +17,7 @@ from meshfit.mesh.io.ply import read_ply_normals
 from meshfit.mesh.io.ply_elements import read_comments
 from meshfit.mesh.io.raw_points import RawPoints
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.point_cloud import PointCloud, Position, hidden_from_sensor
+from meshfit.mesh.point_cloud import MOST_HIDDEN, PointCloud, Position, hidden_from_sensor
 from meshfit.paths import path_text
 from meshfit.units import count_text
 
@@ -25,11 +25,9 @@ _SENSOR = "sensor"
 _NORMALS = {".ply": read_ply_normals, ".obj": read_obj_normals}
 # A step of coordinates that is a larger share of the size is warned of.
 _COARSE = 1e-4
-# A viewpoint from which a larger share of the points is hidden is that of another scan.
-_MOST_HIDDEN = 0.2
 _LARGEST_SINGLE = float(np.finfo(np.float32).max)
 # Points on a line, up to rounding, are no surface.
-_THIN = 1e-9
+_THIN = 1e-6
 
 
 def load_points(path: str | Path | MeshFile, *, file_format: str | None = None) -> Float64[np.ndarray, "N 3"]:
@@ -119,7 +117,7 @@ def _warn_of_coarse_steps(verts: Float64[np.ndarray, "N 3"], name: str) -> None:
 
 def _without_other_sensor(cloud: PointCloud, name: str) -> PointCloud:
     """Return a cloud without its sensor if that cannot have seen its points, as others are in front of them."""
-    if cloud.sensor is None or cloud.normals is not None or (hidden := hidden_from_sensor(cloud)) < _MOST_HIDDEN:
+    if cloud.sensor is None or cloud.normals is not None or (hidden := hidden_from_sensor(cloud)) < MOST_HIDDEN:
         return cloud
     text = f"{name}: its viewpoint {cloud.sensor} does not see {100 * hidden:.0f} % of its points; it is left out"
     warnings.warn(text, MeshfitWarning, stacklevel=3)

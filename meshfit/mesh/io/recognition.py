@@ -7,6 +7,7 @@ from typing import NamedTuple
 from meshfit.mesh.faceless import POINTS_REMEDY
 
 _EXPORT = "export it as OBJ, PLY or GLB"
+_EXPORT_POINTS = "export its points as PLY, XYZ, PTS, PCD or LAS"
 _EXPORT_SOLID = "export a mesh of it, as STL, OBJ or PLY"
 _UNPACK = "unpack it first"
 _HEAD = 4096
@@ -51,6 +52,8 @@ _FOREIGN = (
     Kind("DirectX", (".x",), _EXPORT),
     Kind("VTK", (".vtk", ".vtu", ".vtp"), _EXPORT),
     Kind("Gmsh", (".msh",), _EXPORT),
+    Kind("PTX", (".ptx",), _EXPORT_POINTS),
+    Kind("E57", (".e57",), _EXPORT_POINTS),
     Kind("STEP", (".step", ".stp", ".stpz", ".p21"), _EXPORT_SOLID),
     Kind("IGES", (".iges", ".igs"), _EXPORT_SOLID),
     Kind("BREP", (".brep", ".brp"), _EXPORT_SOLID),

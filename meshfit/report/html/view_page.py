@@ -135,6 +135,7 @@ def render_view(scenes: Sequence[Scene], title: str) -> str:
     context = {
         "title": title,
         "targets": targets,
+        "coloured": any("values" in mesh.arrays for scene in scenes for mesh in scene.meshes),
         "colours": DISTANCES,
         "most_faces": MOST_FACES,
         "asset": lambda name: (assets / name).read_text(encoding="utf-8"),

@@ -133,7 +133,7 @@ function apart(a, b) {
 function start() {
   const all = [];
   let painter;
-  const ticked = (id) => document.getElementById(id).checked;
+  const ticked = (id) => document.getElementById(id)?.checked ?? false;
   const look = () => ({
     painted: ticked("show-distances"),
     edges: ticked("show-edges"),
@@ -154,7 +154,7 @@ function start() {
     return;
   }
   document.getElementById("scene-tools").hidden = false;
-  for (const id of ["show-distances", "show-edges"]) document.getElementById(id).addEventListener("change", redraw);
+  for (const id of ["show-distances", "show-edges"]) document.getElementById(id)?.addEventListener("change", redraw);
   document.getElementById("reset-views").addEventListener("click", () => {
     all.forEach((views) => views.turning.reset());
     redraw();
