@@ -171,8 +171,8 @@ class SourceSettings(Settings):
 
     mesh: str = "icosahedron"
     """Control mesh: `target`, the trial's target with few faces; `closed`, the same with its holes filled; `wrap`, one
-    closed surface around it; `auto`, the target, or a wrap where it is a cloud or a soup that crosses itself, and where
-    the outer surface of a target is in open pieces; `sphere`, a small one inside the target; `icosahedron`,
+    closed surface around it; `auto`, the target, or a wrap where it is a cloud, a soup around which a wrap lies close,
+    or an outer surface in open pieces; `sphere`, a small one inside the target; `icosahedron`,
     `octahedron`, `tetrahedron`, `cube`, `icosphere` or `icosphere:level=N`; the name of a target, or the path of a mesh
     file."""
     decimate: Annotated[int, Field(ge=4)] | None = None
