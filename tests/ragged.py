@@ -42,7 +42,7 @@ def bytes_of(outcome: FitResult | Diverged) -> tuple[object, ...]:
 def alone(problem: Problem, **changes: object) -> FitResult | Diverged:
     """Return the outcome of a problem fitted alone."""
     given = dict(vars(problem))
-    polygons, source = given.pop("polygons"), given.pop("source")
+    polygons, source, _ = given.pop("polygons"), given.pop("source"), given.pop("own")
     try:
         return fit(polygons or source, **given, **changes)
     except Diverged as diverged:

@@ -131,6 +131,11 @@ class AlphaSettings(Settings):
         return self
 
 
+def _or_path(schema: dict[str, Any]) -> None:
+    """Let a JSON Schema take a path in place of the settings that have it."""
+    schema["anyOf"].append({"type": "string"})
+
+
 class LandmarkSettings(Settings):
     """Landmarks of the source: named places, and where they belong on the target."""
 
@@ -210,7 +215,7 @@ class SourceSettings(Settings):
     alpha: AlphaSettings | None = None
     """One alpha per vertex of the control mesh, in place of the schemes' own: `{file: PATH}` or `{attribute: NAME}`;
     null means none."""
-    landmarks: LandmarkSettings | None = None
+    landmarks: Annotated[LandmarkSettings | None, Field(json_schema_extra=_or_path)] = None
     """Landmarks, which a registration brings to where they belong: `{file: FILE}` with an optional `hold_out`, or the
     path alone; null means none."""
     weights: VertexValueSettings | None = None

@@ -128,10 +128,10 @@ def test_a_batch_that_fails_as_a_whole_is_run_one_by_one(tmp_path, trials, alone
 def test_a_member_whose_measurement_fails_is_recorded_and_the_others_complete(tmp_path, trials, monkeypatch):
     real = trial_runner.measure
 
-    def measure(result, *args):
+    def measure(result, *args, **options):
         if len(result.verts) == trials_verts:
             raise RuntimeError("no figure")
-        return real(result, *args)
+        return real(result, *args, **options)
 
     store = RunDirectory(tmp_path / "probe")
     run_batch(trials[2:3], store, quiet)

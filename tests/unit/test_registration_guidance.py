@@ -11,6 +11,9 @@ from meshfit.mesh.landmarks import PlacedLandmarks
 
 SETTINGS = meshfit.GaussNewtonSettings(connectivity="fixed", levels=0, register="near-rigid")
 
+# Round arms and balls fit turned, too.
+pytestmark = pytest.mark.filterwarnings("ignore:the template fits about as well turned")
+
 
 @pytest.fixture(scope="module")
 def arm():
@@ -89,6 +92,7 @@ def test_what_is_fixed_does_not_move_to_the_bit_and_rigid_parts_keep_their_dista
 
 
 def test_vertices_without_weight_follow_the_others(arm):
+    arm = arm.with_verts(arm.verts * [1, 1, 0.6])  # no longer round, so that no other angle fits
     bulge = np.exp(-6 * ((arm.verts - [0, 0.5, 0]) ** 2).sum(axis=1))
     target = arm.with_verts(arm.verts + 0.2 * bulge[:, None] * np.array([0, 1, 0]))
     weights = np.where(bulge > 0.1, 0.0, 1.0)

@@ -149,11 +149,11 @@ def test_any_executor_can_run_trials(tmp_path, run_here, transfer):
 def test_a_trial_that_runs_out_of_memory_is_tried_again_as_often_as_allowed(tmp_path, monkeypatch, retries, complete):
     real, calls = trial_runner.measure, []
 
-    def measure(*arguments):
+    def measure(*arguments, **options):
         calls.append(1)
         if len(calls) < 3:
             raise RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried to allocate 1 bytes")
-        return real(*arguments)
+        return real(*arguments, **options)
 
     monkeypatch.setattr(trial_runner, "measure", measure)
     (trial,) = plan([experiment(tmp_path, retries=retries)])
