@@ -350,6 +350,7 @@ def fit_batch(
     return [outcomes[problem] for problem in problems]
 
 
+@no_type_check
 def _guidance(
     landmarks: PlacedLandmarks | None, given: Mapping[str, "ArrayLike | None"], num_verts: int, settings: FitSettings
 ) -> Guidance | None:
@@ -479,6 +480,7 @@ def _require_closable(target: Mesh | PointCloud, *, own: bool) -> None:
         raise MeshError(f"target: {fault}")
 
 
+@no_type_check
 def _placed_source(
     source: "MeshLike",
     frame: Frame,

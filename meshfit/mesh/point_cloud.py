@@ -265,7 +265,7 @@ def is_at_rim(points: Points, rows: Indices) -> Bool[np.ndarray, " M"]:
     return np.asarray(rim[inverse.reshape(around.shape)].any(axis=1))
 
 
-def is_beyond_rim(points: Points, rows: Indices, places: Points) -> Bool[np.ndarray, " M"]:
+def is_beyond_rim(points: Points, rows: Indices, places: Float64[np.ndarray, "M 3"]) -> Bool[np.ndarray, " M"]:
     """Return which places go on beyond a rim of a cloud: from their nearest point, mostly along the surface there.
 
     Where the cloud goes on as well, some other point would be nearer.

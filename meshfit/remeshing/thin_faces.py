@@ -157,7 +157,7 @@ class _Surface:
         both = np.isin(faces, (a, b)).sum(axis=1) == 2
         common = set(self._neighbours(a)) & set(self._neighbours(b))
         at_rim = [bool(self._rim[vert]) for vert in (a, b)]
-        if len(common) != both.sum() or any(self._valence(vert) <= _LEAST_VALENCE for vert in common):
+        if len(common) != both.sum() or any(self._valence(int(vert)) <= _LEAST_VALENCE for vert in common):
             return
         if all(at_rim) and both.sum() != 1:
             return
@@ -215,7 +215,7 @@ class _Surface:
         after = self._faults(self._moved(change), rest, change.new)
         return after[0] <= before[0] and after[1] <= before[1]
 
-    def _faults(self, verts: Verts, rest: Faces, changed: Faces) -> tuple[int, int]:
+    def _faults(self, verts: Verts, rest: Faces, changed: Int64[np.ndarray, "C 3"]) -> tuple[int, int]:
         """Return how many pairs cross with some changed faces, and how many faces are flipped."""
         faces = np.concatenate([changed, rest])
         used, flat = np.unique(faces, return_inverse=True)
