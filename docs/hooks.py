@@ -97,7 +97,8 @@ def _keys(settings: Settings) -> Iterator[tuple[str, Any, str, str]]:
         for option in get_args(field.annotation):
             if isinstance(option, type) and issubclass(option, Settings) and getattr(settings, name) is None:
                 for key, nested in option.model_fields.items():
-                    yield f"{name}.{key}", nested.get_default(), nested.description or "", ""
+                    default = "required" if nested.is_required() else nested.get_default()
+                    yield f"{name}.{key}", default, nested.description or "", ""
 
 
 def _as_yaml(value: Any) -> str:  # noqa: ANN401  any plain value
