@@ -179,7 +179,7 @@ class GaussNewtonSettings(Settings):
 
     @property
     def prior(self) -> Prior | None:
-        """How much a registration may change the source; None where there is none."""
+        """Prior of the registration; None without one."""
         if self.register != "auto":
             return None if self.register == "off" else self.register
         return "near-rigid" if self.connectivity == "fixed" and self.variables == "verts" else None

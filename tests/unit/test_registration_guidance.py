@@ -1,4 +1,4 @@
-"""What guides a registration: landmarks, weights, parts that stay or move rigidly, and an offset from the target."""
+"""Guidance of a registration: landmarks, weights, parts that stay or move rigidly, and an offset from the target."""
 
 import numpy as np
 import pytest

@@ -24,7 +24,7 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Guidance:
-    """What is known of a source with V vertices.
+    """Prior knowledge of a source with V vertices.
 
     Attributes:
         landmarks: places on it, and where they belong on the target; those that are held out are only measured.

@@ -1,13 +1,12 @@
 """Landmarks in a registration: the pose that they lead to, and their rows in the equations."""
 
 import numpy as np
-from jaxtyping import Float64
 from scipy.sparse import csr_array
 
 from meshfit.fitting.registration.pairs import geman_mcclure
-from meshfit.fitting.registration.poses import Pose
+from meshfit.fitting.registration.poses import Pose, nearest_pose
 from meshfit.mesh.landmarks import PlacedLandmarks
-from meshfit.mesh.mesh import Mesh, Verts
+from meshfit.mesh.mesh import Mesh
 
 _ROUNDS, _WIDTH = 10, 2.0
 
@@ -15,11 +14,11 @@ _ROUNDS, _WIDTH = 10, 2.0
 def pose_of_landmarks(landmarks: PlacedLandmarks, source: Mesh, *, similarity: bool) -> Pose:
     """Return the pose that brings landmarks nearest to their goals, of which some may be wrong."""
     points, weights = landmarks.points(source.verts), np.ones(len(landmarks))
-    pose = _nearest_pose(points, landmarks.goals, weights, similarity=similarity)
+    pose = nearest_pose(points, landmarks.goals, weights, similarity=similarity)
     for _ in range(_ROUNDS):
         distances = np.linalg.norm(pose.applied(points) - landmarks.goals, axis=1)
         weights = geman_mcclure(distances, _WIDTH * float(np.median(distances)) + 1e-12)
-        pose = _nearest_pose(points, landmarks.goals, weights, similarity=similarity)
+        pose = nearest_pose(points, landmarks.goals, weights, similarity=similarity)
     return pose
 
 
@@ -30,15 +29,3 @@ def summed_rows(landmarks: PlacedLandmarks, rows: csr_array) -> csr_array:
     shares = landmarks.shares[landmark, corner]
     gather = csr_array((shares, (3 * landmark + axis, 9 * landmark + 3 * corner + axis)), shape=(3 * count, 9 * count))
     return csr_array(gather @ rows)
-
-
-def _nearest_pose(points: Verts, goals: Verts, weights: Float64[np.ndarray, " L"], *, similarity: bool) -> Pose:
-    """Return the similarity or rigid motion of least weighted squared distance (Umeyama 1991)."""
-    weights = weights / weights.sum()
-    centre, goal = weights @ points, weights @ goals
-    p, q = points - centre, goals - goal
-    left, values, right = np.linalg.svd(q.T @ (p * weights[:, None]))
-    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
-    rotation = left @ np.diag(signs) @ right
-    scale = float((values * signs).sum() / max(weights @ (p**2).sum(axis=1), 1e-300)) if similarity else 1.0
-    return Pose(rotation, goal - scale * rotation @ centre, scale)

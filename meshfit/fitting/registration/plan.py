@@ -54,7 +54,7 @@ AS_SET = "as set"
 
 @dataclass(frozen=True)
 class Registered:
-    """How the source of a fit was registered, and why.
+    """The registration of the source of a fit, and the reason for it.
 
     Attributes:
         register: `rigid`, `near-rigid`, or `off` where `auto` found nothing to register.
