@@ -16,6 +16,7 @@ from meshfit.cli.options import OUTPUT, AsJson, MeshFormat, RepairMode, Weld, sp
 from meshfit.errors import ConfigError, MeshfitError
 from meshfit.measuring.limits import Limit, parse_limit
 from meshfit.measuring.metrics import CORRESPONDING, OF_MEASUREMENTS
+from meshfit.mesh.placing_options import Normalisation
 from meshfit.paths import MESH_SUFFIXES, STREAM, format_suffix, is_folder, is_pipe, path_text
 from meshfit.specs import suggest
 from meshfit.units import count_text
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from meshfit.mesh.cleaning_options import CleaningOptions
     from meshfit.mesh.landmarks import Landmarks, PlacedLandmarks
     from meshfit.mesh.mesh import Mesh, Verts
-    from meshfit.mesh.normalisation import Frame, Normalisation
+    from meshfit.mesh.normalisation import Frame
     from meshfit.mesh.point_cloud import PointCloud
 
 LIMITS, TEMPLATES = "Limits", "Templates"
@@ -110,10 +111,10 @@ def measure(
         ),
     ] = None,
     normalise: Annotated[
-        Literal["tutorial", "box", "none"],
+        Normalisation,
         typer.Option(
             "--normalise",
-            help="Normalise all meshes by this frame of the target: tutorial, box or none.",
+            help="Normalise all meshes by this frame of the target: tutorial, sphere, box, cube or none.",
             metavar="FRAME",
         ),
     ] = "none",
@@ -487,7 +488,7 @@ class _Measuring:
         print_warning(f"{names} {mismatch}: sizes {boxes[0]}, centres {boxes[1]}; {remedy}")
 
 
-def _mismatch_in(how: "Normalisation", result: "Mesh", target: "Mesh | PointCloud") -> str:
+def _mismatch_in(how: Normalisation, result: "Mesh", target: "Mesh | PointCloud") -> str:
     from meshfit.mesh.alignment import describe_mismatch
     from meshfit.mesh.normalisation import frame_of
 

@@ -22,6 +22,7 @@ from meshfit.errors import SchemeError
 from meshfit.fitting.settings import METHODS, Dtype, FirstOrderSettings, FitSettings, default_fit
 from meshfit.measuring.settings import MeasureSettings
 from meshfit.mesh.cleaning_options import CleaningOptions, Repair, Surface
+from meshfit.mesh.placing_options import Alignment, Normalisation
 from meshfit.settings import DEFAULT_KIND, KIND_KEY, Settings
 from meshfit.subdivision.registry import SURFACES, Definitions, canonical, entry_of, registry_with, schemes_on, spec_of
 
@@ -95,9 +96,7 @@ def _require_one(settings: Settings, first: str, second: str) -> None:
 SchemeSpec = Annotated[str, AfterValidator(_canonical_scheme)]
 Count = Annotated[Literal["auto"] | Annotated[int, Field(ge=1)], WrapValidator(_auto_or_count)]
 NonEmptyUnique = (Field(min_length=1), AfterValidator(_unique))
-Align = Annotated[
-    Literal["none", "center", "pca", "icp"], BeforeValidator(lambda value: "center" if value == "centre" else value)
-]
+Align = Annotated[Alignment, BeforeValidator(lambda value: "center" if value == "centre" else value)]
 
 
 class CreaseSettings(Settings):
@@ -205,8 +204,9 @@ class SourceSettings(Settings):
     """Position of the mean of the control mesh's vertices in the normalised frame; null keeps its place, as all sources
     made from the target do. Also accepted as `center`."""
     align: Align = "none"
-    """Alignment of the refined source with the target: `none`; `center` or `centre`, by centroids; `pca`, by
-    principal axes and size as well; `icp`, by iterated closest points after `pca`."""
+    """Alignment of the refined source with the target: `none`; `center` or `centre`, by centroids; `box`, by bounding
+    boxes, each axis by its own scale; `pca`, by centroids, principal axes and size; `icp`, by iterated closest points
+    after `pca`."""
     project: Literal["none", "sphere"] = "none"
     """`sphere` projects the vertices of the control mesh and of each level onto the sphere about its centre."""
     creases: CreaseSettings | None = None
@@ -312,9 +312,10 @@ class ExperimentSettings(Settings):
     paths of files with such a definition, relative to this file."""
     seeds: Annotated[tuple[Annotated[int, Field(ge=0, lt=2**32)], ...], *NonEmptyUnique] = (0,)
     """Seeds of the samples, from 0 to 4294967295; table cells are means over them."""
-    normalise: Literal["tutorial", "box", "none"] = "tutorial"
-    """Frame of all lengths: `tutorial` puts the target's mean at 0 and its largest |coordinate| at 1, `box` puts its
-    bounding box's centre at 0 and diagonal at 1, `none` keeps its coordinates."""
+    normalise: Normalisation = "tutorial"
+    """Frame of all lengths: `tutorial` puts the target's mean at 0 and its largest |coordinate| at 1, `sphere` its mean
+    at 0 and its farthest vertex at distance 1; `box` puts its bounding box's centre at 0 and diagonal at 1, `cube` its
+    centre at 0 and longest side at 1; `none` keeps its coordinates."""
     weld: Annotated[float, Field(gt=0)] | None = None
     """Distance, in the unit of the target's file, up to which boundary vertices are joined; null joins equal positions
     only."""

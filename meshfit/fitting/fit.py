@@ -47,9 +47,10 @@ from meshfit.mesh.geometry import bounding_box_diagonal, face_areas
 from meshfit.mesh.io.landmark_files import load_landmarks
 from meshfit.mesh.landmarks import Landmarks, PlacedLandmarks
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.normalisation import Frame, Normalisation, frame_of, placed
+from meshfit.mesh.normalisation import Frame, frame_of, placed
 from meshfit.mesh.outer_surface import outer_surface
 from meshfit.mesh.places import Numbering
+from meshfit.mesh.placing_options import Normalisation
 from meshfit.mesh.point_cloud import PointCloud, no_closed_surface
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.solids import SOLIDS
@@ -71,7 +72,7 @@ _CPU_BYTES = 200e6
 _MPS_BYTES = 2e9
 _SHARE_OF_DEVICE = 0.5
 
-Placement = Literal["auto", "none", "sphere", "center", "pca", "icp"]
+Placement = Literal["auto", "none", "sphere", "center", "box", "pca", "icp"]
 _LARGEST_RATIO = 10.0
 # Radius of a source in the target's tutorial frame: around it, or inside it as the search for the rough shape needs.
 _RADIUS = {"first-order": 1.0, "gauss-newton": 0.3, "external": 1.0}
@@ -162,12 +163,13 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         scheme: subdivision scheme that carries a Gauss–Newton fit from level to level.
         progress: show a bar with the remaining time: on a terminal, in a notebook, or as lines in a log.
         normalise: frame of all lengths: `tutorial` puts the mean of the target's vertices at 0 and its largest
-            |coordinate| at 1; `box` puts the centre of its bounding box at 0 and the diagonal at 1; `none` keeps
-            its coordinates.
+            |coordinate| at 1, `sphere` the farthest vertex at distance 1; `box` puts the centre of its bounding box at
+            0 and the diagonal at 1, `cube` the longest side at 1; `none` keeps its coordinates.
         align: placement of the source: `auto` leaves it where it is, unless its bounding box is off the target's or ten
             times larger or smaller: then it is moved and scaled to the target, with a warning; `none` always leaves
-            it; `sphere` moves and scales it to the place of the source `sphere`; `center` aligns centroids, `pca`
-            principal axes and size as well, and `icp` refines that by iterated closest points.
+            it; `sphere` moves and scales it to the place of the source `sphere`; `center` aligns centroids, `box`
+            stretches the source into the target's bounding box, `pca` aligns centroids, principal axes and size, and
+            `icp` refines that by iterated closest points.
         surface: part of the target that is fitted: `all`, or what can be seen of it from outside, `outer`, as
             `outer_surface` returns it; then the source `auto` is one skin.
         trace_every: number of steps between two rows of the trace.

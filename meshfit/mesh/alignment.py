@@ -1,7 +1,6 @@
-"""Alignment of one mesh with another before a fit: by centroids, by principal axes, or by ICP."""
+"""Alignment of one mesh with another before a fit: by centroids, boxes, principal axes, or ICP."""
 
 from itertools import product
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float64
@@ -11,11 +10,10 @@ from meshfit.errors import MeshError
 from meshfit.mesh.geometry import bounding_box
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.nearest import Points, nearest_point_query
+from meshfit.mesh.placing_options import Alignment
 from meshfit.mesh.point_cloud import PointCloud, sampled_areas
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.sampling import sample_surface
-
-Alignment = Literal["none", "center", "pca", "icp"]
 
 _POINTS = 5000
 _ICP_STEPS, _ICP_GAIN = 60, 1e-6
@@ -25,7 +23,8 @@ _LARGEST_RATIO, _LEAST_SHARE, _FLAT = 10.0, 0.05, 1e-9
 def align(source: Mesh, target: Mesh | PointCloud, how: Alignment) -> Mesh:
     """Return the source, aligned with the target.
 
-    `center` makes the centroids of the surfaces coincide. `pca` also rotates the principal axes of the source onto
+    `box` moves the bounding box of the source onto that of the target, and stretches it along each axis. `center` makes
+    the centroids of the surfaces coincide. `pca` also rotates the principal axes of the source onto
     those of the target, by the one of the four rotations that brings it nearest, and scales it by the root mean square
     distances from the centroids. `icp` then refines rotation, position and scale by iterated closest points (Besl and
     McKay, A method for registration of 3-D shapes, 1992).
@@ -33,13 +32,15 @@ def align(source: Mesh, target: Mesh | PointCloud, how: Alignment) -> Mesh:
     Args:
         source: the mesh to move.
         target: the mesh, or the points of a scan, to align it with.
-        how: `none`, `center`, `pca` or `icp`.
+        how: `none`, `center`, `box`, `pca` or `icp`.
 
     Raises:
         MeshError: a surface without extent.
     """
     if how == "none":
         return source
+    if how == "box":
+        return source.with_verts(_into_box(source.verts, target.verts))
     p, q = _sampled(source, "source"), _sampled(target, "target")
     centre, goal = p.mean(0), q.mean(0)
     if how == "center":
@@ -78,6 +79,14 @@ def describe_mismatch(first: Mesh | PointCloud, second: Mesh | PointCloud) -> st
     if apart or share <= 0:
         return "do not overlap"
     return "hardly overlap" if share < _LEAST_SHARE else ""
+
+
+def _into_box(verts: Verts, goal: Verts) -> Verts:
+    (low, high), (goal_low, goal_high) = bounding_box(verts), bounding_box(goal)
+    if not (high - low).max() > 0:
+        raise MeshError("source: a surface without extent cannot be aligned")
+    sides = np.where(high > low, high - low, 1.0)  # a flat source stays flat
+    return np.asarray((verts - (low + high) / 2) / sides * (goal_high - goal_low) + (goal_low + goal_high) / 2)
 
 
 def _sampled(mesh: Mesh | PointCloud, role: str) -> Points:

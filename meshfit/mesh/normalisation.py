@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, TypeVar, get_args, overload
+from typing import TypeVar, get_args, overload
 
 import numpy as np
 
@@ -11,12 +11,11 @@ from meshfit.errors import ConfigError, MeshError
 from meshfit.mesh.any_mesh import MeshLike, as_mesh
 from meshfit.mesh.geometry import bounding_box, bounding_box_diagonal
 from meshfit.mesh.mesh import Mesh, Verts
+from meshfit.mesh.placing_options import Normalisation
 from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.printable import option_text
 from meshfit.specs import suggest
-
-Normalisation = Literal["tutorial", "box", "none"]
 
 _AnyMesh = TypeVar("_AnyMesh", Mesh, PolygonMesh, PointCloud, Mesh | PolygonMesh, Mesh | PointCloud)
 
@@ -79,7 +78,9 @@ def frame_of(target: "MeshLike | PointCloud | Verts", how: Normalisation = "tuto
     Args:
         target: in any form that `as_mesh` takes, or points, or its (V, 3) vertices alone.
         how: `tutorial` puts the mean of the vertices at 0 and the largest |coordinate| at 1, as PyTorch3D's tutorial
-            does; `box` puts the centre of the bounding box at 0 and its diagonal at 1; `none` changes nothing.
+            does; `box` puts the centre of the bounding box at 0 and its diagonal at 1; `cube` likewise, with its
+            longest side at 1; `sphere` puts the mean of the vertices at 0 and the farthest at distance 1; `none`
+            changes nothing.
 
     Example:
         >>> import meshfit
@@ -102,12 +103,13 @@ def frame_of(target: "MeshLike | PointCloud | Verts", how: Normalisation = "tuto
         raise MeshError(f"target: expected (V, 3) vertices, got an array of shape {verts.shape}")
     if how == "none":
         return IDENTITY
-    if how == "tutorial":
+    if how in ("tutorial", "sphere"):
         centre = verts.mean(axis=0)
-        scale = float(np.abs(verts - centre).max())
+        offsets = np.abs(verts - centre) if how == "tutorial" else np.linalg.norm(verts - centre, axis=1)
+        scale = float(offsets.max())
     else:
         low, high = bounding_box(verts)
-        centre, scale = (low + high) / 2, bounding_box_diagonal(verts)
+        centre, scale = (low + high) / 2, bounding_box_diagonal(verts) if how == "box" else float((high - low).max())
     if not scale > 0:
         raise MeshError("the mesh has no extent: all its vertices are at one point, so it cannot be normalised")
     return Frame((float(centre[0]), float(centre[1]), float(centre[2])), scale)

@@ -193,6 +193,6 @@ def test_measure_refuses_too_few_samples(folder, samples):
 
 
 def test_measure_refuses_a_frame_that_does_not_exist(folder):
-    message = refused("measure", "solid.ply", "solid.ply", "--normalise", "sphere")
+    message = refused("measure", "solid.ply", "solid.ply", "--normalise", "unit")
     assert message.startswith("error: Invalid value for '--normalise'")
-    assert "'tutorial', 'box', 'none'" in message
+    assert "'tutorial', 'box', 'sphere', 'cube', 'none'" in message

@@ -38,6 +38,15 @@ def test_center_takes_back_a_shift_and_nothing_else():
     np.testing.assert_allclose(found.verts, source.verts, atol=1e-9)
 
 
+@over("stretch", [(1.0, 1.0, 1.0), (2.0, 0.5, 3.0)])
+def test_box_stretches_the_source_into_the_box_of_the_target(stretch):
+    source = pear()
+    target = Mesh(source.verts * np.array(stretch) + [7, 8, -9], source.faces)
+    np.testing.assert_allclose(align(source, target, "box").verts, target.verts, atol=1e-9)
+    flat = Mesh(source.verts * [1, 1, 0], source.faces)
+    assert np.ptp(align(flat, target, "box").verts, axis=0)[2] == 0
+
+
 @over("angle", [0.3, 1.5, 3.0])
 @over("scale", [0.01, 1.0, 30.0])
 def test_pca_takes_back_turn_scale_and_shift(angle, scale):

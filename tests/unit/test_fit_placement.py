@@ -135,7 +135,7 @@ def test_keywords_are_the_keys_of_both_engines_with_their_types():
         ),
         ({"method": "gauss-newton", "losses": {"edge": 1.0}}, "losses: no such key: it is one of method='first-order'"),
         ({"method": "newton"}, "method: got \"newton\"; did you mean 'gauss-newton'"),
-        ({"normalise": "unit"}, 'normalise: got "unit"; allowed: tutorial, box, none'),
+        ({"normalise": "unit"}, 'normalise: got "unit"; allowed: tutorial, box, sphere, cube, none'),
         ({"align": "centre"}, "align: got \"centre\"; did you mean 'center'"),
         ({"settings": {"steps": 3}}, "settings: expected FirstOrderSettings, GaussNewtonSettings or ExternalSettings"),
     ],

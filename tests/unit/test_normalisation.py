@@ -29,6 +29,16 @@ def test_box_frame_has_its_box_about_0_with_diagonal_1():
     assert np.linalg.norm(np.ptp(verts, axis=0)) == pytest.approx(1)
 
 
+def test_sphere_frame_has_its_mean_at_0_and_its_farthest_vertex_at_distance_1():
+    frame = frame_of(TRIANGLE, "sphere")
+    assert frame.centre == pytest.approx((2, 4 / 3, 4))
+    assert frame.scale == pytest.approx(np.sqrt(1 + 64 / 9 + 64))
+
+
+def test_cube_frame_has_its_box_about_0_with_longest_side_1():
+    assert frame_of(TRIANGLE, "cube") == Frame((2.5, 2.0, 6.0), 12.0)
+
+
 def test_no_frame_leaves_coordinates_as_they_are():
     assert frame_of(TRIANGLE, "none") == Frame((0.0, 0.0, 0.0), 1.0)
     mesh = mixed_closed()
@@ -42,7 +52,7 @@ def test_the_box_does_not_depend_on_how_densely_verts_lie():
 
 
 @over("size", [1e-9, 1.0, 1e9])
-@over("how", ["tutorial", "box", "none"])
+@over("how", ["tutorial", "sphere", "box", "cube", "none"])
 @over("shape", ALL)
 def test_there_and_back(shape, how, size):
     mesh = Mesh(ALL[shape]().verts * size + 3 * size, ALL[shape]().faces)
@@ -52,7 +62,7 @@ def test_there_and_back(shape, how, size):
     assert np.array_equal(found.faces, mesh.faces)
 
 
-@over("how", ["tutorial", "box"])
+@over("how", ["tutorial", "sphere", "box", "cube"])
 def test_the_frame_moves_and_scales_with_the_mesh(how):
     verts = mixed_closed().verts
     one, other = frame_of(verts, how), frame_of(verts * 7 + [1, 2, 3], how)
@@ -60,7 +70,7 @@ def test_the_frame_moves_and_scales_with_the_mesh(how):
     assert other.centre == pytest.approx(np.array(one.centre) * 7 + [1, 2, 3])
 
 
-@over("how", ["tutorial", "box"])
+@over("how", ["tutorial", "sphere", "box", "cube"])
 def test_a_mesh_at_one_point_has_no_frame(how):
     with pytest.raises(MeshError, match="no extent: all its vertices are at one point"):
         frame_of(np.full((5, 3), 0.5), how)

@@ -70,9 +70,10 @@ from meshfit.mesh.io.files import encode_mesh
 from meshfit.mesh.manifold import describe_topology
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.nearest import nearest_point_query
-from meshfit.mesh.normalisation import Frame, Normalisation, frame_of
+from meshfit.mesh.normalisation import Frame, frame_of
 from meshfit.mesh.offset import lifted
 from meshfit.mesh.outer_surface import outer_surface
+from meshfit.mesh.placing_options import Normalisation
 from meshfit.mesh.point_cloud import MOST_HIDDEN, PointCloud, Position, hidden_from_sensor, seen_cloud
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.proximity import point_distances

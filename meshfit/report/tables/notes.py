@@ -18,6 +18,8 @@ from meshfit.units import count_text
 FRAMES = {
     "tutorial": "the target's tutorial frame (vertex mean 0, largest |coordinate| 1)",
     "box": "the box frame (centre of the target's bounding box 0, its diagonal 1)",
+    "sphere": "the sphere frame (vertex mean 0, farthest vertex of the target at distance 1)",
+    "cube": "the cube frame (centre of the target's bounding box 0, its longest side 1)",
     "none": "the unit of the target's file",
 }
 """The frame that lengths are stated in, by the setting `normalise`."""
