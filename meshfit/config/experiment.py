@@ -200,6 +200,9 @@ class SourceSettings(Settings):
     radius: Annotated[float, Field(gt=0)] | None = 1.0
     """Distance of the control mesh's farthest vertex from the mean of its vertices after scaling; null keeps its
     size, as all sources made from the target do."""
+    radius_of: Literal["area", "volume"] | None = None
+    """What has the radius, in place of the control mesh: `area` or `volume` scales the refined source to that of the
+    ball of this radius, so that schemes start from sources of the same size; null means the control mesh."""
     centre: tuple[float, float, float] | None = (0.0, 0.0, 0.0)
     """Position of the mean of the control mesh's vertices in the normalised frame; null keeps its place, as all sources
     made from the target do. Also accepted as `center`."""
@@ -248,6 +251,13 @@ class SourceSettings(Settings):
         if data.get("decimate") is not None:
             defaults = {key: value for key, value in defaults.items() if key != "wanted_verts"}
         return {**defaults, **data}
+
+    @model_validator(mode="after")
+    def _radius_of_something(self) -> "SourceSettings":
+        if self.radius_of is not None and (self.is_made_from_target or self.radius is None):
+            why = f"mesh: {self.mesh}" if self.is_made_from_target else "radius: null"
+            raise ValueError(f"radius_of: has no effect with {why}; remove it")
+        return self
 
     @model_validator(mode="after")
     def _wrap_needs_a_mesh(self) -> "SourceSettings":

@@ -39,7 +39,7 @@ RESULTS_VERSION = 3
 It is the `schema_version` of a `result.json`, and part of each trial's identity.
 """
 
-_KEYS_OMITTED_IF_NULL = (*KEYS_WITH_FILES, "wanted_verts", "wrap")
+_KEYS_OMITTED_IF_NULL = (*KEYS_WITH_FILES, "wanted_verts", "wrap", "radius_of")
 
 
 @dataclass(frozen=True)
@@ -114,8 +114,8 @@ class Trial:
     def plain_settings(self) -> dict[str, Any]:
         """The settings as plain data, without those that have no effect on results.
 
-        Definitions, creases, alphas, `wanted_verts`, `wrap` and `target` are left out where they are not set, so that
-        trials of older versions, which did not have them, keep their identities.
+        Definitions, creases, alphas, `wanted_verts`, `wrap`, `radius_of` and `target` are left out where they are not
+        set, so that trials of older versions, which did not have them, keep their identities.
         """
         default = {"target"} if self.settings.target == TargetSettings() else set()
         unset = {key for key in _KEYS_OMITTED_IF_NULL if getattr(self.settings.source, key) is None}

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from math import inf, log
+from math import cbrt, inf, log, pi, sqrt
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from meshfit.errors import ConfigError, MeshError, MeshfitError
 from meshfit.mesh.cleaning import VertexMap
 from meshfit.mesh.cleaning_options import CleaningOptions, Surface
 from meshfit.mesh.control_mesh import ORIGINS, ControlMesh, Wrap, control_mesh_of
+from meshfit.mesh.geometry import face_areas, signed_volume
 from meshfit.mesh.io.vertex_values import read_vertex_property, read_vertex_values
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.meshlab import decimate
@@ -77,7 +78,7 @@ def build_source(
     creases = _creases(settings, scheme, name, mesh, vertex_map)
     scheme = _with_alphas(settings, scheme, name, vertex_map)
     try:
-        return _refined(mesh, settings, scheme, creases)
+        return _sized(_refined(mesh, settings, scheme, creases), settings)
     except MeshError as error:
         raise MeshError(f"{settings.mesh}: {error}") from None
 
@@ -262,6 +263,23 @@ def _placed(verts: Verts, settings: SourceSettings) -> Verts:
         return placed(verts, settings.radius, settings.centre)
     except MeshError as error:
         raise MeshError(f"source.mesh: {settings.mesh}: {error}") from None
+
+
+def _sized(mesh: AnyMesh, settings: SourceSettings) -> AnyMesh:
+    """Scale a refined source about the mean of its vertices to the area or the volume that is asked for."""
+    if settings.radius_of is None or settings.radius is None:
+        return mesh
+    triangles = mesh.triangulated() if isinstance(mesh, PolygonMesh) else mesh
+    if settings.radius_of == "area":
+        radius = sqrt(float(face_areas(triangles).sum()) / (4 * pi))
+    elif Topology.of(triangles).is_watertight:
+        radius = cbrt(abs(signed_volume(triangles)) / (4 / 3 * pi))
+    else:
+        raise MeshError("radius_of: an open surface has no volume; use radius_of: area")
+    if not radius > 0:
+        raise MeshError(f"radius_of: the surface has no {settings.radius_of}")
+    mean = mesh.verts.mean(axis=0)
+    return mesh.with_verts(mean + (mesh.verts - mean) * (settings.radius / radius))
 
 
 def _refined(mesh: AnyMesh, settings: SourceSettings, scheme: Scheme, creases: Creases | None) -> AnyMesh:

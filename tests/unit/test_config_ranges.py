@@ -15,6 +15,7 @@ RANGES = {
     "source.decimate": (["4", "100"], ["3", "-1", "4.5"]),
     "source.levels": (["0", "8"], ["-1", "9", "1.0", "null"]),
     "source.radius": (["1e-9", "2", "null"], ["0", "-1"]),
+    "source.radius_of": (["null", "area", "volume"], ["radius", "1"]),
     "source.centre": (["[0, 1, 2.5]", "null"], ["[0, 0]", "[0, 0, 0, 0]", "0", "[0, 0, x]"]),
     "source.creases": (
         ["null", "{angle: 30}", "{angle: 180, sharpness: 0}", "{file: edges.txt, sharpness: 1.5}"],
@@ -153,6 +154,7 @@ SAID = [
     ("source.creases", "30", ": expected a mapping of keys to values, got 30"),
     ("source.creases", "{}", ": expected either angle or file, got neither"),
     ("source.creases.angel", "30", ": no such key: did you mean 'angle'? allowed: angle, file, sharpness"),
+    ("source", "{mesh: target, radius_of: area}", ": radius_of: has no effect with mesh: target; remove it"),
     ("source.alpha", "{file: a, attribute: b}", ": expected either file or attribute, got both"),
 ]
 

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from meshfit.config.experiment import SourceSettings
-from meshfit.errors import ConfigError, MeshfitWarning
+from meshfit.errors import ConfigError, MeshError, MeshfitWarning
 from meshfit.experiment.source import build_source
+from meshfit.mesh.geometry import face_areas, signed_volume
 from meshfit.mesh.io.files import save_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron
@@ -35,6 +36,23 @@ def test_radius_and_centre_place_the_control_mesh():
     kept = build_source(SourceSettings(mesh="bone", levels=0, radius=None, centre=None), "loop")
     assert kept.num_verts == 1513
     assert np.abs(kept.verts).max() > 0
+
+
+@over("scheme", ["loop", "interp-loop", "doo-sabin"])
+def test_sources_of_equal_area_or_volume_are_those_of_the_ball(scheme):
+    settings = SourceSettings(mesh="cube", levels=2, radius=2.5, centre=(1, 2, 3))
+    for of, wanted in (("area", 4 * np.pi * 2.5**2), ("volume", 4 / 3 * np.pi * 2.5**3)):
+        mesh = build_source(settings.model_copy(update={"radius_of": of}), scheme)
+        triangles = mesh if isinstance(mesh, Mesh) else mesh.triangulated()
+        assert (face_areas(triangles).sum() if of == "area" else signed_volume(triangles)) == pytest.approx(wanted)
+        np.testing.assert_allclose(mesh.verts.mean(axis=0), (1, 2, 3), atol=1e-12)
+
+
+def test_an_open_source_has_no_volume(tmp_path):
+    save_mesh(Mesh(icosahedron().verts, icosahedron().faces[:-1]), tmp_path / "open.off")
+    settings = SourceSettings(mesh=str(tmp_path / "open.off"), levels=0, radius_of="volume")
+    with pytest.warns(MeshfitWarning), pytest.raises(MeshError, match="an open surface has no volume"):
+        build_source(settings, "loop")
 
 
 def test_projection_keeps_centre_and_radius():
