@@ -1,15 +1,19 @@
 """Run `meshfit`, as a console script and as `python -m meshfit`."""
 
+import gc
 import signal
 
 
 def main() -> None:
     """Run the command line; while it is imported, Ctrl-C ends the process without a traceback."""
+    gc.disable()  # what is imported stays, so that to look for garbage in it only costs time
     raises = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     if raises:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     from meshfit.cli.main import main as run
 
+    gc.freeze()
+    gc.enable()
     if raises:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     run()

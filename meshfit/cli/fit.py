@@ -4,6 +4,7 @@ import json
 import math
 import os
 import sys
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
@@ -338,6 +339,7 @@ def fit(
         meshfit fit scans/*.obj -o fitted/ --output-format obj --jobs 4
         zcat scan.ply.gz | meshfit fit - --format ply -o fitted.ply
     """
+    started = time.monotonic()
     from meshfit.mesh.cleaning_options import CleaningOptions
 
     many = len(targets) > 1 or (output not in STDOUT_PATHS and (is_folder(output) or output.endswith(("/", os.sep))))
@@ -376,7 +378,7 @@ def fit(
     run_options = RunOptions(jobs=jobs, quiet=quiet, as_json=as_json)
     try:
         with _folder(keep) as folder:
-            fitting = _Fitting(options, folder, run_options, output_format, kept=keep is not None)
+            fitting = _Fitting(options, folder, run_options, output_format, keep is not None, started)
             with err.status(f"reading {count_text(len(targets), 'mesh')}") if err.is_terminal else nullcontext():
                 jobs_of = fitting.plan(targets, outputs, tables, input_format, many=many)
             verdicts = fitting.run(jobs_of, many=many)
@@ -458,6 +460,7 @@ class _Fitting:
     run_options: RunOptions
     output_format: str | None
     kept: bool
+    started: float
 
     def plan(
         self,
@@ -571,7 +574,8 @@ class _Fitting:
             if not text.startswith("source and target differ in topology") and text not in record["shortfalls"]:
                 warn_once(text if not many or stem in text.partition(": ")[0] else f"{path_text(job.target)}: {text}")
         name = "standard output" if job.output in STDOUT_PATHS else path_text(job.output)
-        verdict = verdict_of(job.target, name, folder, record)
+        waited = None if many else time.monotonic() - self.started
+        verdict = verdict_of(job.target, name, folder, record, waited)
         # Lines of stderr go above the bars that are shown there.
         above_bars = many and err.is_terminal and out.is_terminal
         console = err if job.output in STDOUT_PATHS or above_bars else out

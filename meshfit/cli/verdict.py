@@ -27,7 +27,8 @@ class Verdict:
         source_topology: pieces and genus, which the result has too.
         target_topology: those of the target; empty for a cloud of points, of which they are not known.
         target_points: number of points of a cloud; 0 for a mesh.
-        seconds: of fitting and measuring.
+        seconds: that the user waited: of the whole command, or of one of its many fits, from loading to measuring.
+        fit_seconds: those of the fit itself.
         output: the file that was written.
         made_from: what the source was made from: `target`, `wrap`, `sphere`, `solid` or `file`.
         reason: why.
@@ -57,6 +58,7 @@ class Verdict:
     verts: int
     faces: int
     seconds: float
+    fit_seconds: float
     made_from: str
     reason: str
     shortfalls: tuple[str, ...]
@@ -144,11 +146,18 @@ class Verdict:
     @property
     def _size(self) -> str:
         counts = f"{count_text(self.verts, 'vertex')}, {count_text(self.faces, 'face')}"
-        return f"{counts}, {duration_text(self.seconds)}"
+        return f"{counts}, {duration_text(self.seconds)} (fit {duration_text(self.fit_seconds)})"
 
 
-def verdict_of(target: str, output: str, folder: "Path", record: "Result") -> Verdict:
+def verdict_of(target: str, output: str, folder: "Path", record: "Result", waited: float | None = None) -> Verdict:
     """Return the verdict on a complete trial, from its record and the meshes in its folder.
+
+    Args:
+        target: the target as the user named it.
+        output: the file that was written.
+        folder: of the trial.
+        record: of the trial.
+        waited: seconds that the whole command took; None for those of the trial.
 
     Raises:
         MeshError: a mesh cannot be read.
@@ -191,7 +200,8 @@ def verdict_of(target: str, output: str, folder: "Path", record: "Result") -> Ve
         target_points=0 if isinstance(target_mesh, Mesh) else target_mesh.num_verts,
         verts=quality["verts"],
         faces=quality["faces"],
-        seconds=record["seconds"]["fit"] + record["seconds"]["measure"],
+        seconds=sum(record["seconds"].values()) if waited is None else waited,
+        fit_seconds=record["seconds"]["fit"],
         made_from=record["source"].get("made_from", ""),
         reason=record["source"].get("reason", ""),
         shortfalls=tuple(record.get("shortfalls", ())),

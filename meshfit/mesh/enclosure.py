@@ -1,7 +1,6 @@
 """Space that a surface encloses for balls of some radius, which pass only through openings wider than they are."""
 
 import numpy as np
-from scipy import ndimage
 
 from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.mesh import Mesh
@@ -20,6 +19,8 @@ def enclosed_volume(mesh: Mesh, radius: float) -> float:
         mesh: faces of any kind; openings narrower than the balls count as closed.
         radius: of the balls.
     """
+    from scipy import ndimage  # planning does without it
+
     box = float(np.prod(np.ptp(mesh.verts, axis=0) + 2 * radius))
     fine = float(np.clip(radius * (_MOST_CELLS / box) ** (1 / 3), _COARSE, _FINE))
     cell = radius / fine

@@ -46,7 +46,7 @@ def test_a_complete_trial_leaves_its_files_and_nothing_else(tmp_path):
     result = store.result(trial)
     assert result["hausdorff"].keys() >= {"forward", "backward", "symmetric", "samples"}
     assert result["distance"].keys() >= {"mean", "rms"}
-    assert result["seconds"].keys() == {"fit", "measure"}
+    assert result["seconds"].keys() == {"prepare", "fit", "measure"}
     assert result["peak_memory_mb"] is None or 50 < result["peak_memory_mb"] < 100_000
     assert (result["target"], result["scheme"], result["seed"]) == ("ellipsoid", "loop", 0)
     assert {"python", "meshfit", "torch", "pymeshlab"} <= result["versions"].keys()

@@ -34,6 +34,8 @@ Transfer = Literal["auto", "shared", "returned"]
 """Transfer of files: workers write to a `shared` directory, or return files to the sender of the trial."""
 
 _SECONDS_BETWEEN_READS = 2.0
+_RUNNER = "meshfit.experiment.running.batch_runner"
+"""The module that runs trials, and imports all that they need."""
 
 
 class ProgressReader(Protocol):
@@ -104,7 +106,7 @@ class LocalBackend:
         self._store, self._options = store, options
         self.workers, self._threads = workers_and_threads([trials[i] for i in pending], jobs)
         self.progress = SharedProgress.of(len(trials))
-        self._pool = ProcessPool(self.workers, self.progress)
+        self._pool = ProcessPool(self.workers, self.progress, preload=_RUNNER)
 
     def batches(self, trials: Mapping[int, Trial]) -> list[Batch]:
         """Divide trials into batches: single trials on the CPU."""

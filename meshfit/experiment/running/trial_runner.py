@@ -115,6 +115,7 @@ class TrialRunner:
         Args:
             seconds: returns the seconds that the fit has taken.
         """
+        start = time.perf_counter()
         settings, scheme = self.trial.settings, self.trial.named_scheme.resolve()
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", MeshfitWarning)
@@ -160,7 +161,7 @@ class TrialRunner:
             # Snapshots of earlier steps are in this frame.
             self._write_frame = checkpoint.get("write_frame", self._write_frame)
         self._write_mesh("source.ply", polygons or self._source)
-        self._seconds = lambda: before + seconds()
+        self._seconds, self._prepared_in = lambda: before + seconds(), time.perf_counter() - start
         return Problem(
             self._source,
             self._target,
@@ -183,6 +184,7 @@ class TrialRunner:
         if fitted.tool is not None:
             seconds, memory = {"fit": fitted.tool.seconds}, fitted.tool.peak_memory_mb
             self._log_tool(fitted.tool)
+        seconds = {"prepare": self._prepared_in} | seconds
         self._write_mesh("result.ply", fitted.polygons or fitted.mesh)
         if fitted.control is not None:
             self._write_mesh("control.ply", fitted.control)

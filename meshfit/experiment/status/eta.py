@@ -91,6 +91,11 @@ def _costs_of_complete(experiment: ScannedExperiment) -> _Costs:
     return costs
 
 
+def _overhead(seconds: Mapping[str, Any]) -> float:
+    """Return the seconds of a trial before and after its fit."""
+    return float(seconds["measure"]) + float(seconds.get("prepare", 0.0))
+
+
 def _add(costs: _Costs, cost: _Cost, *keys: _Key) -> None:
     for key in (_ANY, *keys):
         costs[key] = costs[key] + cost if key in costs else cost
@@ -100,7 +105,7 @@ def _cost(trial: ScannedTrial) -> _Cost | None:
     try:
         result: Mapping[str, Any] = read_json(trial.path / RESULT)
         seconds = result["seconds"]
-        return _Cost(float(seconds["fit"]), float(seconds["measure"]), int(result["fit"]["steps"]))
+        return _Cost(float(seconds["fit"]), _overhead(seconds), int(result["fit"]["steps"]))
     except (StoreError, KeyError, TypeError, ValueError):
         return None  # not needed for an estimate; commands that show the result report the damage
 
@@ -209,7 +214,7 @@ def _paces_of(results: Sequence[tuple["Trial", Result]]) -> dict[str, _Pace]:
     paces: dict[str, list[_Pace]] = {}
     for trial, result in results:
         seconds = result["seconds"]
-        pace = _Pace(seconds["fit"] / max(_work(trial), 1.0), seconds["measure"])
+        pace = _Pace(seconds["fit"] / max(_work(trial), 1.0), _overhead(seconds))
         paces.setdefault(_pace_key(trial), []).append(pace)
     return {
         method: _Pace(median(pace.per_work for pace in of_method), median(pace.overhead for pace in of_method))
