@@ -35,6 +35,15 @@ class MeshfitError(Exception):
         return "\n".join(self.faults)
 
 
+@contextmanager
+def error_prefix(place: str) -> Iterator[None]:
+    """Prefix errors that are raised within the block with the option or key at fault."""
+    try:
+        yield
+    except MeshfitError as error:
+        raise type(error)(f"{place}: {error}") from None
+
+
 class Faults:
     """Errors of several inputs, which are raised together once all have been read."""
 

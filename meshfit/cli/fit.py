@@ -195,6 +195,14 @@ def fit(
             rich_help_panel=TEMPLATES,
         ),
     ] = None,
+    symmetric: Annotated[
+        bool,
+        typer.Option(
+            "--symmetric",
+            help="Keep --source mirror-symmetric: each vertex of the result is the mirror image of its partner.",
+            rich_help_panel=TEMPLATES,
+        ),
+    ] = False,
     offset: Annotated[
         float | None,
         typer.Option(
@@ -358,7 +366,7 @@ def fit(
         verts=verts,
         scheme=scheme,
         levels=levels,
-        connectivity="fixed" if register not in {None, "off"} or any(guidance.values()) else connectivity,
+        connectivity="fixed" if register not in {None, "off"} or any(guidance.values()) or symmetric else connectivity,
         source=source,
         register=register,
         surface=surface,
@@ -369,6 +377,7 @@ def fit(
         direction=direction,
         guidance={key: value for key, value in guidance.items() if value is not None},
         target_landmarks=target_landmarks,
+        symmetric=symmetric,
         offset=offset,
         cleaning=CleaningOptions(weld, repair),
         overrides=overrides or (),

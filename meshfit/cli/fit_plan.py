@@ -3,11 +3,10 @@
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
-from meshfit.errors import ConfigError, MeshfitError
+from meshfit.errors import ConfigError, error_prefix
 from meshfit.paths import is_regular_file, looks_like_path
 
 if TYPE_CHECKING:
@@ -39,6 +38,7 @@ class FitOptions:
     direction: Literal["both", "to-target", "to-source"] | None
     guidance: Mapping[str, str]
     target_landmarks: str | None
+    symmetric: bool
     offset: float | None
     cleaning: "CleaningOptions"
     overrides: Sequence[str]
@@ -62,7 +62,7 @@ def check_options(options: FitOptions) -> None:
     from meshfit.subdivision.registry import registry_with, resolve
 
     if not any(setting.startswith("define") for setting in options.overrides):
-        with _error_prefix("--scheme"):
+        with error_prefix("--scheme"):
             (spec,), own = resolve_specs([options.scheme], {})
             resolve(spec, registry_with(own))
     load_experiment("accurate", [*_plain(_ANY_TARGET, options), *options.overrides])
@@ -92,15 +92,6 @@ def plan_fit(target: str, options: FitOptions) -> "Trial":
     if len(trials) != 1:
         raise ConfigError(f"--set: expected the settings of one fit, got {len(trials)} fits; use `meshfit run`")
     return trials[0]
-
-
-@contextmanager
-def _error_prefix(option: str) -> Iterator[None]:
-    """Prefix errors with the option at fault."""
-    try:
-        yield
-    except MeshfitError as error:
-        raise type(error)(f"{option}: {error}") from None
 
 
 def _setting(key: str, value: object) -> str:
@@ -137,7 +128,7 @@ def _plain(target: str, options: FitOptions) -> Iterator[str]:
 
 
 def _of_template(options: FitOptions) -> Iterator[str]:
-    for key in options.guidance:
+    for key in (*options.guidance, *(["symmetric"] if options.symmetric else [])):
         if options.source in BUILT:
             raise ConfigError(f"--{key}: requires --source FILE, the mesh that it is about")
         if options.register == "off":
@@ -147,6 +138,8 @@ def _of_template(options: FitOptions) -> Iterator[str]:
     if options.source in BUILT:
         raise ConfigError("--register: requires --source FILE, a mesh each of whose vertices has a meaning")
     yield _setting("fit.register", options.register or "auto")
+    if options.symmetric:
+        yield _setting("fit.symmetric", True)
 
 
 def _of_scan(options: FitOptions) -> Iterator[str]:
@@ -183,7 +176,7 @@ def _placed(target: str, options: FitOptions, experiment: "Experiment") -> Itera
     from meshfit.mesh.targets import load_target
 
     target_mesh = load_target(target, options.cleaning)
-    with _error_prefix("--source"):
+    with error_prefix("--source"):
         control = require_mesh(load_target(options.source), options.source)
     frame = frame_of(target_mesh.verts, experiment.settings.normalise)
     yield _setting("source.mesh", _absolute(options.source))

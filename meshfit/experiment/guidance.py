@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from meshfit.config.experiment import ExperimentSettings, SourceSettings, VertexValueSettings
-from meshfit.errors import MeshError
-from meshfit.experiment.source import AnyMesh, error_prefix, levels_of, own_control_mesh
+from meshfit.errors import MeshError, error_prefix
+from meshfit.experiment.source import AnyMesh, levels_of, own_control_mesh
 from meshfit.fitting.registration.guidance import Guidance
 from meshfit.mesh.cleaning import VertexMap
 from meshfit.mesh.io.landmark_files import load_landmarks

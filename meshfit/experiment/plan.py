@@ -19,13 +19,15 @@ from meshfit.config.experiment import (
 )
 from meshfit.config.loading import Experiment
 from meshfit.config.sweeps import Variant, variants_of
-from meshfit.errors import ConfigError, Faults, MeshfitWarning
+from meshfit.errors import ConfigError, Faults, MeshfitWarning, error_prefix
 from meshfit.experiment.guidance import guidance_of, landmarks_path, read_landmarks
-from meshfit.experiment.source import build_source, source_files, stand_in
+from meshfit.experiment.source import build_source, is_own_mesh, source_files, stand_in
 from meshfit.experiment.truth import truth_path, vertex_counts
 from meshfit.fitting.external.tools import TOOLS
-from meshfit.fitting.settings import ExternalSettings, FirstOrderSettings, FitSettings
+from meshfit.fitting.registration.guidance import NO_GUIDANCE
+from meshfit.fitting.settings import ExternalSettings, FirstOrderSettings, FitSettings, GaussNewtonSettings
 from meshfit.mesh.cleaning_options import CleaningOptions
+from meshfit.mesh.places import Numbering
 from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path, target_title
 from meshfit.paths import file_stem, is_regular_file, path_text
 from meshfit.printable import require_printable
@@ -226,7 +228,8 @@ def _check_inputs(
     for target in settings.targets:
         with faults.collected():
             places = landmarks_path(settings, target_label(target))
-            _check_guidance(settings.source, schemes, places)
+            _check_guidance(settings.source, schemes, places, target, settings.cleaning)
+            _check_symmetry(settings.source, schemes, settings.fit)
     faults.raise_any()
     if settings.target.truth is not None:
         _check_vertices_stay(settings)
@@ -268,16 +271,48 @@ def _check_truth(settings: ExperimentSettings, target: str, scheme: NamedScheme)
 
 
 @cache
-def _check_guidance(source: SourceSettings, schemes: tuple[NamedScheme, ...], target_landmarks: str | None) -> None:
+def _check_guidance(
+    source: SourceSettings,
+    schemes: tuple[NamedScheme, ...],
+    target_landmarks: str | None,
+    target: str,
+    cleaning: CleaningOptions,
+) -> None:
     """Read the landmarks and the values of vertices.
 
     Raises:
-        MeshfitError: they cannot be read, or do not go with the source.
+        MeshfitError: they cannot be read, or do not go with the source or the target.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MeshfitWarning)  # a trial gives them
-        read_landmarks(source, target_landmarks)
+        landmarks = read_landmarks(source, target_landmarks)
+        if landmarks is not None and landmarks.goals_are_numbered:
+            landmarks.goal_positions(load_target(target, cleaning), Numbering.of_file(target))
         guidance_of(source.model_copy(update={"levels": 0, "wanted_verts": None}), schemes[0].resolve())
+
+
+@cache
+def _check_symmetry(source: SourceSettings, schemes: tuple[NamedScheme, ...], fit: FitSettings) -> None:
+    """Check that a source, or its first level, is symmetric where the fit is to keep it so.
+
+    Raises:
+        MeshfitError: it is not, or it is not registered.
+    """
+    if not (isinstance(fit, GaussNewtonSettings) and fit.symmetric):
+        return
+    if fit.register == "auto" and not is_own_mesh(source):
+        raise ConfigError(
+            f"fit.symmetric: source.mesh: {source.mesh} is made to start from, and is not registered; set source.mesh "
+            "to a file, or remove it"
+        )
+    short = source.model_copy(update={"levels": min(source.levels, 1), "wanted_verts": None})
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MeshfitWarning)  # a trial gives them
+        for scheme in schemes:
+            masks = scheme.resolve()
+            known = guidance_of(short, masks) or NO_GUIDANCE
+            with error_prefix("fit"):
+                known.mirrored(build_source(stand_in(short), masks, scheme.spec))
 
 
 class CheckedTarget(NamedTuple):

@@ -1,15 +1,14 @@
 """Source meshes: a control mesh, read or built, placed, and refined by a scheme."""
 
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from math import cbrt, inf, log, pi, sqrt
 from pathlib import Path
 
 import numpy as np
 
 from meshfit.config.experiment import KEYS_WITH_FILES, MADE_FROM_TARGET, MAX_LEVELS, SourceSettings
-from meshfit.errors import ConfigError, MeshError, MeshfitError
+from meshfit.errors import ConfigError, MeshError, error_prefix
 from meshfit.mesh.cleaning import VertexMap
 from meshfit.mesh.cleaning_options import CleaningOptions, Surface
 from meshfit.mesh.control_mesh import ORIGINS, ControlMesh, Wrap, control_mesh_of
@@ -339,15 +338,6 @@ def _with_alphas(settings: SourceSettings, scheme: Scheme, name: str, vertex_map
         if path is None:
             raise MeshError(f"attribute: {settings.mesh} is built in and has no attributes")
         return scheme.with_alpha(read_vertex_property(path, options.attribute, verts, (0.0, 1.0)))
-
-
-@contextmanager
-def error_prefix(key: str) -> Iterator[None]:
-    """Prefix errors with the key at fault."""
-    try:
-        yield
-    except MeshfitError as error:
-        raise type(error)(f"{key}: {error}") from None
 
 
 def _undecimated(settings: SourceSettings, vertex_map: VertexMap | None) -> VertexMap:

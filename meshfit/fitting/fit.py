@@ -127,6 +127,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     robust: Literal["auto", "off"] | None = None,
     direction: Literal["both", "to-target", "to-source"] | None = None,
     register: Literal["off", "auto", "rigid", "near-rigid", "soft"] | None = None,
+    symmetric: bool | None = None,
     offset: float | None = None,
     landmarks: "Landmarks | str | Path | None" = None,
     weights: "ArrayLike | None" = None,
@@ -197,6 +198,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         direction: gauss-newton: pairs that pull: `both`, only those from the surface `to-target`, or only `to-source`.
         register: gauss-newton: registration of a source whose vertices have a meaning: `rigid`, `near-rigid`,
             `soft`, or `auto` to have it chosen; see `FitResult.registered`.
+        symmetric: gauss-newton: whether a registered source that is mirror-symmetric stays so.
         offset: gauss-newton: distance of the result from the target along its normals, outside it if above 0.
         landmarks: for `register`, three or more places on the source and where they belong on the target, or the path
             of a file of such pairs; `load_landmarks` joins two files, `Landmarks.of` takes arrays. Some may be wrong.

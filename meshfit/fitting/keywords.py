@@ -59,4 +59,5 @@ class FitKeys(TypedDict, total=False):
     robust: Literal["auto", "off"] | None
     direction: Literal["both", "to-target", "to-source"] | None
     register: Literal["off", "auto", "rigid", "near-rigid", "soft"] | None
+    symmetric: bool | None
     offset: float | None

@@ -157,6 +157,9 @@ class GaussNewtonSettings(Settings):
     it, so that vertices go where they belong; requires `connectivity: fixed`. Where sizes differ, so does its scale.
     `soft` also lets parts grow and shrink, for another shape of the same kind, such as animal to animal.
     `auto` registers meshes from files: `rigid` if a pose is enough, `near-rigid` if not, and `off` if none serves."""
+    symmetric: bool = False
+    """Whether a registered source that is mirror-symmetric stays so: each vertex of the result is the mirror image of
+    its partner. The plane of the result moves with it."""
     offset: float = 0.0
     """Distance of the result from the target along its normals: above 0 outside it, as skin is over bone, below 0
     inside. It is in the normalised frame."""
@@ -188,6 +191,12 @@ class GaussNewtonSettings(Settings):
     def _registered_source_keeps_its_faces(self) -> "GaussNewtonSettings":
         if self.register not in ("off", "auto") and (self.connectivity != "fixed" or self.variables != "verts"):
             raise ValueError("register: requires connectivity: fixed and variables: verts, so that vertices stay")
+        return self
+
+    @model_validator(mode="after")
+    def _symmetric_source_is_registered(self) -> "GaussNewtonSettings":
+        if self.symmetric and self.prior is None:
+            raise ValueError("symmetric: only a registration keeps a source symmetric; set register, or remove it")
         return self
 
 

@@ -205,6 +205,11 @@ class Landmarks:
             corners[free], shares[free] = mesh.faces[nearest.face], nearest.weights
         return PlacedLandmarks(self.names, corners, shares, goals, np.array(self.used, dtype=bool))
 
+    @property
+    def goals_are_numbered(self) -> bool:
+        """Whether some places on the target are vertices or faces, which the target has to have."""
+        return any(row.goal is not None and row.goal.kind != "position" for row in self.rows)
+
     def goal_positions(self, target: Mesh | PointCloud, numbering: Numbering) -> Verts:
         """Return (L, 3) the positions on a target, in the coordinates of its file.
 

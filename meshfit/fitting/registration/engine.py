@@ -15,7 +15,7 @@ from meshfit.fitting.gauss_newton.schedule import Stage
 from meshfit.fitting.gauss_newton.surface import Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.fitting.problem import Checkpoint, Problem
-from meshfit.fitting.registration.guidance import NO_GUIDANCE, HeldParts
+from meshfit.fitting.registration.guidance import Guidance, HeldParts
 from meshfit.fitting.registration.guided_levels import RefinedGuide, adapted_pairs
 from meshfit.fitting.registration.oriented_points import OrientedPoints
 from meshfit.fitting.registration.plan import Register, Registered, planned_steps
@@ -51,8 +51,11 @@ class RegistrationEngine(GaussNewton):
         for problem in problems:
             if problem.target not in points:
                 points[problem.target] = target_points(problem.target).lifted(settings.offset)
-        self._guides = [RefinedGuide(problem) for problem in problems]
-        self._registrations = [Registration(self._task(problem, points[problem.target])) for problem in problems]
+        self._guides = [RefinedGuide(problem, settings) for problem in problems]
+        self._registrations = [
+            Registration(self._task(problem, points[problem.target], guide.at(0)))
+            for problem, guide in zip(problems, self._guides, strict=True)
+        ]
 
     def shortfalls(self, member: int) -> list[str]:
         """Return what the fit did not reach, in words."""
@@ -201,12 +204,11 @@ class RegistrationEngine(GaussNewton):
         count = int((after & ~before).sum())
         return [f"crossing others, but not in the refined source: {count_text(count, 'face')}"] if count else []
 
-    def _task(self, problem: Problem, target: OrientedPoints) -> RegistrationTask:
+    def _task(self, problem: Problem, target: OrientedPoints, guidance: Guidance) -> RegistrationTask:
         assert self.settings.prior is not None  # noqa: S101  another engine has those
         spreads = [float(np.linalg.norm(points.std(axis=0))) for points in (problem.source.verts, target.points)]
         prior, direction = self.settings.prior, self.settings.direction
         similarity = prior == "soft" or not 1 / _SAME_SIZE < spreads[0] / spreads[1] < _SAME_SIZE
-        guidance = problem.guidance or NO_GUIDANCE
         choice: Register = self.settings.register
         if self._is_unregistered(problem):
             choice = "off"

@@ -6,11 +6,13 @@ import numpy as np
 import torch
 from jaxtyping import Float64, Int64
 
+from meshfit.errors import error_prefix
 from meshfit.fitting.gauss_newton.correspondences import Correspondences
 from meshfit.fitting.gauss_newton.surface import Shape
 from meshfit.fitting.problem import Problem
 from meshfit.fitting.registration.guidance import NO_GUIDANCE, Guidance
 from meshfit.fitting.registration.pairs import geman_mcclure
+from meshfit.fitting.settings import GaussNewtonSettings
 from meshfit.mesh.attributes import NO_ATTRIBUTES
 from meshfit.mesh.landmarks import PlacedLandmarks
 from meshfit.mesh.mesh import Mesh, Verts
@@ -27,11 +29,15 @@ _WEIGHT, _WIDTH = 10.0, 0.01
 class RefinedGuide:
     """The guidance of a problem on each level of its source."""
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, settings: GaussNewtonSettings) -> None:
         polygons = problem.polygons if isinstance(resolve(problem.scheme), PolygonScheme) else None
         rest: Mesh | PolygonMesh = problem.source if polygons is None else polygons
         self._scheme = problem.scheme
-        self._levels = [(rest.with_attributes(NO_ATTRIBUTES), problem.guidance or NO_GUIDANCE)]
+        known = problem.guidance or NO_GUIDANCE
+        self._levels = [(rest.with_attributes(NO_ATTRIBUTES), known.mirrored(rest) if settings.symmetric else known)]
+        if settings.symmetric and settings.levels:
+            with error_prefix("refined by levels"):
+                self.at(settings.levels)
 
     @property
     def has_landmarks(self) -> bool:
@@ -40,9 +46,9 @@ class RefinedGuide:
 
     @property
     def holds(self) -> bool:
-        """Whether something is fixed or rigid."""
+        """Whether something is fixed, rigid or symmetric."""
         guidance = self._levels[0][1]
-        return guidance.fixed is not None or guidance.rigid is not None
+        return any(values is not None for values in (guidance.fixed, guidance.rigid, guidance.mirror))
 
     def at(self, level: int) -> Guidance:
         """Return the guidance after a number of levels."""
@@ -58,7 +64,8 @@ class RefinedGuide:
             mesh, guidance = self._levels[-1]
             finer = subdivide(mesh, self._scheme, 1)
             assert isinstance(finer, Mesh | PolygonMesh)  # noqa: S101  as it is no curve
-            self._levels.append((finer, guidance.refined(mesh, self._scheme)))
+            refined = guidance.refined(mesh, self._scheme)
+            self._levels.append((finer, refined if guidance.mirror is None else refined.mirrored(finer)))
         return self._levels[level]
 
 

@@ -38,6 +38,7 @@ _TURNED, _CLOSE = 0.6, 1.1
 _POSE_IS_ENOUGH, _NEARLY_ALL, _NOTHING_SERVES = 0.002, 0.95, 0.06
 # Nodes of the graphs that a fold may need, times of going back from them, and a retreat that is reported.
 _STIFFER_NODES, _RETURNS, _NOTEWORTHY = (500, 150, 60, 20), 3, 0.005
+_SYMMETRIC_ATTEMPTS = 4
 # Points of each side by which a start is judged, the largest distance that counts, normals, and the weight of stretch.
 _SAMPLES, _CAP, _NORMALS, _STRETCH = 1500, 0.1, 0.1, 2.0
 
@@ -321,7 +322,20 @@ class Registration:
             self._retreat(self._unfolding, wanted)
         if self.folded:
             self.verts, self.folded = self._unfolding.smoothed(self.verts)
+        if self.held.mirror is not None:
+            self._make_symmetric(self._unfolding)
         self._start = self.verts
+
+    def _make_symmetric(self, unfolding: Unfolding) -> None:
+        """Make what has been unfolded symmetric, as it was before, and unfold again what crosses by it."""
+        for _ in range(_SYMMETRIC_ATTEMPTS):
+            self.verts = self.held.applied(self.verts)
+            self.crossing, self.folded = unfolding.faults(self.verts)
+            if not self.crossing:
+                return
+            self.verts, _ = unfolding.unfolded(self.verts)
+        self.verts = self.held.applied(self.verts)
+        self.crossing, self.folded = unfolding.faults(self.verts)
 
     def _retreat(self, unfolding: Unfolding, wanted: Verts) -> None:
         """Find a state in which nothing crosses, and go from there as far as this stays so towards what was wanted."""

@@ -28,6 +28,8 @@ _LANDMARK_WEIGHT = 10.0
 _LANDMARK_WIDTH: Range = (0.02, 0.01)
 _LARGE = 1e9
 _DAMPING, _TOLERANCE, _MOST_ITERATIONS = 1e-6, 1e-4, 30
+# Attempts to find a step in which a surface stays symmetric and no faces come to cross.
+_SYMMETRIC_ATTEMPTS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +89,7 @@ class VertexFit:
         if self.held.parts:  # what is around them follows where they go
             solved, free = self.held.applied(solved), ~self.held.mask
             solved = self._solved(solved, blocks, right, square, fairness, free)
-        return self.held.applied(self._limited(verts, solved)), pairs
+        return self._moved(verts, self.held.applied(solved)), pairs
 
     def _rows_of_landmarks(self, verts: Verts, share: float) -> tuple[csc_array, Float64[np.ndarray, "V 3"]] | None:
         """Return the square and the right side of the rows of landmarks, with robust weights."""
@@ -152,9 +154,16 @@ class VertexFit:
         factors = splu(root, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
         return lambda x: np.asarray(factors.solve(valence[:, None] * factors.solve(np.ascontiguousarray(x))))
 
-    def _limited(self, verts: Verts, goals: Verts) -> Verts:
-        moved, _ = limit_step(self.template.connectivity, torch.tensor(verts), torch.tensor(goals))
-        return np.asarray(moved.numpy())
+    def _moved(self, verts: Verts, goals: Verts) -> Verts:
+        """Move the vertices as far as no faces come to cross, with what is held in its place."""
+        for _ in range(_SYMMETRIC_ATTEMPTS):
+            limited, held_back = limit_step(self.template.connectivity, torch.tensor(verts), torch.tensor(goals))
+            moved = self.held.applied(np.asarray(limited.numpy()))
+            if self.held.mirror is None or not held_back.any():
+                return moved
+            # The mirror images of vertices that were held back are drawn back, too, and have not been looked at.
+            goals = moved
+        return verts
 
 
 def _summed(rows: np.ndarray, values: Float64[np.ndarray, "M N"], count: int) -> Float64[np.ndarray, "V N"]:
