@@ -36,6 +36,8 @@ _LEAST = 4
 _FLAT = 1e-6
 # Neighbours of a point whose plane gives its normal, and the most, where noise is larger than they are apart.
 _NEIGHBOURS, _MOST_NEIGHBOURS = 16, 96
+# With fewer points than three such neighbourhoods, planes span the whole of a shape, and their normals mean nothing.
+_FEWEST = 3 * _NEIGHBOURS
 # Neighbours of a point along which orientation is passed on, and from whose distance density is estimated.
 _LINKS, _DENSITY = 10, 8
 _LARGEST_AREA = 2.0
@@ -177,9 +179,8 @@ def oriented_cloud(cloud: PointCloud, sensor: Sequence[float] | None = None) -> 
 def no_closed_surface(cloud: PointCloud) -> str:
     """Return why no closed surface can be fitted to points, in words; empty if one can."""
     count = cloud.num_verts
-    if count <= _NEIGHBOURS:
-        # All of them would have the same neighbours, and so the same plane.
-        return f"{count_text(count, 'point')} are too few to tell a surface; give more than {_NEIGHBOURS}"
+    if count < _FEWEST:
+        return f"{count_text(count, 'point')} are too few to tell a surface; give {_FEWEST} or more"
     lengths = np.linalg.svd(cloud.verts - cloud.verts.mean(axis=0), compute_uv=False)
     if lengths[2] > _FLAT * lengths[0]:
         return ""

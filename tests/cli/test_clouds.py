@@ -152,7 +152,8 @@ def test_a_sensor_is_part_of_a_trial_and_decides_the_side(tmp_path):
 
 
 FLAT = {
-    "four": (np.vstack([np.eye(3), np.zeros(3)]), "4 points are too few to tell a surface; give more than 16"),
+    "four": (np.vstack([np.eye(3), np.zeros(3)]), "4 points are too few to tell a surface; give 48 or more"),
+    "few": (rays(47), "47 points are too few to tell a surface; give 48 or more"),
     "plane": (rays(60) * [1, 1, 0], "its 60 points lie in a plane, and no closed surface does; start from a sheet: "),
     "line": (rays(60)[:, :1] * [1, 2, 3] + np.float32(0.1), "its 60 points lie on a line: there is no surface in them"),
 }
