@@ -38,6 +38,7 @@ def some_pairs(mesh, seed=0, count=400):
         residuals=torch.tensor(generator.normal(size=(count, 3))),
         weights=torch.tensor(generator.uniform(0, 2 / max(count, 1), count)),
         matched=1.0,
+        reached=1.0,
         membranes=torch.zeros(mesh.num_verts, dtype=torch.float64),
     )
 

@@ -37,7 +37,7 @@ def test_the_search_with_most_matched_points_is_kept_and_a_good_one_is_enough(sh
     rough = Restarts()
     assert not rough.settled
     for share, found in zip(shares, (FIRST, SECOND, THIRD), strict=True):
-        rough.matched = share
+        rough.reached = share
         kept = rough.end_search(found, lambda: hidden)
     assert kept is (FIRST, SECOND, THIRD)[best]
     assert rough.settled == settled
@@ -45,9 +45,9 @@ def test_the_search_with_most_matched_points_is_kept_and_a_good_one_is_enough(sh
 
 @pytest.mark.parametrize("best", [None, FIRST])
 def test_restarts_are_restored_to_the_byte(best):
-    rough = Restarts(best, 0.5, 0.25, 0.125, settled=best is None)
+    rough = Restarts(best, 0.5, 0.25, 0.375, 0.125, settled=best is None)
     again = Restarts.restored(rough.saved(), torch.float64, torch.device("cpu"))
-    assert (again.share, again.matched, again.distance) == (0.5, 0.25, 0.125)
+    assert (again.share, again.matched, again.reached, again.distance) == (0.5, 0.25, 0.375, 0.125)
     assert again.settled == rough.settled
     assert (again.best is None) == (best is None)
     if again.best is not None:
@@ -85,3 +85,24 @@ def test_restarts_begin_from_the_source(monkeypatch):
     assert distances[8] == pytest.approx(distances[0], rel=0.05)
     assert distances[8] != distances[0]
     assert distances[7] < 0.2 * distances[0]
+
+
+def test_a_surface_that_spans_what_the_target_does_not_show_is_not_searched_for_again():
+    """All of half a shell is reached at once; the other half of a closed surface has nothing to be matched with."""
+    ball = subdivide(icosahedron(), "loop", 2)
+    shell = ball.with_verts(ball.verts * [1.0, 0.8, 0.6])
+    source, shown = ball.with_verts(0.5 * ball.verts), shell.verts[shell.faces].mean(axis=1)[:, 0] > 0
+    half = Mesh(shell.verts, shell.faces[shown])
+    settings = GaussNewtonSettings(
+        connectivity="fixed", tries=3, coarse_steps=10, level_steps=1, last_steps=1, levels=0
+    )
+    made = {}
+    for name, target in (("whole", shell), ("half", half)):
+        fit = GaussNewton([Problem(source, target, 0)], settings, torch.device("cpu"), torch.float32)
+        taken_to_the_end(fit)
+        rough = fit._restarts[0]
+        assert rough.settled
+        assert rough.share > 0.992
+        assert (rough.matched < 0.9) == (name == "half")
+        made[name] = fit.progress(0)[0]
+    assert made["half"] == made["whole"] == 12

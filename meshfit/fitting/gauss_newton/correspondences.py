@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Bool, Float, Int64
 from scipy.spatial import cKDTree
 from torch import Generator, Tensor
 
@@ -26,6 +26,8 @@ _LEAST_DRAWN, _DRAWN_PER_VERT = 2000, 4
 # Least cosines between the normals of a pair, from the surface, and from the target, from where the far side of a thin
 # part is often nearest.
 _FACING, _FACING_BACK = 0.0, -0.3
+# Share of the surface beyond the rim of the target from which on what is unmatched of the rest tells nothing.
+_MUCH_BEYOND = 0.2
 # Triangles whose double area is below this many roundings of the square of their longest side have no plane.
 _FLAT = 16.0
 # Weight of the boundary: that of a strip of the surface of this many edge lengths.
@@ -47,6 +49,8 @@ class Correspondences:
         residuals: (M, 3) vectors from the points to the corresponding points.
         weights: (M,) with a sum of about 2, 1 per direction.
         matched: share of the points, in both directions, whose nearest neighbour faces the same way.
+        reached: the same, of those that can have one: not of points beyond the rim of the target; and where much of the
+            surface spans what the target does not show, and so passes behind what it does, of the target's alone.
         membranes: (V,) share of the area at each vertex that spans a gap of the target.
     """
 
@@ -56,6 +60,7 @@ class Correspondences:
     residuals: Float[Tensor, "M 3"]
     weights: Float[Tensor, " M"]
     matched: float
+    reached: float
     membranes: Float[Tensor, " V"]
 
     @property
@@ -100,6 +105,7 @@ def find_correspondences(
     hit = nearest_neighbour_search(points)(target.points[drawn])
     backward = dot(normals[hit], target.normals[drawn]) > _FACING_BACK
     matched = float(forward.sum() + backward.sum()) / (len(forward) + len(backward))
+    reached = _share_reached(forward, backward, beyond)
     if direction == "to-source":
         forward = torch.zeros_like(forward)
     if direction == "to-target":
@@ -122,11 +128,20 @@ def find_correspondences(
         residuals=residuals,
         weights=weights,
         matched=matched,
+        reached=reached,
         membranes=membrane_share(shape, spanning_in_faces.to(points).mean(1)),
     )
     if target.boundary is None or not len(shape.connectivity.edges.outer):
         return pairs
     return _with_boundary(pairs, shape, target.boundary, generator)
+
+
+def _share_reached(forward: Bool[Tensor, " M"], backward: Bool[Tensor, " N"], beyond: Bool[Tensor, " M"]) -> float:
+    """Return the share of the points that can be matched that are; see `Correspondences.reached`."""
+    num_beyond = int(beyond.sum())
+    if num_beyond > _MUCH_BEYOND * len(beyond):
+        return float(backward.double().mean())
+    return float(forward.sum() + backward.sum()) / (len(forward) - num_beyond + len(backward))
 
 
 def _welsch(

@@ -60,10 +60,13 @@ _COMPLETE, _STILL = 0.999, 0.97
 class Restarts:
     """Outcome of the searches for a rough shape so far. A part that one leaves off the target, another may reach.
 
+    No other is made once what can be matched is, or where the last one left hardly less unmatched than the best.
+
     Attributes:
         best: state at the end of the best search.
-        share: its share of matched points; -1 before the end of the first search.
+        share: its share of points that are reached; -1 before the end of the first search.
         matched: share of matched points in the last step.
+        reached: share of those that can be matched.
         distance: distance before the last step.
         settled: whether no further restart is necessary, or none promises more.
         hopeless: whether no step can make the surface sound, so that there is one step per stage, and no search.
@@ -73,6 +76,7 @@ class Restarts:
     best: FitState | None = None
     share: float = -1.0
     matched: float = 0.0
+    reached: float = 0.0
     distance: float = 0.0
     settled: bool = False
     still: bool = False
@@ -81,18 +85,19 @@ class Restarts:
     @classmethod
     def unneeded(cls, distance: float) -> "Restarts":
         """Return no searches at all, for a source at this distance from the target, which is small."""
-        return cls(None, 1.0, 1.0, distance, settled=True)
+        return cls(None, 1.0, 1.0, 1.0, distance, settled=True)
 
-    def record(self, stage: Stage, number: int, distance: float, matched: float) -> None:
+    def record(self, stage: Stage, number: int, pairs: Correspondences) -> None:
         """Take note of a step, and of whether the rest of its stage, or of its search, is unnecessary."""
+        distance, matched = pairs.distance, pairs.matched
         softest = stage.weights[number][0] <= stage.weights[-1][0]
         if stage.attempt is not None:
-            self.still = stage.settles and number == len(stage.weights) - 1 and matched >= _COMPLETE
+            self.still = stage.settles and number == len(stage.weights) - 1 and pairs.reached >= _COMPLETE
         else:
             slow = number > 0 and distance > _STILL * self.distance and matched <= self.matched + 1 - _COMPLETE
             self.still = stage.settles and softest and slow
         self.still |= self.hopeless
-        self.matched, self.distance = matched, distance
+        self.matched, self.reached, self.distance = matched, pairs.reached, distance
 
     def end_search(self, state: FitState, hidden: Callable[[], float]) -> FitState:
         """Record the state at the end of a search, and return the best state so far.
@@ -104,25 +109,26 @@ class Restarts:
         self.still = False
         if self.settled:
             return self.best or state
-        promising = self.best is None or 1 - self.matched < _WORTHWHILE * (1 - self.share)
-        if self.best is None or self.matched > self.share:
-            self.best, self.share = state, self.matched
+        promising = self.best is None or 1 - self.reached < _WORTHWHILE * (1 - self.share)
+        if self.best is None or self.reached > self.share:
+            self.best, self.share = state, self.reached
         self.settled = not promising or self.share >= _ENOUGH or self.share + _OF_TARGET * hidden() >= _ENOUGH
         return self.best
 
     def saved(self) -> dict[str, Any]:
         """Return everything as numbers and tensors, for `restored`."""
         best = None if self.best is None else self.best.saved()
-        numbers = {"share": self.share, "matched": self.matched, "distance": self.distance}
+        shares = {"share": self.share, "matched": self.matched, "reached": self.reached}
         flags = {"settled": self.settled, "still": self.still, "hopeless": self.hopeless}
-        return {"best": best} | flags | numbers
+        return {"best": best, "distance": self.distance} | flags | shares
 
     @classmethod
     def restored(cls, saved: dict[str, Any], dtype: torch.dtype, device: torch.device) -> "Restarts":
         """Return the restarts that `saved` returned."""
         best = None if saved["best"] is None else FitState.restored(saved["best"], dtype, device)
         flags = {key: saved.get(key, False) for key in ("settled", "still", "hopeless")}
-        return cls(best, saved["share"], saved["matched"], saved["distance"], **flags)
+        shares = (saved[key] for key in ("share", "matched", "reached"))
+        return cls(best, *shares, saved["distance"], **flags)
 
 
 class GaussNewton(Engine):
@@ -458,7 +464,7 @@ class GaussNewton(Engine):
             self.failed[member] = Diverged(self.done, "the step", last_good, self.traces[member], _REMEDY)
             return distance
         self._states[member] = after
-        restarts.record(stage, number, distance, matched)
+        restarts.record(stage, number, report.pairs)
         self._trace(member, distance, matched, fairness, point_weight, report.held)
         return distance
 

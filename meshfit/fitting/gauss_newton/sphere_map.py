@@ -4,7 +4,6 @@ They transfer the source's connectivity to a surface that has been remeshed: cor
 on the sphere.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -236,17 +235,29 @@ class SphereMap:
             places: (V, 3) vertices on the sphere.
             points: (N, 3) points on the sphere.
         """
+        from meshfit.mesh.proximity import nearest_on_surface  # brings libigl
+
         a, b, c = (places[self.faces[:, k]] for k in range(3))
-        sides = [torch.linalg.cross(p, q).T for p, q in ((b, c), (c, a), (a, b))]
-        blocks = [_inside(block, sides) for block in torch.split(points, _BLOCK)]
-        return torch.cat([face for face, _ in blocks]), torch.cat([weights for _, weights in blocks])
+        sides = torch.stack([torch.linalg.cross(p, q) for p, q in ((b, c), (c, a), (a, b))])
+        # The face with the nearest point is nearly always the one that is looked for; for others, all are tried.
+        flat = Mesh(places.cpu().numpy(), self.faces.cpu().numpy())
+        face = torch.from_numpy(nearest_on_surface(flat, points.cpu().numpy()).faces).to(points.device)
+        weights = torch.stack([dot(points, side[face]) for side in sides], 1)
+        missed = (weights.amin(1) < 0).nonzero()[:, 0]
+        for rows in torch.split(missed, _BLOCK):
+            face[rows], weights[rows] = _inside(points[rows], sides)
+        return face, weights / weights.sum(1, keepdim=True)
 
 
-def _inside(points: Tensor, sides: Sequence[Tensor]) -> tuple[Tensor, Tensor]:
-    """Return the cone of three planes that each point is inside, or least outside, and its weights there."""
-    weights = torch.stack([points @ side for side in sides], 2)
+def _inside(points: Tensor, sides: Float64[Tensor, "3 F 3"]) -> tuple[Tensor, Tensor]:
+    """Return the cone of three planes that each point is inside, or least outside, and its weights there, at least 0.
+
+    Args:
+        points: (N, 3).
+        sides: (3, F, 3) normals of the planes of each cone, inwards.
+    """
+    weights = torch.stack([points @ side.T for side in sides], 2)
     total = weights.sum(2)
     least = (weights.amin(2) / total.abs().clamp_min(1e-30)).masked_fill(total <= 0, -torch.inf)
     face = least.argmax(1)
-    weights = weights[torch.arange(len(points), device=face.device), face].clamp_min(0)
-    return face, weights / weights.sum(1, keepdim=True)
+    return face, weights[torch.arange(len(points), device=face.device), face].clamp_min(0)
