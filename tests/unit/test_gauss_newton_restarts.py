@@ -89,7 +89,7 @@ def test_restarts_begin_from_the_source(monkeypatch):
 
 def test_a_surface_that_spans_what_the_target_does_not_show_is_not_searched_for_again():
     """All of half a shell is reached at once; the other half of a closed surface has nothing to be matched with."""
-    ball = subdivide(icosahedron(), "loop", 2)
+    ball = subdivide(icosahedron(), "loop", 3)
     shell = ball.with_verts(ball.verts * [1.0, 0.8, 0.6])
     source, shown = ball.with_verts(0.5 * ball.verts), shell.verts[shell.faces].mean(axis=1)[:, 0] > 0
     half = Mesh(shell.verts, shell.faces[shown])

@@ -127,8 +127,8 @@ class Restarts:
         """Return the restarts that `saved` returned."""
         best = None if saved["best"] is None else FitState.restored(saved["best"], dtype, device)
         flags = {key: saved.get(key, False) for key in ("settled", "still", "hopeless")}
-        shares = (saved[key] for key in ("share", "matched", "reached"))
-        return cls(best, *shares, saved["distance"], **flags)
+        share, matched, reached = (saved[key] for key in ("share", "matched", "reached"))
+        return cls(best, share, matched, reached, saved["distance"], **flags)
 
 
 class GaussNewton(Engine):
