@@ -46,6 +46,7 @@ def test_ctrl_c_exits_130_and_the_next_run_goes_on_from_the_checkpoint(tmp_path,
     assert contents(tmp_path / "runs", "result.ply", "trace.csv") == undisturbed
 
 
+@pytest.mark.slow
 def test_ctrl_c_while_workers_start_is_as_quiet(tmp_path):
     process = start("run", config_file(tmp_path, LONG), "-j", 2, folder=tmp_path)
     wait_until(lambda: len(workers_of(process.pid)) > 1, process)
