@@ -9,7 +9,7 @@ from meshfit.cli.options import SELECTION, ExperimentName, RunOptions, Seeds, Ta
 from meshfit.errors import ConfigError
 
 
-@takes_run_options
+@takes_run_options()
 def compare(
     schemes: Annotated[
         list[str],

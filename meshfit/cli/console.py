@@ -180,7 +180,7 @@ def exit_code_of(command: Callable[[], int]) -> int:
 
 def _resumes(words: Sequence[str]) -> bool:
     """Whether a command line keeps what it has done when it is interrupted."""
-    return words[:1] in (["run"], ["compare"]) or any(word.partition("=")[0] == "--keep" for word in words)
+    return words[:1] in (["run"], ["compare"], ["tune"]) or any(word.partition("=")[0] == "--keep" for word in words)
 
 
 def _discard(stream: TextIO) -> None:

@@ -80,7 +80,7 @@ def _print_plan(trials: Sequence[Trial], store: RunDirectory, options: RunOption
     found = find_complete(trials, store)
     complete = [folder is not None for folder in found]
     to_run = [trial for trial, done in zip(trials, complete, strict=True) if options.force or not done]
-    time = None if options.cluster is not None else _estimate(trials, to_run, store, options.jobs)
+    time = None if options.cluster is not None else estimated(trials, to_run, store, options.jobs)
     if options.as_json:
         rows = [
             {"target": trial.target, "scheme": trial.scheme, "variant": trial.variant, "seed": trial.seed}
@@ -102,9 +102,10 @@ def _print_plan(trials: Sequence[Trial], store: RunDirectory, options: RunOption
         out.print(f"about {duration_text(time.seconds)} on {workers}, estimated from {time.basis}{unknown}")
 
 
-def _estimate(
+def estimated(
     trials: Sequence[Trial], to_run: Sequence[Trial], store: RunDirectory, jobs: int | None
 ) -> Estimate | None:
+    """Return about how long trials take, from complete ones or a probe; None, with a warning, if the probe fails."""
     results = [(trial, result) for trial in trials if (result := store.result(trial)) is not None]
     try:
         with err.status("probing how long a trial takes"):

@@ -22,6 +22,7 @@ COMMANDS = {
     "Experiments": {
         "run": "Run experiments and print their table.",
         "compare": "Compare subdivision schemes, paired by seed.",
+        "tune": "Search for the settings that are best by a metric.",
         "table": "Print the result table of run directories.",
         "figure": "Draw a figure of some runs for a paper, with its caption.",
         "chart": "Draw the results of some runs as a chart, and print the means.",

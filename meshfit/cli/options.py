@@ -295,17 +295,26 @@ def suggest_option(option: str) -> Iterator[None]:
         raise MeshError(f"{error}{', or' if error.remedy else ';'} give {option} {error.file_format}") from None
 
 
-def takes_run_options(command: Callable[..., int]) -> Callable[..., int]:
-    """Add the options of `RunOptions` to a command, which gets them as one parameter named `options`."""
-    shared = [*inspect.signature(RunOptions).parameters.values()]
-    own = [parameter for parameter in inspect.signature(command).parameters.values() if parameter.name != "options"]
-    signature = inspect.Signature([parameter.replace(kind=parameter.KEYWORD_ONLY) for parameter in (*own, *shared)])
+def takes_run_options(*omitted: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
+    """Add the options of `RunOptions` to a command, which gets them as one parameter named `options`.
 
-    @functools.wraps(command)
-    def with_options(**values: Any) -> int:  # noqa: ANN401  as declared above
-        options = RunOptions(**{parameter.name: values.pop(parameter.name) for parameter in shared})
-        return command(**values, options=options)
+    Args:
+        *omitted: names of those that the command does without, or declares itself.
+    """
 
-    setattr(with_options, "__signature__", signature)  # noqa: B010  mypy does not know it
-    with_options.__annotations__ = {name: parameter.annotation for name, parameter in signature.parameters.items()}
-    return with_options
+    def decorate(command: Callable[..., int]) -> Callable[..., int]:
+        every = inspect.signature(RunOptions).parameters.values()
+        shared = [parameter for parameter in every if parameter.name not in omitted]
+        own = [parameter for parameter in inspect.signature(command).parameters.values() if parameter.name != "options"]
+        signature = inspect.Signature([parameter.replace(kind=parameter.KEYWORD_ONLY) for parameter in (*own, *shared)])
+
+        @functools.wraps(command)
+        def with_options(**values: Any) -> int:  # noqa: ANN401  as declared above
+            options = RunOptions(**{parameter.name: values.pop(parameter.name) for parameter in shared})
+            return command(**values, options=options)
+
+        setattr(with_options, "__signature__", signature)  # noqa: B010  mypy does not know it
+        with_options.__annotations__ = {name: parameter.annotation for name, parameter in signature.parameters.items()}
+        return with_options
+
+    return decorate

@@ -11,7 +11,7 @@ from meshfit.errors import ConfigError, Faults
 from meshfit.paths import path_text
 
 
-@takes_run_options
+@takes_run_options()
 def run(
     configs: Annotated[
         list[str],

@@ -3,7 +3,7 @@
 import hashlib
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -39,6 +39,7 @@ from meshfit.subdivision.custom.definitions import Definition
 _COMPARED = ("targets", "schemes", "sweep")
 _COMMAND_KEYS = (("fit", "command"), ("fit", "version_command"))
 _LONGEST_NAME, _LONGEST_FILE_NAME = 80, 200
+CheckSweep = Callable[[ExperimentSettings, Callable[[], str]], object]
 SHARED_PREFIX = "x-"
 """Beginning of the top-level keys of a config that hold no settings, but values for aliases."""
 
@@ -63,13 +64,17 @@ def bundled_configs() -> dict[str, Path]:
     return {path.stem: path for path in sorted(bundled_folder("configs").glob("*.yaml"))}
 
 
-def load_experiment(name_or_path: str, overrides: Sequence[str] = ()) -> Experiment:
+def load_experiment(
+    name_or_path: str, overrides: Sequence[str] = (), check_sweep: CheckSweep = variants_of
+) -> Experiment:
     """Read a config.
 
     Args:
         name_or_path: the path of a YAML file, or the name of a bundled config.
         overrides: `key=value` texts such as `fit.steps=500`; values are YAML, or lists without brackets, and paths in
             them are relative to the current directory.
+        check_sweep: called with the settings, and with what returns the place of the sweep; it refuses a sweep that
+            cannot be used.
 
     Raises:
         ConfigError: no such config, or a key or value that is not allowed; with file and line, or the override.
@@ -89,7 +94,7 @@ def load_experiment(name_or_path: str, overrides: Sequence[str] = ()) -> Experim
     data = apply_changes(original, changes)
     with_files = read_scheme_files(data, where)
     settings = build(ExperimentSettings, with_files.data, lambda key: with_files.where(key) or where(key))
-    variants_of(settings, lambda: where(("sweep",)))
+    check_sweep(settings, lambda: where(("sweep",)))
     defaults = ExperimentSettings().model_dump(mode="json", include=set(_COMPARED))
     pairs = {key: [_in_any_order(each.get(key, defaults[key])) for each in (original, data)] for key in _COMPARED}
     changed = (key for key, (before, after) in pairs.items() if before != after)
@@ -236,7 +241,8 @@ def with_axes(
         changes["define"] = {name: definition.model_dump(mode="json") for name, definition in own.items()}
     if seeds is not None:
         changes["seeds"] = _seeds(seeds)
-    data = apply_changes(experiment.settings.model_dump(), changes)
+    # What is not set stays so, since defaults may depend on a setting that is swept.
+    data = apply_changes(experiment.settings.model_dump(exclude_unset=True), changes)
     settings = build(ExperimentSettings, data, lambda key: f"--{key[0]}: " if key[0] in ("targets", "seeds") else "")
     before = experiment.settings
     changed = {key for key in ("targets", "schemes") if set(getattr(settings, key)) != set(getattr(before, key))}

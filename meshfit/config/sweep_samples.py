@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Iterator, Mapping
+from difflib import get_close_matches
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -43,17 +44,7 @@ def sampled_points(sample: object, ranges: object) -> list[dict[str, Any]]:
     Raises:
         ConfigError: malformed settings or ranges.
     """
-    if not isinstance(sample, Mapping):
-        raise ConfigError(f"sweep.{SAMPLE}: expected a mapping such as {{points: 200}}, got {json.dumps(sample)}")
-    if not isinstance(ranges, Mapping) or not ranges:
-        raise ConfigError(f"sweep.{RANGES}: expected settings and their ranges, got {json.dumps(ranges)}")
-    settings = build(SampleSettings, sample, lambda _: f"sweep.{SAMPLE}.")
-    axes: dict[str, Any] = {}
-    for key, values in _flat(ranges):
-        if key in axes:
-            raise ConfigError(f"sweep.{RANGES}: duplicate key {key}")
-        axes[key] = values
-        _check(key, values)
+    settings, axes = sample_settings(sample), read_ranges(ranges)
     shares = _DESIGNS[settings.method](len(axes), settings.points, settings.seed)
     points = [
         {key: _value(values, float(share)) for (key, values), share in zip(axes.items(), row, strict=True)}
@@ -63,12 +54,60 @@ def sampled_points(sample: object, ranges: object) -> list[dict[str, Any]]:
     return list({json.dumps(point): point for point in points}.values())
 
 
+def sample_settings(sample: object) -> SampleSettings:
+    """Validate number of points, seed and method.
+
+    Raises:
+        ConfigError: a key or value that is not allowed.
+    """
+    if sample is None:
+        remedy = f"sweep.{SAMPLE}: {{points: 200}} spreads points over them, and `meshfit tune` searches them"
+        raise ConfigError(f"sweep.{RANGES}: expected a number of points, too: {remedy}")
+    if not isinstance(sample, Mapping):
+        raise ConfigError(f"sweep.{SAMPLE}: expected a mapping such as {{points: 200}}, got {json.dumps(sample)}")
+    return build(SampleSettings, sample, lambda _: f"sweep.{SAMPLE}.")
+
+
+def read_ranges(ranges: object) -> dict[str, Any]:
+    """Validate ranges, and return them by dotted key: a list of values, or a mapping with `linear` or `log`.
+
+    Raises:
+        ConfigError: malformed ranges.
+    """
+    if not isinstance(ranges, Mapping) or not ranges:
+        raise ConfigError(f"sweep.{RANGES}: expected settings and their ranges, got {json.dumps(ranges)}")
+    axes: dict[str, Any] = {}
+    for key, values in _flat(ranges):
+        if key in axes:
+            raise ConfigError(f"sweep.{RANGES}: duplicate key {key}")
+        axes[key] = values
+        _check(key, values)
+    return axes
+
+
+def limits(values: Mapping[str, Any]) -> tuple[float, float, bool, bool]:
+    """Return the ends of a range, whether it is logarithmic, and whether its values are integers."""
+    is_log = _LOG in values
+    low, high = values[_LOG if is_log else _LINEAR]
+    return low, high, is_log, values.get(_INTEGER, False)
+
+
+def rounded(value: float, low: float, high: float) -> float:
+    """Round a value of a range to the digits that names of points have, and keep it within the ends."""
+    return min(max(float(f"{value:.{_DIGITS}g}"), low), high)
+
+
 def _flat(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
     for key, value in tree.items():
-        if isinstance(value, Mapping) and KIND_KEY not in value and not {_LINEAR, _LOG} & value.keys():
+        if isinstance(value, Mapping) and value and KIND_KEY not in value and not _is_range(value):
             yield from _flat(value, f"{above}{key}.")
         else:
             yield canonical_key(f"{above}{key}"), value
+
+
+def _is_range(value: Mapping[str, Any]) -> bool:
+    """Whether a mapping is a range, or a misspelt one, rather than settings below a key."""
+    return _INTEGER in value or any(get_close_matches(str(key), (_LINEAR, _LOG)) for key in value)
 
 
 def _check(key: str, values: object) -> None:
@@ -96,12 +135,10 @@ def _value(values: Any, share: float) -> Any:  # noqa: ANN401  any YAML values
     """Return the value at a share of a range, in [0, 1)."""
     if isinstance(values, list):
         return values[int(share * len(values))]
-    is_log, integer = _LOG in values, values.get(_INTEGER, False)
-    low, high = values[_LOG if is_log else _LINEAR]
-    if integer:  # an interval around each integer, also around those at the ends
-        low, high = low - 0.5, high + 0.5
-    value = low * (high / low) ** share if is_log else low + (high - low) * share
-    return math.floor(value + 0.5) if integer else float(f"{value:.{_DIGITS}g}")
+    low, high, is_log, integer = limits(values)
+    first, last = (low - 0.5, high + 0.5) if integer else (low, high)  # an interval around each integer
+    value = first * (last / first) ** share if is_log else first + (last - first) * share
+    return math.floor(value + 0.5) if integer else rounded(value, low, high)
 
 
 def _sobol(settings: int, points: int, seed: int) -> Float64[np.ndarray, "P S"]:

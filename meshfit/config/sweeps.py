@@ -54,15 +54,10 @@ def variants_of(settings: ExperimentSettings, where: Callable[[], str] = lambda:
         axes = _axes(settings.sweep)
     except ConfigError as error:
         raise ConfigError(f"{where()}{error}") from None
-    # Defaults may depend on a setting that is varied.
-    base = settings.model_dump(mode="json", exclude_unset=True) | {"sweep": {}}
     variants: dict[str, Variant] = {}
     for points in product(*axes):
-        changes: dict[str, Any] = {}
-        for point in points:
-            for key, value in point.changes.items():
-                changes = deep_merge(changes, nested(key, value))
-        varied = build(ExperimentSettings, apply_changes(base, changes), lambda _: f"{where()}sweep: ")
+        changes = {key: value for point in points for key, value in point.changes.items()}
+        varied = _changed(settings, changes, where)
         name = ", ".join(point.name for point in points)
         # Settings without an effect do not tell two points apart: both would be the same trials.
         key = varied.model_dump_json(exclude=NO_EFFECT_ON_RESULTS)
@@ -70,6 +65,26 @@ def variants_of(settings: ExperimentSettings, where: Callable[[], str] = lambda:
         if other.name != name:
             raise ConfigError(f"{where()}sweep: '{other.name}' and '{name}' are the same settings")
     return list(variants.values())
+
+
+def variant_at(settings: ExperimentSettings, changes: Mapping[str, Any]) -> Variant:
+    """Return the point of a sweep at which some settings, by dotted key, have other values.
+
+    Raises:
+        ConfigError: a key or a value that is not allowed.
+    """
+    _check_keys([changes])
+    return Variant(_point(changes, short_names(list(changes))).name, _changed(settings, changes, lambda: ""))
+
+
+def _changed(settings: ExperimentSettings, changes: Mapping[str, Any], where: Callable[[], str]) -> ExperimentSettings:
+    """Return settings without a sweep, with other values at some dotted keys."""
+    # Defaults may depend on a setting that is varied.
+    base = settings.model_dump(mode="json", exclude_unset=True) | {"sweep": {}}
+    merged: dict[str, Any] = {}
+    for key, value in changes.items():
+        merged = deep_merge(merged, nested(key, value))
+    return build(ExperimentSettings, apply_changes(base, merged), lambda _: f"{where()}sweep: ")
 
 
 def _axes(sweep: Mapping[str, Any]) -> list[list[_Point]]:
@@ -86,7 +101,7 @@ def _axes(sweep: Mapping[str, Any]) -> list[list[_Point]]:
     ranges = sampled[0] if sampled else {}
     grid = _lists({key: value for key, value in sweep.items() if key not in _NOT_KEYS})
     _check_keys([dict.fromkeys(key for point in variants for key in point.changes), zipped, ranges, grid])
-    short = _short_names([*zipped, *ranges, *grid])
+    short = short_names([*zipped, *ranges, *grid])
     steps = [_point(dict(zip(zipped, row, strict=True)), short) for row in _in_step(zipped)]
     lines = [[_point({key: value}, short) for value in values] for key, values in grid.items()]
     samples = [_point(changes, short) for changes in sampled]
@@ -137,8 +152,8 @@ def _check_keys(axes: Sequence[Mapping[str, Any]]) -> None:
             )
 
 
-def _short_names(keys: Sequence[str]) -> dict[str, str]:
-    """Return the last part of each key, or as many parts as distinguish it from the others."""
+def short_names(keys: Sequence[str]) -> dict[str, str]:
+    """Return the last part of each dotted key, or as many parts as distinguish it from the others."""
     names = {}
     for key in keys:
         parts = key.split(".")

@@ -1,0 +1,1 @@
+"""Search for the settings that are best by some metrics."""
