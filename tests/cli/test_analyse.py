@@ -92,6 +92,7 @@ def test_an_analysis_is_of_one_scheme(tmp_path):
     assert "'lop' is not a scheme" in refused("schemes", "lop", "--analyse")
 
 
+@pytest.mark.slow
 def test_a_figure_is_written(tmp_path):
     pictures = pytest.importorskip("PIL.Image")
     pytest.importorskip("pyvista")

@@ -44,6 +44,7 @@ def test_a_gif_has_a_picture_for_each_moment_from_one_camera(tmp_path):
     assert np.array_equal(found[0][:96], pictures(tmp_path / "fit.gif")[0][:96])
 
 
+@pytest.mark.slow
 def test_an_mp4_has_even_sides_and_ends_with_the_result(tmp_path):
     ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="films need imageio-ffmpeg")
     _, _, place = taken(tmp_path, 10)

@@ -12,7 +12,8 @@ from tests.runs import begun, complete, failed, write_plan
 # Bold, italic, their ends; red, green, magenta, cyan, their end. No dim, yellow, blue, white, black, no fixed shade.
 ALLOWED = {"0", "1", "3", "22", "23", "31", "32", "35", "36", "39"}
 CODES = re.compile(r"\x1b\[([\d;]*)m")
-COMMANDS = ("--help", "run --help", "schemes", "schemes loop", "nonsense", "table RUNS", "status RUNS", "show TRIAL")
+COMMANDS = ("--help", "nonsense", "table RUNS", "status RUNS", "show TRIAL")
+OTHERS = ("run --help", "schemes", "schemes loop")
 DRIVER = """
 import sys
 from meshfit.cli.main import main
@@ -36,13 +37,11 @@ def printed(commands, **environment):
         encoding="utf-8",
         check=True,
     )
-    return dict(zip(COMMANDS, done.stdout.split("\0\n"), strict=False))
+    return done.stdout.split("\0\n")[:-1]
 
 
-@pytest.fixture(scope="module")
-def outputs(tmp_path_factory):
+def outputs(folder, commands):
     """The output of each command with colours, without a terminal, and with NO_COLOR."""
-    folder = tmp_path_factory.mktemp("runs")
     for seed in range(3):
         for scheme in ("loop", "interp-loop"):
             complete(folder, scheme=scheme, seed=seed)
@@ -50,18 +49,19 @@ def outputs(tmp_path_factory):
     begun(folder, target="cow", seed=1)
     write_plan(folder / "small", [{"target": "cow", "seed": 2}])
     trial = next((folder / "small" / "bunny" / "loop").iterdir())
-    commands = [command.replace("RUNS", str(folder)).replace("TRIAL", str(trial)) for command in COMMANDS]
-    return [printed(commands, **more) for more in ({"FORCE_COLOR": "1"}, {}, {"FORCE_COLOR": "1", "NO_COLOR": "1"})]
+    filled = [command.replace("RUNS", str(folder)).replace("TRIAL", str(trial)) for command in commands]
+    ways = ({"FORCE_COLOR": "1"}, {}, {"FORCE_COLOR": "1", "NO_COLOR": "1"})
+    return zip(commands, *(printed(filled, **more) for more in ways), strict=True)
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_colours_are_few_and_say_nothing_that_words_do_not(command, outputs):
-    coloured, plain, unwanted = (output[command] for output in outputs)
-    codes = {code for found in CODES.findall(coloured) for code in found.split(";")}
-    assert codes & {"1", "31", "36"}
-    assert codes <= ALLOWED
-    assert "\x1b" not in plain
-    assert CODES.sub("", coloured) == plain
-    if "--help" not in command:
-        assert not re.search(r"[ \t]$", plain, flags=re.MULTILINE)
-    assert {code for found in CODES.findall(unwanted) for code in found.split(";")} <= {"0", "1", "3"}
+@pytest.mark.parametrize("commands", [COMMANDS, pytest.param(OTHERS, marks=pytest.mark.slow)], ids=["most", "others"])
+def test_colours_are_few_and_say_nothing_that_words_do_not(tmp_path, commands):
+    for command, coloured, plain, unwanted in outputs(tmp_path, commands):
+        codes = {code for found in CODES.findall(coloured) for code in found.split(";")}
+        assert codes & {"1", "31", "36"}, command
+        assert codes <= ALLOWED, command
+        assert "\x1b" not in plain, command
+        assert CODES.sub("", coloured) == plain, command
+        if "--help" not in command:
+            assert not re.search(r"[ \t]$", plain, flags=re.MULTILINE), command
+        assert {code for found in CODES.findall(unwanted) for code in found.split(";")} <= {"0", "1", "3"}, command

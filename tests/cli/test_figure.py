@@ -96,6 +96,7 @@ def test_a_figure_is_as_wide_as_its_column_and_names_what_the_user_names(runs, t
     assert "did you mean 'loop'" in refused("figure", runs, "-o", tmp_path / "two.png", "--label", "lop=L")
 
 
+@pytest.mark.slow
 def test_a_png_is_for_a_screen(runs, tmp_path):
     answered("figure", runs, "-o", tmp_path / "one.png", "--schemes", "loop", "--targets", "bone")
     image = np.asarray(png.open(tmp_path / "one.png").convert("L"))

@@ -83,6 +83,7 @@ def test_of_many_a_broken_one_is_named_and_the_others_go_on(tmp_path):
     assert ran.err.splitlines()[-1] == "fitted 2 of 3 targets"
 
 
+@pytest.mark.slow
 def test_inputs_of_one_name_are_kept_apart(tmp_path):
     for number, name in enumerate(("a", "b")):
         (tmp_path / name).mkdir()
@@ -168,6 +169,7 @@ def test_what_is_no_mesh_is_told_its_own_command(tmp_path):
     assert not (tmp_path / "out.ply").exists()
 
 
+@pytest.mark.slow
 def test_holes_that_are_filled_on_purpose_are_one_note():
     whole = ball(level=2)
     middles = whole.verts[whole.faces].mean(axis=1)
@@ -192,6 +194,11 @@ def test_a_torus_keeps_its_handle_and_the_reason_is_recorded(tmp_path):
     assert verdict["max_percent"] < 5
     (log,) = (tmp_path / "kept").rglob("*.log")
     assert "source: from the target (sound: " in log.read_text()
+
+
+@pytest.mark.slow
+def test_a_handle_that_the_result_lacks_is_named_with_what_to_do():
+    save_mesh(torus(24, 16), "ring.ply")
     ran = invoke("fit", "ring.ply", "-o", "ball.ply", "--source", "sphere", *QUICK)
     assert "1 handle (0 in the result); try --source target" in " ".join(ran.out.split())
 

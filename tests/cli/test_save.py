@@ -91,6 +91,7 @@ def test_polygons_stay_polygons_and_control_meshes_are_among_them(finished, tmp_
         assert load_polygons("x.obj").num_faces == load_polygons(folder / f"{what}.ply").num_faces
 
 
+@pytest.mark.slow
 def test_standard_output_gets_the_mesh_and_nothing_else(small_run):
     folder = next(small_run[0].glob("runs/small/*/loop/seed-0-*"))
     command = [sys.executable, "-m", "meshfit", "save", str(folder), "-o", "-", "--output-format", "off"]

@@ -66,6 +66,7 @@ def test_a_fit_that_ended_farther_off_than_it_began_says_so(folder):
     assert all(f"warning: {FARTHER}" in log for log in logs)
 
 
+@pytest.mark.slow
 def test_a_source_several_times_larger_than_the_target_says_so(folder):
     lines = run("--set", "normalise=box", "--targets", "ellipsoid.ply")
     assert any(line.startswith(f"warning: ellipsoid: {LARGER}2.") and "times as large" in line for line in lines)

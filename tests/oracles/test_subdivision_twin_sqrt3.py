@@ -132,7 +132,13 @@ RULES = {
 }
 
 
-@pytest.mark.parametrize("spec", RULES)
+@pytest.mark.parametrize(
+    "spec",
+    [
+        spec if spec in ("sqrt3", "lin-luo-sqrt3:alpha=0.3") else pytest.param(spec, marks=pytest.mark.slow)
+        for spec in RULES
+    ],
+)
 @over("make", MESHES.values())
 def test_twins(spec, make):
     mesh = make()

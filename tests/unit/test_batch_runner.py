@@ -60,6 +60,8 @@ def test_a_batch_leaves_what_its_trials_leave_alone(tmp_path, trials, alone):
     assert phases(run_batch(trials, store, quiet)) == [TrialStatus.COMPLETE] * 8
     assert contents(store, trials) == contents(alone, trials)
     assert [store.result(one)["hausdorff"] for one in trials] == [alone.result(one)["hausdorff"] for one in trials]
+    # Every member has an equal share of the fit.
+    assert len({store.result(one)["seconds"]["fit"] for one in trials}) == 1
 
 
 def test_threads_change_no_byte(tmp_path, trials, alone):
@@ -107,6 +109,7 @@ def test_a_target_that_cannot_be_loaded_fails_alone(tmp_path, alone):
     assert contents(store, good) == contents(alone, good)
 
 
+@pytest.mark.slow
 def test_a_batch_that_fails_as_a_whole_is_run_one_by_one(tmp_path, trials, alone, monkeypatch):
     real, sizes = trial.fit_batch, []
 
@@ -151,9 +154,3 @@ def test_a_member_that_diverges_is_recorded_and_the_others_complete(tmp_path, tr
     assert outcomes[2].status is TrialStatus.FAILED
     assert store.failure(wild[0])["term"] == "chamfer"
     assert contents(store, trials) == contents(alone, trials)
-
-
-def test_every_member_of_a_batch_has_an_equal_share_of_the_fit_and_none_of_what_follows(tmp_path, trials):
-    store = RunDirectory(tmp_path / "runs")
-    run_batch(trials, store, quiet)
-    assert len({store.result(one)["seconds"]["fit"] for one in trials}) == 1

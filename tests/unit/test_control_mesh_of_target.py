@@ -107,6 +107,7 @@ def test_a_number_of_faces_is_kept_to_and_small_targets_keep_their_own():
     assert small.num_faces == 12
 
 
+@pytest.mark.slow
 def test_the_same_target_gives_the_same_bytes_in_any_process():
     code = (
         "import hashlib, numpy as np\n"
@@ -141,6 +142,7 @@ def test_meshes_of_equal_content_share_a_control_mesh():
     assert control_mesh_of(first, verts=90) is control_mesh_of(second, verts=90)
 
 
+@pytest.mark.slow
 def test_clouds_and_soups_are_wrapped_and_the_wrap_is_closed_and_near():
     points = Mesh(sample_surface(torus(48, 32), 3000, np.random.default_rng(0)).points, [])
     loose = torus(24, 16)
@@ -281,6 +283,7 @@ def test_files_of_vertices_and_wraps_of_other_sources_are_refused():
         build_source(source_settings(mesh="target"), "loop")
 
 
+@pytest.mark.slow
 def test_closed_crumbs_are_kept_and_decimation_ends_at_their_tetrahedra(monkeypatch):
     places = np.stack(np.meshgrid(*[np.arange(4.0)] * 3), -1).reshape(-1, 3)
     tetrahedron = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) * 0.2

@@ -59,7 +59,7 @@ def decorated(rng, uniform):
     return (choose(["", "\ufeff"]) + line_end.join(lines) + choose(["", line_end, line_end * 2])).encode()
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.randoms(use_true_random=False), st.booleans())
 def test_decorations_change_nothing(rng, uniform):
     content = decorated(rng, uniform)

@@ -33,7 +33,9 @@ def distance_to_ellipsoid(verts, axes):
     return np.abs(radius * (radius - 1) / np.linalg.norm(verts / axes**2, axis=1))
 
 
-@pytest.mark.parametrize("axes", [np.full(3, 1.2), AXES], ids=["sphere", "ellipsoid"])
+@pytest.mark.parametrize(
+    "axes", [pytest.param(np.full(3, 1.2), marks=pytest.mark.slow), AXES], ids=["sphere", "ellipsoid"]
+)
 @over(
     ("changes", "factor"),
     [

@@ -127,7 +127,7 @@ def test_fixed_faces_carry_the_refined_attributes_of_the_source(scheme, changes)
         assert_equal(found.control.attributes, dressed(source).attributes)
 
 
-@over("changes", [{}, {"variables": "control"}])
+@pytest.mark.parametrize("changes", [{}, pytest.param({"variables": "control"}, marks=pytest.mark.slow)])
 def test_remeshed_faces_take_over_the_attributes_of_the_source(changes):
     source = ball(2, 0.3)
     options = GAUSS_NEWTON | {"scheme": "loop", "coarse_steps": 12} | changes

@@ -171,7 +171,9 @@ def uninterrupted(**changes):
     return content(fitted(sphere(1), "kobbelt", **changes))
 
 
-@pytest.mark.parametrize("changes", [{}, {"variables": "control"}], ids=["verts", "control"])
+@pytest.mark.parametrize(
+    "changes", [{}, pytest.param({"variables": "control"}, marks=pytest.mark.slow)], ids=["verts", "control"]
+)
 @over("stop", [2, 5])
 def test_a_fit_goes_on_from_a_checkpoint_to_the_same_bytes(changes, stop):
     saved = []

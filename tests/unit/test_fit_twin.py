@@ -94,9 +94,9 @@ OPTIMIZERS = {
 @pytest.mark.parametrize(
     ("optimizer", "kind", "surface"),
     [
-        ("sgd", "uniform", "closed"),
+        pytest.param("sgd", "uniform", "closed", marks=pytest.mark.slow),
         ("sgd", "cotangent", "open"),
-        ("adam", "uniform", "open"),
+        pytest.param("adam", "uniform", "open", marks=pytest.mark.slow),
         ("adam", "cotangent", "closed"),
     ],
 )

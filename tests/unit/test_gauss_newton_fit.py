@@ -126,7 +126,7 @@ def test_interpolatory_schemes_leave_the_coarse_verts_where_they_are(scheme, dty
     np.testing.assert_allclose(fine.verts, subdivide(mesh, scheme).verts, atol=1e-6)
 
 
-@pytest.mark.parametrize("scheme", ["loop", "modified-butterfly"])
+@pytest.mark.parametrize("scheme", ["loop", pytest.param("modified-butterfly", marks=pytest.mark.slow)])
 def test_the_surface_of_a_control_mesh_is_its_refinement(scheme):
     result = fitted(ellipsoid(), scheme=scheme, **FEW | {"variables": "control", "verts": 150})
     expected = subdivide(result.control, scheme, 1)
@@ -137,7 +137,11 @@ def test_the_surface_of_a_control_mesh_is_its_refinement(scheme):
 
 @pytest.mark.parametrize(
     ("goal", "changes"),
-    [(torus(40, 20), FIXED), (torus(40, 20), {"levels": 0}), (Mesh(ball(3).verts, ball(3).faces[200:]), {})],
+    [
+        (torus(40, 20), FIXED),
+        (torus(40, 20), {"levels": 0}),
+        pytest.param(Mesh(ball(3).verts, ball(3).faces[200:]), {}, marks=pytest.mark.slow),
+    ],
     ids=["torus, fixed", "torus, remeshed", "open, remeshed"],
 )
 def test_a_target_of_another_topology_is_fitted_to_the_end(goal, changes):
@@ -162,7 +166,7 @@ def test_every_step_is_reported_with_its_stage_and_traced():
     assert all(0 <= row["matched"] <= 1 and 0 <= row["held_back"] <= row["verts"] for row in rows)
 
 
-@pytest.mark.parametrize("every", [4, 100])
+@pytest.mark.parametrize("every", [4, pytest.param(100, marks=pytest.mark.slow)])
 def test_rows_are_trace_every_steps_apart_and_the_last_step_has_one(every):
     steps = [row[0] for row in fitted(ellipsoid(), **FEW, trace_every=every).trace.rows]
     assert steps == sorted({*range(0, 9, every), 8})

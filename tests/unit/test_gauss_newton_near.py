@@ -101,7 +101,7 @@ def test_a_fit_from_a_near_source_skips_the_search_and_keeps_genus_and_detail():
     assert not fit.shortfalls(0)
 
 
-@pytest.mark.parametrize("connectivity", ["fixed", "remeshed"])
+@pytest.mark.parametrize("connectivity", ["fixed", pytest.param("remeshed", marks=pytest.mark.slow)])
 def test_a_fit_that_would_end_worse_returns_the_surface_of_its_source_and_says_so(monkeypatch, connectivity):
     goal = torus(24, 16)
     source = decimate(goal, 200)
@@ -162,6 +162,7 @@ def test_a_fit_whose_largest_distance_grew_says_so(monkeypatch):
     assert "the largest distance grew from" in text
 
 
+@pytest.mark.slow
 def test_pieces_that_cross_in_the_target_are_fitted_although_they_cross():
     ring = torus(24, 16)
     other = Mesh(ring.verts[:, [2, 0, 1]] + [2, 0, 0], ring.faces)

@@ -237,7 +237,7 @@ def legged():
     return table(3)
 
 
-@pytest.mark.parametrize("make", [bent, legged])
+@pytest.mark.parametrize("make", [bent, pytest.param(legged, marks=pytest.mark.slow)])
 def test_shapes_without_a_central_projection_are_mapped_by_way_of_the_plane(make):
     mesh = make()
     rays = unit(tensor(mesh) - tensor(mesh).mean(0))

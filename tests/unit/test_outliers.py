@@ -85,7 +85,7 @@ def test_a_wrap_goes_around_the_points_and_not_around_stray_ones():
     assert len(np.unique(control.faces)) == control.num_verts
 
 
-@over("noise", [0.0, 0.01])
+@pytest.mark.parametrize("noise", [pytest.param(0.0, marks=pytest.mark.slow), 0.01])
 def test_a_wrap_stays_outside_where_points_are_sparse(noise):
     """A ball whose one half has a tenth of the points of the other keeps them, and its wrap is a ball."""
     points, _ = ball(6000, noise=noise, keep=lambda at: np.where(at[:, 0] > 0, 1.0, 0.1))
@@ -109,6 +109,7 @@ def test_a_cloud_with_stray_points_gives_the_ball():
     assert away.max() < 3 * spacing
 
 
+@pytest.mark.slow
 def test_spikes_of_a_noisy_mesh_are_given_up_unless_told_otherwise():
     mesh, _ = with_spikes(icosphere(4), NOISE)
     settings = {"verts": 1000, "levels": 0, "last_steps": 3, "decimate_from": 1.0, "device": "cpu", "normalise": "none"}

@@ -130,6 +130,7 @@ def test_clouds_are_refused_where_faces_are_needed() -> None:
             PointCloud(points)
 
 
+@pytest.mark.slow
 def test_a_cloud_is_wrapped_where_the_source_is_chosen_for_it() -> None:
     points = np.concatenate([ball(3000), ball(3000, seed=1) * 0.5 + [1.2, 0.0, 0.0]])
     outside = (np.linalg.norm(points, axis=1) > 0.99) & (np.linalg.norm(points - [1.2, 0, 0], axis=1) > 0.49)

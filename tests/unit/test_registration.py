@@ -235,6 +235,7 @@ def test_vertices_of_a_bent_animal_go_where_they_belong(registered, animal):
     assert len(result.trace.rows) == settings.steps == len(planned_steps("near-rigid"))
 
 
+@pytest.mark.slow
 def test_a_registration_continues_from_a_checkpoint_to_the_same_bytes(registered):
     source, target, settings, result = registered
     checkpoints = []
@@ -290,6 +291,7 @@ def test_auto_fits_another_shape_without_a_registration_and_continues_from_a_che
     assert again.mesh.verts.tobytes() == result.mesh.verts.tobytes()
 
 
+@pytest.mark.slow
 def test_levels_after_registration_keep_vertices_in_place(registered):
     source, target, settings, _ = registered
     finer = settings.model_copy(update={"levels": 1, "register": "rigid", "level_steps": 2, "last_steps": 1})

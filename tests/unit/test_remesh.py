@@ -28,7 +28,6 @@ from meshfit.remeshing.sizing import limit_gradation, num_verts_for
 from meshfit.remeshing.split import split
 from meshfit.remeshing.state import RemeshState
 from meshfit.subdivision.refine import subdivide
-from tests.loops import over
 from tests.shapes import patch, torus
 
 
@@ -149,7 +148,12 @@ CASES = {
 }
 
 
-@over("case", CASES)
+QUICK = ("finer", "coarser", "graded", "torus", "hemisphere", "band", "patch")
+
+
+@pytest.mark.parametrize(
+    "case", [case if case in QUICK else pytest.param(case, marks=pytest.mark.slow) for case in CASES]
+)
 def test_sound_and_of_the_lengths_wanted(case):
     make, scale, ratio = CASES[case]
     mesh = make()
@@ -170,7 +174,7 @@ def test_sound_and_of_the_lengths_wanted(case):
     assert np.quantile(share, 0.95) < 1.35
 
 
-@pytest.mark.parametrize("name", ["bunny", "mousehead"])
+@pytest.mark.parametrize("name", [pytest.param("bunny", marks=pytest.mark.slow), "mousehead"])
 def test_stays_where_it_is(name):
     mesh = target(name, 6000)
     diagonal = bounding_box_diagonal(mesh.verts)

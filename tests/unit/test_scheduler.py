@@ -50,6 +50,7 @@ def test_the_environment_of_workers_is_put_back(monkeypatch):
     assert "MKL_NUM_THREADS" not in os.environ
 
 
+@pytest.mark.slow
 def test_results_do_not_depend_on_workers_or_companions_and_a_failing_trial_takes_none_with_it(tmp_path):
     good = experiment(tmp_path, schemes=["loop", "interp-loop"])
     anywhere = experiment(tmp_path, schemes=["loop", "interp-loop"], device="auto")
@@ -89,6 +90,18 @@ class Killer:
             os.kill(progress["pid"], signal.SIGKILL)
 
 
+@posix
+def test_a_trial_without_retries_is_recorded_when_its_process_is_killed(tmp_path):
+    (trial,) = plan([experiment(tmp_path, fit={"steps": 100_000}, retries=0)])
+    store = RunDirectory(tmp_path / "runs")
+    outcomes = run_trials([trial], store, jobs=1, watch=Killer(trial, store, times=1))
+    assert (outcomes[0].status, outcomes[0].kind) == (TrialStatus.FAILED, "killed")
+    record = store.failure(trial)
+    assert (record["kind"], record["attempts"], record["step"] > 5) == ("killed", 1, True)
+    assert (store.folder(trial) / "trial.log").read_text().count("killed at step") == 1
+
+
+@pytest.mark.slow
 @posix
 def test_a_trial_whose_process_is_killed_is_tried_again_and_then_recorded(tmp_path):
     trials = plan([experiment(tmp_path, fit={"steps": 100_000}), experiment(tmp_path, seeds=[0, 1, 2])])

@@ -246,7 +246,7 @@ def test_soups_are_as_exact_arithmetic_has_them(seed):
     assert pairs(verts, faces) == expected
 
 
-@pytest.mark.parametrize("noise", [0.2, 2.0])
+@pytest.mark.parametrize("noise", [0.2, pytest.param(2.0, marks=pytest.mark.slow)])
 def test_small_shaken_spheres_are_as_exact_arithmetic_has_them(noise):
     mesh = shaken(1, noise)
     assert pairs(mesh.verts, mesh.faces) == exactly(mesh.verts, mesh.faces)

@@ -64,7 +64,10 @@ def taken(folder, every, engine="first-order", **changes):
     return trial, store, place
 
 
-@pytest.mark.parametrize("engine", ENGINES)
+FEWER = ["first-order", pytest.param("gauss-newton", marks=pytest.mark.slow)]
+
+
+@pytest.mark.parametrize("engine", FEWER)
 def test_snapshots_move_no_number_and_no_identity(tmp_path, engine):
     plain, store, place = prepared(tmp_path, fit=ENGINES[engine])
     run_trial(plain, store, quietly)
@@ -86,7 +89,7 @@ def test_a_snapshot_is_the_surface_after_so_many_steps(tmp_path, engine):
         assert bytes_of(place)[last] == (place / "result.ply").read_bytes()
 
 
-@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("engine", FEWER)
 def test_a_trial_that_was_stopped_has_the_snapshots_of_one_that_was_not(tmp_path, engine):
     trial, store, place = taken(tmp_path, 3, engine)
     stopped = RunDirectory(tmp_path / "stopped")
