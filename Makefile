@@ -96,8 +96,9 @@ bench-compare: $(DEV)  ## Compare two such files: make bench-compare OLD=a.json 
 kinds: $(DEV)  ## Draw the pictures of docs/guide/which-source.md from real fits (10 minutes)
 	$(BIN)/python -m tests.benchmarks.target_pictures $(RUNS)/targets data/pictures/kinds
 
-registration-bench: $(DEV)  ## Templates to targets with known correspondence; writes docs/background/registration.md (3 minutes)
-	$(BIN)/python -m tests.benchmarks.registration > docs/background/registration.md
+registration-bench: $(DEV)  ## Register templates to targets with known correspondence, other tools beside ours; resumes (40 minutes)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[peers]'
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.registration $(RUNS)/registration docs/background/registration.md
 
 targets-bench: $(DEV)  ## Fits to targets of each kind, with other tools beside them; writes docs/background/targets.md (7 minutes)
 	$(BIN)/python -m tests.benchmarks.targets > docs/background/targets.md

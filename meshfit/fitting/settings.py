@@ -305,6 +305,10 @@ class ExternalSettings(Settings):
             raise ValueError("command: none of its arguments holds {result}, the file to write")
         return self
 
+    def __hash__(self) -> int:
+        """Hash the JSON text, since options are a dict, which has no hash."""
+        return hash(self.model_dump_json())
+
     def _require_keys_of_tool(self) -> None:
         for key, default in (("version_command", None), ("format", "ply"), ("environment", ())):
             if getattr(self, key) != default:

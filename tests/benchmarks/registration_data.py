@@ -11,7 +11,7 @@ from meshfit.mesh.io.point_clouds import save_point_cloud
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.meshlab import decimate
 from meshfit.mesh.point_cloud import PointCloud
-from tests.benchmarks.registration_pairs import figure, posed
+from tests.benchmarks.skeletons import FIGURE
 
 _POSES = {"walk": "walk", "raised": "arms raised", "squat": "squat"}
 _TEMPLATE_FACES, _TARGET_FACES = 2000, 6000
@@ -21,10 +21,11 @@ _DIGITS = 6
 def write(folder: Path) -> None:
     """Write all files into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    template, other = rounded(decimate(figure(0.019), _TEMPLATE_FACES)), decimate(figure(0.017), _TARGET_FACES)
+    rest, other_rest = (FIGURE.surface(edge) for edge in FIGURE.edges)
+    template, other = rounded(decimate(rest, _TEMPLATE_FACES)), decimate(other_rest, _TARGET_FACES)
     save_mesh(template, folder / "template.ply")
     for name, pose in _POSES.items():
-        change = posed(pose)
+        change = FIGURE.posed(pose)
         save_mesh(rounded(other.with_verts(change(other.verts))), folder / f"{name}.ply")
         save_point_cloud(PointCloud(change(template.verts).round(_DIGITS)), folder / f"{name}-truth.ply")
 

@@ -3,14 +3,14 @@
 python -m tests.benchmarks.registration_pairs FOLDER    # writes one pair as template.ply and scan.ply
 """
 
+import re
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-import pyvista
 from scipy.spatial.transform import Rotation
 
 from meshfit.mesh.geometry import bounding_box_diagonal, unit_vectors, vert_area_vectors
@@ -22,51 +22,7 @@ from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.targets import load_target
 from meshfit.subdivision.refine import subdivide
-
-Map = Callable[[np.ndarray], np.ndarray]
-
-# Bones of the figure: parent, start, end, radii at both. y is up, the figure looks towards +z.
-_BONES: dict[str, tuple[str | None, tuple[float, float, float], tuple[float, float, float], float, float]] = {
-    "hips": (None, (0.0, 0.92, 0.0), (0.0, 1.02, 0.0), 0.14, 0.13),
-    "chest": ("hips", (0.0, 1.05, 0.0), (0.0, 1.38, 0.0), 0.13, 0.15),
-    "head": ("chest", (0.0, 1.52, 0.0), (0.0, 1.72, 0.03), 0.06, 0.11),
-    "upper arm left": ("chest", (0.20, 1.40, 0.0), (0.36, 1.14, 0.0), 0.055, 0.05),
-    "lower arm left": ("upper arm left", (0.36, 1.14, 0.0), (0.48, 0.90, 0.03), 0.048, 0.04),
-    "upper arm right": ("chest", (-0.20, 1.40, 0.0), (-0.36, 1.14, 0.0), 0.055, 0.05),
-    "lower arm right": ("upper arm right", (-0.36, 1.14, 0.0), (-0.48, 0.90, 0.03), 0.048, 0.04),
-    "thigh left": ("hips", (0.11, 0.90, 0.0), (0.14, 0.50, 0.0), 0.09, 0.065),
-    "shin left": ("thigh left", (0.14, 0.50, 0.0), (0.15, 0.10, -0.02), 0.06, 0.045),
-    "foot left": ("shin left", (0.15, 0.06, 0.0), (0.16, 0.05, 0.14), 0.05, 0.04),
-    "thigh right": ("hips", (-0.11, 0.90, 0.0), (-0.14, 0.50, 0.0), 0.09, 0.065),
-    "shin right": ("thigh right", (-0.14, 0.50, 0.0), (-0.15, 0.10, -0.02), 0.06, 0.045),
-    "foot right": ("shin right", (-0.15, 0.06, 0.0), (-0.16, 0.05, 0.14), 0.05, 0.04),
-}
-_BLEND, _SKIN = 0.03, 0.035
-# Turns about the axes at the start of bones, in degrees.
-POSES: dict[str, dict[str, tuple[float, float, float]]] = {
-    "walk": {
-        "upper arm left": (35, 0, 0),
-        "lower arm left": (-30, 0, 0),
-        "upper arm right": (-35, 0, 0),
-        "lower arm right": (-40, 0, 0),
-        "thigh left": (-35, 0, 0),
-        "shin left": (25, 0, 0),
-        "thigh right": (25, 0, 0),
-        "shin right": (30, 0, 0),
-        "chest": (5, 8, 0),
-    },
-    "arms raised": {"upper arm left": (0, 0, 75), "upper arm right": (0, 0, -75)},
-    "arms forward": {"upper arm left": (-80, 0, 0), "upper arm right": (-80, 0, 0)},
-    "squat": {
-        "upper arm left": (-80, 0, -20),
-        "upper arm right": (-80, 0, 20),
-        "thigh left": (-85, 0, 10),
-        "thigh right": (-85, 0, -10),
-        "shin left": (95, 0, 0),
-        "shin right": (95, 0, 0),
-        "hips": (15, 0, 0),
-    },
-}
+from tests.benchmarks.skeletons import FIGURE, HAND, HORSE, Map, Skeleton
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,12 +34,14 @@ class Pair:
         source: the template.
         target: to register it to.
         truth: (V, 3) where its vertices belong.
+        seen: whether it was looked at while settings were chosen.
     """
 
     name: str
     source: Mesh
     target: Mesh | PointCloud
     truth: np.ndarray
+    seen: bool = True
 
     @property
     def diagonal(self) -> float:
@@ -136,58 +94,29 @@ def twist(degrees: float, axis: int = 1) -> Callable[[np.ndarray], Map]:
     return of
 
 
-def _bone_distances(points: np.ndarray) -> np.ndarray:
-    """Return the distances of points from the surface of each bone."""
-    columns = []
-    for _, start, end, first, last in _BONES.values():
-        a, side = np.array(start), np.array(end) - np.array(start)
-        share = np.clip((points - a) @ side / (side @ side), 0, 1)
-        columns.append(np.linalg.norm(points - a - share[:, None] * side, axis=1) - (first + share * (last - first)))
-    return np.stack(columns, axis=1)
-
-
-@lru_cache(maxsize=4)
-def figure(edge: float) -> Mesh:
-    """Return the figure at rest, with edges of about this length."""
-
-    low, high = np.array([-0.75, -0.1, -0.4]), np.array([0.75, 2.0, 0.4])
-    counts = np.ceil((high - low) / edge).astype(int) + 1
-    grid = pyvista.ImageData(dimensions=counts, spacing=[edge] * 3, origin=low)
-    distances = _bone_distances(np.asarray(grid.points, dtype=np.float64))
-    values = -_BLEND * np.log(np.exp(-distances / _BLEND).sum(axis=1))
-    made = grid.contour([0.0], scalars=values, method="flying_edges").clean()
-    faces = np.asarray(made.faces).reshape(-1, 4)[:, :0:-1].astype(np.int64)
-    return manifold_pieces(Mesh(np.asarray(made.points, dtype=np.float64), faces))
-
-
-def posed(name: str) -> Map:
-    """Return the map of a pose: each point follows the bones near it (linear blend skinning)."""
-    turns = POSES[name]
-    placed: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-    for bone, (parent, start, *_) in _BONES.items():
-        above, shift = placed[parent] if parent else (np.eye(3), np.zeros(3))
-        turn = Rotation.from_euler("xyz", turns.get(bone, (0, 0, 0)), degrees=True).as_matrix()
-        rotation, pivot = above @ turn, np.array(start)
-        placed[bone] = rotation, above @ pivot + shift - rotation @ pivot
-
-    def moved(points: np.ndarray) -> np.ndarray:
-        distances = _bone_distances(points)
-        weights = np.exp(-(distances - distances.min(axis=1, keepdims=True)) / _SKIN)
-        weights /= weights.sum(axis=1, keepdims=True)
-        total = np.zeros_like(points)
-        for weight, (rotation, shift) in zip(weights.T, placed.values(), strict=True):
-            total += weight[:, None] * (points @ rotation.T + shift)
-        return total
-
-    return moved
-
-
 def animal(name: str, faces: int) -> Mesh:
     """Return a bundled animal with fewer faces."""
     mesh = load_target(name)
     while mesh.num_faces < 1.5 * faces:
         mesh = subdivide(mesh, "midpoint")
     return manifold_pieces(decimate(mesh, faces))
+
+
+_SEEN_POSES = ("walk", "arms raised", "arms forward", "squat")
+_UNSEEN_POSES = (
+    (FIGURE, "kick", "kick"),
+    (FIGURE, "bow", "bow"),
+    (HORSE, "gallop", "galloping horse"),
+    (HORSE, "graze", "grazing horse"),
+    (HAND, "grasp", "grasping hand"),
+)
+_BENDS = (
+    ("cow bent by 90°", "cow", bend(90, 2, 0)),
+    ("cow bent by 150°", "cow", bend(150, 2, 0)),
+    ("cow twisted by 90°", "cow", twist(90, 2)),
+    ("bunny bent by 90°", "bunny", bend(90, 1, 0)),
+    ("bunny twisted by 120°", "bunny", twist(120, 1)),
+)
 
 
 def _pair(name: str, source: Mesh, other: Mesh, change: Map) -> Pair:
@@ -227,25 +156,14 @@ def as_cloud(pair: Pair, count: int = 10_000) -> Pair:
     return replace(pair, name=f"{pair.name}, {count:,} points", target=PointCloud(points))
 
 
-def pairs() -> list[Callable[[], Pair]]:
-    """Return the makers of all pairs."""
-    made: list[Callable[[], Pair]] = [
-        lambda pose=pose: _pair(pose, figure(0.019), figure(0.017), posed(pose)) for pose in POSES
-    ]
-    cow, bunny = lambda n: animal("cow", n), lambda n: animal("bunny", n)
-    for name, shape, change in (
-        ("cow bent by 90°", cow, bend(90, 2, 0)),
-        ("cow bent by 150°", cow, bend(150, 2, 0)),
-        ("cow twisted by 90°", cow, twist(90, 2)),
-        ("bunny bent by 90°", bunny, bend(90, 1, 0)),
-        ("bunny twisted by 120°", bunny, twist(120, 1)),
-    ):
+def pairs(sizes: tuple[int, int] | None = None) -> list[Callable[[], Pair]]:
+    """Return the makers of all pairs.
 
-        def make(name=name, shape=shape, change=change) -> Pair:
-            source, other = shape(16_000), shape(24_000)
-            return _pair(name, source, other, change(source.verts))
-
-        made.append(make)
+    Args:
+        sizes: numbers of faces of template and target; about 16,000 and 20,000 to 24,000 without.
+    """
+    made: list[Callable[[], Pair]] = [partial(posed, FIGURE, pose, pose, sizes) for pose in _SEEN_POSES]
+    made += [partial(_bent, *each, sizes) for each in _BENDS]
     walk = made[0]
     made += [
         lambda: turned(walk(), 130),
@@ -253,7 +171,27 @@ def pairs() -> list[Callable[[], Pair]]:
         lambda: cut(walk(), 1, 0.25),
         lambda: as_cloud(walk()),
     ]
-    return made
+    unseen = [partial(posed, *each, sizes) for each in _UNSEEN_POSES]
+    unseen.append(partial(_bent, "mousehead bent by 60°", "mousehead", bend(60, 2, 1), sizes))
+    return made + [lambda make=make: replace(make(), seen=False) for make in unseen]
+
+
+def posed(skeleton: Skeleton, pose: str, name: str, sizes: tuple[int, int] | None = None) -> Pair:
+    """Return the pair of a shape at rest and in a pose."""
+    source, other = (skeleton.surface(edge) for edge in skeleton.edges)
+    if sizes is not None:
+        source, other = (decimate(mesh, count) for mesh, count in zip((source, other), sizes, strict=True))
+    return _pair(name, source, other, skeleton.posed(pose))
+
+
+def _bent(name: str, shape: str, change: Callable[[np.ndarray], Map], sizes: tuple[int, int] | None) -> Pair:
+    source, other = (animal(shape, count) for count in sizes or (16_000, 24_000))
+    return _pair(name, source, other, change(source.verts))
+
+
+def slug(name: str) -> str:
+    """Return the name of a pair for files."""
+    return re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")
 
 
 def _write(folder: Path) -> None:

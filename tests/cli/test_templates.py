@@ -110,6 +110,8 @@ def test_the_truth_travels_to_remote_workers_and_its_content_is_part_of_the_iden
     assert sent.read_bytes() == Path("known/a.xyz").read_bytes()
     np.savetxt("known/a.xyz", TEMPLATE.verts)
     assert plan([load_experiment(config(targets="a.ply"))])[0].identity != trial.identity
+    other_tool = config(targets="a.ply", fit="{method: external, tool: pycpd, options: {alpha: 0.2}}")
+    assert plan([load_experiment(other_tool)])[0].truth == trial.truth
 
 
 def test_a_correspondence_is_written_beside_the_result():
