@@ -61,13 +61,13 @@ def main() -> int:
     parser.add_argument("--page-only", action="store_true", help="write the page from what has been run")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
-    small, large = [make() for make in pairs(_SMALL)], [make() for make in pairs()]
+    small = [make() for make in pairs(_SMALL)]
     for group in () if options.page_only else options.only.split(","):
         if group == "cpu":
             _measure_cpu(options.runs, small)
             continue
         variants = {name: _OURS[name] for name in options.variants.split(",")} if group == "ours" else None
-        chosen = large if group == "large" else small
+        chosen = [make() for make in pairs()] if group == "large" else small
         configs = list(_configs(options.runs / "configs", group, chosen, options.seeds, variants))
         meshfit_run = [sys.executable, "-m", "meshfit", "run", *map(str, configs), "--runs", str(options.runs)]
         # Failed trials end with exit code 1, and are rows of the table.

@@ -48,7 +48,7 @@ same shape, meshed otherwise and moved. `meshfit table` shows the same runs.
 | --- | --- |
 | Gauss–Newton | defaults, `connectivity: fixed` |
 | first-order | 500 steps of SGD, 3,000 samples, weights of the tutorial |
-| pycpd 2.0 | α 10, β 0.6, w 0.02, 100 iterations, 700 points each, the rest carried by its kernel; \
+| pycpd 2.0 | α 10, β 0.6, w 0.02, 100 iterations, 500 points each, the rest carried by its kernel; \
 deformable as given and after its rigid stage, of which that with the smaller σ² is kept |
 | nricp of trimesh | defaults, but pairs up to a tenth of the diagonal; after rigid ICP, or the best rigid fit to \
 the landmarks |
@@ -145,8 +145,8 @@ def _random_orientations(runs: Path, turned: Sequence[str]) -> str:
     if not rows:
         return ""
     return (
-        "\n## Random orientations\n\nThe template, turned at random, and `register: auto`. Solved: a vertex error of at "
-        f"most {100 * SOLVED:.0f} %. The interval is Wilson's, of 95 %.\n\n"
+        "\n## Random orientations\n\nThe template, turned at random, and `register: auto`. Solved: a vertex error of "
+        f"at most {100 * SOLVED:.0f} %. The interval is Wilson's, of 95 %.\n\n"
         + _table(["pair", "solved", "interval", "median error", "worst error"], rows)
     )
 

@@ -19,7 +19,7 @@ _DISTANCE = 0.1
 """Distance beyond which nearest points are no match."""
 _RIGID_POINTS = 1000
 _CPD = {"alpha": 10.0, "beta": 0.6, "w": 0.02, "max_iterations": 100, "tolerance": 1e-6}
-_CPD_POINTS = 700
+_CPD_POINTS = 500
 _MESHMONK_SIZE, _MESHMONK_ITERATIONS = 100.0, 90
 
 
@@ -67,7 +67,9 @@ def _cpd(task: Task) -> np.ndarray:
     for start in (task.verts, rigid.transform_point_cloud(task.verts)):
         deformable = pycpd.DeformableRegistration(X=others, Y=start[few], **_CPD)
         deformable.register()
-        ends.append((float(deformable.sigma2), deformable.transform_point_cloud(start)))
+        apart = ((start[:, None] - start[few]) ** 2).sum(axis=2)
+        kernel = np.exp(-apart / (2 * _CPD["beta"] ** 2))
+        ends.append((float(deformable.sigma2), start + kernel @ deformable.W))
     return np.asarray(min(ends, key=lambda end: end[0])[1])
 
 
