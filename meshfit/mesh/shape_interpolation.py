@@ -13,7 +13,6 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from scipy.sparse import coo_array, csr_array, diags_array
 from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spanning_tree
-from scipy.sparse.linalg import SuperLU, splu
 from scipy.spatial.transform import Rotation
 
 from meshfit.doors import no_type_check
@@ -22,6 +21,7 @@ from meshfit.mesh.any_mesh import MeshLike, as_mesh
 from meshfit.mesh.geometry import nearest_rotations, unit_vectors
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.polygons import PolygonMesh
+from meshfit.mesh.sparse_factors import SymmetricFactors, nested_dissection
 from meshfit.mesh.topology import Indices, Topology
 from meshfit.printable import described
 from meshfit.units import count_text
@@ -233,12 +233,12 @@ class ShapeInterpolation:
         )
 
     @cached_property
-    def _factors(self) -> SuperLU:
+    def _factors(self) -> SymmetricFactors:
         """The factors of the normal equations, with one vertex of each piece held at the origin."""
         held = np.zeros(self.first.num_verts)
         held[np.unique(self._piece, return_index=True)[1]] = 1.0
-        square = (self._differences.T @ self._differences + diags_array(held)).tocsc()
-        return splu(square, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        square = csr_array(self._differences.T @ self._differences + diags_array(held))
+        return SymmetricFactors(square, nested_dissection(square, self.first.verts))
 
     @cached_property
     def _piece(self) -> Indices:

@@ -7,12 +7,12 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float64, Int64
 from scipy.sparse import csr_array, diags_array
-from scipy.sparse.linalg import splu
 
 from meshfit.fitting.gauss_newton.surface import Shape
 from meshfit.fitting.registration.template import Template
 from meshfit.mesh.geometry import nearest_rotations
 from meshfit.mesh.mesh import Verts
+from meshfit.mesh.sparse_factors import SymmetricFactors, nested_dissection
 from meshfit.remeshing.self_intersections import intersecting_pairs
 
 _ROUNDS, _PATIENCE, _ITERATIONS = 30, 8, 4
@@ -176,9 +176,8 @@ class Unfolding:
         neighbours = self.template.adjacency[rows][:, rows]
         degree = (neighbours.sum(axis=1) + 1)[:, None]
         held = stay[rows][:, None]
-        square = (diags_array(links.sum(axis=1) + held[:, 0]) - links).tocsc()
-        options = {"SymmetricMode": True}
-        factors = splu(square, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+        square = csr_array(diags_array(links.sum(axis=1) + held[:, 0]) - links)
+        factors = SymmetricFactors(square, nested_dissection(square, rest[rows]))
         moving = verts[rows]
         for _ in range(iterations):
             moments = gather @ (offsets[:, :, None] * (moving[tail] - moving[head])[:, None, :]).reshape(-1, 9)

@@ -7,8 +7,8 @@ from functools import cached_property
 import numpy as np
 import torch
 from jaxtyping import Bool, Float64
-from scipy.sparse import coo_array, csc_array, csr_array, diags_array
-from scipy.sparse.linalg import LinearOperator, cg, splu
+from scipy.sparse import coo_array, csc_array, csr_array, diags_array, eye_array
+from scipy.sparse.linalg import LinearOperator, cg
 
 from meshfit.fitting.gauss_newton.step_limiting import limit_step
 from meshfit.fitting.registration.graph_fit import between
@@ -19,6 +19,8 @@ from meshfit.fitting.registration.plan import VERTEX_STEPS, Range
 from meshfit.fitting.registration.template import Template
 from meshfit.fitting.settings import Direction
 from meshfit.mesh.mesh import Verts
+from meshfit.mesh.sparse_factors import SymmetricFactors, nested_dissection
+from meshfit.mesh.topology import Indices
 
 _WIDTH: Range = (0.012, 0.006)
 _FAIRNESS: Range = (1.0, 0.2)
@@ -60,6 +62,11 @@ class VertexFit:
     def _laplacian(self) -> csc_array:
         adjacency = self.template.adjacency
         return csc_array(diags_array(adjacency.sum(axis=1)) - adjacency)
+
+    @cached_property
+    def _order(self) -> Indices:
+        links = csr_array(self._laplacian + eye_array(len(self.start)))
+        return nested_dissection(links, self.template.mesh.verts)
 
     @cached_property
     def _bending(self) -> csc_array:
@@ -149,10 +156,9 @@ class VertexFit:
         It is within a factor of about 2 of that of f L D⁻¹ L + m, whose own factors have many times the entries.
         """
         valence = np.maximum(self.template.adjacency.sum(axis=1), 1)
-        root = (np.sqrt(fairness) * self._laplacian + diags_array(np.sqrt(mean * valence))).tocsc()
-        options = {"SymmetricMode": True}
-        factors = splu(root, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
-        return lambda x: np.asarray(factors.solve(valence[:, None] * factors.solve(np.ascontiguousarray(x))))
+        root = csr_array(np.sqrt(fairness) * self._laplacian + diags_array(np.sqrt(mean * valence)))
+        factors = SymmetricFactors(root, self._order)
+        return lambda x: factors.solve(valence[:, None] * factors.solve(x))
 
     def _moved(self, verts: Verts, goals: Verts) -> Verts:
         """Move the vertices as far as no faces come to cross, with what is held in its place."""
