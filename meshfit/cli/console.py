@@ -6,6 +6,8 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
+from threading import Timer
 from typing import TextIO
 
 from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderHook
@@ -20,6 +22,9 @@ EXIT_FAILED = 1
 EXIT_USAGE = MeshfitError.exit_code
 """Bad usage, configuration or input."""
 EXIT_INTERRUPTED = 130
+
+
+_SECONDS_UNTIL_SAID = 3.0
 
 
 @dataclass(frozen=True)
@@ -88,6 +93,24 @@ def print_error(message: str) -> None:
 def print_warning(message: str) -> None:
     """Print a warning as one line on stderr."""
     err.print(f"[bold magenta]warning:[/] {escape(message)}", soft_wrap=True)
+
+
+@contextmanager
+def working(text: str, *, quiet: bool = False) -> Iterator[None]:
+    """Say on stderr what is done within the block: a spinner on a terminal, elsewhere one line if it takes seconds."""
+    if quiet:
+        yield
+    elif err.is_terminal and not err.is_dumb_terminal:
+        with err.status(text):
+            yield
+    else:
+        timer = Timer(_SECONDS_UNTIL_SAID, partial(err.print, text, soft_wrap=True, markup=False))
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
 
 
 class _Warnings:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import typer
 from rich.markup import escape
 
-from meshfit.cli.console import EXIT_FAILED, err, out, print_warning, warn_once
+from meshfit.cli.console import EXIT_FAILED, err, out, print_warning, warn_once, working
 from meshfit.cli.options import RunOptions
 from meshfit.cli.progress import show_progress
 from meshfit.cli.table import check_display, show_tables
@@ -80,7 +80,7 @@ def _print_plan(trials: Sequence[Trial], store: RunDirectory, options: RunOption
     found = find_complete(trials, store)
     complete = [folder is not None for folder in found]
     to_run = [trial for trial, done in zip(trials, complete, strict=True) if options.force or not done]
-    time = None if options.cluster is not None else estimated(trials, to_run, store, options.jobs)
+    time = None if options.cluster is not None else estimated(trials, to_run, store, options.jobs, quiet=options.quiet)
     if options.as_json:
         rows = [
             {"target": trial.target, "scheme": trial.scheme, "variant": trial.variant, "seed": trial.seed}
@@ -103,12 +103,12 @@ def _print_plan(trials: Sequence[Trial], store: RunDirectory, options: RunOption
 
 
 def estimated(
-    trials: Sequence[Trial], to_run: Sequence[Trial], store: RunDirectory, jobs: int | None
+    trials: Sequence[Trial], to_run: Sequence[Trial], store: RunDirectory, jobs: int | None, *, quiet: bool = False
 ) -> Estimate | None:
     """Return about how long trials take, from complete ones or a probe; None, with a warning, if the probe fails."""
     results = [(trial, result) for trial in trials if (result := store.result(trial)) is not None]
     try:
-        with err.status("probing how long a trial takes"):
+        with working("probing how long a trial takes", quiet=quiet):
             return estimate(to_run, results, jobs=jobs)
     except TrialError as error:
         print_warning(f"no time estimate, because the probed trial failed: {error}")

@@ -6,7 +6,7 @@ import os
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from meshfit.cli import completions
-from meshfit.cli.console import EXIT_FAILED, EXIT_INTERRUPTED, err, out, print_error, warn_once
+from meshfit.cli.console import EXIT_FAILED, EXIT_INTERRUPTED, err, out, print_error, warn_once, working
 from meshfit.cli.fit_command import is_config_name
 from meshfit.cli.fit_plan import FitOptions, check_options, plan_fit
 from meshfit.cli.options import (
@@ -388,7 +388,7 @@ def fit(
     try:
         with _folder(keep) as folder:
             fitting = _Fitting(options, folder, run_options, output_format, keep is not None, started)
-            with err.status(f"reading {count_text(len(targets), 'mesh')}") if err.is_terminal else nullcontext():
+            with working(f"reading {count_text(len(targets), 'mesh')}", quiet=quiet):
                 jobs_of = fitting.plan(targets, outputs, tables, input_format, many=many)
             verdicts = fitting.run(jobs_of, many=many)
     except KeyboardInterrupt:

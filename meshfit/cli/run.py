@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 from meshfit.cli import completions
+from meshfit.cli.console import working
 from meshfit.cli.fit_command import fit_command, is_mesh_name
 from meshfit.cli.options import ExperimentName, RunOptions, Schemes, Seeds, Targets, takes_run_options
 from meshfit.errors import ConfigError, Faults
@@ -55,7 +56,7 @@ def run(
         with faults.collected():
             loaded = load_experiment(config, options.overrides or ())
             experiments.append(renamed(with_axes(loaded, targets=targets, schemes=listed_schemes, seeds=seeds), name))
-    with faults.collected():
+    with faults.collected(), working("reading the targets", quiet=options.quiet):
         trials = plan(experiments, remote=options.cluster is not None)
     faults.raise_any()
     return run_and_report(trials, options)

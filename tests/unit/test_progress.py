@@ -1,9 +1,12 @@
 """Progress lines: one per trial, one for several that end too fast, and one per minute while none ends."""
 
 import re
+import time
 
 import pytest
 
+from meshfit.cli import console
+from meshfit.cli.console import working
 from meshfit.cli.fit_progress import FitProgress
 from meshfit.cli.progress import TrialLines, show_parts
 from meshfit.experiment.plan import plan
@@ -116,3 +119,11 @@ def test_a_control_mesh_that_takes_time_is_named_with_the_time(tmp_path):
         progress[0] = Progress(TrialStatus(status))
         texts.append(shown.update(progress))
     assert texts == ["loading", "making the control mesh, 0 s", "making the control mesh, 7 s", "starting the fit"]
+
+
+def test_work_that_takes_seconds_is_named_once(monkeypatch, capsys):
+    for seconds, quiet, said in ((10, False, ""), (0.01, False, "reading a mesh\n"), (0.01, True, "")):
+        monkeypatch.setattr(console, "_SECONDS_UNTIL_SAID", seconds)
+        with working("reading a mesh", quiet=quiet):
+            time.sleep(0.1)
+        assert capsys.readouterr().err == said
