@@ -1,5 +1,7 @@
 """Areas, normals, angles and sizes of a triangle mesh, in numpy float64."""
 
+from weakref import WeakKeyDictionary
+
 import numpy as np
 from jaxtyping import Float64
 
@@ -21,8 +23,16 @@ def vert_area_vectors(mesh: Mesh) -> Float64[np.ndarray, "V 3"]:
 
 
 def face_areas(mesh: Mesh) -> Float64[np.ndarray, " F"]:
-    """Return the area of each face."""
-    return np.asarray(np.linalg.norm(area_vectors(mesh), axis=1))
+    """Return the area of each face, read-only: it is kept as long as the mesh."""
+    areas = _areas.get(mesh)
+    if areas is None:
+        areas = np.asarray(np.linalg.norm(area_vectors(mesh), axis=1))
+        areas.setflags(write=False)
+        _areas[mesh] = areas
+    return areas
+
+
+_areas = WeakKeyDictionary[Mesh, Float64[np.ndarray, " F"]]()
 
 
 def unit_vectors(vectors: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, "N 3"]:

@@ -3,6 +3,7 @@
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from jaxtyping import Bool, Int64
@@ -11,6 +12,9 @@ from scipy.sparse import coo_array, csr_array
 
 from meshfit.mesh.mesh import Faces, Mesh
 from meshfit.mesh.polygons import PolygonMesh
+
+# Topologies of up to so many faces are kept as long as their meshes; they take some 200 bytes per face.
+_MOST_KEPT = 1_000_000
 
 NONE = -1
 """The index of what does not exist."""
@@ -225,8 +229,13 @@ class Topology(HalfEdges):
 
     @classmethod
     def of(cls, mesh: Mesh) -> "Topology":
-        """Return the topology of a mesh."""
-        return cls(mesh.num_verts, mesh.faces)
+        """Return the topology of a mesh, with all that it has computed before if the mesh is not very large."""
+        topology = _topologies.get(mesh)
+        if topology is None:
+            topology = cls(mesh.num_verts, mesh.faces)
+            if mesh.num_faces <= _MOST_KEPT:
+                _topologies[mesh] = topology
+        return topology
 
     @property
     def num_faces(self) -> int:
@@ -268,6 +277,9 @@ class Topology(HalfEdges):
     def corners_of(self, face: int) -> list[int]:
         """Return the vertices of one face, in its order."""
         return [int(vert) for vert in self.faces[face]]
+
+
+_topologies = WeakKeyDictionary[Mesh, Topology]()
 
 
 @dataclass(frozen=True, eq=False)

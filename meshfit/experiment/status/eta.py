@@ -30,7 +30,7 @@ _ANYWHERE = Path()
 _ANY: _Key = (_ANYWHERE, "", 0)
 _PROBE_SECONDS = {"first-order": 2.0, "gauss-newton": 8.0}
 _WARM_UP_STEPS = 3
-_SPHERE_LEVEL = 5
+_SPHERE_LEVEL, _MOST_FACES = 5, 200_000
 _START_SECONDS = 3.0
 _VERTS_PER_SAMPLE = 4  # in a step, a vertex costs about a quarter of a sample: see the table of `make bench`
 
@@ -298,7 +298,11 @@ def _probe(trial: "Trial", threads: int) -> tuple[float, float]:
 
 
 def _seconds_to_measure(trial: "Trial") -> float:
-    """Seconds to measure the target against itself, which a good result is close to; a sphere, against points."""
+    """Seconds to measure the target against itself, which a good result is close to.
+
+    Points, and more faces than results have, among which to look for crossings takes minutes, are measured against a
+    sphere.
+    """
     from meshfit.measuring.measure import measure
     from meshfit.mesh.point_cloud import PointCloud
     from meshfit.mesh.targets import load_target
@@ -306,6 +310,7 @@ def _seconds_to_measure(trial: "Trial") -> float:
 
     target = load_target(trial.current_path(trial.target), trial.settings.cleaning)
     start = time.perf_counter()
-    surface = icosphere(_SPHERE_LEVEL) if isinstance(target, PointCloud) else target
+    is_result = not isinstance(target, PointCloud) and target.num_faces <= _MOST_FACES
+    surface = target if is_result else icosphere(_SPHERE_LEVEL)
     measure(surface, target, trial.settings.measure)
     return time.perf_counter() - start
