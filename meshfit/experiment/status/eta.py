@@ -310,7 +310,7 @@ def _seconds_to_measure(trial: "Trial") -> float:
 
     target = load_target(trial.current_path(trial.target), trial.settings.cleaning)
     start = time.perf_counter()
-    is_result = not isinstance(target, PointCloud) and target.num_faces <= _MOST_FACES
-    surface = target if is_result else icosphere(_SPHERE_LEVEL)
+    sphere = icosphere(_SPHERE_LEVEL)
+    surface = sphere if isinstance(target, PointCloud) or target.num_faces > _MOST_FACES else target
     measure(surface, target, trial.settings.measure)
     return time.perf_counter() - start
