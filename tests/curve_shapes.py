@@ -8,6 +8,7 @@ from meshfit.mesh.curves import Chains, Curves
 from meshfit.subdivision.curves.table import CURVE_SCHEMES
 from meshfit.subdivision.refine import CurveRefinement, refine
 from meshfit.subdivision.registry import resolve
+from tests.loops import each
 
 VARIANTS = (
     *CURVE_SCHEMES,
@@ -18,6 +19,7 @@ VARIANTS = (
     "interp-bspline:alpha=0.25",
     "interp-bspline:alpha=0.5",
 )
+by_variant = each("spec", VARIANTS, (*CURVE_SCHEMES, "four-point:tension=0.15"))
 INTERPOLATORY = tuple(
     spec for spec in VARIANTS if spec.startswith(("four-point", "ternary-four")) or spec == "interp-bspline"
 )

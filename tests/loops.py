@@ -2,7 +2,9 @@
 
 import functools
 import inspect
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
+
+import pytest
 
 
 def over(names: str | tuple[str, ...], values: Iterable | Callable[[str], Iterable], ids=None):
@@ -37,3 +39,9 @@ def over(names: str | tuple[str, ...], values: Iterable | Callable[[str], Iterab
         return looped
 
     return decorate
+
+
+def each(name: str, values: Iterable, quick: Collection) -> pytest.MarkDecorator:
+    """Make one case for each value, of which all but the quick ones belong to the slow tests."""
+    cases = [value if value in quick else pytest.param(value, marks=pytest.mark.slow) for value in values]
+    return pytest.mark.parametrize(name, cases)

@@ -9,6 +9,7 @@ from meshfit.mesh.topology import PolygonTopology
 from meshfit.subdivision.polygons.table import POLYGON_SCHEMES
 from meshfit.subdivision.refine import PolygonRefinement, refine
 from meshfit.subdivision.registry import resolve
+from tests.loops import each
 from tests.quads import EVERY, quad_patch, quad_torus
 
 VARIANTS = (
@@ -17,6 +18,7 @@ VARIANTS = (
     "interp-catmull-clark:alpha=0.5",
     "interp-sqrt2:alpha=0.5",
 )
+by_variant = each("spec", VARIANTS, POLYGON_SCHEMES)
 INTERPOLATORY = ("interp-catmull-clark", "kobbelt", "interp-sqrt2", "interp-ternary")
 REGULAR = ("ternary", "interp-ternary")
 ANYWHERE = tuple(spec for spec in VARIANTS if spec not in REGULAR)

@@ -1,26 +1,24 @@
 """Laws of every scheme on curves: affine invariance, and the same curve from either end and of any numbering."""
 
 import numpy as np
-import pytest
 
 from meshfit.mesh.curves import Curves
 from meshfit.subdivision.refine import subdivide
-from tests.curve_shapes import INTERPOLATORY, SHAPES, VARIANTS, arity, dense, many, ordered, refined, single
+from tests.curve_shapes import INTERPOLATORY, SHAPES, arity, by_variant, dense, many, ordered, refined, single
 from tests.loops import over
 
-by_spec = pytest.mark.parametrize("spec", VARIANTS)
 by_shape = over("shape", SHAPES)
 LEVELS = 3
 
 
-@by_spec
+@by_variant
 @by_shape
 def test_rows_sum_to_one(spec, shape):
     matrix = refined(SHAPES[shape](), spec, LEVELS).matrix
     np.testing.assert_allclose(matrix.sum(axis=1), 1, rtol=0, atol=4e-15)
 
 
-@by_spec
+@by_variant
 @by_shape
 def test_affine_maps_commute_with_refinement(spec, shape):
     curves, generator = SHAPES[shape](), np.random.default_rng(0)
@@ -30,7 +28,7 @@ def test_affine_maps_commute_with_refinement(spec, shape):
     np.testing.assert_allclose(subdivide(moved, spec, LEVELS).verts, expected, rtol=0, atol=3e-13)
 
 
-@by_spec
+@by_variant
 @by_shape
 def test_counts(spec, shape):
     curves = SHAPES[shape]()
@@ -42,7 +40,7 @@ def test_counts(spec, shape):
     assert len(np.unique(fine.corners)) == len(fine.corners)
 
 
-@by_spec
+@by_variant
 @by_shape
 def test_old_verts_stand_in_their_chains_as_before(spec, shape):
     curves = SHAPES[shape]()
@@ -55,7 +53,7 @@ def test_old_verts_stand_in_their_chains_as_before(spec, shape):
         assert np.array_equal(after[:: arity(spec) ** 2], before)
 
 
-@by_spec
+@by_variant
 def test_numbering_does_not_matter(spec):
     curves = many()
     order = np.random.default_rng(1).permutation(curves.num_verts)
@@ -68,7 +66,7 @@ def test_numbering_does_not_matter(spec):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14)
 
 
-@by_spec
+@by_variant
 @over("closed", [False, True])
 @over("size", [2, 3, 7])
 def test_a_curve_run_through_backwards_is_refined_to_the_same_points(spec, closed, size):
@@ -79,7 +77,7 @@ def test_a_curve_run_through_backwards_is_refined_to_the_same_points(spec, close
     np.testing.assert_allclose(turned, expected, rtol=0, atol=1e-14)
 
 
-@by_spec
+@by_variant
 @over("size", [2, 3, 8])
 def test_it_does_not_matter_where_a_closed_curve_starts(spec, size):
     curves = single(size, closed=True)
@@ -88,7 +86,7 @@ def test_it_does_not_matter_where_a_closed_curve_starts(spec, size):
     np.testing.assert_allclose(np.roll(found, arity(spec) ** LEVELS, axis=0), expected, rtol=0, atol=1e-14)
 
 
-@by_spec
+@by_variant
 def test_chains_do_not_see_each_other(spec):
     curves = many()
     fine = ordered(subdivide(curves, spec, LEVELS))
@@ -97,7 +95,7 @@ def test_chains_do_not_see_each_other(spec):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14)
 
 
-@by_spec
+@by_variant
 def test_ends_and_verts_off_the_chains_stay(spec):
     curves = many()
     matrix = dense(curves, spec, LEVELS)
@@ -110,7 +108,7 @@ def test_ends_and_verts_off_the_chains_stay(spec):
     assert np.array_equal(matrix[: curves.num_verts][still], np.eye(curves.num_verts)[still])
 
 
-@by_spec
+@by_variant
 @by_shape
 def test_interpolatory_schemes_keep_old_verts_and_the_others_do_not(spec, shape):
     curves = SHAPES[shape]()
@@ -119,7 +117,7 @@ def test_interpolatory_schemes_keep_old_verts_and_the_others_do_not(spec, shape)
     assert np.array_equal(kept, np.eye(curves.num_verts)) == (spec in INTERPOLATORY or not moves_some)
 
 
-@by_spec
+@by_variant
 @over("size", [2, 3, 6])
 def test_evenly_spaced_verts_of_a_line_stay_so_up_to_its_ends(spec, size):
     line = Curves.through(np.arange(size)[:, None] * np.array([1.0, -2.0, 0.5]) + 3)
@@ -128,7 +126,7 @@ def test_evenly_spaced_verts_of_a_line_stay_so_up_to_its_ends(spec, size):
     np.testing.assert_allclose(points, expected, rtol=0, atol=1e-14)
 
 
-@by_spec
+@by_variant
 @over("closed", [False, True])
 def test_levels_one_by_one_are_levels_at_once(spec, closed):
     curves = single(5, closed=closed)

@@ -6,7 +6,7 @@ import pytest
 from meshfit.mesh.geometry import area_vectors
 from meshfit.mesh.topology import PolygonTopology
 from meshfit.subdivision.refine import subdivide
-from tests.laws.polygon_variants import ANYWHERE, VARIANTS, refined
+from tests.laws.polygon_variants import ANYWHERE, by_variant, refined
 from tests.loops import over
 from tests.quads import quad_patch, quad_wheel
 
@@ -48,7 +48,7 @@ def test_polynomials(spec):
     assert reproduced(spec, DEGREES[spec] + 1) > 1e-3
 
 
-@pytest.mark.parametrize("spec", VARIANTS)
+@by_variant
 def test_the_lattice_stays_one(spec):
     """Inside, new verts of a level are where linear interpolation puts them; edges and faces shrink equally."""
     mesh = quad_patch(13, 12)
@@ -72,7 +72,7 @@ def test_flat_counter_clockwise_disks_stay_so(spec, n):
         np.testing.assert_allclose(areas[:, :2], 0, atol=1e-14)
 
 
-@pytest.mark.parametrize("spec", VARIANTS)
+@by_variant
 def test_straight_sides_stay_straight(spec):
     """Linear-exactness up to the boundary: away from corners, lattice lines end there as equally spaced as inside."""
     mesh = quad_patch(17, 16)

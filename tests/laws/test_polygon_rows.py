@@ -13,7 +13,7 @@ from tests.laws.polygon_variants import (
     INTERPOLATORY,
     KEEPING,
     REGULAR,
-    VARIANTS,
+    by_variant,
     dense,
     refined,
     shape_of,
@@ -23,7 +23,6 @@ from tests.loops import over
 from tests.quads import mixed, quad_cube, quad_patch, renumbered
 from tests.shapes import mixed_closed, mixed_open
 
-by_spec = pytest.mark.parametrize("spec", VARIANTS)
 every_shape = over("shape", shapes_for)
 small_shapes = over(
     "shape",
@@ -43,14 +42,14 @@ def face_set(rows, name) -> set[tuple[int, ...]]:
     return {tuple(row[row.index(min(row)) :] + row[: row.index(min(row))]) for row in renamed}
 
 
-@by_spec
+@by_variant
 @every_shape
 def test_rows_sum_to_one(spec, shape):
     for operator in refined(shape_of(shape), spec, LEVELS).operators:
         np.testing.assert_allclose(operator.sum(axis=1), 1, rtol=0, atol=4e-15)
 
 
-@by_spec
+@by_variant
 @every_shape
 @over("levels", [1, 2])
 def test_the_surface_stays_an_oriented_manifold_of_the_same_topology(spec, shape, levels):
@@ -64,7 +63,7 @@ def test_the_surface_stays_an_oriented_manifold_of_the_same_topology(spec, shape
     assert np.array_equal(np.unique(after.corners), np.arange(after.num_verts))
 
 
-@by_spec
+@by_variant
 @small_shapes
 def test_affine_maps_commute_with_refinement(spec, shape):
     mesh, generator = shape_of(shape), np.random.default_rng(0)
@@ -74,7 +73,7 @@ def test_affine_maps_commute_with_refinement(spec, shape):
     np.testing.assert_allclose(moved_first.verts, moved_last, rtol=0, atol=3e-13)
 
 
-@by_spec
+@by_variant
 @small_shapes
 def test_a_mesh_is_refined_alike_under_any_numbering_and_wherever_its_faces_start(spec, shape):
     mesh, generator = shape_of(shape), np.random.default_rng(1)
@@ -94,7 +93,7 @@ def test_a_mesh_is_refined_alike_under_any_numbering_and_wherever_its_faces_star
     assert face_set(faces[0], names[0]) == face_set(faces[1], names[1])
 
 
-@by_spec
+@by_variant
 @small_shapes
 def test_the_mirror_image_is_refined_to_the_mirror_image(spec, shape):
     mesh = shape_of(shape)
@@ -119,7 +118,7 @@ def test_interpolatory_schemes_keep_old_verts_and_the_others_do_not(spec):
         assert np.array_equal(kept, np.eye(mesh.num_verts)) == (spec in INTERPOLATORY)
 
 
-@pytest.mark.parametrize("spec", VARIANTS)
+@by_variant
 def test_boundary_curves_depend_on_boundary_verts_alone(spec):
     mesh = quad_patch(5, 4) if spec in REGULAR else mixed(closed=False)
     refinement = refined(mesh, spec, LEVELS)
@@ -164,7 +163,7 @@ def test_verts_without_faces_stay_put(spec):
     assert not np.isin(fine.corners, at).any()
 
 
-@pytest.mark.parametrize("spec", VARIANTS)
+@by_variant
 def test_no_faces_and_no_levels_change_nothing(spec):
     points = PolygonMesh(np.eye(3), [], [])
     assert np.array_equal(subdivide(points, spec, 2).verts, np.eye(3))

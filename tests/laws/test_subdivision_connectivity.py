@@ -12,7 +12,7 @@ from meshfit.mesh.solids import octahedron
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.refine import subdivide
 from meshfit.subdivision.triangles.table import TRIANGLE_SCHEMES
-from tests.laws.variants import QUADRISECTING, SQRT3, VARIANTS, refined
+from tests.laws.variants import QUADRISECTING, SQRT3, by_variant, refined
 from tests.loops import over
 from tests.shapes import ALL, CLOSED, OPEN, mixed_open, patch, wheel
 
@@ -127,7 +127,7 @@ def test_valences_after_two_sqrt3_steps(spec):
     assert (fine.valence[~fine.boundary_verts] == 6).all()
 
 
-@pytest.mark.parametrize("spec", VARIANTS)
+@by_variant
 @over("levels", [1, 2, 3])
 def test_verts_without_faces_stay_put(spec, levels):
     solid = octahedron()

@@ -13,7 +13,7 @@ from meshfit.subdivision.creases import Creases, creases_by_angle
 from meshfit.subdivision.refine import refine, subdivide
 from meshfit.subdivision.registry import resolve
 from tests.laws.test_subdivision_masks import fractions_of
-from tests.loops import over
+from tests.loops import each, over
 from tests.shapes import ALL, mixed_closed, mixed_open, permuted, torus, wheel
 
 TAKING = (
@@ -28,7 +28,7 @@ TAKING = (
 )
 COLUMNS, ROWS = 9, 8
 ROW = [(i, (i + 1) % COLUMNS) for i in range(COLUMNS)]
-by_spec = pytest.mark.parametrize("spec", TAKING)
+by_spec = each("spec", TAKING, ("midpoint", "loop", "interp-loop:alpha=0.5,weights=warren,valence3=zorin"))
 anywhere = over("make", [mixed_closed, mixed_open])
 
 

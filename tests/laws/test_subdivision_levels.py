@@ -10,16 +10,15 @@ from meshfit.subdivision.refine import refine, subdivide
 from meshfit.subdivision.registry import resolve
 from meshfit.subdivision.triangles.assemble import assemble
 from meshfit.subdivision.triangles.splits import divide
-from tests.laws.variants import QUADRISECTING, SQRT3, VARIANTS, refined
+from tests.laws.variants import QUADRISECTING, SQRT3, by_variant, refined
 from tests.loops import over
 from tests.shapes import mixed_closed, mixed_open
 
-by_spec = pytest.mark.parametrize("spec", VARIANTS)
 MESHES = (mixed_closed, mixed_open)
 SHAPES = [(), (3,), (2, 2)]
 
 
-@by_spec
+@by_variant
 @over("make", lambda spec: MESHES if spec in QUADRISECTING else MESHES[:1])
 def test_three_levels_are_three_times_one(spec, make):
     at_once = subdivide(make(), spec, 3)
@@ -52,7 +51,7 @@ def test_sqrt3_levels_follow_the_parity_of_the_step(spec):
         topology = Topology(topology.num_verts + division.num_new, division.faces)
 
 
-@by_spec
+@by_variant
 @over("make", MESHES)
 def test_the_matrix_is_the_product_of_its_levels(spec, make):
     mesh = make()
@@ -63,7 +62,7 @@ def test_the_matrix_is_the_product_of_its_levels(spec, make):
     np.testing.assert_allclose(subdivide(mesh, spec, 3).verts, refinement(mesh.verts), rtol=0, atol=0)
 
 
-@by_spec
+@by_variant
 @over("make", MESHES)
 @over("shape", SHAPES)
 def test_any_attribute_of_the_verts_is_carried(spec, make, shape):
@@ -80,7 +79,7 @@ def test_any_attribute_of_the_verts_is_carried(spec, make, shape):
     np.testing.assert_allclose(tensor.numpy(), found, rtol=0, atol=1e-14)
 
 
-@by_spec
+@by_variant
 @over("make", MESHES)
 def test_single_precision_stays_single(spec, make):
     mesh = make()
@@ -103,7 +102,7 @@ def test_gradients_flow_through_every_level(spec):
     assert torch.autograd.gradcheck(refinement, (verts,))
 
 
-@by_spec
+@by_variant
 @over("make", MESHES)
 def test_the_gradient_is_the_transposed_matrix(spec, make):
     mesh = make()
@@ -114,7 +113,7 @@ def test_the_gradient_is_the_transposed_matrix(spec, make):
     np.testing.assert_allclose(verts.grad.numpy(), refinement.matrix.T @ upstream, rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize("spec", VARIANTS)
+@by_variant
 def test_no_level_changes_nothing(spec):
     mesh = mixed_open()
     refinement = refined(mesh, spec, 0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from meshfit.mesh.topology import Topology
-from tests.laws.variants import INTERPOLATORY, QUADRISECTING, SQRT3, VARIANTS, dense, refined
+from tests.laws.variants import INTERPOLATORY, QUADRISECTING, SQRT3, by_variant, dense, refined
 from tests.shapes import patch
 
 COLUMNS, ROWS = 12, 12
@@ -60,7 +60,7 @@ def test_reproduction_inside(spec, highest):
     assert errors(spec, highest + 1, margin=3) > 1e-3
 
 
-@pytest.mark.parametrize("spec", VARIANTS)
+@by_variant
 def test_linear_functions_survive_along_straight_sides(spec):
     """Everywhere but near the patch's corners, where the boundary curve itself is rounded off."""
     mesh, places = patch(COLUMNS, ROWS), lattice_places(spec)

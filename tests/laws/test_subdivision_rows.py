@@ -1,16 +1,15 @@
 """Laws of every scheme on every mesh: affine invariance, and the same result under any numbering or mirror."""
 
 import numpy as np
-import pytest
 
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import SOLIDS
 from meshfit.subdivision.refine import subdivide
-from tests.laws.variants import INTERPOLATORY, VARIANTS, dense, refined
+from tests.laws.variants import INTERPOLATORY, by_variant, dense, refined
 from tests.loops import over
 from tests.shapes import ALL, mixed_closed, mixed_open, permuted
 
-pytestmark = pytest.mark.parametrize("spec", VARIANTS)
+pytestmark = by_variant
 LEVELS = 2
 
 

@@ -10,6 +10,7 @@ from meshfit.subdivision.refine import Refinement, refine
 from meshfit.subdivision.registry import resolve
 from meshfit.subdivision.triangles.scheme import Split
 from meshfit.subdivision.triangles.table import TRIANGLE_SCHEMES
+from tests.loops import each
 
 VARIANTS = (
     *TRIANGLE_SCHEMES,
@@ -25,6 +26,7 @@ VARIANTS = (
     "butterfly:tension=0.125",
     "lin-luo-sqrt3:alpha=0.5",
 )
+by_variant = each("spec", VARIANTS, (*TRIANGLE_SCHEMES, "interp-loop:alpha=0.5,weights=warren,valence3=zorin"))
 QUADRISECTING = tuple(spec for spec in VARIANTS if resolve(spec).split is Split.QUADRISECT)
 SQRT3 = tuple(spec for spec in VARIANTS if spec not in QUADRISECTING)
 INTERPOLATORY = (
