@@ -133,8 +133,9 @@ class Verdict:
             yield text + (from_target if text.startswith("topology") else "")
         # A point may well lie off the surface, by noise, and what fills a hole is far from the target.
         if self.max_percent > _FAR_PERCENT and not self.target_points and not self.filled:
+            remedy = "--verts" if self.unmatched is None else "--levels"
             also = "" if own else " or --source target"
-            yield f"worst distance above {_FAR_PERCENT:g} % of the diagonal; try more --verts{also}"
+            yield f"worst distance above {_FAR_PERCENT:g} % of the diagonal; try more {remedy}{also}"
 
     @property
     def _from(self) -> str:

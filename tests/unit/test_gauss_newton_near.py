@@ -124,6 +124,13 @@ def test_a_fit_that_would_end_worse_returns_the_surface_of_its_source_and_says_s
     assert not after.is_worse_than(before)
 
 
+@pytest.mark.slow
+def test_a_target_that_crosses_itself_is_named_where_a_sound_result_is_farther():
+    with pytest.warns(MeshfitWarning, match=r"farther .* source was, \d+ faces of which cross others; surface: outer"):
+        found = fit("target", load_target("cow"), method="gauss-newton", device="cpu")
+    assert not crossing_faces(found.mesh)[0].any()
+
+
 def test_a_corner_that_is_cut_off_does_not_outweigh_a_surface_that_is_much_nearer():
     before = Closeness(rms=5e-4, worst=3e-3, diagonal=2.4)
     assert not Closeness(rms=1.4e-4, worst=1.3e-2, diagonal=2.4).is_worse_than(before)

@@ -352,9 +352,11 @@ class GaussNewton(Engine):
             return state
         kept = self._source_surface(problem)
         words = "the fit ended farther from the target than its source was"
-        less_sound = (
-            kept is not None and not after.has_lost(before) and num_crossing(kept.shape) > num_crossing(state.shape)
-        )
+        crossing = 0 if kept is None else num_crossing(kept.shape)
+        less_sound = not after.has_lost(before) and crossing > num_crossing(state.shape)
+        if less_sound:
+            faces = count_text(crossing, "face")
+            words = f"{words}, {faces} of which cross others; surface: outer leaves out what lies inside"
         if kept is None or less_sound or Closeness.of(_mesh_at(kept), problem.target).is_worse_than(before):
             self._shortfalls[member].append(words)
             return state
