@@ -1,8 +1,9 @@
 """The page of the registration benchmark, from the results in its run directory."""
 
 import json
+import math
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
@@ -14,15 +15,15 @@ from tests.benchmarks.registration_pairs import Pair, slug
 SOLVED = 0.02
 """Largest vertex error, as a share of the diagonal, of a registration that counts as solved."""
 _METHODS = {
-    "auto": "Gauss–Newton, `register: auto`",
-    "off": "Gauss–Newton, `register: off`",
+    "auto": "Gauss–Newton, `auto`",
+    "off": "Gauss–Newton, `off`",
     "first-order": "first-order",
     "pycpd": "pycpd",
     "nricp-amberg": "nricp, Amberg",
     "nricp-sumner": "nricp, Sumner",
     "meshmonk": "MeshMonk",
-    "nricp-amberg, landmarks": "nricp, Amberg, 12 landmarks",
-    "nricp-sumner, landmarks": "nricp, Sumner, 12 landmarks",
+    "nricp-amberg, landmarks": "nricp, Amberg, landmarks",
+    "nricp-sumner, landmarks": "nricp, Sumner, landmarks",
 }
 _OURS = ("auto", "off", "first-order")
 
@@ -32,17 +33,16 @@ Made by `make registration-bench`. The places of a template's vertices on the ta
 same shape, meshed otherwise and moved. `meshfit table` shows the same runs.
 
 - **Templates** have about 1,500 vertices and targets 3,000, so that all tools can finish. All methods start from the
-  same pose, and nothing else is given, unless a row says that 12 landmarks were. These are exact, and far apart.
+  same pose, and nothing else is given, unless a method says landmarks: 12, exact and far apart.
 - **Pairs that were looked at** while settings of `register` were chosen come first; the others were never looked at.
   Options of the other tools were chosen on *walk* and *cow bent by 90°*, in few trials.
 - **Vertex error** is the root mean square distance of vertices from where they belong. All distances are in percent of
   the diagonal. Cells are medians over seeds; brackets are the least and greatest value, which for five seeds is a 94 %
-  interval of the median. The other tools draw no random numbers that depend on the seed, and ran once.
+  interval of the median. Cells without brackets are of one run: the other tools draw nothing from the seed.
 - **Defects** are faces that cross others / flipped faces / faces without area that were not in the template; of several
   seeds, the most.
 - **Unmatched** is the share of the result's area without a partner on the target.
-- **Seconds** are those of the fit on one thread, two fits side by side; CPU seconds of the other tools leave out
-  imports and files.
+- **CPU s** are CPU seconds of the fit on one thread, without imports, files and measuring.
 
 | tool | what it was given |
 | --- | --- |
@@ -68,44 +68,58 @@ class _Cell(NamedTuple):
         return [scale * each[key] for each in found if each.get(key) is not None]
 
 
+_Cells = Mapping[tuple[str, str], _Cell]
+
+
 def text(runs: Path, pairs: Sequence[Pair], turned: Sequence[str]) -> str:
     """Return the page in Markdown."""
+    cells = {(pair.name, method): _cell(runs, pair, method) for pair in pairs for method in _METHODS}
+    ran = [method for method in _METHODS if any(_has_run(cells[pair.name, method]) for pair in pairs)]
     parts = [_INTRO, "\n## Vertex error\n"]
     for seen, title in ((True, "Pairs that were looked at"), (False, "Pairs that were not looked at")):
-        parts.append(f"\n### {title}\n\n{_errors(runs, [pair for pair in pairs if pair.seen is seen])}")
+        parts.append(f"\n### {title}\n\n{_errors(cells, [pair for pair in pairs if pair.seen is seen], ran)}")
     parts.append(_random_orientations(runs, turned))
     parts.append(_larger(runs, pairs))
     parts.append("\n## All numbers\n")
     for pair in pairs:
-        start = 100 * pair.error(pair.source.verts)
+        title = f"{pair.name[0].upper()}{pair.name[1:]}"
         looked = "" if pair.seen else ", not looked at"
+        start = 100 * pair.error(pair.source.verts)
         parts.append(
-            f"\n### {pair.name[0].upper()}{pair.name[1:]}\n\nStart: {start:.1f}{looked}.\n\n{_numbers(runs, pair)}"
+            f"\n### {title}\n\nVertex error at the start: {start:.1f}{looked}.\n\n{_numbers(cells, pair, ran)}"
         )
     return "".join(parts)
 
 
-def _errors(runs: Path, pairs: Sequence[Pair]) -> str:
+def _has_run(cell: _Cell) -> bool:
+    return bool(cell.results or cell.failures)
+
+
+def _errors(cells: _Cells, pairs: Sequence[Pair], methods: Sequence[str]) -> str:
     rows = []
     for pair in pairs:
-        cells = [_cell(runs, pair, method) for method in _METHODS]
-        texts = ["failed" if cell.failures and not cell.results else _error(cell) for cell in cells]
-        without = [median(cell.values("vertex_error", "rms")) for cell in cells[:-2] if cell.results]
-        texts = [
-            f"**{text}**" if cell.results and median(cell.values("vertex_error", "rms")) == min(without) else text
-            for text, cell in zip(texts, cells, strict=True)
+        row = [cells[pair.name, method] for method in methods]
+        middles = [median(cell.values("vertex_error", "rms")) if cell.results else math.inf for cell in row]
+        least = min(
+            (middle for middle, method in zip(middles, methods, strict=True) if not method.endswith("landmarks")),
+            default=math.inf,
+        )
+        texts = ["failed" if cell.failures and not cell.results else _error(cell) for cell in row]
+        best = [
+            f"**{text}**" if middle <= least < math.inf else text for text, middle in zip(texts, middles, strict=True)
         ]
-        rows.append([pair.name, f"{100 * pair.error(pair.source.verts):.1f}", *texts])
-    return _table(["pair", "start", *_METHODS.values()], rows) + "\nBold: the least without landmarks.\n"
+        rows.append([pair.name, f"{100 * pair.error(pair.source.verts):.1f}", *best])
+    heads = ["pair", "start", *(_METHODS[method] for method in methods)]
+    return _table(heads, rows) + "\nBold: the least without landmarks, and what is below it. A dash: not run.\n"
 
 
-def _numbers(runs: Path, pair: Pair) -> str:
+def _numbers(cells: _Cells, pair: Pair, methods: Sequence[str]) -> str:
     rows = []
-    for method, title in _METHODS.items():
-        cell = _cell(runs, pair, method)
+    for method in methods:
+        cell, title = cells[pair.name, method], _METHODS[method]
         if not cell.results:
-            message = f"failed: {cell.failures[0]}" if cell.failures else "not run"
-            rows.append([f"{title}: {message}", *["–"] * 7])
+            if cell.failures:
+                rows.append([f"{title}: failed, {cell.failures[0]}", *["–"] * 7])
             continue
         defects = [
             max((int(value) for value in cell.values("new_defects", key)), default=None)
@@ -121,11 +135,13 @@ def _numbers(runs: Path, pair: Pair) -> str:
                 _middle(cell.values("distance", "backward_rms", 100), 2),
                 " / ".join("–" if count is None else str(count) for count in defects),
                 _middle(cell.values("unmatched", "source", 100), 1) + " %",
-                " / ".join((_middle(cell.values("seconds", "fit"), 1), _middle(cell.cpu, 1))),
+                _middle(cell.cpu, 1),
             ]
         )
-    heads = ["method", "seeds", "vertex error", "result→target", "target→result", "defects", "unmatched", "s / CPU s"]
-    return _table(heads, rows)
+    heads = ["method", "seeds", "vertex error", "result→target", "target→result", "defects", "unmatched", "CPU s"]
+    missing = [_METHODS[method] for method in methods if not _has_run(cells[pair.name, method])]
+    note = f"\nNot run: {'; '.join(missing)}.\n" if missing else ""
+    return _table(heads, rows) + note if rows else note.lstrip()
 
 
 def _random_orientations(runs: Path, turned: Sequence[str]) -> str:
