@@ -6,12 +6,11 @@ import numpy as np
 from jaxtyping import Float64
 
 from meshfit.errors import MeasureError
-from meshfit.mesh.geometry import area_vectors
+from meshfit.mesh.geometry import area_vectors, is_size_kept
 from meshfit.mesh.mesh import Mesh
 
 LARGEST = 1e6
 """Stretch of a face that lost its area, and the largest of any."""
-_SAME_SIZE = 1.5
 # Share of the squared longest edge up to which a face has no area, and so no map from it.
 _NO_AREA = 1e-14
 
@@ -55,7 +54,7 @@ def stretch(source: Mesh, result: Mesh, *, scaled: bool | None = None) -> Stretc
     roots = np.sqrt(values.prod(axis=1))
     kept = roots > 0
     scale = float(np.exp(np.average(np.log(roots[kept]), weights=weights[kept]))) if kept.any() else 1.0
-    if not (scaled or (scaled is None and not 1 / _SAME_SIZE <= scale <= _SAME_SIZE)):
+    if not (scaled or (scaled is None and not is_size_kept(scale))):
         scale = 1.0
     distortion = np.full(len(values), LARGEST)
     whole = values[:, 1] > 0

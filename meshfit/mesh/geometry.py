@@ -7,6 +7,8 @@ from jaxtyping import Float64
 
 from meshfit.mesh.mesh import Mesh, Verts
 
+_SAME_SIZE = 1.5
+
 
 def area_vectors(mesh: Mesh) -> Float64[np.ndarray, "F 3"]:
     """Return half the cross product of two edges of each face: its direction is the normal, its length the area."""
@@ -79,3 +81,8 @@ def nearest_rotations(moments: Float64[np.ndarray, "N 3 3"]) -> Float64[np.ndarr
     left, _, right = np.linalg.svd(moments + 1e-14 * np.eye(3))
     left[:, :, 2] *= np.sign(np.linalg.det(left @ right))[:, None]
     return np.asarray(np.swapaxes(left @ right, 1, 2))
+
+
+def is_size_kept(ratio: float) -> bool:
+    """Return whether a ratio of two sizes is within 1.5 either way, as in the same unit."""
+    return 1 / _SAME_SIZE <= ratio <= _SAME_SIZE

@@ -22,15 +22,13 @@ from meshfit.fitting.registration.plan import Register, Registered, planned_step
 from meshfit.fitting.registration.registration import Registration, RegistrationTask
 from meshfit.fitting.registration.target_points import target_points
 from meshfit.fitting.settings import GaussNewtonSettings
+from meshfit.mesh.geometry import is_size_kept
 from meshfit.mesh.landmarks import PlacedLandmarks
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.pieces import crossing_faces
 from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.units import count_text
-
-# The scale is to be found if the spreads of source and target have a ratio beyond this.
-_SAME_SIZE = 1.5
 
 
 class RegistrationEngine(GaussNewton):
@@ -208,7 +206,7 @@ class RegistrationEngine(GaussNewton):
         assert self.settings.prior is not None  # noqa: S101  another engine has those
         spreads = [float(np.linalg.norm(points.std(axis=0))) for points in (problem.source.verts, target.points)]
         prior, direction = self.settings.prior, self.settings.direction
-        similarity = prior == "soft" or not 1 / _SAME_SIZE < spreads[0] / spreads[1] < _SAME_SIZE
+        similarity = prior == "soft" or not is_size_kept(spreads[0] / spreads[1])
         choice: Register = self.settings.register
         if self._is_unregistered(problem):
             choice = "off"
