@@ -104,10 +104,10 @@ def _errors(cells: _Cells, pairs: Sequence[Pair], methods: Sequence[str]) -> str
             (middle for middle, method in zip(middles, methods, strict=True) if not method.endswith("landmarks")),
             default=math.inf,
         )
+        if sum(middle < math.inf for middle in middles) <= 1:
+            least = -math.inf  # nothing to compare with
         texts = ["failed" if cell.failures and not cell.results else _error(cell) for cell in row]
-        best = [
-            f"**{text}**" if middle <= least < math.inf else text for text, middle in zip(texts, middles, strict=True)
-        ]
+        best = [f"**{text}**" if middle <= least else text for text, middle in zip(texts, middles, strict=True)]
         rows.append([pair.name, f"{100 * pair.error(pair.source.verts):.1f}", *best])
     heads = ["pair", "start", *(_METHODS[method] for method in methods)]
     return _table(heads, rows) + "\nBold: the least without landmarks, and what is below it. A dash: not run.\n"
