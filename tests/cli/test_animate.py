@@ -55,6 +55,7 @@ def test_an_mp4_has_even_sides_and_ends_with_the_result(tmp_path):
     assert [path.name for path in tmp_path.glob("*fit*")] == ["fit.mp4"]
 
 
+@pytest.mark.slow
 def test_captions_tell_step_figure_and_verts_and_of_the_second_engine_the_stage(tmp_path):
     _, _, place = taken(tmp_path, 5)
     animation = read_animation(place)

@@ -154,6 +154,7 @@ def test_largest_distance_covers_verts_and_edge_midpoints(name):
         assert figure >= exact(features, destination).max() * (1 - ROUNDING)
 
 
+@pytest.mark.slow
 @over("name", PAIRS)
 def test_mean_and_rms_agree_with_exact_distances_of_independent_points(name):
     """Within five standard errors of both draws; ours, being stratified, has less than is granted it."""

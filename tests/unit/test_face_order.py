@@ -1,6 +1,7 @@
 """Orders of faces and vertices for speed leave the surface unchanged."""
 
 import numpy as np
+import pytest
 
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.nearest import renumber_verts_by_faces, sort_faces_spatially
@@ -54,6 +55,7 @@ def test_an_order_is_the_same_each_time(mesh, order):
     np.testing.assert_array_equal(order(mesh).faces, order(mesh).faces)
 
 
+@pytest.mark.slow
 def test_faces_that_follow_each_other_lie_near_each_other():
     def way(mesh):
         return np.linalg.norm(np.diff(mesh.verts[mesh.faces].mean(axis=1), axis=0), axis=1).mean()

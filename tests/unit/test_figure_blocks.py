@@ -13,6 +13,7 @@ def shapes(targets, schemes, aspect):
     return [BlockShape(2, 1 + schemes, aspect, 1 + 2 * schemes, texts) for _ in range(targets)]
 
 
+@pytest.mark.slow
 @over("case", list(itertools.product(range(1, 9), range(1, 7), (0.6, 1.3, 2.5), (3.33, 7.0))))
 def test_every_number_of_targets_and_schemes_fits_its_page_and_fills_its_width_or_height(case):
     targets, schemes, aspect, width = case

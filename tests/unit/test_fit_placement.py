@@ -259,6 +259,7 @@ def test_a_measurement_is_a_table_in_a_notebook():
     assert len(repr(measured)) < 150
 
 
+@pytest.mark.slow
 def test_meshes_are_shown_as_images_without_a_display(monkeypatch):
     pytest.importorskip("pyvista")
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):

@@ -138,7 +138,7 @@ def test_a_corner_that_is_cut_off_does_not_outweigh_a_surface_that_is_much_neare
     assert Closeness(rms=1.4e-4, worst=5e-2, diagonal=2.4).is_worse_than(before)
 
 
-@pytest.mark.parametrize("faces", [50, 100])
+@pytest.mark.parametrize("faces", [pytest.param(50, marks=pytest.mark.slow), 100])
 def test_a_fit_from_a_very_coarse_source_ends_no_farther_than_it_began(faces):
     """One of 50 faces is no near one, by its edges; one of 100 has needles, none of which cross."""
     target = load_target("airplane")

@@ -69,6 +69,7 @@ def taken_to_the_end(fit):
     return fit.mesh(0), [row[0] for row in fit.traces[0].rows], distances
 
 
+@pytest.mark.slow
 def test_unnecessary_restarts_take_no_step_and_change_nothing(monkeypatch):
     monkeypatch.setattr(gauss_newton, "_ENOUGH", 0.5)
     (once, _, _), (thrice, steps, distances) = taken_to_the_end(engine(1)), taken_to_the_end(engine(3))

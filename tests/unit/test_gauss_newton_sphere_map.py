@@ -181,6 +181,7 @@ def test_points_are_found_with_their_face_and_their_weights_there(mesh, places):
     np.testing.assert_allclose(at[: len(places)].amax(1), 1, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_remeshing_keeps_the_map_one_to_one_and_each_vertex_near_its_place():
     """Where a vertex is on the sphere, there the surface was at first is no farther off than an edge of each remesh."""
     mesh, moved = bumpy(3), 0.0

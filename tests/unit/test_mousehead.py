@@ -116,6 +116,7 @@ BROKEN = {
 }
 
 
+@pytest.mark.slow
 @over("promise", BROKEN)
 def test_the_check_refuses_a_broken_promise(mesh, generator, promise):
     with pytest.raises(ValueError, match="mousehead breaks the promise that it: ") as caught:

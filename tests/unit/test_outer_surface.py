@@ -125,6 +125,7 @@ def test_tubes_that_end_inside_a_body_are_cut_there():
     assert share_kept(outer, spout) < 0.05
 
 
+@pytest.mark.slow
 def test_the_same_mesh_gives_the_same_bytes():
     for make in (lambda: joined(*car()), lambda: load_target("cow"), lambda: figure(6, level=2)):
         first = outer_surface(make())

@@ -149,6 +149,7 @@ def on_rim(verts):
     return np.abs(verts[:, :2] - 0.5).max(axis=1) > 0.49
 
 
+@pytest.mark.slow
 def test_one_of_the_poses_undoes_a_turn_and_a_change_of_size(animal):
     template = Template(animal).points_at(animal.verts)
     turn = Rotation.from_rotvec([0.2, 2.4, 0.3]).as_matrix()
@@ -226,6 +227,7 @@ def registered(animal):
     return source, target, settings, result
 
 
+@pytest.mark.slow
 def test_vertices_of_a_bent_animal_go_where_they_belong(registered, animal):
     _, target, settings, result = registered
     diagonal = np.linalg.norm(np.ptp(target.verts, axis=0))
@@ -275,6 +277,7 @@ def test_auto_registers_nothing_that_was_made_to_start_from(animal, short):
     assert [row[1:] for row in one.trace.rows] == [row[1:] for row in other.trace.rows]
 
 
+@pytest.mark.slow
 def test_auto_fits_another_shape_without_a_registration_and_continues_from_a_checkpoint(animal, short):
     ball, checkpoints = meshfit.icosphere(2), []
 
@@ -302,6 +305,7 @@ def test_levels_after_registration_keep_vertices_in_place(registered):
     assert root_mean_square(errors) < 0.005 * np.linalg.norm(np.ptp(turned.verts, axis=0))
 
 
+@pytest.mark.slow
 def test_landmarks_lead_where_a_pose_cannot_be_seen():
     ball = meshfit.subdivide(meshfit.icosphere(2), "midpoint", 1)
     ball = ball.with_verts(ball.verts / np.linalg.norm(ball.verts, axis=1, keepdims=True))
