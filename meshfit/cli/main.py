@@ -23,6 +23,7 @@ COMMANDS = {
         "run": "Run experiments and print their table.",
         "compare": "Compare subdivision schemes, paired by seed.",
         "tune": "Search for the settings that are best by a metric.",
+        "sensitivity": "Show which settings move a metric, and by how much.",
         "table": "Print the result table of run directories.",
         "figure": "Draw a figure of some runs for a paper, with its caption.",
         "chart": "Draw the results of some runs as a chart, and print the means.",

@@ -139,6 +139,18 @@ Metric = Annotated[
         callback=_one_metric,
     ),
 ]
+AnalysedMetric = Annotated[
+    str | None,
+    typer.Option(
+        "--metric",
+        help="Metric to analyse, such as distance.mean.",
+        show_default=DEFAULT_METRIC,
+        metavar="NAME",
+        rich_help_panel=SELECTION,
+        autocompletion=completions.metrics,
+        callback=_one_metric,
+    ),
+]
 Baseline = Annotated[
     str | None,
     typer.Option(

@@ -1,0 +1,122 @@
+"""The chart of sensitivity: settings down, one panel per target, Sobol' indices or rank correlations across."""
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+from meshfit.optional import import_optional
+from meshfit.report.figures.colours import INK
+from meshfit.report.figures.layout import DPI, STYLE, write_drawing
+from meshfit.report.tables.sensitivity import Sensitivity
+from meshfit.sensitivity import Analysis, Effect, Estimate
+
+MOST_PANELS = 5
+_TOTAL, _FIRST, _LINE = "#a9cbe4", "#0072b2", "#e4e8ec"
+_MOVES, _STILL = "#0072b2", "#9aa5af"
+_WIDTH, _ROW, _HEAD, _FOOT, _FONT = 7.0, 0.27, 0.62, 0.5, 8.0
+_LETTER = 0.062  # inches of a letter of a name
+
+
+def write_sensitivity_chart(sensitivity: Sensitivity, path: Path) -> None:
+    """Draw the chart and write it.
+
+    Bars are total indices, with the first-order ones inside them. If some target has none, marks are rank correlations,
+    or shares of the variance of ranks for categories. Lines are 95 % intervals. The first targets are drawn.
+
+    Args:
+        sensitivity: the sensitivity.
+        path: .png, .pdf or .svg.
+
+    Raises:
+        ConfigError: matplotlib is not installed, or the file cannot be written.
+    """
+    matplotlib, figures = import_optional("matplotlib"), import_optional("matplotlib.figure")
+    groups = dict(list(sensitivity.groups.items())[:MOST_PANELS])
+    names = list(dict.fromkeys(effect.factor.name for each in groups.values() for effect in each.effects))
+    shares = all(not analysis.why_not for analysis in groups.values())
+    high = _HEAD + _FOOT + _ROW * len(names)
+    margin = min(2.6, 0.25 + _LETTER * max(map(len, names)))
+    with matplotlib.rc_context(STYLE), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a letter missing from every font is drawn as a box
+        figure = figures.Figure(figsize=(_WIDTH, high), facecolor="white")
+        across = (_WIDTH - margin) / len(groups)
+        for place, (title, analysis) in enumerate(groups.items()):
+            box = (
+                (margin + place * across) / _WIDTH,
+                _FOOT / high,
+                (across - 0.16) / _WIDTH,
+                1 - (_HEAD + _FOOT) / high,
+            )
+            axes = figure.add_axes(box)
+            _draw_panel(axes, analysis, names, shares=shares)
+            axes.set_title(title, fontsize=_FONT + 1, color=INK, pad=4)
+            axes.set_yticks(range(len(names)), names if place == 0 else [""] * len(names), fontsize=_FONT, color=INK)
+        _add_legend(figure, sensitivity, shares=shares)
+        write_drawing(figure, path, DPI[path.suffix.lower()])
+
+
+def _draw_panel(axes: Any, analysis: Analysis, names: list[str], *, shares: bool) -> None:  # noqa: ANN401
+    effects = {effect.factor.name: effect for effect in analysis.effects}
+    for row, name in enumerate(names):
+        axes.axhline(row, color=_LINE, linewidth=0.5, zorder=0)
+        if name in effects:
+            (_draw_shares if shares else _draw_rank)(axes, row, effects[name])
+    axes.set_ylim(len(names) - 0.4, -0.6)
+    axes.set_xlim((0, 1) if shares else (-1, 1))
+    axes.set_xticks([0, 0.5, 1] if shares else [-1, 0, 1], ["0", "½", "1"] if shares else ["−1", "0", "1"])
+    if not shares:
+        axes.axvline(0, color=INK, linewidth=0.5, zorder=1)
+    axes.tick_params(axis="y", length=0)
+    axes.tick_params(axis="x", labelsize=_FONT, length=2, width=0.5, colors=INK)
+    label = "share of the variance" if shares else "rank correlation"
+    axes.set_xlabel(label, fontsize=_FONT, color=INK, labelpad=2)
+    for side in ("top", "right", "left"):
+        axes.spines[side].set_visible(False)
+
+
+def _draw_shares(axes: Any, row: int, effect: Effect) -> None:  # noqa: ANN401
+    if effect.first is None or effect.total is None:
+        return
+    axes.barh(row, effect.total.value, height=0.62, color=_TOTAL, zorder=1)
+    axes.barh(row, min(effect.first.value, effect.total.value), height=0.62, color=_FIRST, zorder=2)
+    _draw_interval(axes, row, effect.total, INK)
+
+
+def _draw_rank(axes: Any, row: int, effect: Effect) -> None:  # noqa: ANN401
+    colour = _MOVES if effect.moves else _STILL
+    _draw_interval(axes, row, effect.rank, colour)
+    shape = "s" if effect.factor.categories else "o"
+    axes.plot(effect.rank.value, row, marker=shape, markersize=4, color=colour, markeredgewidth=0, zorder=4)
+
+
+def _draw_interval(axes: Any, row: int, estimate: Estimate, colour: str) -> None:  # noqa: ANN401
+    axes.plot([estimate.low, estimate.high], [row, row], color=colour, linewidth=0.9, solid_capstyle="butt", zorder=3)
+
+
+def _add_legend(figure: Any, sensitivity: Sensitivity, *, shares: bool) -> None:  # noqa: ANN401
+    line, patch = import_optional("matplotlib.lines").Line2D, import_optional("matplotlib.patches").Patch
+    if shares:
+        handles = [
+            patch(color=_FIRST, label=f"{sensitivity.metric}, alone (first-order)"),
+            patch(color=_TOTAL, label="with interactions (total)"),
+            line([], [], color=INK, linewidth=0.9, label="95 % interval of the total"),
+        ]
+    else:
+        mark = {"linestyle": "none", "markeredgewidth": 0, "markersize": 4}
+        handles = [
+            line([], [], marker="o", color=_MOVES, label=f"{sensitivity.metric}, Spearman's ρ", **mark),
+            line([], [], marker="s", color=_MOVES, label="η² of categories", **mark),
+            line([], [], marker="o", color=_STILL, label="not significant", **mark),
+        ]
+    figure.legend(
+        handles=handles,
+        loc="upper center",
+        borderaxespad=0.1,
+        ncols=len(handles),
+        fontsize=_FONT,
+        frameon=False,
+        labelcolor=INK,
+        handlelength=1.2,
+        handletextpad=0.4,
+        columnspacing=1.2,
+    )
