@@ -195,7 +195,7 @@ def _eta_squared(
     share = np.divide(between - total * mean**2, whole, out=np.zeros_like(whole), where=whole > 0)
     statistic = (total - 1) * share
     free = np.maximum(total - groups, 1)
-    return np.clip((statistic - groups + 1) / free, 0, 1)
+    return np.asarray(np.clip((statistic - groups + 1) / free, 0, 1))
 
 
 def _groups(codes: Float64[np.ndarray, " N"], response: Float64[np.ndarray, " N"]) -> list[Float64[np.ndarray, " n"]]:
