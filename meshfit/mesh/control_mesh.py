@@ -18,7 +18,7 @@ from meshfit.mesh.geometry import bounding_box_diagonal, face_areas, signed_volu
 from meshfit.mesh.manifold import describe_topology, euler_number
 from meshfit.mesh.mesh import Mesh, SameContent, Verts
 from meshfit.mesh.meshlab import alpha_wrap, decimate, fill_holes, refine_long_edges
-from meshfit.mesh.noise import noise_of_points
+from meshfit.mesh.noise import is_very_noisy, noise_of_points
 from meshfit.mesh.outliers import stray_points
 from meshfit.mesh.pieces import crossing_faces, manifold_pieces, piece_of_face
 from meshfit.mesh.point_cloud import PointCloud, evenly_spread
@@ -185,6 +185,11 @@ def _to_wrap(points: Verts) -> Mesh:
     """Return the points of a cloud that are wrapped: those of a fit, and of many, as many as show the shape."""
     points = PointCloud(points).thinned().verts
     points = points[~stray_points(points)]
+    noise = noise_of_points(points)
+    if is_very_noisy(points, noise):
+        from meshfit.mesh.denoised_cloud import denoised_cloud  # which wraps the points for their normals
+
+        points = denoised_cloud(PointCloud(points), noise).verts
     return Mesh(points[evenly_spread(points, _MOST_WRAPPED)], [])
 
 

@@ -4,13 +4,15 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial import cKDTree
 
-from meshfit.mesh.geometry import unit_vectors, vert_area_vectors
+from meshfit.mesh.geometry import bounding_box_diagonal, unit_vectors, vert_area_vectors
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.topology import Topology
 
 NEIGHBOURHOOD = 4.0
 """Radius of a neighbourhood that shows the surface through its noise, in standard deviations."""
 
+# Noise, as a share of the diagonal, beyond which nearest points are no guide to the surface between them.
+_VERY_NOISY = 0.007
 # Neighbours that a quadric is fitted to, its number of coefficients, the most neighbours, and the most quadrics.
 _QUADRIC, _COEFFICIENTS, _MOST_NEIGHBOURS, _MOST_QUADRICS = 24, 6, 96, 5000
 # Correlation of the heights of adjacent vertices over their neighbours' means: at most that of a smooth surface, and
@@ -37,6 +39,11 @@ def noise_of_points(points: Float64[np.ndarray, "N 3"]) -> float:
         if float(np.median(radii)) >= NEIGHBOURHOOD * noise or 2 * count > most:
             return noise
         count *= 2
+
+
+def is_very_noisy(points: Float64[np.ndarray, "N 3"], noise: float) -> bool:
+    """Return whether points of some noise have to be smoothed before a surface is drawn to the nearest of them."""
+    return noise > _VERY_NOISY * bounding_box_diagonal(points)
 
 
 def _quadric_residual(neighbourhoods: Float64[np.ndarray, "M K 3"], radii: Float64[np.ndarray, " M"]) -> float:

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from torch import Generator, Tensor
 
 from meshfit.fitting.nearest_neighbours import nearest_neighbour_search
+from meshfit.mesh.denoised_cloud import denoised_cloud
 from meshfit.mesh.geometry import face_areas, face_normals, unit_vectors, vert_area_vectors
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.noise import NEIGHBOURHOOD, noise_of_mesh, noise_of_points, smoothed_normals
@@ -18,7 +19,6 @@ from meshfit.mesh.outliers import spikes, stray_points
 from meshfit.mesh.point_cloud import PointCloud, rim_of, sampled_areas
 from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.topology import Topology
-from meshfit.mesh.wrapped_normals import cloud_with_normals
 from meshfit.remeshing.triangle_geometry import dot, length_of, unit
 
 _POINTS = 200_000
@@ -169,7 +169,9 @@ class TargetCloud:
     ) -> "TargetCloud":
         scan = scan.thinned()
         stray = stray_points(scan.verts) if robust else np.zeros(scan.num_verts, dtype=bool)
-        scan = cloud_with_normals(scan.subset(np.flatnonzero(~stray)))
+        scan = scan.subset(np.flatnonzero(~stray))
+        noise = noise_of_points(scan.verts) if noise is None else noise
+        scan = denoised_cloud(scan, noise)
         areas = sampled_areas(scan.verts)
         order = cKDTree(scan.verts).indices  # neighbours are close in memory, which makes queries fast
         cloud = torch.tensor(scan.verts[order], dtype=dtype, device=device)
@@ -182,7 +184,7 @@ class TargetCloud:
             num_drawn=len(cloud),
             boundary=None,
             spacing=float(np.sqrt(np.median(areas))),
-            noise=noise_of_points(scan.verts) if noise is None else noise,
+            noise=noise,
             num_independent=len(cloud),
             num_outliers=int(stray.sum()),
             nearest=nearest_neighbour_search(cloud, scattered=True),
