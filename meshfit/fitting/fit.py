@@ -153,8 +153,8 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     Args:
         source: mesh to start from, in the target's coordinates, in any form that `as_mesh` takes; or `sphere`, which is
             placed around the target, or inside it for `gauss-newton`; or `target`, the target itself with few faces,
-            `closed`, the same with its holes filled, `wrap`, one closed surface around it, or `auto`: `target` or
-            `wrap`. Its faces are kept, refined or replaced,
+            `closed`, the same with its holes filled, `wrap`, one closed surface around it, `open`, an
+            open surface through points, or `auto`: one of these. Its faces are kept, refined or replaced,
             as the method has it. Polygons are triangulated; see `PolygonMesh.triangulated`.
         target: mesh to fit to, in any form that `as_mesh` takes. A closed one that is inside out is turned. Or the
             points of a scan, as a `PointCloud` or a file of points alone, for `gauss-newton`.

@@ -27,8 +27,8 @@ from meshfit.mesh.thinning import thinned
 from meshfit.mesh.topology import NONE, Indices, Mask, Topology
 from meshfit.units import count_text
 
-Origin = Literal["target", "closed", "wrap", "auto"]
-ORIGINS: tuple[Origin, ...] = ("target", "closed", "wrap", "auto")
+Origin = Literal["target", "closed", "open", "wrap", "auto"]
+ORIGINS: tuple[Origin, ...] = ("target", "closed", "open", "wrap", "auto")
 """Names of sources that are made from the target."""
 USUAL_VERTS = 2562
 """Vertices of a control mesh where no number is set: a quarter of the usual result, less its rounding."""
@@ -66,6 +66,8 @@ _ENTERED, _DEVIATIONS, _RISE, _MOST_ALPHA, _CLOSED = 0.5, 4.0, 1.5, 0.25, 2.0
 # has entered through a gap, and lies on both sides. So has one of faces of which this share of the thickness is left.
 _EQUALLY_NEAR, _THIN, _DROPPED = 1.5, 4.0, 0.6
 _SAMPLES = 5000
+# A cloud is open if it does not show more than this share of a closed surface around it.
+_MOST_UNSEEN = 0.25
 # Points of a cloud that are wrapped; more take longer, and show no more at the shortest alpha.
 _MOST_WRAPPED = 100_000
 
@@ -89,13 +91,13 @@ class ControlMesh:
 
     Attributes:
         mesh: oriented manifold pieces.
-        made_from: `target` or `wrap`.
+        made_from: `target`, `wrap`, or `points` for an open surface through a cloud.
         reason: why, in words.
         wrap: alpha and offset of the wrap.
     """
 
     mesh: Mesh
-    made_from: Literal["target", "wrap"]
+    made_from: Literal["target", "points", "wrap"]
     reason: str
     wrap: Wrap | None = None
 
@@ -130,8 +132,9 @@ def control_mesh_of(
     Args:
         target: faces of any kind, or a cloud of points.
         origin: `target` decimates the target itself; `closed` fills its holes before; `wrap` makes one closed surface
-            around it, which is decimated; `auto` takes the target unless it is a cloud, or a soup of crumbs or of faces
-            that cross each other, around which a wrap lies close.
+            around it, which is decimated; `open` lays an open surface through the points of a cloud; `auto` takes the
+            target unless it is a cloud, or a soup of crumbs or of faces that cross each other, around which a wrap lies
+            close; and an open surface where a cloud shows too little of its wrap.
         verts: about the largest number of vertices; more where topology needs them.
         faces: number of faces instead; a target with fewer keeps its own.
         wrap: lengths of the wrap.
@@ -140,8 +143,16 @@ def control_mesh_of(
     Raises:
         MeshError: nothing to make it from.
     """
-    mesh = Mesh(target.verts, []) if isinstance(target, PointCloud) else target
-    return _made(SameContent(mesh), origin, verts, faces, wrap or Wrap(), surface)
+    if not isinstance(target, PointCloud):
+        if origin == "open":
+            raise MeshError("the target has faces, which tell where it is open; use source.mesh: target")
+        return _made(SameContent(target), origin, verts, faces, wrap or Wrap(), surface)
+    unseen = _unseen(*_contents(target)) if origin == "auto" else 0.0
+    if origin == "open" or unseen > _MOST_UNSEEN:
+        reason = f"an open cloud: it shows {1 - unseen:.0%} of a closed surface around it"
+        sheet = _reduced(open_sheet(target), verts, faces)
+        return ControlMesh(sheet, "points", "as set" if origin == "open" else reason)
+    return _made(SameContent(Mesh(target.verts, [])), origin, verts, faces, wrap or Wrap(), surface)
 
 
 @lru_cache(maxsize=8)  # the schemes and seeds of a target start from one control mesh
@@ -179,6 +190,38 @@ def _made(
         target = _to_wrap(target.verts)
     skin, lengths = _wrapped(SameContent(target), wrap)
     return ControlMesh(_reduced(skin, verts, faces), "wrap", reason, lengths)
+
+
+def open_sheet(cloud: PointCloud) -> Mesh:
+    """Return an open surface through all points of a cloud but stray ones, with all of its vertices."""
+    return _sheet(*_contents(cloud))
+
+
+@lru_cache(maxsize=2)  # a control mesh is made of it, and a fit is drawn to its boundary
+def _sheet(content: SameContent, normals: SameContent | None) -> Mesh:
+    from meshfit.mesh.open_cloud import open_surface  # which wraps the points for their normals
+
+    return open_surface(_without_stray(content, normals))
+
+
+@lru_cache(maxsize=2)
+def _unseen(content: SameContent, normals: SameContent | None) -> float:
+    """Return the share of a closed surface around a cloud that it does not show."""
+    from meshfit.mesh.open_cloud import unseen_share  # which wraps the points for their normals
+
+    wrap, lengths = _wrapped(SameContent(_to_wrap(content.mesh.verts)), Wrap())
+    assert lengths.alpha is not None  # noqa: S101  chosen
+    return unseen_share(_without_stray(content, normals), wrap, lengths.alpha)
+
+
+def _contents(cloud: PointCloud) -> tuple[SameContent, SameContent | None]:
+    normals = None if cloud.normals is None else SameContent(Mesh(cloud.normals, []))
+    return SameContent(Mesh(cloud.verts, [])), normals
+
+
+def _without_stray(content: SameContent, normals: SameContent | None) -> PointCloud:
+    cloud = PointCloud(content.mesh.verts, None if normals is None else normals.mesh.verts).thinned()
+    return cloud.subset(np.flatnonzero(~stray_points(cloud.verts)))
 
 
 def _to_wrap(points: Verts) -> Mesh:

@@ -7,11 +7,14 @@ from meshfit.errors import ConfigError, MeshError
 from meshfit.fitting.fit import fit
 from meshfit.measuring.distance import surface_distances
 from meshfit.mesh.control_mesh import control_mesh_of
-from meshfit.mesh.geometry import unit_vectors
+from meshfit.mesh.denoised_cloud import denoised_cloud
+from meshfit.mesh.geometry import face_normals, unit_vectors
+from meshfit.mesh.manifold import TopologyCounts
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.noise import noise_of_mesh, noise_of_points
 from meshfit.mesh.point_cloud import PointCloud, evenly_spread, oriented_cloud, rim_of, sampled_areas
 from meshfit.mesh.targets import load_target
+from meshfit.mesh.topology import Topology
 from meshfit.mesh.wrapped_normals import cloud_with_normals
 from meshfit.subdivision.sphere import icosphere
 
@@ -156,3 +159,29 @@ def test_normals_of_thin_noisy_parts_point_outwards_and_those_of_open_scans_stay
     scan = PointCloud(points[points[:, 2] > 0.1])
     for cloud in (scan, PointCloud(points, outwards)):
         assert np.array_equal(cloud_with_normals(cloud).normals, oriented_cloud(cloud).normals)
+
+
+def test_points_of_much_noise_are_moved_to_their_surface_and_those_of_little_stay() -> None:
+    noisy, clean = ball(2000, 0.07), ball(2000, 0.01)
+    errors = [np.std(np.linalg.norm(points, axis=1)) for points in (denoised_cloud(PointCloud(noisy)).verts, noisy)]
+    assert errors[0] < 0.35 * errors[1]
+    assert np.array_equal(denoised_cloud(PointCloud(clean)).verts, clean)
+    assert np.array_equal(denoised_cloud(PointCloud(noisy), 0.0).verts, noisy)
+
+
+def test_a_noisy_sheet_of_points_becomes_an_open_surface_on_the_side_of_its_normals() -> None:
+    generator = np.random.default_rng(0)
+    x, y = generator.uniform(-1, 1, (2, 2000))
+    sheet = np.stack([x, y, 0.2 * np.sin(3 * x) + generator.normal(0, 0.01, len(x))], axis=1)
+    down = np.tile([0.0, 0.0, -1.0], (len(x), 1))
+    for cloud, side in ((PointCloud(sheet), 1), (PointCloud(sheet, down), -1)):
+        made = control_mesh_of(cloud, verts=300)
+        assert (made.made_from, made.reason) == ("points", "an open cloud: it shows 50% of a closed surface around it")
+        assert TopologyCounts.of(Topology.of(made.mesh)).openings == 1
+        verts = made.mesh.verts
+        assert np.abs(verts[:, 2] - 0.2 * np.sin(3 * verts[:, 0])).mean() < 0.01
+        assert np.allclose([verts[:, :2].min(0), verts[:, :2].max(0)], [[-1, -1], [1, 1]], atol=0.08)
+        assert (side * face_normals(made.mesh)[:, 2] > 0).mean() > 0.98
+    assert control_mesh_of(PointCloud(ball(800)), verts=100).made_from == "wrap"
+    with pytest.raises(MeshError, match="the target has faces"):
+        control_mesh_of(icosphere(1), "open")

@@ -21,11 +21,12 @@ from meshfit.fitting.gauss_newton.sphere_map import initial_sphere_map
 from meshfit.fitting.gauss_newton.step_limiting import faults_of, num_crossing, unsound_faces
 from meshfit.fitting.gauss_newton.support import with_support
 from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
-from meshfit.fitting.gauss_newton.target import TargetCloud
+from meshfit.fitting.gauss_newton.target import TargetBoundary, TargetCloud
 from meshfit.fitting.loop import Engine
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem
 from meshfit.fitting.settings import GaussNewtonSettings
 from meshfit.mesh.attributes import NO_ATTRIBUTES
+from meshfit.mesh.control_mesh import open_sheet
 from meshfit.mesh.manifold import TopologyCounts, require_manifold
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.pieces import crossing_faces, piece_of_face
@@ -154,6 +155,12 @@ class GaussNewton(Engine):
         noise = None if settings.noise == "auto" else settings.noise
         robust = settings.robust == "auto"
         clouds = {target: TargetCloud.of(target, dtype, device, noise, robust=robust) for target in targets}
+        # The rim of an open surface shrinks unless something holds it.
+        for problem in problems:
+            target, is_open = problem.target, not Topology.of(problem.source).is_watertight
+            if isinstance(target, PointCloud) and is_open and not problem.own and clouds[target].boundary is None:
+                boundary = TargetBoundary.of(open_sheet(target), dtype, device)
+                clouds[target] = replace(clouds[target], boundary=boundary)
         if settings.offset:
             clouds = {target: cloud.lifted(settings.offset) for target, cloud in clouds.items()}
         self._targets = [clouds[problem.target] for problem in problems]
