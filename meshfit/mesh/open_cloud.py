@@ -87,7 +87,7 @@ def _is_shown(surface: Mesh, points: Points, apart: float) -> Mask:
     if not gap.any():
         return ~gap
     # Farther faces first, then those beside them: discs around single points would leave the rim jagged.
-    return np.asarray(cKDTree(middles[gap]).query(middles)[0]) > _WIDENED * apart
+    return np.asarray(np.asarray(cKDTree(middles[gap]).query(middles)[0]) > _WIDENED * apart)
 
 
 def _without_crumbs(mesh: Mesh) -> Mesh:
