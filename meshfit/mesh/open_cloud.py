@@ -83,11 +83,13 @@ def _is_shown(surface: Mesh, points: Points, apart: float) -> Mask:
     count, patch = graph_components(pairs[0], pairs[1], surface.num_faces)
     farthest = np.zeros(count)
     np.maximum.at(farthest, patch, distances)
-    gap = off & (farthest[patch] > _GAP)
+    gap: Mask = off & (farthest[patch] > _GAP)
     if not gap.any():
-        return ~gap
+        return np.ones_like(gap)
     # Farther faces first, then those beside them: discs around single points would leave the rim jagged.
-    return np.asarray(np.asarray(cKDTree(middles[gap]).query(middles)[0]) > _WIDENED * apart)
+    to_gap = np.asarray(cKDTree(middles[gap]).query(middles)[0])
+    shown: Mask = to_gap > _WIDENED * apart
+    return shown
 
 
 def _without_crumbs(mesh: Mesh) -> Mesh:

@@ -173,7 +173,7 @@ def test_a_noisy_sheet_of_points_becomes_an_open_surface_on_the_side_of_its_norm
     generator = np.random.default_rng(0)
     x, y = generator.uniform(-1, 1, (2, 2000))
     sheet = np.stack([x, y, 0.2 * np.sin(3 * x) + generator.normal(0, 0.01, len(x))], axis=1)
-    down = np.tile([0.0, 0.0, -1.0], (len(x), 1))
+    down = np.stack([0.6 * np.cos(3 * x), 0 * x, -np.ones_like(x)], axis=1)
     for cloud, side in ((PointCloud(sheet), 1), (PointCloud(sheet, down), -1)):
         made = control_mesh_of(cloud, verts=300)
         assert (made.made_from, made.reason) == ("points", "an open cloud: it shows 50% of a closed surface around it")
