@@ -89,6 +89,7 @@ class Registration:
         distance: root mean square distance of the pairs of the last step.
         matched: share of the pairs of the last step that counted.
         crossing: number of pairs of faces that cross and did not at rest; after `unfold`.
+        changed: number of pairs of faces that cross, and at rest cross others, but not each other; after `unfold`.
         folded: number of faces that are flipped or without area and were not at rest; after `unfold`.
         rival: in words, another pose that serves about as well; empty for none.
         retreat: distance, relative to the diagonal, by which vertices stayed back so that there are none.
@@ -97,7 +98,8 @@ class Registration:
 
     def __init__(self, task: RegistrationTask) -> None:
         self.task, self.verts, self.pose = task, task.source.verts, Pose.identity()
-        self.distance, self.matched, self.crossing, self.folded, self.retreat = float("inf"), 0.0, 0, 0, 0.0
+        self.distance, self.matched, self.retreat = float("inf"), 0.0, 0.0
+        self.crossing, self.changed, self.folded = 0, 0, 0
         self.registered = Registered(task.prior, AS_SET)
         if task.choice == "off":
             self.registered = Registered("off", "as the source was made to start from")
@@ -142,6 +144,9 @@ class Registration:
         texts = list[str]()
         if self.crossing:
             texts.append(f"{count_text(self.crossing, 'pair')} of faces cross that did not cross in the source")
+        if self.changed:
+            pairs = count_text(self.changed, "pair")
+            texts.append(f"where the source crosses itself, {pairs} of faces cross that did not cross each other in it")
         if self.folded:
             texts.append(f"flipped or without area, but not in the source: {count_text(self.folded, 'face')}")
         if self.retreat > _NOTEWORTHY:
@@ -157,6 +162,7 @@ class Registration:
         if graph is not None:
             arrays |= {"rotations": graph.rotations, "translations": graph.translations}
         numbers = {"scale": self.pose.scale, "level": self._level, "crossing": self.crossing, "folded": self.folded}
+        numbers |= {"changed": self.changed}
         numbers |= {"distance": self.distance, "matched": self.matched, "retreat": self.retreat}
         words = {"register": self.registered.register, "reason": self.registered.reason}
         words["rival"] = self.rival
@@ -168,6 +174,7 @@ class Registration:
         self.verts, self._start, self._level = saved["verts"].numpy(), saved["start"].numpy(), saved["level"]
         self.distance, self.matched = saved["distance"], saved["matched"]
         self.crossing, self.folded, self.retreat = saved["crossing"], saved["folded"], saved["retreat"]
+        self.changed = saved["changed"]
         self.registered, self.rival = Registered(saved["register"], saved["reason"]), saved["rival"]
         if self._level >= 0:
             graph = DeformationGraph.of(self.template, LEVELS[self._level].nodes)
@@ -324,6 +331,7 @@ class Registration:
             self.verts, self.folded = self._unfolding.smoothed(self.verts)
         if self.held.mirror is not None:
             self._make_symmetric(self._unfolding)
+        self.changed = self._unfolding.num_changed_pairs(self.verts) if self._unfolding.crossing_at_rest.any() else 0
         self._start = self.verts
 
     def _make_symmetric(self, unfolding: Unfolding) -> None:

@@ -55,12 +55,14 @@ class Unfolding:
 
     Attributes:
         template: the template.
+        pairs_at_rest: (P, 2) pairs of faces that cross at rest, the lower first.
         crossing_at_rest: (F,) faces that cross others at rest; two of them may cross each other.
         folded_at_rest: (F,) faces that are flipped or without area at rest, and may stay so.
         held: (V,) vertices that do not move; None for none.
     """
 
     template: Template
+    pairs_at_rest: Int64[np.ndarray, "P 2"]
     crossing_at_rest: Bool[np.ndarray, " F"]
     folded_at_rest: Bool[np.ndarray, " F"]
     held: Bool[np.ndarray, " V"] | None = None
@@ -68,14 +70,21 @@ class Unfolding:
     @classmethod
     def of(cls, template: Template, held: Bool[np.ndarray, " V"] | None = None) -> "Unfolding":
         """Return the unfolding of a template."""
-        crossing = np.zeros(template.mesh.num_faces, dtype=bool)
-        crossing[_crossing(template, template.mesh.verts).ravel()] = True
-        return cls(template, crossing, _folded(template, template.mesh.verts), held)
+        crossing, pairs = np.zeros(template.mesh.num_faces, dtype=bool), _crossing(template, template.mesh.verts)
+        crossing[pairs.ravel()] = True
+        return cls(template, pairs, crossing, _folded(template, template.mesh.verts), held)
 
     def new_pairs(self, verts: Verts) -> Int64[np.ndarray, "P 2"]:
         """Return the pairs of faces that cross at some positions, and did not at rest."""
         pairs = _crossing(self.template, verts)
         return np.asarray(pairs[~self.crossing_at_rest[pairs].all(axis=1)])
+
+    def num_changed_pairs(self, verts: Verts) -> int:
+        """Count the pairs of faces that cross at some positions, and at rest cross others, but not each other."""
+        size = np.array([self.template.mesh.num_faces, 1])
+        pairs = _crossing(self.template, verts)
+        among = pairs[self.crossing_at_rest[pairs].all(axis=1)]
+        return len(np.setdiff1d(among @ size, self.pairs_at_rest @ size))
 
     def new_folds(self, verts: Verts) -> Int64[np.ndarray, " N"]:
         """Return the faces that are flipped or without area at some positions, and were not at rest."""
