@@ -326,7 +326,9 @@ class GaussNewton(Engine):
         if engine.failed or not is_better(engine.mesh(0), first, problem.target):
             self._notes[member].append(f"{text}a second one, from {start}, was no better")
             return None
-        self._notes[member].append(f"{text}this is a second one, from {start}")
+        # A result that knows the target is not to be taken for one that does not.
+        told = self._notes if again.source is problem.source else self._shortfalls
+        told[member].append(f"{text}this is a second one, from {start}")
         self._add_trace(member, engine)
         self._shortfalls[member] += engine.shortfalls(0)
         return engine._states[0]
