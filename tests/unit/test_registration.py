@@ -295,6 +295,14 @@ def test_auto_fits_another_shape_without_a_registration_and_continues_from_a_che
 
 
 @pytest.mark.slow
+def test_a_template_that_fits_badly_from_every_pose_is_doubted():
+    source, target = decimate(load_target("airplane"), 300), decimate(load_target("cow"), 600)
+    settings = meshfit.GaussNewtonSettings(connectivity="fixed", levels=0, register="near-rigid")
+    with pytest.warns(meshfit.MeshfitWarning, match="the template bends no nearer than .* give landmarks"):
+        meshfit.fit(source, target, settings, device="cpu")
+
+
+@pytest.mark.slow
 def test_levels_after_registration_keep_vertices_in_place(registered):
     source, target, settings, _ = registered
     finer = settings.model_copy(update={"levels": 1, "register": "rigid", "level_steps": 2, "last_steps": 1})

@@ -49,9 +49,14 @@ def guided(arm):
     return target, known, fit(arm, target, landmarks=known), wrong
 
 
+@pytest.mark.slow
 def test_landmarks_bring_vertices_to_where_they_belong_though_some_are_wrong(arm, guided):
     target, known, result, wrong = guided
-    assert error(result, target.verts) < 0.4 * error(fit(arm, target), target.verts)
+    with pytest.warns(
+        meshfit.MeshfitWarning, match=r"fits about as well turned by \d+ degrees .* three landmarks tell"
+    ):
+        alone = fit(arm, target)
+    assert error(result, target.verts) < 0.4 * error(alone, target.verts)
     errors = result.landmarks.errors(result.mesh.verts)
     right = np.ones(len(errors), dtype=bool)
     right[wrong] = False
@@ -62,6 +67,7 @@ def test_landmarks_bring_vertices_to_where_they_belong_though_some_are_wrong(arm
     assert result.shortfalls == ()
 
 
+@pytest.mark.slow
 def test_guided_fits_continue_from_a_checkpoint_to_the_same_bytes(arm, guided):
     target, known, result, _ = guided
     checkpoints = []
@@ -91,6 +97,7 @@ def test_what_is_fixed_does_not_move_to_the_bit_and_rigid_parts_keep_their_dista
         assert np.abs(moved - bent.verts)[free].mean() < 0.5 * np.abs(arm.verts - bent.verts)[free].mean()
 
 
+@pytest.mark.slow
 def test_vertices_without_weight_follow_the_others(arm):
     bulge = np.exp(-6 * ((arm.verts - [0, 0.5, 0]) ** 2).sum(axis=1))
     target = arm.with_verts(arm.verts + 0.2 * bulge[:, None] * np.array([0, 1, 0]))
@@ -103,6 +110,7 @@ def test_vertices_without_weight_follow_the_others(arm):
     assert np.abs(weighed.mesh.verts[at, 1] - 0.5) < 0.1
 
 
+@pytest.mark.slow
 def test_an_offset_is_the_distance_from_the_target_along_its_normals():
     ball = meshfit.icosphere(3)
     near = ball.with_verts(1.02 * ball.verts)

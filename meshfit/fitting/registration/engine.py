@@ -60,9 +60,9 @@ class RegistrationEngine(GaussNewton):
         return [*super().shortfalls(member), *self._registrations[member].shortfalls]
 
     def notes(self, member: int) -> list[str]:
-        """Return what the fit did beyond its schedule, and another pose that would have served, in words."""
-        rival = self._registrations[member].rival
-        return [*super().notes(member), *([rival] if rival else [])]
+        """Return what the fit did beyond its schedule, and what makes a registration doubtful, in words."""
+        doubt = self._registrations[member].doubt
+        return [*super().notes(member), *([doubt] if doubt else [])]
 
     def registered(self, member: int) -> Registered:
         """Return how the source was registered."""
