@@ -2,6 +2,7 @@
 
 import numpy as np
 from jaxtyping import Float64, Int64
+from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import splu
 
@@ -25,7 +26,7 @@ def nested_dissection(matrix: csr_array, points: Points) -> Int64[np.ndarray, " 
     """
     second = np.zeros(len(points), dtype=bool)
 
-    def ordered(rows: Int64[np.ndarray, " M"]) -> list[Int64[np.ndarray, " M"]]:
+    def ordered(rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
         if len(rows) <= _LEAF:
             return [rows]
         some = points[rows]
