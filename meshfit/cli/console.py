@@ -24,7 +24,7 @@ EXIT_USAGE = MeshfitError.exit_code
 EXIT_INTERRUPTED = 130
 
 
-_SECONDS_UNTIL_SAID = 3.0
+_SECONDS_UNTIL_SAID = 10.0
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,16 @@ import json
 import pytest
 from filelock import FileLock
 
+from meshfit.cli import console
 from tests.cli import answered
 from tests.cli.processes import meshfit
 from tests.small import config_file
+
+
+@pytest.fixture(autouse=True)
+def in_time(monkeypatch):
+    """What a command says only where it takes long is not said on a slow machine."""
+    monkeypatch.setattr(console, "_SECONDS_UNTIL_SAID", 600.0)
 
 
 @pytest.fixture(scope="session")
