@@ -27,20 +27,25 @@ _SECONDS_OF_SILENCE = 60.0
 _LINES_BELOW_BARS = 4
 
 
+def bars_with_states(speed_estimate_period: float = 30.0) -> Progress:
+    """Return bars of tasks with a field `state`, whose remaining time is judged by so many seconds."""
+    columns = (
+        TextColumn("{task.description}", table_column=Column(no_wrap=True, ratio=1)),
+        BarColumn(bar_width=10),
+        TextColumn("{task.fields[state]}", table_column=Column(no_wrap=True)),
+        TextColumn("ETA"),
+        TimeRemainingColumn(compact=True, elapsed_when_finished=False),
+    )
+    return Progress(*columns, console=err, transient=True, expand=True, speed_estimate_period=speed_estimate_period)
+
+
 @contextmanager
 def show_progress(trials: Sequence["Trial"], *, quiet: bool) -> Iterator["Watcher"]:
     """Show the progress of trials within a `with` block."""
     if quiet:
         yield lambda *_: None
     elif err.is_terminal and not err.is_dumb_terminal:
-        columns = (
-            TextColumn("{task.description}", table_column=Column(no_wrap=True, ratio=1)),
-            BarColumn(bar_width=10),
-            TextColumn("{task.fields[state]}", table_column=Column(no_wrap=True)),
-            TextColumn("ETA"),
-            TimeRemainingColumn(compact=True, elapsed_when_finished=False),
-        )
-        with Progress(*columns, console=err, transient=True, expand=True) as bars:
+        with bars_with_states() as bars:
             yield TrialBars(trials, bars).update
     else:
         yield TrialLines(trials).update

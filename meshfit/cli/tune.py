@@ -23,7 +23,7 @@ from meshfit.cli.options import (
     split_metrics,
     takes_run_options,
 )
-from meshfit.cli.progress import Lines, TrialBars
+from meshfit.cli.progress import Lines, TrialBars, bars_with_states
 from meshfit.errors import ConfigError
 from meshfit.paths import path_text, shell_path
 from meshfit.units import count_text, duration_text
@@ -301,21 +301,11 @@ class _View:
 
 @contextmanager
 def _progress(search: "Search", total: int, *, quiet: bool) -> Iterator[_View]:
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-    from rich.table import Column
-
     tried = min(len(search.complete) + len(search.failed), total)
     if quiet:
         yield _View(total, tried)
     elif err.is_terminal and not err.is_dumb_terminal:
-        columns = (
-            TextColumn("{task.description}", table_column=Column(no_wrap=True, ratio=1)),
-            BarColumn(bar_width=10),
-            TextColumn("{task.fields[state]}", table_column=Column(no_wrap=True)),
-            TextColumn("ETA"),
-            TimeRemainingColumn(compact=True, elapsed_when_finished=False),
-        )
-        with Progress(*columns, console=err, transient=True, expand=True, speed_estimate_period=3600) as bars:
+        with bars_with_states(speed_estimate_period=3600) as bars:
             yield _View(total, tried, bars=bars)
     else:
         yield _View(total, tried, lines=Lines())

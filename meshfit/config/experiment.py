@@ -202,8 +202,8 @@ class SourceSettings(Settings):
     """Distance of the control mesh's farthest vertex from the mean of its vertices after scaling; null keeps its
     size, as all sources made from the target do."""
     radius_of: Literal["area", "volume"] | None = None
-    """What has the radius, in place of the control mesh: `area` or `volume` scales the refined source to that of the
-    ball of this radius, so that schemes start from sources of the same size; null means the control mesh."""
+    """`area` or `volume` scales the refined source to the area or volume of a ball of this radius, so that all schemes
+    start from sources of the same size; null scales the control mesh."""
     centre: tuple[float, float, float] | None = (0.0, 0.0, 0.0)
     """Position of the mean of the control mesh's vertices in the normalised frame; null keeps its place, as all sources
     made from the target do. Also accepted as `center`."""

@@ -13,7 +13,7 @@ from tests.small import config_file
 
 @pytest.fixture(autouse=True)
 def in_time(monkeypatch):
-    """What a command says only where it takes long is not said on a slow machine."""
+    """Keep messages that appear only after some seconds from appearing on a slow machine."""
     monkeypatch.setattr(console, "_SECONDS_UNTIL_SAID", 600.0)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 from meshfit.errors import ConfigError
 from meshfit.optional import import_optional
 from meshfit.report.figures.colours import INK
-from meshfit.report.figures.layout import DPI, STYLE, set_log_ticks, write_drawing
+from meshfit.report.figures.layout import DPI, STYLE, add_legend_above, set_log_ticks, write_drawing
 from meshfit.report.tables.table import Table
 from meshfit.specs import parse_spec
 from meshfit.subdivision.registry import SCHEMES
@@ -165,15 +165,4 @@ def _add_legend(figure: Any, tables: Sequence[Table]) -> None:  # noqa: ANN401  
     handles = [line([], [], label=title, **_mark(place)) for place, title in enumerate(titles.values())]
     if len(titles) > 1:
         handles.append(line([], [], color=_MEAN, linewidth=2.2, label="geometric mean"))
-    figure.legend(
-        handles=handles,
-        loc="upper center",
-        borderaxespad=0.1,
-        ncols=len(handles),
-        fontsize=_FONT,
-        frameon=False,
-        labelcolor=INK,
-        handlelength=1.2,
-        handletextpad=0.4,
-        columnspacing=1.2,
-    )
+    add_legend_above(figure, handles, _FONT)

@@ -203,6 +203,22 @@ def write_rows(
         write_drawing(figure, path, dpi)
 
 
+def add_legend_above(figure: Any, handles: Sequence[Any], font: float) -> None:  # noqa: ANN401  matplotlib is optional
+    """Add a legend in one row above the panels of a matplotlib figure."""
+    figure.legend(
+        handles=handles,
+        loc="upper center",
+        borderaxespad=0.1,
+        ncols=len(handles),
+        fontsize=font,
+        frameon=False,
+        labelcolor=INK,
+        handlelength=1.2,
+        handletextpad=0.4,
+        columnspacing=1.2,
+    )
+
+
 def write_drawing(figure: Any, path: Path, dpi: int) -> None:  # noqa: ANN401  matplotlib is optional
     """Write a matplotlib figure; the same figure gives the same bytes.
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from meshfit.optional import import_optional
 from meshfit.report.figures.colours import INK
-from meshfit.report.figures.layout import DPI, STYLE, write_drawing
+from meshfit.report.figures.layout import DPI, STYLE, add_legend_above, write_drawing
 from meshfit.report.tables.sensitivity import Sensitivity
 from meshfit.sensitivity import Analysis, Effect, Estimate
 
@@ -108,15 +108,4 @@ def _add_legend(figure: Any, sensitivity: Sensitivity, *, shares: bool) -> None:
             line([], [], marker="s", color=_MOVES, label="η² of categories", **mark),
             line([], [], marker="o", color=_STILL, label="not significant", **mark),
         ]
-    figure.legend(
-        handles=handles,
-        loc="upper center",
-        borderaxespad=0.1,
-        ncols=len(handles),
-        fontsize=_FONT,
-        frameon=False,
-        labelcolor=INK,
-        handlelength=1.2,
-        handletextpad=0.4,
-        columnspacing=1.2,
-    )
+    add_legend_above(figure, handles, _FONT)
