@@ -319,7 +319,7 @@ def _print_best(search: "Search", total: int) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from meshfit.config.sweeps import short_names
+    from meshfit.config.sweeps import short_names, value_text
 
     several = len(search.objectives) > 1
     shown = search.best if several else search.ranked[:_SHOWN]
@@ -338,17 +338,14 @@ def _print_best(search: "Search", total: int) -> None:
     for i in shown:
         point = search.points[i]
         values = [o.text(value) for o, value in zip(search.objectives, point.values, strict=True)]
-        grid.add_row(*values, *(_text(point.changes[key]) for key in search.ranges), str(i + 1))
+        texts = {key: value_text(point.changes[key], choices) for key, choices in search.ranges.items()}
+        grid.add_row(*values, *texts.values(), str(i + 1))
     if search.own.values:
         values = [o.text(value) for o, value in zip(search.objectives, search.own.values, strict=True)]
         grid.add_row(*values, *["" for _ in search.ranges], "config's own")
     out.print(grid)
     for line in _notes(search, total):
         out.print(line, soft_wrap=True, markup=False)
-
-
-def _text(value: object) -> str:
-    return value if isinstance(value, str) else json_text(value)
 
 
 def _notes(search: "Search", total: int) -> Iterator[str]:

@@ -1,22 +1,24 @@
 """Sweeps: settings varied as a grid, in step (`zip`), as named `variants`, by a `sample`, or as their product."""
 
 import json
+import re
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 from meshfit.config.experiment import NO_EFFECT_ON_RESULTS, ExperimentSettings, canonical_key
-from meshfit.config.sweep_samples import RANGES, SAMPLE, sampled_points
+from meshfit.config.sweep_samples import RANGES, SAMPLE, read_ranges, sampled_points
 from meshfit.errors import ConfigError
-from meshfit.printable import require_printable
+from meshfit.printable import printable, require_printable
 from meshfit.settings import KIND_KEY, apply_changes, build, deep_merge, nested
 
 ZIP, VARIANTS = "zip", "variants"
 _NOT_KEYS = (ZIP, VARIANTS, SAMPLE, RANGES)
 _AXES = ("targets", "schemes", "seeds")
-_LONGEST_VALUE = 30
+_LONGEST_VALUE = 60
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,20 @@ def variant_at(settings: ExperimentSettings, changes: Mapping[str, Any]) -> Vari
         ConfigError: a key or a value that is not allowed.
     """
     _check_keys([changes])
-    return Variant(_point(changes, short_names(list(changes))).name, _changed(settings, changes, lambda: ""))
+    return Variant(point_name(changes), _changed(settings, changes, lambda: ""))
+
+
+def point_name(changes: Mapping[str, Any], axes: Mapping[str, Sequence[Any]] | None = None) -> str:
+    """Return the name of a point, such as `edge=0.1, source=(mesh=cube levels=3)`.
+
+    Args:
+        changes: value of each setting, by dotted key.
+        axes: all values of each setting that is varied, from which the name is to be distinguished; by default the
+            settings of the point alone.
+    """
+    axes = {key: [value] for key, value in changes.items()} if axes is None else axes
+    short = short_names(list(axes))
+    return ", ".join(f"{short[key]}={value_text(value, axes[key])}" for key, value in changes.items())
 
 
 def _changed(settings: ExperimentSettings, changes: Mapping[str, Any], where: Callable[[], str]) -> ExperimentSettings:
@@ -98,13 +113,17 @@ def _axes(sweep: Mapping[str, Any]) -> list[list[_Point]]:
     ]
     zipped = _lists(_mapping(sweep.get(ZIP, {}), f"sweep.{ZIP}"))
     sampled = sampled_points(sweep.get(SAMPLE), sweep.get(RANGES)) if sweep.keys() & {SAMPLE, RANGES} else []
-    ranges = sampled[0] if sampled else {}
+    ranges = read_ranges(sweep[RANGES]) if sampled else {}
     grid = _lists({key: value for key, value in sweep.items() if key not in _NOT_KEYS})
     _check_keys([dict.fromkeys(key for point in variants for key in point.changes), zipped, ranges, grid])
-    short = short_names([*zipped, *ranges, *grid])
-    steps = [_point(dict(zip(zipped, row, strict=True)), short) for row in _in_step(zipped)]
-    lines = [[_point({key: value}, short) for value in values] for key, values in grid.items()]
-    samples = [_point(changes, short) for changes in sampled]
+    keys = {**zipped, **{key: _listed(values) for key, values in ranges.items()}, **grid}
+
+    def point(changes: Mapping[str, Any]) -> _Point:
+        return _Point(point_name(changes, keys), changes)
+
+    steps = [point(dict(zip(zipped, row, strict=True))) for row in _in_step(zipped)]
+    lines = [[point({key: value}) for value in values] for key, values in grid.items()]
+    samples = [point(changes) for changes in sampled]
     return [axis for axis in (variants, steps, samples, *lines) if axis]
 
 
@@ -119,9 +138,9 @@ def _lists(tree: Mapping[str, Any]) -> dict[str, list[Any]]:
     lists: dict[str, list[Any]] = {}
     for key, values in _flat(tree, lists=True):
         if not isinstance(values, list) or not values:
-            raise ConfigError(f"sweep: {key}: expected a list of values, such as [0.1, 1.0], got {_plain(values)}")
+            raise ConfigError(f"sweep: {key}: expected a list of values, such as [0.1, 1.0], got {_shortened(values)}")
         if len({json.dumps(value, sort_keys=True) for value in values}) < len(values):
-            raise ConfigError(f"sweep: {key}: duplicate value in {_plain(values)}")
+            raise ConfigError(f"sweep: {key}: duplicate value in {_shortened(values)}")
         if key in lists:
             raise ConfigError(f"sweep: duplicate key {key}")
         lists[key] = values
@@ -164,16 +183,45 @@ def short_names(keys: Sequence[str]) -> dict[str, str]:
     return names
 
 
-def _point(changes: Mapping[str, Any], short: Mapping[str, str]) -> _Point:
-    return _Point(", ".join(f"{short[key]}={_plain(value)}" for key, value in changes.items()), changes)
-
-
 def _mapping(value: Any, key: str) -> Mapping[str, Any]:  # noqa: ANN401  any YAML value
     if not isinstance(value, Mapping):
-        raise ConfigError(f"{key}: expected a mapping of keys to values, got {_plain(value)}")
+        raise ConfigError(f"{key}: expected a mapping of keys to values, got {_shortened(value)}")
     return value
 
 
-def _plain(value: object) -> str:
-    text = value if isinstance(value, str) else json.dumps(value)
-    return textwrap.shorten(text, _LONGEST_VALUE, placeholder="…")
+def _listed(values: object) -> list[Any]:
+    return values if isinstance(values, list) else []
+
+
+def value_text(value: object, others: Sequence[Any] = ()) -> str:
+    """Return the value of a setting as text.
+
+    Args:
+        value: text as it is; `(mesh=cube levels=3)` for a mapping; anything else as JSON. A path has as many of its
+            last parts as distinguish it from the others.
+        others: all values of the setting.
+    """
+    if isinstance(value, Mapping):
+        return f"({' '.join(f'{key}={_word(each)}' for key, each in value.items())})"
+    if not isinstance(value, str):
+        return printable(json.dumps(value, ensure_ascii=False))
+    if _is_path(value):
+        paths = {other for other in others if isinstance(other, str) and other != value}
+        parts = Path(value).parts
+        tails = ("/".join(parts[start:]) for start in range(len(parts) - 1, 0, -1))
+        value = next((tail for tail in tails if not any(f"/{other}".endswith(f"/{tail}") for other in paths)), value)
+    return printable(value)
+
+
+def _word(value: object) -> str:
+    """Return a value within a mapping; a text that would read as more than one word is quoted."""
+    text = value_text(value)
+    return json.dumps(text) if isinstance(value, str) and not re.fullmatch(r"[^\s=()\"]+", text) else text
+
+
+def _is_path(text: str) -> bool:
+    return "/" in text and (text.startswith("/") or re.search(r"\.[A-Za-z]\w*$", text) is not None)
+
+
+def _shortened(value: object) -> str:
+    return textwrap.shorten(value_text(value), _LONGEST_VALUE, placeholder=" …")

@@ -10,7 +10,7 @@ import pytest
 from meshfit.config.experiment import ExperimentSettings
 from meshfit.config.loading import Experiment, load_experiment
 from meshfit.config.sweep_samples import sampled_points
-from meshfit.config.sweeps import variants_of
+from meshfit.config.sweeps import value_text, variants_of
 from meshfit.errors import ConfigError
 from meshfit.experiment.plan import plan
 from meshfit.settings import build, override
@@ -75,6 +75,27 @@ def test_keys_are_shortened_as_far_as_they_stay_apart():
         **{"source.levels": [3], "fit.optimizer.schedule.name": ["cosine"], "fit.optimizer.name": ["adam"]}
     )
     assert found[0].name == "levels=3, schedule.name=cosine, optimizer.name=adam"
+
+
+def test_names_of_values_stay_apart_and_are_never_cut():
+    meshes = [
+        {"mesh": "icosahedron", "levels": 3},
+        {"mesh": "icosahedron", "levels": 3, "alpha_map": {"attribute": "a = b"}},
+        *(f"/home/of/a/rather/long/path/{name}" for name in ("a/x.ply", "b/x.ply", "b/y.obj")),
+    ]
+    assert [value_text(mesh, meshes) for mesh in meshes] == [
+        "(mesh=icosahedron levels=3)",
+        '(mesh=icosahedron levels=3 alpha_map=(attribute="a = b"))',
+        "a/x.ply",
+        "b/x.ply",
+        "y.obj",
+    ]
+    assert [value_text(value) for value in ("3/8", None, [1, "ä"], "a\nb")] == ["3/8", "null", '[1, "ä"]', "a\\nb"]
+    ranges = {"source": [{"mesh": "cube"}, {"mesh": "target", "wanted_verts": 40}], "fit.steps": [3]}
+    assert {each.name for each in variants(sample={"points": 9}, ranges=ranges)} == {
+        "source=(mesh=cube), steps=3",
+        "source=(mesh=target wanted_verts=40), steps=3",
+    }
 
 
 def test_a_point_has_the_identity_of_the_same_settings_without_a_sweep(tmp_path):

@@ -9,7 +9,7 @@ from typing import Any
 
 from meshfit.config.loading import Experiment
 from meshfit.config.sweep_samples import SampleSettings
-from meshfit.config.sweeps import variant_at
+from meshfit.config.sweeps import point_name
 from meshfit.errors import ConfigError, MeshfitError
 from meshfit.experiment.plan import Trial, plan, target_label
 from meshfit.experiment.storage.failure import RETRIED, read_failure
@@ -56,11 +56,8 @@ class Problem:
 
     def point(self, changes: Mapping[str, Any], batch: int) -> Point:
         """Return a point to be tried."""
-        try:
-            name = variant_at(self.experiment.settings, changes).name
-        except ConfigError:  # it fails when it is tried
-            name = ", ".join(f"{key}={json.dumps(value)}" for key, value in changes.items())
-        return Point(changes, name, batch=batch)
+        axes = {key: values if isinstance(values, list) else [] for key, values in self.ranges.items()}
+        return Point(changes, point_name(changes, axes), batch=batch)
 
     def trials(self, point: Point) -> list[Trial]:
         """Return the trials of a point.
