@@ -102,6 +102,10 @@ class DomainError(MeshError):
     """A file of curves where a surface is expected, or without curves where they are."""
 
 
+class ViewError(MeshError):
+    """Images or cameras that cannot be a target."""
+
+
 class SchemeError(MeshfitError):
     """An unknown subdivision scheme, or a parameter that it does not take."""
 
