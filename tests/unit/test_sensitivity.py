@@ -168,6 +168,17 @@ def test_settings_that_change_together_are_one():
     assert sorted(names) == ["fit.losses.edge", "fit.optimizer.name", "fit.steps = fit.samples"]
 
 
+def test_a_setting_that_comes_with_a_category_is_left_out_and_named():
+    swept = results(16, ("cow",), ("loop",), (0,))
+    for place, result in enumerate(swept):
+        mesh = ("cube", "octahedron", "target")[place % 3]
+        result["settings"]["source"] |= {"mesh": mesh, "levels": 2 if mesh == "target" else 4}
+    found = read_sensitivity(swept, "distance.mean")
+    names = {effect.factor.name for effect in found.groups["cow"].effects}
+    assert names == {"fit.losses.edge", "fit.optimizer.name", "fit.steps", "source.mesh"}
+    assert "source.levels: left out, since source.mesh determines it" in found.notes
+
+
 def test_what_cannot_be_analysed_is_refused():
     with pytest.raises(StoreError, match="1 point that differ in 0 settings; expected 8 or more"):
         read_sensitivity(results(points=1, schemes=("loop",)), "distance.mean")

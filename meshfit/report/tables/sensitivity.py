@@ -153,7 +153,11 @@ def _search_notes(results: Sequence[Result]) -> list[str]:
 
 
 def _factors(points: Sequence[Mapping[str, Any]], schemes: Sequence[str]) -> tuple[list[Factor], list[str]]:
-    """Return the settings that differ; those that always change together are one."""
+    """Return the settings that differ, and notes on others.
+
+    Settings that always change together are one, and those that a category determines are left out: a choice of the
+    mesh may bring other numbers with it.
+    """
     columns: dict[str, list[Any]] = {}
     left_out = []
     for key in dict.fromkeys(key for point in points for key in point):
@@ -174,8 +178,17 @@ def _factors(points: Sequence[Mapping[str, Any]], schemes: Sequence[str]) -> tup
                 keys.append(key)
             else:
                 merged.append([key])
+    determined = {
+        " = ".join(keys): others[0]
+        for keys in merged
+        for others in merged
+        if others is not keys and _determines(columns[others[0]], codes[others[0]], codes[keys[0]])
+    }
+    left_out += [f"{name}: left out, since {other} determines it" for name, other in determined.items()]
     factors = []
     for keys in merged:
+        if " = ".join(keys) in determined:
+            continue
         numbers = [key for key in keys if all(map(_is_number, columns[key]))]
         key = (numbers or keys)[0]
         factor = _factor(" = ".join(keys), columns[key])
@@ -184,6 +197,14 @@ def _factors(points: Sequence[Mapping[str, Any]], schemes: Sequence[str]) -> tup
         else:
             factors.append(factor)
     return factors, left_out
+
+
+def _determines(values: Sequence[Any], codes: Sequence[int], others: Sequence[int]) -> bool:
+    """Whether each category goes with one value of another setting, and some values with several categories."""
+    categories = len(set(codes))
+    if all(map(_is_number, values)) or categories > min(_MOST_CATEGORIES, len(codes) // 2):
+        return False
+    return len(set(zip(codes, others, strict=True))) == categories > len(set(others))
 
 
 def _is_same(first: Sequence[Any], second: Sequence[Any]) -> bool:
