@@ -57,7 +57,7 @@ def write_chart(points: Sequence[Point], path: Path) -> None:
         write_drawing(figure, path, DPI[path.suffix])
 
 
-def _draw_orders(axes: Any, points: Sequence[Point]) -> None:  # noqa: ANN401  matplotlib has no types
+def _draw_orders(axes: Any, points: Sequence[Point]) -> None:
     axes.axvspan(1, _MOST * 2, 0, 0.5, color="#fbe7da", linewidth=0, zorder=0)
     for same in (True, False):
         chosen = [point for point in points if (point.source in SAME_SOURCES) is same]
@@ -95,7 +95,7 @@ def _draw_orders(axes: Any, points: Sequence[Point]) -> None:  # noqa: ANN401  m
         )
 
 
-def _draw_sizes(axes: Any, points: Sequence[Point]) -> None:  # noqa: ANN401  matplotlib has no types
+def _draw_sizes(axes: Any, points: Sequence[Point]) -> None:
     for same in (True, False):
         chosen = [point for point in points if (point.source in SAME_SOURCES) is same]
         for target in _TARGETS:
@@ -116,7 +116,7 @@ def _draw_sizes(axes: Any, points: Sequence[Point]) -> None:  # noqa: ANN401  ma
     )  # fmt: skip
 
 
-def _set_axis(axes: Any, which: str, label: str) -> None:  # noqa: ANN401  matplotlib has no types
+def _set_axis(axes: Any, which: str, label: str) -> None:
     getattr(axes, f"set_{which}scale")("log")
     getattr(axes, f"set_{which}lim")(1 / _MOST / 1.12, _MOST * 1.12)
     getattr(axes, f"set_{which}label")(label, fontsize=_FONT, color=INK, labelpad=2)

@@ -59,7 +59,7 @@ class Point:
         """The kind of its initial mesh."""
         mesh = str(self.settings["source.mesh"])
         if mesh == "target":
-            return "decimated target"
+            return "coarse target"
         if self.settings["source.project"] == "sphere":
             return "ellipsoid" if self.settings["source.align"] == "box" else "icosphere"
         return mesh
@@ -136,7 +136,7 @@ def _by_meshlab(result: Result) -> tuple[float, float]:
 
 
 def _filter(sampled: Mesh, target: Mesh) -> float:
-    """Return the maximum that MeshLab's Hausdorff filter prints: of the vertices of one mesh, within half a diagonal."""
+    """Return the maximum that MeshLab's filter prints: over the vertices of one mesh, within half a diagonal."""
     meshes = pymeshlab.MeshSet(verbose=False)
     for mesh in (sampled, target):
         meshes.add_mesh(pymeshlab.Mesh(mesh.verts, mesh.faces))

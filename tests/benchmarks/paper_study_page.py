@@ -75,7 +75,7 @@ its numbers? `configs/paper-study.yaml` has the ranges; `make study` writes this
 
 | what the paper leaves open | values |
 | --- | --- |
-| initial mesh | tetrahedron, cube, octahedron, icosahedron, icosphere, ellipsoid of the target's box, decimated target |
+| initial mesh | tetrahedron, cube, octahedron, icosahedron, icosphere, ellipsoid of the box, coarse target |
 | its size | radius 0.3 to 1.5 in the frame |
 | frame | the tutorial's, box, unit sphere, unit cube |
 | number of vertices | 200 to 4,000, as near as levels of a scheme come to it |
@@ -140,7 +140,13 @@ def _orders(points: Sequence[Point]) -> str:
             _share(chosen, lambda point: all(ratios(point, target, measure) < 1 for target in TARGETS)),
         ]
 
-    heads = ["points", "Loop ahead on the bunny", "interp. on the mousehead", "both: the paper's order", "interp. on both"]
+    heads = [
+        "points",
+        "Loop ahead, bunny",
+        "interp. ahead, mousehead",
+        "both: the paper's order",
+        "interp. ahead on both",
+    ]
     by_measure = [row(measure, points, measure) for measure in MEASURES]
     kinds = list(dict.fromkeys(point.source for point in points))
     by_source = [row(kind, [p for p in points if p.source == kind]) for kind in sorted(kinds)]
@@ -387,7 +393,7 @@ def _numbers(values: Iterable[float]) -> list[str]:
     return [f"{value:.4f}" for value in values]
 
 
-def _plain(value: Any) -> str:  # noqa: ANN401  a setting
+def _plain(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
