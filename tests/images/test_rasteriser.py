@@ -29,7 +29,7 @@ def test_it_sees_what_rays_hit_first():
             hits = igl.ray_mesh_intersect(origin, direction, mesh.verts, mesh.faces) or []
             assert face[row] == (hits[0][0] if hits else -1)
             if hits:
-                expected = hits[0][-1] * (direction @ camera.forward)
+                expected = hits[0][1] * (direction @ camera.forward)
                 assert depth[row] == pytest.approx(
                     expected, rel=1e-5
                 )  # the library's distances are in single precision
