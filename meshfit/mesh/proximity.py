@@ -1,10 +1,13 @@
-"""Nearest points, winding numbers, lines of sight and cuts along crossings, by libigl, which no other module imports.
+"""Nearest points, winding numbers, lines of sight, cuts along crossings and level sets, by libigl.
+
+No other module imports it.
 
 The trees of libigl work in double precision, handle faces of any shape, and take about a microsecond per point whether
 it is near the surface or a diagonal away.
 """
 
 import atexit
+from collections.abc import Sequence
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
@@ -12,7 +15,7 @@ import igl
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
-from meshfit.mesh.geometry import bounding_box_diagonal
+from meshfit.mesh.geometry import bounding_box_diagonal, signed_volume
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.nearest import spatial_order
 
@@ -21,6 +24,8 @@ _NEAR = 1e-5
 _IN_SIGHT = 1e-4
 # Trees of up to so many faces are kept as long as their meshes; they take some 200 bytes per face.
 _MOST_KEPT = 1_000_000
+# Least distance of a level set from a corner of its grid, in cells.
+_LEAST_OFF = 1e-3
 
 Points = Float64[np.ndarray, "N 3"]
 Distances = Float64[np.ndarray, " N"]
@@ -158,6 +163,25 @@ def cut_where_crossing(mesh: Mesh) -> Mesh:
 
     cut = cgal.remesh_self_intersections(mesh.verts, mesh.faces, stitch_all=True)
     return Mesh(cut[0], cut[1])
+
+
+def zero_surface(values: Float64[np.ndarray, "X Y Z"], axes: Sequence[Float64[np.ndarray, " _"]]) -> Mesh:
+    """Return the surface between positive and other values on a grid, by marching cubes; positive values are inside.
+
+    It is closed where no value at the border of the grid is positive. Values that are almost 0 are moved away from it,
+    so that no face shrinks to a point.
+
+    Args:
+        values: (X, Y, Z), at least 2 along each axis.
+        axes: coordinates of the grid along each axis, increasing.
+    """
+    least = _LEAST_OFF * min(float(np.diff(axis).min()) for axis in axes)
+    values = np.where(np.abs(values) < least, np.where(values > 0, least, -least), values)
+    # libigl counts along x first.
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).transpose(2, 1, 0, 3).reshape(-1, 3)
+    verts, faces, _ = igl.marching_cubes(values.transpose(2, 1, 0).ravel(), _contiguous(grid), *values.shape, 0.0)
+    mesh = Mesh(verts, faces)
+    return Mesh(verts, mesh.faces[:, ::-1]) if signed_volume(mesh) < 0 else mesh
 
 
 def _contiguous(points: Float64[np.ndarray, "N 3"]) -> Points:
