@@ -16,7 +16,7 @@ from meshfit.mesh.proximity import zero_surface
 from meshfit.units import count_text
 
 Box = Float64[np.ndarray, "2 3"]
-Planes = tuple[Float64[np.ndarray, "P 3"], Float64[np.ndarray, " P"]]
+Planes = tuple[Float64[np.ndarray, "_ 3"], Float64[np.ndarray, " _"]]
 """Normals a and offsets b of half-spaces a · x ≤ b."""
 
 RESOLUTION = 128
