@@ -45,6 +45,7 @@ COMMANDS = {
         "measure": "Measure a mesh against a target.",
         "render": "Draw meshes or trials side by side.",
         "view": "Look at meshes and results in 3D, in the web browser.",
+        "views": "Render views of a mesh, as a folder of images to fit to.",
     },
     "Reference": {
         "schemes": "List the subdivision schemes, or show or analyse one.",

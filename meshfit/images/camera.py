@@ -24,6 +24,8 @@ MOST_PIXELS = 1 << 26
 
 # How far a rotation in a file with few digits is from an orthogonal matrix.
 _RIGID = 1e-3
+# How far one is that has been made orthogonal, which stays as it is.
+_ORTHOGONAL = 1e-14
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -207,7 +209,7 @@ def _rigid(pose: ArrayLike) -> Pose:
         raise ViewError(f"camera: {fault}")
     if np.linalg.det(rotation) < 0:
         raise ViewError("camera: the pose is mirrored: its axes are left-handed; negate one of its columns")
-    if abs(product - np.eye(3)).max() > 1e-15:
+    if abs(product - np.eye(3)).max() > _ORTHOGONAL:
         left, _, right = np.linalg.svd(rotation)
         matrix[:3, :3] = left @ right
     matrix.setflags(write=False)

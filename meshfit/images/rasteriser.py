@@ -14,6 +14,7 @@ _Corners = Float64[np.ndarray, "N 3"]
 # Rounding of projected corners, in pixels, and pairs of a face and a pixel that are looked at together.
 _SLACK = 1e-6
 _AT_ONCE = 1 << 19
+_AMBIENT = 0.15
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,13 @@ def render_view(mesh: Mesh, camera: Camera, name: str = "view", *, depth: bool =
         normal_map = np.full((*mask.shape, 3), np.nan)
         normal_map[mask] = face_normals(mesh)[raster.face[mask]]
     return View(name, camera, mask, raster.depth if depth else None, normal_map)
+
+
+def shading(view: View) -> Float64[np.ndarray, "H W"]:
+    """Return the brightness of a view with normals, from 0 to 1, under a light at the camera; 0 outside its mask."""
+    assert view.normals is not None  # noqa: S101  as it was rendered
+    facing = np.abs(np.nan_to_num(view.normals) @ view.camera.forward)
+    return np.asarray(np.where(view.mask, _AMBIENT + (1 - _AMBIENT) * facing, 0.0))
 
 
 def _boxes(mesh: Mesh, camera: Camera) -> tuple[Int64[np.ndarray, " F"], ...]:

@@ -60,6 +60,10 @@ class View:
         depth = None if self.depth is None else self.depth / frame.scale
         return replace(self, camera=self.camera.moved(frame), depth=depth)
 
+    def without_normals(self) -> "View":
+        """Return the view without its normals."""
+        return replace(self, normals=None)
+
     def __repr__(self) -> str:
         """Return name, size and what there is."""
         parts = [

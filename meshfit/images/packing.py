@@ -1,0 +1,80 @@
+"""Targets of images as one file, for workers and run directories that do not share their folder."""
+
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from meshfit.errors import ViewError
+from meshfit.images.camera import Camera
+from meshfit.images.target import ImageTarget
+from meshfit.images.views import View, Views
+from meshfit.mesh.mesh import Mesh
+from meshfit.paths import path_text
+
+PACK_SUFFIX = ".views.npz"
+
+
+def pack_target(target: ImageTarget, sha256: str) -> bytes:
+    """Return a target of images as the content of one file, which is exactly restored.
+
+    Args:
+        target: the images.
+        sha256: over all that it is made from.
+    """
+    arrays: dict[str, Any] = {}
+    parts = {"fitted": target.views, "held_out": target.held_out or ()}
+    records = {
+        part: [_record(view, f"{part}-{row}", arrays) for row, view in enumerate(views)]
+        for part, views in parts.items()
+    }
+    if target.truth is not None:
+        arrays |= {"truth-verts": target.truth.verts, "truth-faces": target.truth.faces}
+    record = {"name": target.name, "sha256": sha256} | records
+    arrays["record"] = np.frombuffer(json.dumps(record).encode(), dtype=np.uint8)
+    stream = io.BytesIO()
+    np.savez_compressed(stream, **arrays)
+    return stream.getvalue()
+
+
+def unpack_target(path: Path) -> tuple[ImageTarget, str]:
+    """Return the target of images that a file holds, and the hash over what it was made from.
+
+    Raises:
+        ViewError: it cannot be read, or is damaged.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = dict(archive)
+        record = json.loads(arrays["record"].tobytes())
+        views = [_view(entry, arrays) for entry in record["fitted"]]
+        held_out = [_view(entry, arrays) for entry in record["held_out"]]
+        truth = Mesh(arrays["truth-verts"], arrays["truth-faces"]) if "truth-verts" in arrays else None
+        target = ImageTarget(Views(views), truth, record["name"], Views(held_out) if held_out else None)
+        return target, str(record["sha256"])
+    except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
+        raise ViewError(f"{path_text(path)}: damaged: {error}") from error
+
+
+def _record(view: View, key: str, arrays: dict[str, Any]) -> dict[str, Any]:
+    camera = view.camera
+    arrays |= {f"{key}-pose": camera.pose, f"{key}-mask": view.mask}
+    for name, values in (("depth", view.depth), ("normals", view.normals)):
+        if values is not None:
+            arrays[f"{key}-{name}"] = values
+    return {
+        "key": key,
+        "name": view.name,
+        "kind": camera.kind,
+        "size": [camera.width, camera.height],
+        "focal": camera.focal,
+        "centre": camera.centre,
+    }
+
+
+def _view(entry: dict[str, Any], arrays: dict[str, Any]) -> View:
+    key, (width, height) = entry["key"], entry["size"]
+    camera = Camera(entry["kind"], width, height, tuple(entry["focal"]), tuple(entry["centre"]), arrays[f"{key}-pose"])
+    return View(entry["name"], camera, arrays[f"{key}-mask"], arrays.get(f"{key}-depth"), arrays.get(f"{key}-normals"))
