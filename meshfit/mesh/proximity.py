@@ -180,7 +180,7 @@ def zero_surface(values: Float64[np.ndarray, "X Y Z"], axes: Sequence[Float64[np
     # libigl counts along x first.
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).transpose(2, 1, 0, 3).reshape(-1, 3)
     verts, faces, _ = igl.marching_cubes(values.transpose(2, 1, 0).ravel(), _contiguous(grid), *values.shape, 0.0)
-    mesh = Mesh(verts, faces)
+    mesh = Mesh(verts, faces.astype(np.int64))  # of another type of the same size
     return Mesh(verts, mesh.faces[:, ::-1]) if signed_volume(mesh) < 0 else mesh
 
 
