@@ -8,6 +8,7 @@ from meshfit.doors import no_type_check
 from meshfit.errors import ConfigError, TrialError
 from meshfit.fitting.callbacks import Step
 from meshfit.fitting.registration.guidance import Guidance
+from meshfit.images.views import Views
 from meshfit.mesh.any_mesh import MeshLike, as_mesh
 from meshfit.mesh.any_target import as_mesh_or_points
 from meshfit.mesh.mesh import Mesh
@@ -170,6 +171,8 @@ class Problem:
         guidance: landmarks, weights, and parts of the source that stay or are rigid, for `register`.
         own: whether the source is a mesh of the user's own, whose vertices may have a meaning, not one that was made to
             start from; `register: auto` registers no others.
+        images: views of the target, in the same frame, if it is given by images; `target` is then what they tell of it:
+            the points of their depth maps, or the visual hull of their masks.
 
     Example:
         >>> import meshfit
@@ -191,6 +194,7 @@ class Problem:
     polygons: PolygonMesh | None = None
     guidance: Guidance | None = None
     own: bool = True
+    images: Views | None = None
 
     @no_type_check
     def __init__(  # noqa: PLR0913, PLR0917  one argument for each attribute
@@ -206,12 +210,13 @@ class Problem:
         polygons: PolygonMesh | None = None,
         guidance: Guidance | None = None,
         own: bool = True,  # noqa: FBT001, FBT002  by name
+        images: Views | None = None,
     ) -> None:
         start = as_mesh(source, "source")
         polygons = start if isinstance(start, PolygonMesh) else polygons
         triangles = start.triangulated() if isinstance(start, PolygonMesh) else start
         goal = as_mesh_or_points(target)
-        values = (triangles, goal, seed, on_step, resume, save, scheme, on_snapshot, polygons, guidance, own)
+        values = (triangles, goal, seed, on_step, resume, save, scheme, on_snapshot, polygons, guidance, own, images)
         for attribute, value in zip(fields(self), values, strict=True):
             object.__setattr__(self, attribute.name, value)
 
