@@ -10,6 +10,7 @@ from meshfit.cli.console import out
 from meshfit.cli.options import Labels, Metric, RunDirs
 
 if TYPE_CHECKING:
+    from meshfit.experiment.tuning.search_file import Search
     from meshfit.report.tables.table import Table
 
 
@@ -22,12 +23,14 @@ def chart(
     """Draw the results of some runs as a chart, and print the means.
 
     Schemes are grouped by kind, with one mark per target: the mean over its seeds, with its 95 % interval. Bars are
-    geometric means over the targets. A sweep gives one panel per setting.
+    geometric means over the targets. A sweep gives one panel per setting. Of a search by `meshfit tune`, the chart
+    shows the best value so far or the Pareto front, and the values by each setting; the best settings are printed.
     Requires the extra: pip install 'meshfit[report]'.
 
     Examples:
         meshfit chart runs/zoo -o zoo.pdf
         meshfit chart runs/zoo -o mean.png --metric distance.mean
+        meshfit chart runs/my-tune -o search.png
         meshfit chart runs/zoo -o zoo.pdf --label interp-loop="Interp. Loop"
     """
     from meshfit.experiment.storage.plan_file import in_planned_order
@@ -35,16 +38,39 @@ def chart(
     from meshfit.report.figures.chart import write_chart
     from meshfit.report.figures.layout import require_suffix
     from meshfit.report.tables.grouping import distinguish_definitions
+    from meshfit.report.tables.search import searches_to_draw
     from meshfit.report.tables.style import Style
     from meshfit.report.tables.table import build_tables, styled
 
     require_suffix(output)
-    tables = build_tables(distinguish_definitions(in_planned_order(read_results(runs))), *filter(None, [metric]))
+    results = read_results(runs)
+    if searches := searches_to_draw(results, metric):
+        _draw_searches(searches, output, labels or ())
+        return 0
+    tables = build_tables(distinguish_definitions(in_planned_order(results)), *filter(None, [metric]))
     tables = styled(tables, Style(), labels or ())
     write_chart(tables, output)
     _print_means(tables)
     out.print(f"wrote {output}", soft_wrap=True, markup=False)
     return 0
+
+
+def _draw_searches(searches: "dict[str, Search]", output: Path, labels: "Sequence[str]") -> None:
+    """Draw searches, and print their best settings."""
+    from meshfit.cli.tune import print_best
+    from meshfit.config.sweeps import short_names
+    from meshfit.report.figures.search import write_search_chart
+    from meshfit.report.tables.style import parse_labels
+
+    metrics = [objective.metric for search in searches.values() for objective in search.objectives]
+    settings = {key: name for search in searches.values() for key, name in short_names(list(search.ranges)).items()}
+    given = parse_labels(labels, [*metrics, *settings, *settings.values()])
+    keys = {name: key for key, name in settings.items()}
+    write_search_chart(searches, output, {keys.get(name, name): label for name, label in given.items()})
+    for search in searches.values():
+        print_best(search)
+        out.print()
+    out.print(f"wrote {output}", soft_wrap=True, markup=False)
 
 
 def _print_means(tables: "Sequence[Table]") -> None:

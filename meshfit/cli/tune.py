@@ -34,9 +34,7 @@ if TYPE_CHECKING:
     from meshfit.experiment.running.scheduler import Watcher
     from meshfit.experiment.storage.run_directory import RunDirectory
     from meshfit.experiment.tuning.search import Problem
-    from meshfit.experiment.tuning.search_file import Point, Search
-
-_SHOWN = 10
+    from meshfit.experiment.tuning.search_file import Search
 
 
 def _direction(option: str, text: str) -> Any:  # noqa: ANN401  an option of Typer
@@ -145,7 +143,7 @@ def tune(
     if options.as_json:
         typer.echo(_json(search))
     else:
-        _print_best(search, trials)
+        print_best(search, trials)
         out.print(f"\nResults: {options.runs / experiment.name}", soft_wrap=True, markup=False)
     if output is not None:
         _write_best(search, experiment.settings, output)
@@ -287,9 +285,13 @@ class _View:
 
     def update(self, search: "Search") -> None:
         """Show how far the search has come."""
+        from meshfit.report.tables.search import value_texts
+
         self.tried = min(len(search.complete) + len(search.failed), self.total)
         failed = f", {len(search.failed)} failed" if search.failed else ""
-        best = f"best {_values_text(search, search.points[search.best[0]])}" if search.complete else "none complete"
+        best = "none complete"
+        if search.complete:
+            best = f"best {', '.join(value_texts(search, search.points[search.best[0]]))}"
         if self.bars is not None:
             self.bars.update(self.task, completed=self.tried, state=f"{self.tried}/{self.total} {best}{failed}")
         if self.lines is not None:
@@ -311,88 +313,23 @@ def _progress(search: "Search", total: int, *, quiet: bool) -> Iterator[_View]:
         yield _View(total, tried, lines=Lines())
 
 
-def _values_text(search: "Search", point: "Point") -> str:
-    return ", ".join(objective.text(value) for objective, value in zip(search.objectives, point.values, strict=True))
-
-
-def _print_best(search: "Search", total: int) -> None:
+def print_best(search: "Search", total: int | None = None) -> None:
+    """Print the best settings of a search, with remarks on them."""
     from rich.table import Table
     from rich.text import Text
 
-    from meshfit.config.sweeps import short_names, value_text
+    from meshfit.report.tables.search import search_heads, search_notes, search_rows, search_title
 
-    several = len(search.objectives) > 1
-    shown = search.best if several else search.ranked[:_SHOWN]
-    names = ", ".join(objective.metric for objective in search.objectives)
-    tried = len(search.complete) + len(search.failed)
-    failed = f", {len(search.failed)} failed" if search.failed else ""
-    title = "Pareto front" if several else "best settings"
-    out.print(f"{names}: {title} of {count_text(tried, 'point')}{failed}", soft_wrap=True, markup=False)
+    out.print(search_title(search), soft_wrap=True, markup=False)
     grid = Table(box=None, pad_edge=False)
-    short = short_names(list(search.ranges))
-    for objective in search.objectives:
-        grid.add_column(Text(objective.metric if several else "value"), justify="right", no_wrap=True)
-    for key in search.ranges:
-        grid.add_column(Text(short[key]), justify="right")
-    grid.add_column("point", justify="right", no_wrap=True)
-    for i in shown:
-        point = search.points[i]
-        values = [o.text(value) for o, value in zip(search.objectives, point.values, strict=True)]
-        texts = {key: value_text(point.changes[key], choices) for key, choices in search.ranges.items()}
-        grid.add_row(*values, *texts.values(), str(i + 1))
-    if search.own.values:
-        values = [o.text(value) for o, value in zip(search.objectives, search.own.values, strict=True)]
-        grid.add_row(*values, *["" for _ in search.ranges], "config's own")
+    for place, head in enumerate(search_heads(search)):
+        is_setting = len(search.objectives) <= place < len(search.objectives) + len(search.ranges)
+        grid.add_column(Text(head), justify="right", no_wrap=not is_setting)
+    for row in search_rows(search):
+        grid.add_row(*map(Text, row))
     out.print(grid)
-    for line in _notes(search, total):
+    for line in search_notes(search, total):
         out.print(line, soft_wrap=True, markup=False)
-
-
-def _notes(search: "Search", total: int) -> Iterator[str]:
-    """Say what the values are, how much was gained, which settings are at the end of their range, and what failed."""
-    targets, schemes, seeds = (len(search.cells[key]) for key in ("targets", "schemes", "seeds"))
-    pairs = count_text(targets * schemes, "pair") + " of target and scheme"
-    over = [f"the geometric mean over {pairs}"] if targets * schemes > 1 else []
-    over += [f"the mean over {count_text(seeds, 'seed')}"] if seeds > 1 else []
-    if over:
-        plain = "" if all(o.is_geometric for o in search.objectives) else " (shares and counts: arithmetic)"
-        yield f"Each value is {' of '.join(over)}{plain}."
-    best = search.points[search.best[0]]
-    objective = search.objectives[0]
-    if search.own.values and objective.is_geometric and search.own.values[0] > 0 and len(search.objectives) == 1:
-        change = 100 * (best.values[0] / search.own.values[0] - 1)
-        yield f"Against the config's own settings: {change:+.1f} %".replace("-", "−") + "."
-    elif search.own.state == "failed":
-        yield f"The config's own settings failed: {search.own.reason}"
-    at_end = [key for key, values in search.ranges.items() if _is_at_end(values, best.changes[key])]
-    if at_end and len(search.objectives) == 1:
-        yield f"At the end of its range, which may be too narrow: {', '.join(at_end)}."
-    tried = len(search.complete) + len(search.failed)
-    if tried < total:
-        yield f"All {tried} combinations of the ranges have been tried."
-    reasons: dict[str, int] = {}
-    for i in search.failed:
-        reason = search.points[i].reason
-        reasons[reason] = reasons.get(reason, 0) + 1
-    for reason, count in list(reasons.items())[:5]:
-        yield f"{count_text(count, 'point')} failed: {reason}"
-    if len(reasons) > 5:
-        yield f"and {count_text(len(reasons) - 5, 'more reason')}"
-
-
-def _is_at_end(values: object, value: object) -> bool:
-    """Whether a number is in the first or last 2 % of its range."""
-    from math import log
-
-    from meshfit.config.sweep_samples import limits
-
-    if not isinstance(values, Mapping) or not isinstance(value, int | float):
-        return False
-    low, high, is_log, integer = limits(values)
-    if integer and value in (low, high):
-        return True
-    share = log(value / low) / log(high / low) if is_log else (value - low) / (high - low)
-    return not 0.02 <= share <= 0.98
 
 
 def _print_none(search: "Search") -> int:
@@ -418,11 +355,12 @@ def _write_best(search: "Search", settings: "ExperimentSettings", path: Path) ->
     from meshfit.config.strict_yaml import dump
     from meshfit.config.sweeps import variant_at
     from meshfit.experiment.storage.run_directory import write_atomically
+    from meshfit.report.tables.search import value_texts
 
     best = [search.points[i] for i in search.best]
     names = ", ".join(objective.metric for objective in search.objectives)
     head = f"# Found by `meshfit tune` among {count_text(len(search.complete), 'point')}, by {names}:\n"
-    head += "".join(f"#   {_values_text(search, point)}: {point.name}\n" for point in best)
+    head += "".join(f"#   {', '.join(value_texts(search, point))}: {point.name}\n" for point in best)
     if len(search.objectives) == 1:
         sweep, found = {}, variant_at(settings, best[0].changes).settings
     else:

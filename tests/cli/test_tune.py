@@ -2,12 +2,14 @@
 
 import json
 import signal
+from datetime import UTC, datetime
 
 import pytest
 
 from meshfit.config.loading import load_experiment
 from meshfit.config.strict_yaml import parse_document
 from meshfit.experiment.plan import plan
+from meshfit.report.html.page import read_report, render_page
 from tests.cli import answered, invoke, refused, trials_in_this_process
 from tests.cli.processes import contents, start, wait_until
 from tests.small import config_file
@@ -69,6 +71,26 @@ def test_the_same_command_runs_nothing_and_more_trials_continue(tuned, monkeypat
     assert len(more["points"]) == 24
     front = json.loads(invoke("tune", "small.yaml", "--metric", "distance.mean,f_score.f1", "--dry-run", "--json").out)
     assert front == {"points": 100, "tried": 0, "fits": 100} | {"seconds": front["seconds"]}
+
+
+def test_chart_and_report_of_a_search_show_its_history_and_its_best_points(tuned, monkeypatch, tmp_path):
+    folder, ran = tuned
+    monkeypatch.chdir(folder)
+    best = ran.out.splitlines()[2].split()
+    printed = answered("chart", "runs/small-tune", "-o", tmp_path / "chart.svg")
+    assert printed.splitlines()[2].split() == best
+    assert f"<!-- best so far: {best[0]} at point {best[-1]} -->" in (tmp_path / "chart.svg").read_text()
+    assert "the search is for distance.mean" in refused(
+        *("chart", "runs/small-tune", "-o", tmp_path / "chart.svg", "--metric", "f_score.f1")
+    )
+    data = read_report([folder / "runs/small-tune"], [], None, datetime.now(UTC))
+    assert [table.metrics for table in data.tables] == [("distance.mean",)]
+    names = [variation.name for table in data.tables for variation in table.variations]
+    assert names[:2] == ["config's own", f"point {best[-1]}"]
+    assert len(names) == 6
+    page = render_page(data, [], datetime.now(UTC), lambda *_: None)
+    assert f"best so far: {best[0]} at point {best[-1]}" in page
+    assert all(f"/loop/seed-0-{result['identity'][:10]}" in page for result in data.results), "all trials are listed"
 
 
 @pytest.mark.slow

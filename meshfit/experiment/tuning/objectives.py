@@ -30,7 +30,11 @@ class Objective:
 
     def text(self, value: float) -> str:
         """Return a value as text; means of counts are no integers."""
-        return format(value, ".4g" if METRICS[self.metric].whole else METRICS[self.metric].format)
+        if METRICS[self.metric].whole:
+            return format(value, ".4g")
+        spec = METRICS[self.metric].format
+        # With all digits, so that values below each other are aligned.
+        return format(value, f"#{spec}").removesuffix(".") if spec.endswith("g") else format(value, spec)
 
     def gain(self, value: float, other: float) -> float:
         """How much better a value is than another; below 0 if it is worse."""

@@ -22,15 +22,13 @@ from meshfit.experiment.tuning.search_file import (
     ASKED,
     COMPLETE,
     FAILED,
+    OWN,
     Point,
     Search,
     read_search,
     search_path,
     write_search,
 )
-
-OWN = "config's own"
-"""Name of the point with the config's own settings."""
 
 Run = Callable[[Sequence[Trial]], Mapping[int, Outcome]]
 """Runs trials that are not complete, and returns the outcome of each by its index."""

@@ -12,6 +12,8 @@ from meshfit.experiment.tuning.objectives import Objective, front
 
 SEARCH_FILE_VERSION = 1
 ASKED, COMPLETE, FAILED = "asked", "complete", "failed"
+OWN = "config's own"
+"""Name of the point with the config's own settings."""
 
 
 @dataclass(frozen=True)
@@ -128,10 +130,18 @@ def read_search(path: Path) -> Search:
         raise StoreError(f"{path}: not a search: {reason}; delete it to search again") from None
 
 
-def read_searches(folders: Sequence[Path]) -> list[Search]:
-    """Read the searches of some experiments, by their folders."""
-    paths = [path for folder in folders for path in sorted(folder.glob("search-*.json"))]
-    return [read_search(path) for path in dict.fromkeys(paths)]
+def read_searches(folders: Sequence[Path]) -> dict[Path, list[Search]]:
+    """Read the searches in the folders of some experiments, the latest last; folders without any are left out.
+
+    Raises:
+        StoreError: a file cannot be read.
+    """
+    searches = {}
+    for folder in dict.fromkeys(folders):
+        paths = sorted(folder.glob("search-*.json"), key=lambda path: (path.stat().st_mtime, path.name))
+        if found := [search for path in paths if (search := read_search(path)).complete or search.failed]:
+            searches[folder] = found
+    return searches
 
 
 def _point(content: Mapping[str, Any]) -> Point:

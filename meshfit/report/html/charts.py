@@ -19,9 +19,11 @@ import numpy as np
 from jaxtyping import Float64
 
 from meshfit.experiment.storage.run_directory import TIMES, TRACE, Result
+from meshfit.experiment.tuning.search_file import Search
 from meshfit.mesh.mesh import Mesh
 from meshfit.optional import import_optional
 from meshfit.report.figures.layout import set_log_ticks
+from meshfit.report.figures.search import SearchStyle, draw_search, search_height
 from meshfit.report.html.target_section import TargetSection, TrialsByRow
 
 MOST_POINTS = 100
@@ -49,12 +51,13 @@ _JUMP = 1.5
 
 _WIDTH, _HEIGHT, _FONT = 380, 236, 12.0
 _RIGHT, _TOP, _BOTTOM, _LETTER = 22, 10, 42, 7.0
+_SEARCH_WIDTH = 860
 _LOG_RATIO = 3.0  # of the largest to the smallest value, above which an axis is logarithmic
 _DASHES = ("-", (0, (4, 2)), (0, (1.2, 1.6)), (0, (4, 1.6, 1.2, 1.6)))
 _ROW_COLOURS = 10
 # Placeholders that are replaced by CSS variables.
-_SOFT, _RULE = "#010101", "#010102"
-_VARIABLES = {_SOFT: "var(--soft)", _RULE: "var(--rule)"} | {
+_SOFT, _RULE, _POINT = "#010101", "#010102", "#010103"
+_VARIABLES = {_SOFT: "var(--soft)", _RULE: "var(--rule)", _POINT: "var(--point)"} | {
     f"#0102{row:02x}": f"var(--row-{row})" for row in range(_ROW_COLOURS)
 }
 
@@ -308,23 +311,53 @@ def _dash(row: int) -> Any:  # noqa: ANN401  a line style of matplotlib
     return _DASHES[row // _ROW_COLOURS % len(_DASHES)]
 
 
+def draw_search_chart(title: str, search: Search) -> dict[str, Chart | None]:
+    """Draw a search for the template; None if none of its points is complete."""
+    if not search.complete:
+        return {"chart": None}
+    style = SearchStyle(
+        width=_SEARCH_WIDTH / 72,
+        font=_FONT,
+        ink=_SOFT,
+        rule=_RULE,
+        point=_POINT,
+        best=_colour(0),
+        own=_colour(1),
+        failed=_colour(6),
+    )
+    size = (_SEARCH_WIDTH, round(72 * search_height(search, style)))
+    svg = _svg_of(
+        lambda figure: draw_search(figure, search, style, size[1] / 72), f"Search, {title}", f"search-{title}", size
+    )
+    return {"chart": Chart("", svg.replace('class="chart"', 'class="chart search"', 1))}
+
+
 def _svg(draw: Callable[[Any], None], name: str, label: str, key: str) -> str:
     """Draw axes with matplotlib, and return them as SVG for the page; `key` keeps ids unique on the page."""
+
+    def draw_figure(figure: Any) -> None:  # noqa: ANN401  matplotlib is optional
+        axes = figure.add_axes((0.1, 0.1, 0.8, 0.8))
+        draw(axes)
+        _set_style(axes, label)
+
+    return _svg_of(draw_figure, name, key, (_WIDTH, _HEIGHT))
+
+
+def _svg_of(draw: Callable[[Any], None], name: str, key: str, size: tuple[int, int]) -> str:
+    """Draw a figure with matplotlib, and return it as SVG for the page."""
     matplotlib, figures = import_optional("matplotlib"), import_optional("matplotlib.figure")
     style = {"svg.fonttype": "none", "svg.hashsalt": key, "font.size": _FONT, "text.parse_math": False}
     with matplotlib.rc_context(style), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a letter missing from matplotlib's fonts is drawn by the browser's
-        figure = figures.Figure(figsize=(_WIDTH / 72, _HEIGHT / 72))
-        axes = figure.add_axes((0.1, 0.1, 0.8, 0.8))
-        draw(axes)
-        _set_style(figure, axes, label)
+        figure = figures.Figure(figsize=(size[0] / 72, size[1] / 72))
+        figure.patch.set_visible(False)
+        draw(figure)
         content = io.StringIO()
         figure.savefig(content, format="svg", metadata={"Date": None})
-    return _for_page(content.getvalue(), name, re.sub(r"\W+", "-", key))
+    return _for_page(content.getvalue(), name, re.sub(r"\W+", "-", key), size)
 
 
-def _set_style(figure: Any, axes: Any, label: str) -> None:  # noqa: ANN401  matplotlib is optional
-    figure.patch.set_visible(False)
+def _set_style(axes: Any, label: str) -> None:  # noqa: ANN401  matplotlib is optional
     axes.patch.set_visible(False)
     if axes.get_yscale() == "linear":
         axes.locator_params(axis="y", nbins=6)
@@ -345,7 +378,7 @@ def _set_style(figure: Any, axes: Any, label: str) -> None:  # noqa: ANN401  mat
     axes.set_position(box)
 
 
-def _for_page(svg: str, name: str, key: str) -> str:
+def _for_page(svg: str, name: str, key: str, size: tuple[int, int]) -> str:
     """Prepare an SVG of matplotlib for the page: CSS variables, a class for each row, short paths, unique ids."""
     text = svg[svg.index("<g ") : svg.rindex("</g>") + len("</g>")]
     text = re.sub(r'<g id="row-(\d+)\|([^"]*)">', r'<g class="row-\1"><title>\2</title>', text)
@@ -353,7 +386,8 @@ def _for_page(svg: str, name: str, key: str) -> str:
     text = re.sub(r">\s+<", "><", text)
     while "<g></g>" in text:
         text = text.replace("<g></g>", "")
-    return f'<svg class="chart" viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" aria-label="{escape(name)}">{text}</svg>'
+    box = f"0 0 {size[0]} {size[1]}"
+    return f'<svg class="chart" viewBox="{box}" role="img" aria-label="{escape(name)}">{text}</svg>'
 
 
 def _short_tag(tag: str, key: str) -> str:

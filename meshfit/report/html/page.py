@@ -1,7 +1,7 @@
 """The HTML report: one self-contained page of tables, pictures, 3D views, charts, settings and failures."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import partial
 from importlib import resources
@@ -13,14 +13,16 @@ from meshfit.experiment.storage.plan_file import UpChoice, in_planned_order
 from meshfit.experiment.storage.result import read_result_or_warn
 from meshfit.experiment.storage.run_directory import Result
 from meshfit.experiment.trial_status import TrialStatus
+from meshfit.experiment.tuning.search_file import Search, read_searches
 from meshfit.optional import import_optional
 from meshfit.report.figures.colours import DISTANCES
 from meshfit.report.html import tables as text
-from meshfit.report.html.charts import draw_curves, draw_histogram, read_curves, shares_beyond
+from meshfit.report.html.charts import draw_curves, draw_histogram, draw_search_chart, read_curves, shares_beyond
 from meshfit.report.html.images import draw_distances, draw_pictures, num_pictures
 from meshfit.report.html.target_section import TargetSection, read_sections, short_titles
 from meshfit.report.html.viewer import MOST_FACES, compress, viewer_meshes, viewer_scene
 from meshfit.report.tables.grouping import distinguish_definitions
+from meshfit.report.tables.search import results_of_best, titled_searches
 from meshfit.report.tables.style import Style
 from meshfit.report.tables.table import Table, build_tables, merge_tables, styled
 
@@ -38,12 +40,16 @@ class ReportData:
     Attributes:
         experiments: the status of each experiment.
         results: the complete results, with their `folder`.
-        tables: the tables of the results.
+        tables: the tables of the results; of experiments that a search made, those of the best points.
+        all_tables: the tables of all results.
+        searches: the searches, by title.
     """
 
     experiments: Sequence[ScannedExperiment]
     results: Sequence[Result]
     tables: Sequence[Table]
+    all_tables: Sequence[Table]
+    searches: Mapping[str, Search]
 
 
 def require_extra() -> None:
@@ -63,7 +69,8 @@ def read_report(
 
     Args:
         roots: the run directories.
-        metrics: names of metrics; pictures and curves are of the first. Without any, that of `build_tables`.
+        metrics: names of metrics; pictures and curves are of the first. Without any, those of the searches if these
+            made all experiments, else that of `build_tables`.
         baseline: the scheme that others are compared with; by default the first.
         now: the time, for how long trials have been running.
         labels: names to print, each as NAME=LABEL.
@@ -82,8 +89,18 @@ def read_report(
         and (result := read_result_or_warn(trial.path)) is not None
     ]
     results = distinguish_definitions(in_planned_order(complete))
-    tables = merge_tables(build_tables(results, *metrics, baseline=baseline))
-    return ReportData(experiments, results, styled(tables, Style(), labels))
+    searches = read_searches([experiment.folder for experiment in experiments])
+    if not metrics and len(searches) == len(experiments):
+        objectives = (
+            objective for several in searches.values() for search in several for objective in search.objectives
+        )
+        metrics = list(dict.fromkeys(objective.metric for objective in objectives))
+    shown = results_of_best(results) if searches else results
+    tables = styled(merge_tables(build_tables(shown, *metrics, baseline=baseline)), Style(), labels)
+    every = tables
+    if len(shown) < len(results):
+        every = [replace(table, style=tables[0].style) for table in merge_tables(build_tables(results, *metrics))]
+    return ReportData(experiments, results, tables, every, titled_searches(searches))
 
 
 def read_page_sections(data: ReportData, progress: Progress, up: UpChoice | None = None) -> list[TargetSection]:
@@ -117,6 +134,7 @@ def render_page(data: ReportData, sections: Sequence[TargetSection], now: dateti
         "title": " + ".join(experiment.name for experiment in data.experiments),
         "made": f"{now:%Y-%m-%d %H:%M} UTC",
         "experiments": data.experiments,
+        "searches": [text.search_table(*titled) | draw_search_chart(*titled) for titled in data.searches.items()],
         "complete": len(data.results),
         "states": text.states_grid(data.experiments),
         "tables": [text.result_table(*titled) for titled in zip(data.tables, short_titles(data.tables), strict=True)],
@@ -124,7 +142,7 @@ def render_page(data: ReportData, sections: Sequence[TargetSection], now: dateti
         "differing": text.differing_settings(data.tables),
         "shared": text.shared_by_all(data.tables),
         "definitions": text.definitions_grid(data.results),
-        "trials": text.trials_grid(data.tables, data.results),
+        "trials": text.trials_grid(data.all_tables, data.results),
         "failures": text.failures_grid(data.experiments),
         "machines": text.machines_grid(data.results) if data.results else None,
         "warnings": text.warnings_of(data.results),

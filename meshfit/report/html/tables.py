@@ -8,6 +8,7 @@ from meshfit.experiment.status.scan import SCANNED_STATUSES, ScannedExperiment
 from meshfit.experiment.storage.failure import read_failure
 from meshfit.experiment.storage.run_directory import Result
 from meshfit.experiment.trial_status import TrialStatus
+from meshfit.experiment.tuning.search_file import Search
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.figures.representative_trial import TrialIndex
 from meshfit.report.html.target_section import row_title, short_titles, trials_by_row
@@ -27,6 +28,7 @@ from meshfit.report.tables.notes import (
     without_intervals,
 )
 from meshfit.report.tables.numbers import format_number
+from meshfit.report.tables.search import search_heads, search_notes, search_rows, search_title
 from meshfit.report.tables.table import VARIED, Row, Table
 from meshfit.statistics import PairedDifference
 from meshfit.units import duration_text, size_text
@@ -100,6 +102,15 @@ class Grid:
 
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
+
+
+def search_table(title: str, search: Search) -> dict[str, Any]:
+    """Return the texts of a search for the template."""
+    rows = search_rows(search)
+    heads = search_heads(search)
+    # A grid begins with what names its rows.
+    grid = Grid((heads[-1], *heads[:-1]), tuple((row[-1], *row[:-1]) for row in rows))
+    return {"title": title, "about": search_title(search), "grid": grid, "notes": list(search_notes(search))}
 
 
 def differing_settings(tables: Sequence[Table]) -> Grid:

@@ -6,7 +6,6 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from statistics import fmean
 from typing import Any
 
@@ -18,6 +17,7 @@ from meshfit.experiment.tuning.objectives import Objective, value_of
 from meshfit.experiment.tuning.search_file import read_searches
 from meshfit.measuring.metrics import require_metric
 from meshfit.report.tables.grouping import resolve_scheme, setting_text, shared_settings, target_key
+from meshfit.report.tables.search import experiment_folders
 from meshfit.sensitivity import Analysis, Effect, Estimate, Factor, analyse, codes_of
 from meshfit.units import count_text
 
@@ -143,12 +143,10 @@ def _rows(
 
 
 def _search_notes(results: Sequence[Result]) -> list[str]:
-    folders = dict.fromkeys(Path(result["folder"]).parents[2] for result in results if "folder" in result)
     return [
         f"{folder.name}: a search chose the points, so the shares are those of the region that it preferred; "
         "a sampled sweep gives those of the ranges"
-        for folder in folders
-        if read_searches([folder])
+        for folder in read_searches(experiment_folders(results))
     ]
 
 
