@@ -160,22 +160,23 @@ def _control_verts(options: FitOptions) -> int:
 
 def _scale(target: str, options: FitOptions, experiment: "Experiment") -> float:
     """The length of the target's file that is 1 in the normalised frame."""
+    from meshfit.images.targets import load_shape
     from meshfit.mesh.normalisation import frame_of
-    from meshfit.mesh.targets import load_target
 
-    return frame_of(load_target(target, options.cleaning).verts, experiment.settings.normalise).scale
+    return frame_of(load_shape(target, options.cleaning).verts, experiment.settings.normalise).scale
 
 
 def _placed(target: str, options: FitOptions, experiment: "Experiment") -> Iterator[str]:
     """Settings of a control mesh from a file, which keeps its place relative to the target."""
     import numpy as np
 
+    from meshfit.images.targets import load_shape
     from meshfit.mesh.alignment import describe_mismatch
     from meshfit.mesh.any_target import require_mesh
     from meshfit.mesh.normalisation import frame_of
     from meshfit.mesh.targets import load_target
 
-    target_mesh = load_target(target, options.cleaning)
+    target_mesh = load_shape(target, options.cleaning)
     with error_prefix("--source"):
         control = require_mesh(load_target(options.source), options.source)
     frame = frame_of(target_mesh.verts, experiment.settings.normalise)

@@ -13,13 +13,15 @@ from pydantic import (
     ValidationError,
     ValidationInfo,
     ValidatorFunctionWrapHandler,
+    WithJsonSchema,
     WrapValidator,
     field_validator,
     model_validator,
 )
 
-from meshfit.errors import SchemeError
+from meshfit.errors import SchemeError, ViewError
 from meshfit.fitting.settings import METHODS, Dtype, FirstOrderSettings, FitSettings, default_fit
+from meshfit.images.specs import image_spec, spec_of_mapping
 from meshfit.measuring.settings import MeasureSettings
 from meshfit.mesh.cleaning_options import CleaningOptions, Repair, Surface
 from meshfit.mesh.placing_options import Alignment, Normalisation
@@ -87,12 +89,51 @@ def _canonical_scheme(text: str, info: ValidationInfo) -> str:
     return spec
 
 
+def _canonical_target(value: Any) -> Any:  # noqa: ANN401  any YAML value
+    """Return the text of a target of images that is given as a mapping, or as a text in other words."""
+    try:
+        if isinstance(value, Mapping):
+            return str(spec_of_mapping(value))
+        if isinstance(value, str) and value.startswith(("views:", "images:")):
+            return str(image_spec(value))
+    except ViewError as error:
+        raise ValueError(str(error)) from None
+    return value
+
+
 def _require_one(settings: Settings, first: str, second: str) -> None:
     given = [name for name in (first, second) if getattr(settings, name) is not None]
     if len(given) != 1:
         raise ValueError(f"expected either {first} or {second}, got {'both' if given else 'neither'}")
 
 
+_VIEW_KEYS: dict[str, Any] = {
+    "of": {"type": "string"},
+    "count": {"type": "integer", "minimum": 1},
+    "size": {"type": "integer", "minimum": 8},
+    "kind": {"enum": ["pinhole", "orthographic"]},
+    "depth": {"type": "boolean"},
+    "normals": {"type": "boolean"},
+    "hold_out": {"type": "integer", "minimum": 0},
+}
+_IMAGE_KEYS: dict[str, Any] = {
+    **{key: {"type": "string"} for key in ("images", "cameras", "truth")},
+    **{key: _VIEW_KEYS[key] for key in ("depth", "normals", "hold_out")},
+}
+
+
+def _mapping_schema(properties: dict[str, Any], required: str) -> dict[str, Any]:
+    return {"type": "object", "properties": properties, "required": [required], "additionalProperties": False}
+
+
+_TARGET_SCHEMA = {
+    "anyOf": [
+        {"type": "string"},
+        _mapping_schema({"views": _mapping_schema(_VIEW_KEYS, "of")}, "views"),
+        _mapping_schema(_IMAGE_KEYS, "images"),
+    ]
+}
+Target = Annotated[str, BeforeValidator(_canonical_target), WithJsonSchema(_TARGET_SCHEMA)]
 SchemeSpec = Annotated[str, AfterValidator(_canonical_scheme)]
 Count = Annotated[Literal["auto"] | Annotated[int, Field(ge=1)], WrapValidator(_auto_or_count)]
 NonEmptyUnique = (Field(min_length=1), AfterValidator(_unique))
@@ -310,9 +351,12 @@ class ExperimentSettings(Settings):
     # Top-level keys of a config that begin with "x-" hold values for YAML aliases.
     model_config = ConfigDict(json_schema_extra={"patternProperties": {"^x-": {}}})
 
-    targets: Annotated[tuple[str, ...], *NonEmptyUnique] = ("bunny", "mousehead")
+    targets: Annotated[tuple[Target, ...], *NonEmptyUnique] = ("bunny", "mousehead")
     """Named targets (see `meshfit targets`) or paths of files of meshes or points, relative to this file. Points (PLY,
-    OBJ, XYZ, PTS, PCD, LAS and the like without faces) need `fit.method: gauss-newton`."""
+    OBJ, XYZ, PTS, PCD, LAS and the like without faces) need `fit.method: gauss-newton`. Images: a folder with cameras
+    (`transforms.json`, or COLMAP's text files), `{images: FOLDER, cameras: FILE}` with an optional `truth: MESH`, or
+    `{views: {of: bunny, count: 12}}`, rendered from cameras around a mesh with optional `size`, `kind`, `depth` and
+    `normals`; `hold_out` keeps that many views aside for the mask IoU."""
     target: TargetSettings = TargetSettings()
     """Knowledge of the targets besides their files, and the part of them that counts."""
     define: Annotated[Definitions, Field(examples=[_OWN_SCHEMES])] = Field(default_factory=dict)

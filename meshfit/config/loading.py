@@ -18,7 +18,10 @@ from meshfit.config.experiment import (
 from meshfit.config.scheme_files import read_scheme_files, relative_to_folder, resolve_specs
 from meshfit.config.strict_yaml import parse_value, read_document
 from meshfit.config.sweeps import variants_of
-from meshfit.errors import ConfigError
+from meshfit.errors import ConfigError, ViewError
+from meshfit.images.folders import is_image_folder
+from meshfit.images.specs import image_spec
+from meshfit.mesh.targets import NAMED_TARGETS
 from meshfit.paths import (
     CONFIG_SUFFIXES,
     MESH_SUFFIXES,
@@ -135,7 +138,9 @@ def config_path(name_or_path: str) -> Path:
 def _with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Resolve the mesh and scheme files of settings relative to a folder, so that the settings hold anywhere."""
 
-    def absolute(value: Any, key: Sequence[str]) -> Any:  # noqa: ANN401  any YAML value
+    def absolute(value: Any, key: Sequence[str]) -> Any:  # noqa: ANN401, PLR0911  any YAML value
+        if key == ("targets",) and not isinstance(value, list):
+            return absolute_target(value, folder)
         if isinstance(value, dict):
             return {name: absolute(inner, (*key, *str(name).split("."))) for name, inner in value.items()}
         if isinstance(value, list):
@@ -147,12 +152,38 @@ def _with_absolute_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
             return relative_to_folder(value, folder)
         patterns = (TRUTH_KEY, ("target", "landmarks"))
         files = (*SOURCE_FILE_KEYS, *patterns)
-        if key == ("targets",) or any(tuple(key[-len(path) :]) == path for path in files):
+        if any(tuple(key[-len(path) :]) == path for path in files):
             is_pattern = tuple(key[-2:]) in patterns and "{" in value
             return str(folder.resolve() / value) if is_pattern else absolute_path(value, folder)
         return value
 
     return {key: absolute(value, (key,)) for key, value in data.items()}
+
+
+def absolute_target(value: Any, folder: Path = Path()) -> Any:  # noqa: ANN401  any YAML value
+    """Return a target with its paths, relative to a folder, as absolute ones; names remain names."""
+    if isinstance(value, dict):
+        views = value.get("views")
+        if isinstance(views, dict) and isinstance(views.get("of"), str):
+            return value | {"views": views | {"of": absolute_path(views["of"], folder)}}
+        paths = {key: value[key] for key in ("images", "cameras", "truth") if isinstance(value.get(key), str)}
+        return value | {key: _absolute_place(path, folder) for key, path in paths.items()}
+    if not isinstance(value, str):
+        return value
+    if value.startswith(("views:", "images:")):
+        try:
+            spec = image_spec(value)
+        except ViewError:  # validation says what is wrong
+            return value
+        keys = [key for key in ("of", "images", "cameras", "truth") if getattr(spec, key, "")]
+        places: dict[str, Any] = {key: _absolute_place(getattr(spec, key), folder) for key in keys}
+        return str(replace(spec, **places))
+    return _absolute_place(value, folder) if is_image_folder(folder / value) else absolute_path(value, folder)
+
+
+def _absolute_place(text: str, folder: Path) -> str:
+    """Return the path of a file or folder as an absolute one; names of targets remain names."""
+    return text if text in NAMED_TARGETS else os.path.abspath(folder / text)  # noqa: PTH100  keeps links
 
 
 def _absolute_command(command: list[Any], folder: Path) -> list[Any]:
@@ -235,7 +266,7 @@ def with_axes(
     changes: dict[str, Any] = {}
     if targets is not None:
         named = [targets] if os.path.lexists(targets) else listed(targets)
-        changes["targets"] = [absolute_path(target) for target in named]
+        changes["targets"] = [absolute_target(target) for target in named]
     if schemes is not None:
         changes["schemes"], own = resolve_specs(schemes, experiment.settings.define)
         changes["define"] = {name: definition.model_dump(mode="json") for name, definition in own.items()}

@@ -26,10 +26,12 @@ from meshfit.experiment.truth import truth_path, vertex_counts
 from meshfit.fitting.external.tools import TOOLS
 from meshfit.fitting.registration.guidance import NO_GUIDANCE
 from meshfit.fitting.settings import ExternalSettings, FirstOrderSettings, FitSettings, GaussNewtonSettings
+from meshfit.images.specs import is_image_target, label_of_target, title_of_target
+from meshfit.images.targets import load_images, load_shape
 from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.places import Numbering
-from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path, target_title
-from meshfit.paths import file_stem, is_regular_file, path_text
+from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, target_path
+from meshfit.paths import is_regular_file, path_text
 from meshfit.printable import require_printable
 from meshfit.specs import spec_folder
 from meshfit.subdivision.registry import NamedScheme
@@ -41,6 +43,8 @@ RESULTS_VERSION = 3
 It is the `schema_version` of a `result.json`, and part of each trial's identity.
 """
 
+# About the faces of a visual hull, for estimates of time before it has been carved.
+_HULL_FACES = 60_000
 _KEYS_OMITTED_IF_NULL = (*KEYS_WITH_FILES, "wanted_verts", "wrap", "radius_of")
 
 
@@ -144,7 +148,7 @@ class Trial:
     @property
     def names(self) -> dict[str, Any]:
         """The names by which records identify it: target, title of the target, scheme, seed and variant."""
-        target = {"target": target_label(self.target), "target_title": target_title(self.target)}
+        target = {"target": target_label(self.target), "target_title": title_of_target(self.target)}
         return target | {"scheme": self.scheme, "seed": self.seed, "variant": self.variant}
 
     @property
@@ -161,8 +165,8 @@ class Trial:
 
 
 def target_label(target: str) -> str:
-    """The short name of a target: that of a named one, or the stem of a file."""
-    return target if target in NAMED_TARGETS else file_stem(target)
+    """The short name of a target: that of a named one, the stem of a file, or of images such as `bunny-12-views`."""
+    return label_of_target(target)
 
 
 def plan(experiments: Sequence[Experiment], *, remote: bool = False) -> list[Trial]:
@@ -287,7 +291,7 @@ def _check_guidance(
         warnings.simplefilter("ignore", MeshfitWarning)  # a trial gives them
         landmarks = read_landmarks(source, target_landmarks)
         if landmarks is not None and landmarks.goals_are_numbered:
-            landmarks.goal_positions(load_target(target, cleaning), Numbering.of_file(target))
+            landmarks.goal_positions(load_shape(target, cleaning), Numbering.of_file(target))
         guidance_of(source.model_copy(update={"levels": 0, "wanted_verts": None}), schemes[0].resolve())
 
 
@@ -319,16 +323,18 @@ class CheckedTarget(NamedTuple):
     """A target that can be loaded.
 
     Attributes:
-        sha256: of its file.
-        faces: their number.
+        sha256: of its file, or of all that images are made from.
+        faces: their number; of images, about that of their shape.
         points: their number, where there are no faces.
         fault: why no closed surface can be fitted to the points, in words; empty if one can.
+        views: number of images; 0 for a mesh or points.
     """
 
     sha256: str
     faces: int
     points: int
     fault: str
+    views: int = 0
 
 
 @cache
@@ -336,7 +342,13 @@ def checked_target(target: str, cleaning: CleaningOptions) -> CheckedTarget:
     """Load a target, once in this process, and return what a plan needs to know of it."""
     from meshfit.mesh.point_cloud import PointCloud, no_closed_surface
 
-    loaded = load_target(target, cleaning)
+    if is_image_target(target):
+        images = load_images(target)
+        shape = images.target.shape if images.target.views.have_depth else None
+        points = 0 if shape is None else shape.num_verts
+        fault = no_closed_surface(shape) if isinstance(shape, PointCloud) else ""
+        return CheckedTarget(images.sha256, 0 if points else _HULL_FACES, points, fault, len(images.target.views))
+    loaded = load_shape(target, cleaning)
     points = 0 if loaded.num_faces else loaded.num_verts
     fault = no_closed_surface(loaded) if isinstance(loaded, PointCloud) else ""
     return CheckedTarget(file_sha256(target_path(target)), loaded.num_faces, points, fault)
@@ -349,9 +361,12 @@ def _check_kind(target: str, checked: CheckedTarget, settings: ExperimentSetting
         ConfigError: naming the setting.
     """
     fit, name = settings.fit, path_text(target)
+    if checked.views and settings.target.surface == "outer":
+        raise ConfigError(f"{name}: images show the outside alone; remove target.surface: outer")
+    if settings.target.sensor is not None and (checked.views or not checked.points):
+        known = "its cameras are known" if checked.views else "its faces tell the outside"
+        raise ConfigError(f"{name}: {known}, so target.sensor has no effect; remove it")
     if not checked.points:
-        if settings.target.sensor is not None:
-            raise ConfigError(f"{name}: its faces tell the outside, so target.sensor has no effect; remove it")
         return
     cloud = f"{name}: a cloud of {count_text(checked.points, 'point')}, without the faces that"
     if isinstance(fit, FirstOrderSettings):

@@ -8,6 +8,7 @@ from meshfit.doors import no_type_check
 from meshfit.errors import ConfigError, TrialError
 from meshfit.fitting.callbacks import Step
 from meshfit.fitting.registration.guidance import Guidance
+from meshfit.images.target import ImageTarget
 from meshfit.images.views import Views
 from meshfit.mesh.any_mesh import MeshLike, as_mesh
 from meshfit.mesh.any_target import as_mesh_or_points
@@ -200,7 +201,7 @@ class Problem:
     def __init__(  # noqa: PLR0913, PLR0917  one argument for each attribute
         self,
         source: "MeshLike",
-        target: "MeshLike | PointCloud",
+        target: "MeshLike | PointCloud | ImageTarget",
         seed: int = 0,
         on_step: Callable[[Step], None] | None = None,
         resume: Checkpoint | None = None,
@@ -215,6 +216,9 @@ class Problem:
         start = as_mesh(source, "source")
         polygons = start if isinstance(start, PolygonMesh) else polygons
         triangles = start.triangulated() if isinstance(start, PolygonMesh) else start
+        if isinstance(target, ImageTarget):
+            images = images or target.views
+            target = target.shape
         goal = as_mesh_or_points(target)
         values = (triangles, goal, seed, on_step, resume, save, scheme, on_snapshot, polygons, guidance, own, images)
         for attribute, value in zip(fields(self), values, strict=True):

@@ -1,7 +1,7 @@
 """Pinhole and orthographic cameras."""
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 from jaxtyping import Float64
@@ -9,11 +9,11 @@ from numpy.typing import ArrayLike
 
 from meshfit.doors import no_type_check
 from meshfit.errors import ViewError
+from meshfit.images.specs import CameraKind
 from meshfit.mesh.normalisation import Frame
 from meshfit.printable import option_text
 from meshfit.specs import suggest
 
-CameraKind = Literal["pinhole", "orthographic"]
 Pose = Float64[np.ndarray, "4 4"]
 Pixels = Float64[np.ndarray, "N 2"]
 Points = Float64[np.ndarray, "N 3"]

@@ -8,12 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from meshfit.errors import ViewError, error_prefix
 from meshfit.images.camera import Camera, Pose
+from meshfit.images.folders import CAMERAS, IMAGES
 from meshfit.images.listing import ListedImage, require_number_of_images, require_undistorted
 from meshfit.specs import suggest
-
-CAMERAS, IMAGES = "cameras.txt", "images.txt"
-BINARY = ("cameras.bin", "images.bin")
-"""The binary form of the two files, which is not read."""
 
 # By model: number of focal lengths, and names of the parameters after the principal point.
 _MODELS: dict[str, tuple[int, tuple[str, ...]]] = {

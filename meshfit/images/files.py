@@ -12,10 +12,18 @@ from jaxtyping import Float64
 
 from meshfit.errors import MeshError, MeshfitWarning, ViewError, error_prefix
 from meshfit.images.camera import MOST_PIXELS, Camera
-from meshfit.images.colmap import BINARY, CAMERAS, IMAGES, parse_colmap
-from meshfit.images.formats import (
+from meshfit.images.colmap import parse_colmap
+from meshfit.images.folders import (
+    BINARY,
+    CAMERAS,
+    COLMAP_FOLDERS,
     IMAGE_SUFFIXES,
+    IMAGES,
     MAP_SUFFIXES,
+    TRANSFORMS,
+    camera_files,
+)
+from meshfit.images.formats import (
     MapFormat,
     Picture,
     decode_depth,
@@ -34,44 +42,12 @@ from meshfit.mesh.io.mesh_file import write_file
 from meshfit.paths import file_stem, is_folder, is_regular_file, path_text, quoted_path
 from meshfit.units import count_text, size_text
 
-TRANSFORMS = "transforms.json"
-_TRANSFORMS_OF_TRAINING = "transforms_train.json"
-_COLMAP_FOLDERS = (".", "sparse/0", "sparse", "colmap")
 _MASK_FOLDERS = ("masks", "mask")
 _LARGEST_LIST = 1 << 26
 _MOST_TOTAL = 16 * MOST_PIXELS
 _SHOWN = 3
 # Depth in 16 bits takes this many units of the deepest value.
 _DEPTH_STEPS = 60_000
-
-
-def camera_files(place: Path) -> list[Path]:
-    """Return the files of cameras at a path: a `transforms.json`, or COLMAP's two text files; none without any.
-
-    Args:
-        place: of a folder, of a JSON file, or of one of COLMAP's files.
-    """
-    if is_folder(place):
-        for name in (TRANSFORMS, _TRANSFORMS_OF_TRAINING):
-            if is_regular_file(place / name):
-                return [place / name]
-        folders = (place / folder for folder in _COLMAP_FOLDERS)
-        return next(filter(None, (_colmap_files(folder) for folder in folders)), [])
-    if place.name in (CAMERAS, IMAGES):
-        return _colmap_files(place.parent)
-    return [place] if place.suffix.lower() == ".json" else []
-
-
-def is_image_folder(place: Path) -> bool:
-    """Return whether a folder holds images or cameras rather than meshes or trials."""
-    if not is_folder(place):
-        return False
-    if camera_files(place) or any(is_regular_file(place / folder / BINARY[0]) for folder in _COLMAP_FOLDERS):
-        return True
-    folders = (place, place / "images")
-    return any(
-        path.suffix.lower() in IMAGE_SUFFIXES for folder in folders if is_folder(folder) for path in folder.iterdir()
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,11 +160,6 @@ def _no_camera(width: int, height: int) -> Camera:
     raise NotImplementedError  # what is written has its camera beside it
 
 
-def _colmap_files(folder: Path) -> list[Path]:
-    files = [folder / CAMERAS, folder / IMAGES]
-    return files if any(map(is_regular_file, files)) else []
-
-
 def _camera_files_of(place: Path) -> list[Path]:
     files = camera_files(place)
     if files:
@@ -203,7 +174,7 @@ def _camera_files_of(place: Path) -> list[Path]:
     if not is_folder(place):
         fault = f"not a file of cameras; expected {wanted}" if is_regular_file(place) else "no such file or folder"
         raise ViewError(f"{text}: {fault}")
-    for folder in _COLMAP_FOLDERS:
+    for folder in COLMAP_FOLDERS:
         if is_regular_file(place / folder / BINARY[0]):
             command = (
                 f"colmap model_converter --input_path {place / folder} --output_path {place / folder} --output_type TXT"

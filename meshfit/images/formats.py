@@ -16,17 +16,13 @@ from jaxtyping import Float64, Integer, Shaped, UInt8
 
 from meshfit.errors import ViewError
 from meshfit.images.camera import MOST_PIXELS
+from meshfit.images.folders import FLOAT_SUFFIXES, IMAGE_SUFFIXES
 from meshfit.images.views import Depth, Mask, NormalMap
 from meshfit.optional import import_optional
 from meshfit.paths import format_suffix, path_text
 from meshfit.units import size_text
 
 MapFormat = Literal["png", "exr", "npy"]
-FLOAT_SUFFIXES = (".exr", ".npy")
-MAP_SUFFIXES = (".png", *FLOAT_SUFFIXES)
-"""Suffixes of depth and normal maps."""
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp")
-"""Suffixes of photographs and masks."""
 
 _PURPOSE, _INSTALL = "images need", "'meshfit[images]'"
 _BROKEN = "damaged, or cut off; copy or export it again"

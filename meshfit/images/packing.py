@@ -14,8 +14,6 @@ from meshfit.images.views import View, Views
 from meshfit.mesh.mesh import Mesh
 from meshfit.paths import path_text
 
-PACK_SUFFIX = ".views.npz"
-
 
 def pack_target(target: ImageTarget, sha256: str) -> bytes:
     """Return a target of images as the content of one file, which is exactly restored.

@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from meshfit.errors import ViewError
-from meshfit.images.camera import Camera, CameraKind
+from meshfit.images.camera import Camera
+from meshfit.images.specs import CameraKind
 from meshfit.mesh.mesh import Mesh
 
 Directions = Float64[np.ndarray, "_ 3"]

@@ -1,6 +1,5 @@
 """Images as the target of a fit."""
 
-import importlib
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,13 +8,12 @@ from jaxtyping import Bool, Float64
 
 from meshfit.images.views import View, Views
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.normalisation import Frame
 from meshfit.mesh.point_cloud import PointCloud
 
 _Grid = Float64[np.ndarray, "H W 3"]
 # A neighbouring pixel that is deeper by more widths of a pixel lies beyond an edge of the object.
 _STEEP = 6.0
-HULL_RESOLUTION = 128
-"""Voxels along the longest side of the visual hull that stands for masks without depth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,9 +37,20 @@ class ImageTarget:
         """The points of the depth maps, with normals; without depth in every view, the visual hull of the masks."""
         if self.views.have_depth:
             return depth_cloud(self.views)
-        hull = importlib.import_module("meshfit.images.visual_hull")
-        mesh: Mesh = hull.visual_hull(self.views, HULL_RESOLUTION)
-        return mesh
+        from meshfit.images.visual_hull import visual_hull  # brings libigl
+
+        return visual_hull(self.views)
+
+    @property
+    def reference(self) -> Mesh | PointCloud:
+        """What measurements compare with: the truth, or else the shape."""
+        return self.shape if self.truth is None else self.truth
+
+    def moved(self, frame: Frame) -> "ImageTarget":
+        """Return the images and the truth in normalised coordinates."""
+        truth = None if self.truth is None else frame.normalise(self.truth)
+        held_out = None if self.held_out is None else self.held_out.moved(frame)
+        return ImageTarget(self.views.moved(frame), truth, self.name, held_out)
 
     def __repr__(self) -> str:
         """Return the name and the views."""

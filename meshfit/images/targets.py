@@ -1,196 +1,60 @@
-"""Targets of images as configs and command lines name them, and their loading."""
+"""Loading of targets of images, and of any target with its content's hash."""
 
 import hashlib
 import json
 import warnings
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
-from meshfit.errors import MeshfitWarning, ViewError, error_prefix
-from meshfit.images.camera import CameraKind
-from meshfit.images.files import camera_files, is_image_folder, load_views, renamed
-from meshfit.images.packing import PACK_SUFFIX, unpack_target
+from meshfit.errors import MeshfitWarning, error_prefix
+from meshfit.images.files import load_views, renamed
+from meshfit.images.folders import PACK_SUFFIX
+from meshfit.images.packing import unpack_target
 from meshfit.images.rasteriser import render_view
+from meshfit.images.specs import ImageFiles, RenderedViews, image_spec, is_image_target
 from meshfit.images.sphere_cameras import cameras_around, directions_between, sphere_directions
 from meshfit.images.target import ImageTarget
 from meshfit.images.views import View, Views
 from meshfit.mesh.any_target import require_mesh
 from meshfit.mesh.cleaning import outward
+from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, load_target, target_path, target_title
-from meshfit.paths import file_stem, path_text
-from meshfit.specs import suggest
-from meshfit.units import count_text
+from meshfit.mesh.point_cloud import PointCloud
+from meshfit.mesh.targets import file_sha256, load_target, target_path
+from meshfit.paths import path_text
 
-_VIEWS, _IMAGES = "views", "images"
-_LARGEST_SIZE, _MOST_VIEWS = 4096, 1000
-_SIZE = 256
 _VERSION = 1
 """Increased whenever the same rendered views have other pixels."""
 
 
-@dataclass(frozen=True)
-class RenderedViews:
-    """Views of a mesh from cameras on a sphere around it.
-
-    Attributes:
-        of: name of a target, or path of a mesh file.
-        count: number of views to fit.
-        size: width and height of the images in pixels.
-        kind: of the cameras.
-        depth: whether the views have depth.
-        normals: whether they have normals.
-        hold_out: number of further views, between the others, that only measurements see.
-    """
-
-    of: str
-    count: int = 12
-    size: int = _SIZE
-    kind: CameraKind = "pinhole"
-    depth: bool = False
-    normals: bool = False
-    hold_out: int = 4
-
-    def __str__(self) -> str:
-        """Return the canonical text, without what is as by default."""
-        return _text(_VIEWS, self, ("of", "count"))
-
-    @property
-    def title(self) -> str:
-        """`bunny (12 views, depth)`."""
-        parts = [count_text(self.count, "view"), *self._extras]
-        if self.size != _SIZE:
-            parts.append(f"{self.size} px")
-        return f"{target_title(self.of)} ({', '.join(parts)})"
-
-    @property
-    def label(self) -> str:
-        """`bunny-12-views-depth`, for names of folders."""
-        size = [] if self.size == _SIZE else [str(self.size)]
-        name = self.of if self.of in NAMED_TARGETS else file_stem(self.of)
-        return "-".join([name, count_text(self.count, "view").replace(" ", "-"), *self._extras, *size])
-
-    @property
-    def _extras(self) -> list[str]:
-        kind = [] if self.kind == "pinhole" else [self.kind]
-        return [*kind, *(["depth"] if self.depth else []), *(["normals"] if self.normals else [])]
-
-
-@dataclass(frozen=True)
-class ImageFiles:
-    """Images in files.
-
-    Attributes:
-        images: folder of the images, or with their cameras.
-        cameras: file or folder of the cameras; empty for those in the folder of the images.
-        truth: mesh that measurements compare with; empty without one.
-        depth: whether depth is used where there is some.
-        normals: whether normals are used where there are some.
-        hold_out: number of views, chosen evenly, that only measurements see.
-    """
-
-    images: str
-    cameras: str = ""
-    truth: str = ""
-    depth: bool = True
-    normals: bool = True
-    hold_out: int = 0
-
-    def __str__(self) -> str:
-        """Return the canonical text: the path alone where all else is as by default."""
-        return self.images if self == ImageFiles(self.images) else _text(_IMAGES, self, ("images",))
-
-    @property
-    def title(self) -> str:
-        """The name of the folder."""
-        return self.label
-
-    @property
-    def label(self) -> str:
-        """The name of the folder, with what is not used."""
-        place = Path(self.images)
-        place = place.parent if place.suffix and not place.is_dir() else place
-        unused = [f"no-{key}" for key in ("depth", "normals") if not getattr(self, key)]
-        return "-".join([place.resolve().name or "images", *unused])
-
-
-ImageSpec = RenderedViews | ImageFiles
-_KINDS: Mapping[str, type[RenderedViews] | type[ImageFiles]] = {_VIEWS: RenderedViews, _IMAGES: ImageFiles}
-
-
-def is_image_target(target: str) -> bool:
-    """Return whether a target, as a config or a command line names it, consists of images."""
-    if target.startswith((f"{_VIEWS}:", f"{_IMAGES}:")):
-        return True
-    if target in NAMED_TARGETS or not target:
-        return False
-    return target.endswith(PACK_SUFFIX) or bool(camera_files(Path(target))) or is_image_folder(Path(target))
-
-
-def image_spec(target: str) -> ImageSpec:
-    """Return what a target of images says.
+def load_shape(target: str, cleaning: CleaningOptions | None = None) -> Mesh | PointCloud:
+    """Load what a fit to any target starts from: the mesh or the points, of images their shape.
 
     Raises:
-        ViewError: a key or a value that is not allowed.
+        MeshError: it cannot be loaded.
     """
-    kind, colon, text = target.partition(":")
-    if not (colon and kind in _KINDS):
-        return ImageFiles(target)
-    pairs = {}
-    for part in text.split(","):
-        key, equals, value = part.partition("=")
-        if not equals:
-            raise ViewError(f"'{target}': expected 'key=value', got '{part}'; a path here cannot have a comma")
-        pairs[key.strip()] = value.strip()
-    return spec_of(kind, pairs)
+    return load_image_target(target).shape if is_image_target(target) else load_target(target, cleaning)
 
 
-def spec_of_mapping(data: Mapping[str, Any]) -> ImageSpec:
-    """Return the spec of `{views: {of: bunny, count: 12}}`, or of `{images: FOLDER, cameras: FILE}`.
+def load_reference(target: str, cleaning: CleaningOptions | None = None) -> Mesh | PointCloud:
+    """Load what results of any target are compared with, turned if it is inside out: of images the truth, if known.
 
     Raises:
-        ViewError: a key or a value that is not allowed.
+        MeshError: it cannot be loaded.
     """
-    if _VIEWS in data:
-        if len(data) > 1 or not isinstance(data[_VIEWS], Mapping):
-            raise ViewError("views: expected a mapping such as {of: bunny, count: 12, size: 256}, and no key beside it")
-        return spec_of(_VIEWS, data[_VIEWS])
-    if _IMAGES not in data:
-        raise ViewError("expected a name, a path, {views: {of: TARGET, count: 12}} or {images: FOLDER, cameras: FILE}")
-    return spec_of(_IMAGES, data)
+    if is_image_target(target):
+        return load_image_target(target).reference
+    return outward(load_target(target, cleaning))
 
 
-def spec_of(kind: str, data: Mapping[str, Any]) -> ImageSpec:
-    """Return the spec of a kind, `views` or `images`, from values or their texts.
+def content_sha256(target: str) -> str:
+    """Return the SHA-256 of all that any target is made from, in hexadecimal.
 
     Raises:
-        ViewError: a key or a value that is not allowed.
+        MeshError: it cannot be loaded.
     """
-    made = _KINDS[kind]
-    fields = made.__dataclass_fields__
-    values: dict[str, Any] = {}
-    for key, value in data.items():
-        if key not in fields:
-            raise ViewError(f"{kind}: no such key '{key}': {suggest(str(key), list(fields))}")
-        values[key] = _value(kind, key, value, type_of=type(fields[key].default))
-    first = next(iter(fields))
-    if not values.get(first):
-        raise ViewError(f"{kind}: '{first}' is missing: {'the target to see' if kind == _VIEWS else 'the folder'}")
-    if "," in "".join(value for value in values.values() if isinstance(value, str)):
-        raise ViewError(f"{kind}: a path with a comma cannot be given here; rename it, or use a link")
-    return made(**values)
-
-
-def image_title(target: str) -> str:
-    """Return the name of a target of images in tables: `bunny (12 views)`."""
-    return image_spec(target).title
-
-
-def image_label(target: str) -> str:
-    """Return the short name of a target of images, for folders: `bunny-12-views`."""
-    return image_spec(target).label
+    return load_images(target).sha256 if is_image_target(target) else file_sha256(target_path(target))
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,34 +134,3 @@ def _truth(name: str) -> Mesh:
 
 def _used(view: View, spec: ImageFiles) -> View:
     return replace(view, depth=view.depth if spec.depth else None, normals=view.normals if spec.normals else None)
-
-
-def _value(kind: str, key: str, value: Any, type_of: type) -> Any:  # noqa: ANN401  any YAML value
-    place = f"{kind}.{key}"
-    if key == "kind":
-        if value not in get_args(CameraKind):
-            raise ViewError(f"{place}: got '{value}'; {suggest(str(value), get_args(CameraKind))}")
-        return value
-    if type_of is bool:
-        known: dict[Any, bool] = {True: True, False: False, "true": True, "false": False}
-        if not isinstance(value, bool | str) or value not in known:
-            raise ViewError(f"{place}: expected true or false, got {value!r}")
-        return known[value]
-    if type_of is int:
-        least, most = {"count": (1, _MOST_VIEWS), "size": (8, _LARGEST_SIZE)}.get(key, (0, _MOST_VIEWS))
-        number = int(value) if isinstance(value, str) and value.isdecimal() else value
-        if isinstance(number, bool) or not isinstance(number, int) or not least <= number <= most:
-            raise ViewError(f"{place}: expected an integer from {least} to {most}, got {value!r}")
-        return number
-    if not isinstance(value, str):
-        raise ViewError(f"{place}: expected text, got {value!r}")
-    return value
-
-
-def _text(kind: str, spec: ImageSpec, always: tuple[str, ...]) -> str:
-    def word(value: object) -> str:
-        return str(value).lower() if isinstance(value, bool) else str(value)
-
-    fields = type(spec).__dataclass_fields__
-    given = {key: getattr(spec, key) for key in fields if key in always or getattr(spec, key) != fields[key].default}
-    return f"{kind}:" + ",".join(f"{key}={word(value)}" for key, value in given.items())

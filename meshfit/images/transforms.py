@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from meshfit.errors import MeshError, ViewError, error_prefix
-from meshfit.images.camera import Camera, CameraKind, Pose
+from meshfit.images.camera import Camera, Pose
 from meshfit.images.listing import ListedImage, require_number_of_images, require_undistorted
+from meshfit.images.specs import CameraKind
 from meshfit.mesh.io.json_objects import JsonObject
 from meshfit.specs import suggest
 

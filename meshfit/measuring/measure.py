@@ -6,7 +6,9 @@ from typing import Any, Literal
 import numpy as np
 
 from meshfit.doors import no_type_check
-from meshfit.errors import ConfigError, MeasureError
+from meshfit.errors import ConfigError, MeasureError, MeshError
+from meshfit.images.target import ImageTarget
+from meshfit.images.views import Views
 from meshfit.measuring.cloud import CloudFacts, measure_to_cloud
 from meshfit.measuring.correspondence import Unmatched, unmatched
 from meshfit.measuring.distance import (
@@ -19,7 +21,8 @@ from meshfit.measuring.distance import (
     surface_distances,
 )
 from meshfit.measuring.edges import Edges, edge_scores
-from meshfit.measuring.metrics import CORRESPONDING, MEASURED, OF_MEASUREMENTS
+from meshfit.measuring.mask_overlap import MaskOverlap, mask_overlap
+from meshfit.measuring.metrics import CORRESPONDING, MEASURED, OF_IMAGES, OF_MEASUREMENTS
 from meshfit.measuring.new_defects import NewDefects, new_defects
 from meshfit.measuring.points import Chamfer, FScore, NormalConsistency, point_scores
 from meshfit.measuring.quality import Quality, mesh_quality
@@ -83,6 +86,7 @@ class Measurement:
         stretch: stretch of the faces of the source; None without one that has the faces of the result.
         new_defects: defects that the source does not have; None without one.
         unmatched: share of the source without a partner on the target; None without one.
+        iou: overlap of masks with those of images; None without images.
 
     Example:
         >>> import meshfit
@@ -108,6 +112,7 @@ class Measurement:
     stretch: Stretch | None = None
     new_defects: NewDefects | None = None
     unmatched: Unmatched | None = None
+    iou: MaskOverlap | None = None
 
     def __repr__(self) -> str:
         """Return the most important numbers."""
@@ -128,7 +133,7 @@ class Measurement:
             name: (OF_MEASUREMENTS[name].title, OF_MEASUREMENTS[name].text(value)) for name, value in values.items()
         }
         names = _SHOWN_FIRST if self.cloud is None else (*_SHOWN_FIRST_OF_CLOUDS, *_SHOWN_FIRST)
-        names = (*(name for name in _SHOWN_FIRST_OF_TEMPLATES if name in values), *names)
+        names = (*(name for name in (*OF_IMAGES, *_SHOWN_FIRST_OF_TEMPLATES) if name in values), *names)
         first = html_table(("metric", "value"), (rows[name] for name in names))
         return (
             f"{first}<details><summary>all metrics</summary>{html_table(('metric', 'value'), rows.values())}</details>"
@@ -138,6 +143,7 @@ class Measurement:
         """Return every metric that was measured by its name, `group.name`, in the order of `OF_MEASUREMENTS`."""
         nested = self.to_dict()
         names = (*MEASURED, *(name for name in CORRESPONDING if name.partition(".")[0] in nested))
+        names = (*names, *(name for name in OF_IMAGES if name.partition(".")[0] in nested))
         return {name: nested[name.partition(".")[0]][name.partition(".")[2]] for name in names}
 
     def to_pandas(self) -> Any:  # noqa: ANN401  pandas is optional
@@ -163,13 +169,15 @@ class Measurement:
 @no_type_check
 def measure(  # noqa: PLR0913  the settings, by name
     result: "MeshLike",
-    target: "MeshLike | PointCloud",
+    target: "MeshLike | PointCloud | ImageTarget",
     settings: MeasureSettings | None = None,
     *,
     source: "MeshLike | None" = None,
     truth: Any = None,  # noqa: ANN401  any form of positions
     landmarks: PlacedLandmarks | None = None,
     scaled: bool | None = None,
+    images: Views | None = None,
+    held_out: Views | None = None,
     surface: Literal["all", "outer"] | None = None,
     samples: int | None = None,
     points: int | None = None,
@@ -197,6 +205,7 @@ def measure(  # noqa: PLR0913  the settings, by name
             alone: distances from the target are then exact, and weighted by the area that each point stands for; those
             to the target are to its nearest points, and thus too large by a share of their spacing. Without normals of
             its own, angles are up to 90°, and the signed normal consistency is missing; so are the scores of creases.
+            Or an `ImageTarget`: distances are then to its truth, or else to its shape, and masks are compared too.
         settings: numbers of samples and points, tau and seed; defaults if not given.
         source: the mesh that was fitted, with the faces of the result, in any form that `as_mesh` takes: the result is
             then measured against it as well. Its pose and its size do not matter.
@@ -204,6 +213,9 @@ def measure(  # noqa: PLR0913  the settings, by name
         landmarks: on the result, with their goals in the frame of the target, such as `FitResult.landmarks`.
         scaled: whether the size of the source is without meaning, so that stretch is measured after its mean is
             removed; if not given, it is beyond a ratio of 1.5.
+        images: views that it was fitted to, in the frame of the target, whose masks those of the result are compared
+            with.
+        held_out: views that it was not fitted to, compared likewise.
         surface: `outer` measures between what can be seen of the two meshes from outside, as `outer_surface` returns
             it, so that parts inside others do not count; `all` between all of both. Mesh quality is that of all.
         samples: number of points on each surface for Hausdorff, mean and RMS distances.
@@ -235,6 +247,11 @@ def measure(  # noqa: PLR0913  the settings, by name
         raise ConfigError(f"landmarks: expected those of a FitResult, got {described(landmarks)}")
     if scaled is not None and not isinstance(scaled, bool):
         raise ConfigError(f"scaled: expected true or false, got {value_text(scaled)}")
+    if isinstance(target, ImageTarget):
+        images, held_out = images or target.views, held_out or target.held_out
+        target = target.reference
+    _require_views(images, "images")
+    _require_views(held_out, "held_out")
     settings = override(settings or MeasureSettings(f_score_tau=TAU_OF_FILES), changes)
     whole, goal = as_triangles(result, "result"), as_target(target)
     require_surface(whole, "result")
@@ -251,7 +268,14 @@ def measure(  # noqa: PLR0913  the settings, by name
     if start is not None:
         parts |= {"stretch": stretch(start, whole, scaled=scaled), "new_defects": new_defects(start, whole)}
         parts |= {"unmatched": unmatched(start, whole, goal)}
+    if images is not None:
+        parts |= {"iou": mask_overlap(whole, images, held_out)}
     return Measurement(**distances, **parts)
+
+
+def _require_views(views: object, role: str) -> None:
+    if views is not None and not isinstance(views, Views):
+        raise MeshError(f"{role}: expected Views, such as those of an ImageTarget, got {described(views)}")
 
 
 def _to_cloud(whole: Mesh, target: PointCloud, settings: MeasureSettings) -> dict[str, Any]:

@@ -127,7 +127,17 @@ CORRESPONDING: Mapping[str, Metric] = MappingProxyType(
 )
 """The metrics of results whose vertices are those of a source: against where these belong, and against the source."""
 
-OF_MEASUREMENTS: Mapping[str, Metric] = MappingProxyType({**MEASURED, **CORRESPONDING})
+OF_IMAGES: Mapping[str, Metric] = MappingProxyType(
+    {
+        "iou.mean": _more("mask IoU", _SHARE),
+        "iou.least": _more("least mask IoU", _SHARE),
+        "iou.held_out_mean": _more("mask IoU on views held out", _SHARE),
+        "iou.held_out_least": _more("least mask IoU on views held out", _SHARE),
+    }
+)
+"""The metrics of results that images were the target of; those of views held out are None without such views."""
+
+OF_MEASUREMENTS: Mapping[str, Metric] = MappingProxyType({**MEASURED, **CORRESPONDING, **OF_IMAGES})
 """The metrics that a `Measurement` may have."""
 
 METRICS: Mapping[str, Metric] = MappingProxyType(
@@ -143,7 +153,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
 )
 """All metrics of a result: those of its measurement, those of the source, which no seed affects, time and memory.
 
-Not every result has those of `CORRESPONDING`.
+Not every result has those of `CORRESPONDING` and `OF_IMAGES`.
 """
 
 DEFAULT_METRIC = "hausdorff.symmetric"
@@ -175,6 +185,7 @@ _MAIN = {
     "stretch": "stretch.p99",
     "new_defects": "new_defects.crossing_faces",
     "unmatched": "unmatched.source",
+    "iou": "iou.mean",
 }
 """The metric that a group's name alone stands for."""
 

@@ -58,6 +58,9 @@ from meshfit.fitting.loop import FitResult
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem, Trace
 from meshfit.fitting.registration.guidance import Guidance
 from meshfit.fitting.settings import ExternalSettings, FirstOrderSettings, FitSettings, GaussNewtonSettings
+from meshfit.images.specs import is_image_target
+from meshfit.images.target import ImageTarget
+from meshfit.images.targets import content_sha256, load_images, load_reference
 from meshfit.measuring.correspondence import Correspondence
 from meshfit.measuring.measure import Measurement, measure
 from meshfit.measuring.shortfalls import FAR, FAR_ON_AVERAGE, shortfalls
@@ -78,7 +81,7 @@ from meshfit.mesh.point_cloud import MOST_HIDDEN, PointCloud, Position, hidden_f
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.proximity import point_distances
 from meshfit.mesh.sampling import sample_surface
-from meshfit.mesh.targets import file_sha256, load_target, target_path
+from meshfit.mesh.targets import load_target
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.registry import Scheme
 from meshfit.units import count_text
@@ -125,8 +128,9 @@ class TrialRunner:
             target = _load_target(
                 name, inputs.get("target"), settings.normalise, settings.cleaning, settings.target, carried
             )
-            carry(carried, lambda: outward(load_target(name, settings.cleaning)))  # removed since it was loaded
-            self._frame, self._target = target.frame, target.mesh
+            carry(carried, lambda: load_reference(name, settings.cleaning))  # removed since it was loaded
+            self._frame, self._target, self._images = target.frame, target.mesh, target.images
+            self._reference = target.mesh if target.reference is None else target.reference
             source_settings = relocated(settings.source, self.trial.current_path)
             for role, name in source_files(source_settings).items():
                 _check_unchanged(name, inputs.get(role))
@@ -174,12 +178,13 @@ class TrialRunner:
             polygons=polygons,
             own=is_own_mesh(source_settings),
             guidance=guidance,
+            images=None if self._images is None else self._images.views,
         )
 
     def finish(self, fitted: FitResult) -> None:
         """Measure the fit, and write it and the result."""
         name, cleaning = self.trial.current_path(self.trial.target), self.trial.settings.cleaning
-        carry(carried_path(self.trial, self.store), lambda: outward(load_target(name, cleaning)))  # removed since
+        carry(carried_path(self.trial, self.store), lambda: load_reference(name, cleaning))  # removed since
         seconds, memory = {"fit": self._seconds()}, peak_memory_mb()
         if fitted.tool is not None:
             seconds, memory = {"fit": fitted.tool.seconds}, fitted.tool.peak_memory_mb
@@ -198,15 +203,18 @@ class TrialRunner:
         with self.warnings_recorded():
             measured = self._measured(fitted)
             offset = getattr(self.trial.settings.fit, "offset", 0.0)
-            if filled is None and not offset:  # what fills holes is far from the target
-                _warn_if_farther(self._source, fitted.mesh, self._target, self.trial.settings.fit)
+            if filled is None and not offset and not self._is_guess:  # what fills holes is far from the target
+                _warn_if_farther(self._source, fitted.mesh, self._reference, self.trial.settings.fit)
             self._write_correspondence(fitted)
         short = list(fitted.shortfalls)
         far = FAR_ON_AVERAGE if isinstance(self.trial.settings.fit, FirstOrderSettings) else FAR
         settings = self.trial.settings
         surface: Surface = "outer" if "outer" in (settings.target.surface, settings.measure.surface) else "all"
-        wanted = lifted(self._target, offset) if offset else self._target
-        short += shortfalls(fitted.mesh, wanted, far, surface=surface, filled=filled)
+        wanted = lifted(self._reference, offset) if offset else self._reference
+        if not self._is_guess:
+            short += shortfalls(fitted.mesh, wanted, far, surface=surface, filled=filled)
+        if measured.iou is not None:
+            short += measured.iou.shortfalls
         for text in (*fitted.notes, *short):
             self.warn(text)
         seconds["measure"] = time.perf_counter() - start
@@ -220,6 +228,12 @@ class TrialRunner:
         self._log.close(f"complete: {seconds['fit']:.1f} s of fitting, {seconds['measure']:.1f} s of measuring")
         self.outcome = Outcome(TrialStatus.COMPLETE)
 
+    @property
+    def _is_guess(self) -> bool:
+        """Whether results are compared with the visual hull, for want of a truth: a good one is off it."""
+        images = self._images
+        return images is not None and images.truth is None and not images.views.have_depth
+
     def _measured(self, fitted: FitResult) -> Measurement:
         """Measure a result against its target, and if it has the faces of the source, against that too."""
         settings, scheme = self.trial.settings, self.trial.named_scheme.resolve()
@@ -232,10 +246,13 @@ class TrialRunner:
             truth = None
         is_registered = fitted.registered is not None and fitted.registered.register != "off"
         scaled = is_registered and fitted.pose_scale != 1.0
+        images = self._images
         return measure(
             fitted.mesh,
-            self._target,
+            self._reference,
             settings.measure,
+            images=None if images is None else images.views,
+            held_out=None if images is None else images.held_out,
             source=source,
             truth=truth,
             landmarks=fitted.landmarks,
@@ -245,7 +262,7 @@ class TrialRunner:
     def _write_correspondence(self, fitted: FitResult) -> None:
         """Write the partner of each vertex on the target, where the vertices are those of the source."""
         fit = self.trial.settings.fit
-        if not isinstance(fit, GaussNewtonSettings) or fit.connectivity != "fixed":
+        if not isinstance(fit, GaussNewtonSettings) or fit.connectivity != "fixed" or self._images is not None:
             return
         assert self._frame is not None  # noqa: S101  set by `prepare`
         found = Correspondence.of(fitted.mesh, self._target).restored(self._frame)
@@ -367,12 +384,17 @@ class TrialRunner:
 
 
 class _Target(NamedTuple):
-    """A normalised target, its frame, the warnings of loading it, and a note for the log."""
+    """A normalised target, its frame, the warnings of loading it, and a note for the log.
+
+    A target of images has these, normalised, and what results are compared with.
+    """
 
     frame: Frame
     mesh: Mesh | PointCloud
     warnings: tuple[str, ...]
     note: str
+    images: ImageTarget | None = None
+    reference: Mesh | PointCloud | None = None
 
 
 @lru_cache(maxsize=2)  # a worker runs the trials of a target in succession, and loading takes longer than measuring
@@ -384,6 +406,8 @@ def _load_target(
     settings: TargetSettings,
     carried: Path | None,
 ) -> _Target:
+    if is_image_target(name):
+        return _load_image_target(name, sha256, normalise, carried)
     _check_unchanged(name, sha256)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", MeshfitWarning)
@@ -404,6 +428,23 @@ def _load_target(
         fitted = outer_surface(turned)
         note = "" if fitted is turned else _hidden_share(turned, fitted)
     return _Target(frame, frame.normalise(fitted), tuple(texts), note)
+
+
+def _load_image_target(name: str, sha256: str | None, normalise: Normalisation, carried: Path | None) -> _Target:
+    """Load images, and normalise them by the frame of their shape, which needs no truth."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", MeshfitWarning)
+        loaded = load_images(name)
+        if sha256 is not None and loaded.sha256 != sha256:
+            raise MeshError(f"{name}: the images have changed since the run began; run the same command again")
+        target = loaded.target
+        shape = target.shape
+    carry(carried, lambda: target.reference)
+    frame = frame_of(shape.verts, normalise)
+    kind = count_text(shape.num_verts, "point") + " of depth maps" if isinstance(shape, PointCloud) else "visual hull"
+    note = f"target: {count_text(len(target.views), 'view')}; its shape: {kind}"
+    reference = None if target.reference is shape else frame.normalise(target.reference)
+    return _Target(frame, frame.normalise(shape), tuple(_texts(caught)), note, target.moved(frame), reference)
 
 
 def _doubts_of_sensor(cloud: PointCloud, sensor: Position) -> list[str]:
@@ -428,7 +469,7 @@ def _check_unchanged(name: str, sha256: str | None) -> None:
     Raises:
         MeshError: it has changed since the trial was planned.
     """
-    if sha256 is not None and file_sha256(target_path(name)) != sha256:
+    if sha256 is not None and content_sha256(name) != sha256:
         raise MeshError(f"{name}: the file has changed since the run began; run the same command again")
 
 

@@ -25,6 +25,10 @@ from meshfit.experiment.storage.run_directory import (
 )
 from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
 from meshfit.fitting.callbacks import Interrupted
+from meshfit.images.folders import PACK_SUFFIX
+from meshfit.images.packing import pack_target
+from meshfit.images.specs import is_image_target, label_of_target
+from meshfit.images.targets import load_images
 from meshfit.mesh.targets import companion_files
 
 Files = Mapping[str, bytes]
@@ -170,6 +174,10 @@ def pack_inputs(trial: Trial, store: RunDirectory) -> Files:
     """
     files = {}
     for role, name in trial.files.items():
+        if role == "target" and is_image_target(name):
+            loaded = load_images(name)
+            files[f"{_INPUTS}{role}/{_packed_name(name)}"] = pack_target(loaded.target, loaded.sha256)
+            continue
         path = Path(name)
         # Of targets, and of tables such as those of creases, no materials are read.
         for file in (path, *companion_files(path, looks=role == "source")):
@@ -188,8 +196,13 @@ def unpack_inputs(trial: Trial, files: Files, store: RunDirectory, inputs: Path)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
     return replace(
-        trial, copies=tuple((name, str(inputs / role / Path(name).name)) for role, name in trial.files.items())
+        trial, copies=tuple((name, str(inputs / role / _packed_name(name))) for role, name in trial.files.items())
     )
+
+
+def _packed_name(name: str) -> str:
+    """The name of a file among packed ones; images are one file."""
+    return f"{label_of_target(name)}{PACK_SUFFIX}" if is_image_target(name) else Path(name).name
 
 
 def pack_outputs(trial: Trial, store: RunDirectory) -> Files:

@@ -303,12 +303,12 @@ def _seconds_to_measure(trial: "Trial") -> float:
     Points, and more faces than results have, among which to look for crossings takes minutes, are measured against a
     sphere.
     """
+    from meshfit.images.targets import load_reference
     from meshfit.measuring.measure import measure
     from meshfit.mesh.point_cloud import PointCloud
-    from meshfit.mesh.targets import load_target
     from meshfit.subdivision.sphere import icosphere
 
-    target = load_target(trial.current_path(trial.target), trial.settings.cleaning)
+    target = load_reference(trial.current_path(trial.target), trial.settings.cleaning)
     start = time.perf_counter()
     sphere = icosphere(_SPHERE_LEVEL)
     surface = sphere if isinstance(target, PointCloud) or target.num_faces > _MOST_FACES else target

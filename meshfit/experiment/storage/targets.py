@@ -1,8 +1,8 @@
 """Carried targets: copies of the targets of trials in the run directory, which make it complete without other files.
 
 `targets/HASH.ply` is the target as it was fitted to: cleaned, turned if it was inside out, in its own coordinates and
-double precision; of a cloud, its points with the normals of its file, if it had some. The hash is that of the original
-file, as in the identity of a trial.
+double precision; of a cloud, its points with the normals of its file, if it had some; of images, what results are
+compared with. The hash is that of the original file or files, as in the identity of a trial.
 """
 
 import os
@@ -75,15 +75,14 @@ def carry_for_remote(trial: "Trial", store: RunDirectory) -> None:
     Raises:
         StoreError: it cannot be written.
     """
-    from meshfit.mesh.cleaning import outward
-    from meshfit.mesh.targets import file_sha256, load_target, target_path
+    from meshfit.images.targets import content_sha256, load_reference
 
     path = carried_path(trial, store)
     if path is None or path.is_file():
         return
     with suppress(MeshError):  # the trial reports it
-        if file_sha256(target_path(trial.target)) == dict(trial.inputs)["target"]:
-            carry(path, lambda: outward(load_target(trial.target, trial.settings.cleaning)))
+        if content_sha256(trial.target) == dict(trial.inputs)["target"]:
+            carry(path, lambda: load_reference(trial.target, trial.settings.cleaning))
 
 
 def find_carried(folder: Path, record: Result) -> Path | None:
@@ -182,14 +181,15 @@ def _read_carried(path: Path) -> "Mesh | PointCloud":
 
 
 def _original(record: Result) -> "Mesh | PointCloud":
-    from meshfit.mesh.targets import file_sha256, load_target, target_path
+    from meshfit.images.specs import is_image_target
+    from meshfit.images.targets import content_sha256, load_reference
+    from meshfit.mesh.targets import target_path
 
     target, expected = record["settings"]["targets"][0], record.get("inputs", {}).get("target")
-    path = target_path(target)
-    if expected is not None and file_sha256(path) != expected:
-        raise MeshError(f"{path}: not the file that the trial was fitted to: it has changed since")
-    loaded: Mesh | PointCloud = load_target(target, CleaningOptions.of(record["settings"]))
-    return loaded
+    if expected is not None and content_sha256(target) != expected:
+        place = target if is_image_target(target) else target_path(target)
+        raise MeshError(f"{place}: not the file that the trial was fitted to: it has changed since")
+    return load_reference(target, CleaningOptions.of(record["settings"]))
 
 
 def read_written_mesh(path: Path) -> "Mesh | PolygonMesh":

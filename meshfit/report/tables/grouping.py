@@ -23,6 +23,7 @@ Settings = Mapping[str, Any]
 """Settings by dotted key."""
 
 # Definitions vary with the schemes that they define.
+_OF_IMAGES = ("views:", "images:")
 _NOT_SHARED = ("targets", "schemes", "define", "seeds")
 
 # Settings that change which files are written, and no number.
@@ -236,8 +237,9 @@ def shared_settings(result: Result) -> dict[str, Any]:
 
 
 def target_key(result: Result) -> str:
-    """Return the target's name, or the name of its file: a user's `bunny.ply` is not the target `bunny`."""
-    return Path(result["settings"]["targets"][0]).name
+    """Return the target's name, or that of its file or images: a user's `bunny.ply` is not the target `bunny`."""
+    target = result["settings"]["targets"][0]
+    return str(result["target"]) if target.startswith(_OF_IMAGES) or target.endswith(".json") else Path(target).name
 
 
 def flatten(nested: Mapping[str, Any], above: str = "") -> dict[str, Any]:
