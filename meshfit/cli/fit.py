@@ -34,6 +34,7 @@ from meshfit.cli.options import (
 )
 from meshfit.cli.scratch import scratch_folder
 from meshfit.errors import ConfigError, MeshError, MeshfitError
+from meshfit.images.specs import is_image_target, label_of_target
 from meshfit.paths import (
     MESH_SUFFIXES,
     STDOUT_PATHS,
@@ -64,7 +65,7 @@ def fit(
     targets: Annotated[
         list[str],
         typer.Argument(
-            help="Files of meshes or points, or names of targets; - is standard input.",
+            help="Files of meshes or points, names of targets, or folders of images with cameras; - is standard input.",
             metavar="TARGET",
             autocompletion=completions.targets,
         ),
@@ -340,6 +341,7 @@ def fit(
         meshfit fit scan.stl -o fitted.ply --verts 40000 --measure
         meshfit fit parts.obj -o skin.glb --surface outer  # one skin, without what lies inside
         meshfit fit points.xyz -o surface.ply  # a cloud of points
+        meshfit fit photos/ -o animal.obj  # images with masks, and their transforms.json
         meshfit fit head.obj -o head-fitted.obj --source sphere --connectivity fixed
         meshfit fit scan.ply -o registered.glb --source template.glb --connectivity fixed  # keeps its texture
         meshfit fit scan.ply -o moved.obj --source template.obj --register rigid
@@ -446,7 +448,7 @@ def _check_targets(targets: Sequence[str]) -> None:
         if is_config_name(target):
             command = f"meshfit run {shell_path(target)}"
             raise ConfigError(f"{path_text(target)} is a config, not a mesh; to run it: {command}")
-        if is_folder(target):
+        if is_folder(target) and not is_image_target(target):
             command = f"meshfit fit {shell_path(target.rstrip('/'))}/* -o fitted/"
             raise ConfigError(f"{path_text(target)} is a folder, not a mesh; to fit the meshes in it: {command}")
 
@@ -500,7 +502,9 @@ class _Fitting:
         from meshfit.mesh.io.mesh_file import write_file
         from meshfit.mesh.targets import NAMED_TARGETS, open_target
 
-        if target in NAMED_TARGETS or (target != STREAM and not is_pipe(target) and input_format is None):
+        if target in NAMED_TARGETS or is_image_target(target):
+            return target
+        if target != STREAM and not is_pipe(target) and input_format is None:
             return target
         file = open_target(target, file_format=input_format, points=True)
         stem = "standard-input" if target == STREAM else file_stem(target)
@@ -559,7 +563,7 @@ class _Fitting:
         from meshfit.experiment.storage.frame import frame_of, written_frame
         from meshfit.experiment.storage.run_directory import CORRESPONDENCE
         from meshfit.experiment.storage.targets import read_written_mesh
-        from meshfit.measuring.metrics import MEASURED
+        from meshfit.measuring.metrics import MEASURED, OF_IMAGES
         from meshfit.mesh.attributes import SUPPORTED
         from meshfit.mesh.io.files import mesh_output_suffix
         from meshfit.mesh.io.mesh_file import write_file
@@ -594,7 +598,7 @@ class _Fitting:
                 console.print(line, soft_wrap=True, markup=False)
             if self.kept and not many:
                 console.print(f"trial: {folder}", soft_wrap=True, markup=False)
-        groups = dict.fromkeys(metric.partition(".")[0] for metric in MEASURED)
+        groups = dict.fromkeys(metric.partition(".")[0] for metric in (*MEASURED, *OF_IMAGES))
         return verdict, {group: record[group] for group in groups if group in record}
 
 
@@ -664,7 +668,7 @@ def _outputs_of_many(targets: Sequence[str], output: str, output_format: str | N
         )
     suffix = mesh_output_suffix("result", output_format or _FORMAT_OF_MANY)
     folder = Path(output)
-    stems = ["standard-input" if target == STREAM else file_stem(target) for target in targets]
+    stems = ["standard-input" if target == STREAM else label_of_target(target) for target in targets]
     taken, outputs = set[str](), []
     for stem in stems:
         name, number = stem, 1
@@ -705,6 +709,8 @@ def _correspondences(
         from meshfit.experiment.storage.run_directory import make_folder
 
         make_folder(path)
+    if any(map(is_image_target, inputs)):
+        raise ConfigError(f"{option}: images have no faces or points to number; leave it out")
     tables = [str(path / f"{file_stem(output)}.csv") if many else str(path) for output in outputs]
     taken = {os.path.realpath(name) for name in (*inputs, *outputs)}
     for table in tables:

@@ -16,6 +16,7 @@ from meshfit.cli.console import EXIT_INTERRUPTED, EXIT_USAGE, exit_code_of, out,
 from meshfit.cli.fit_command import fit_command, is_config_name, is_mesh_name
 from meshfit.cli.options import DEFAULT_RUNS
 from meshfit.errors import ConfigError
+from meshfit.images.folders import is_image_folder
 from meshfit.paths import is_folder, path_text, shell_path
 
 COMMANDS = {
@@ -182,6 +183,8 @@ class Commands(Mapping[str, Any]):
 def _for_folder(name: str) -> str:
     if any(is_mesh_name(str(path)) for path in Path(name).iterdir()):
         return f"to fit its meshes: meshfit fit {shell_path(name.rstrip('/'))}/* -o fitted/"
+    if is_image_folder(Path(name)):
+        return f"to fit a mesh to its images: meshfit fit {shell_path(name)} -o fitted.obj"
     return f"to show its trials: meshfit status {shell_path(name)}"
 
 

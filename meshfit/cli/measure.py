@@ -11,17 +11,18 @@ import typer
 
 from meshfit.cli import completions
 from meshfit.cli.console import EXIT_FAILED, err, out, print_error, print_warning
-from meshfit.cli.measurements import Measured, Values, json_object, print_measured, write_csv
+from meshfit.cli.measurements import OF_MASKS_ALONE, Measured, Values, json_object, print_measured, write_csv
 from meshfit.cli.options import OUTPUT, AsJson, MeshFormat, RepairMode, Weld, split_metrics, suggest_option
 from meshfit.errors import ConfigError, MeshfitError
 from meshfit.measuring.limits import Limit, parse_limit
-from meshfit.measuring.metrics import CORRESPONDING, OF_MEASUREMENTS
+from meshfit.measuring.metrics import CORRESPONDING, OF_IMAGES, OF_MEASUREMENTS
 from meshfit.mesh.placing_options import Normalisation
 from meshfit.paths import MESH_SUFFIXES, STREAM, format_suffix, is_folder, is_pipe, path_text
 from meshfit.specs import suggest
 from meshfit.units import count_text
 
 if TYPE_CHECKING:
+    from meshfit.images.target import ImageTarget
     from meshfit.measuring.settings import MeasureSettings
     from meshfit.measuring.vertex_error import Truth
     from meshfit.mesh.cleaning_options import CleaningOptions
@@ -44,7 +45,7 @@ def measure(
         list[str],
         typer.Argument(
             help="The result, then the target: mesh files, names of targets, or - for standard input; the target may "
-            "be a file of points. With --target, all are results.",
+            "be a file of points, or a folder of images with cameras. With --target, all are results.",
             metavar="MESHES",
             autocompletion=completions.targets,
         ),
@@ -202,8 +203,11 @@ def measure(
     frame. Several results are measured with --target; one that cannot be is named, the others are measured, and the
     exit code is 1.
 
+    A target of images gives the overlap of masks; distances are to the points of its depth maps, where it has some.
+
     Examples:
         meshfit measure result.ply target.obj
+        meshfit measure animal.obj photos/  # images with cameras
         meshfit measure result.ply scan.stl --write errors.ply
         meshfit measure results/*.ply --target scan.stl --csv errors.csv
         meshfit measure skin.ply parts.obj --surface outer
@@ -214,7 +218,6 @@ def measure(
         zcat scan.ply.gz | meshfit measure - target.obj --format ply
     """
     from meshfit.measuring.settings import MeasureSettings
-    from meshfit.measuring.surface import turned_target
     from meshfit.mesh.any_target import require_mesh
     from meshfit.mesh.cleaning_options import CleaningOptions
     from meshfit.mesh.geometry import bounding_box_diagonal
@@ -238,24 +241,29 @@ def measure(
     }
     settings = override(MeasureSettings(), {key: value for key, value in options.items() if value is not None})
     load = _loader(CleaningOptions(weld, repair), input_format)
-    target_mesh = turned_target(lambda: load(target_name))
+    goal = _Goal.read(target_name, load, [*(metrics or ()), *(limit.metric for limit in limits)])
+    target_mesh = goal.shape
     frame = frame_of(target_mesh.verts, normalise)
     known = None if truth is None else _Known.read(truth, frame)
     start = None if source is None else frame.normalise(require_mesh(load(source), source))
     pairs = None if landmarks is None else _Pairs.read(landmarks, source, target_name, target_mesh)
-    measuring = _Measuring(load, frame, frame.normalise(target_mesh), settings, write, target_name, known, pairs, start)
+    normalised = frame.normalise(target_mesh)
+    moved = None if goal.images is None else goal.images.moved(frame)
+    measuring = _Measuring(load, frame, normalised, settings, write, target_name, known, pairs, start, moved)
     diagonal = bounding_box_diagonal(measuring.target.verts)
     if target is None:
         measured = [Measured(results[0], measuring.measure(results[0]))]
     else:
         measured = list(_each(measuring, results))
-    about = {"target": target_name, "normalise": normalise, "surface": surface}
+    about = {"target": target_name, "normalise": normalise, "surface": surface} | goal.about
+    metrics = metrics or goal.metrics
     if csv_file is not None:
         write_csv(csv_file, measured, target_name, metrics, wide=target is not None)
     if as_json:
         typer.echo(json.dumps(json_object(measured, about, single=target is None), indent=2))
     elif csv_file != STREAM:
         print_measured(measured, target_name, metrics, diagonal, surface=surface, single=target is None)
+        goal.print_note()
     if write is not None and not as_json and csv_file != STREAM:
         out.print(f"wrote {path_text(write)}: distances, {_side(measuring.target)}", soft_wrap=True, markup=False)
     failed = any(each.error for each in measured)
@@ -298,6 +306,47 @@ def _check_metrics(metrics: Sequence[str] | None, given: Mapping[str, str | None
             option = _OPTION_OF.get(metric.partition(".")[0], "--source")
             if given[option] is None:
                 raise ConfigError(f"{metric} requires {option} FILE")
+
+
+@dataclass(frozen=True)
+class _Goal:
+    """The target in the coordinates of its files, and the images that it is made from, if it is."""
+
+    shape: "Mesh | PointCloud"
+    images: "ImageTarget | None"
+
+    @classmethod
+    def read(cls, name: str, load: "Callable[[str], Mesh | PointCloud]", metrics: Sequence[str]) -> "_Goal":
+        """Load a target; refuse metrics of masks where it has none."""
+        from meshfit.images.specs import is_image_target
+        from meshfit.measuring.surface import turned_target
+
+        if name != STREAM and is_image_target(name):
+            from meshfit.images.targets import load_image_target
+
+            images = load_image_target(name)
+            return cls(turned_target(lambda: images.reference), images)
+        for metric in metrics:
+            if metric in OF_IMAGES:
+                raise ConfigError(f"{metric}: {path_text(name)} has no masks; give a folder of images as the target")
+        return cls(turned_target(lambda: load(name)), None)
+
+    @property
+    def about(self) -> dict[str, str]:
+        """What distances are to, for the record."""
+        return {} if self.images is None else {"compared_with": self.images.compared_with}
+
+    @property
+    def metrics(self) -> list[str] | None:
+        """The metrics that mean something, where not all do."""
+        if self.images is None or self.images.compared_with != "hull":
+            return None
+        return [name for name in OF_MASKS_ALONE if self.images.held_out or "held_out" not in name]
+
+    def print_note(self) -> None:
+        """Say why there are no distances, where there are none."""
+        if self.metrics:
+            out.print("\nwithout depth or a true mesh, only masks can be compared", soft_wrap=True, markup=False)
 
 
 def _check_output(meshes: Sequence[str], write: str | None, csv_file: str | None, *, as_json: bool) -> None:
@@ -438,6 +487,7 @@ class _Measuring:
     truth: _Known | None
     landmarks: "_Pairs | None"
     source: "Mesh | None"
+    images: "ImageTarget | None"
 
     def measure(self, name: str) -> Values:
         """Load and measure a result, and write its deviation if that is wanted.
@@ -459,7 +509,14 @@ class _Measuring:
         pairs = None if self.landmarks is None else self.landmarks.on(loaded, name)
         placed = None if pairs is None else pairs.in_frame(self.frame.centre, self.frame.scale)
         values = measure_mesh(
-            result, self.target, self.settings, source=self.source, truth=truth, landmarks=placed
+            result,
+            self.target,
+            self.settings,
+            source=self.source,
+            truth=truth,
+            landmarks=placed,
+            images=None if self.images is None else self.images.views,
+            held_out=None if self.images is None else self.images.held_out,
         ).to_dict()
         if self.write is not None:
             target = self.target

@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from meshfit.cli.console import out
-from meshfit.measuring.metrics import CORRESPONDING, LENGTH, MEASURED, OF_MEASUREMENTS
+from meshfit.measuring.metrics import CORRESPONDING, LENGTH, MEASURED, OF_IMAGES, OF_MEASUREMENTS
 from meshfit.paths import STREAM, path_text
 from meshfit.printable import csv_cell
 from meshfit.units import count_text
@@ -33,8 +33,16 @@ _WITH_TAU = ("f_score.", "edges.f1", "edges.precision", "edges.recall")
 """The starts of the names of metrics that count points within a distance."""
 _COLUMNS_OF_CLOUDS = ("distance.backward_rms", "distance.backward_mean", "hausdorff.backward", *_COLUMNS)
 """Those where the target is a cloud of points, from which distances are exact."""
-_COLUMNS_OF_TEMPLATES = ("vertex_error.rms", "landmark_error.rms", "stretch.p99", "new_defects.crossing_faces")
+_COLUMNS_OF_TEMPLATES = (
+    "iou.mean",
+    "vertex_error.rms",
+    "landmark_error.rms",
+    "stretch.p99",
+    "new_defects.crossing_faces",
+)
 """Those that come first where they were measured."""
+OF_MASKS_ALONE = (*OF_IMAGES, *(name for name in MEASURED if name.startswith("quality.")))
+"""Those of results of images that tell no distance: without depth, and without a true mesh."""
 
 _RESULT, _FAILED = "result", "failed"
 _LEAST = 12
@@ -205,7 +213,7 @@ def _table(measured: Measured, metrics: Sequence[str] | None) -> Table:
 
 def _order(values: Values) -> list[str]:
     """All metrics; first those against truth and source, then for a target of points those from it to the result."""
-    first = [name for name in CORRESPONDING if name.partition(".")[0] in values]
+    first = [name for name in (*OF_IMAGES, *CORRESPONDING) if name.partition(".")[0] in values]
     if "cloud" in values:
         first += [name for name in MEASURED if ".backward" in name]
     return [*first, *(name for name in MEASURED if name not in first)]

@@ -40,6 +40,8 @@ class Verdict:
         unmatched: share of a registered source without a partner on the target; None if none was registered.
         new_crossing_faces: faces that cross and did not in a registered source; None if none was registered.
         errors: how far vertices and landmarks are from where they belong, in words, as far as that is known.
+        masks: how masks of the result and of images overlap, in words; empty for other targets.
+        compared_with: what distances from images are to: `truth`, `depth` or `hull`; empty for other targets.
     """
 
     target: str
@@ -69,6 +71,8 @@ class Verdict:
     unmatched: float | None = None
     new_crossing_faces: int | None = None
     errors: tuple[str, ...] = ()
+    masks: str = ""
+    compared_with: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values and the advice as plain data."""
@@ -91,7 +95,8 @@ class Verdict:
         elif self.target_topology != self.result_topology:
             sound += f" (target: {self.target_topology})"
         return [
-            distances,
+            *([self.masks] if self.masks else []),
+            *([] if self.compared_with == "hull" else [distances]),
             *self.errors,
             sound,
             f"{self._size}: wrote {self.output}",
@@ -102,7 +107,8 @@ class Verdict:
     def line(self) -> str:
         """One line, for one of many fits."""
         worst = f"{self._from} worst {self.max_distance:.4g} ({self.max_percent:.2g} %)"
-        parts = [worst.strip(), f"mean {self.mean_distance:.4g}"]
+        parts = [self.masks] if self.masks else []
+        parts += [] if self.compared_with == "hull" else [worst.strip(), f"mean {self.mean_distance:.4g}"]
         parts.append(f"{self.crossing_faces:,} crossing, {self.flipped_faces:,} flipped")
         parts += [] if self.closed else ["open"]
         parts.append(self._size)
@@ -132,7 +138,7 @@ class Verdict:
             from_target = "" if own else "; try --source target, which starts from all of them"
             yield text + (from_target if text.startswith("topology") else "")
         # A point may well lie off the surface, by noise, and what fills a hole is far from the target.
-        if self.max_percent > _FAR_PERCENT and not self.target_points and not self.filled:
+        if self.max_percent > _FAR_PERCENT and not (self.target_points or self.filled or self.compared_with):
             remedy = "--verts" if self.unmatched is None else "--levels"
             also = "" if own else " or --source target"
             yield f"worst distance above {_FAR_PERCENT:g} % of the diagonal; try more {remedy}{also}"
@@ -142,6 +148,8 @@ class Verdict:
         """Words for the only direction that counts, of a cloud, or for the outer surface."""
         if self.surface == "outer":
             return " from the outer surface"
+        if self.compared_with == "truth":
+            return " from the true mesh"
         return f" from {count_text(self.target_points, 'point')}" if self.target_points else ""
 
     @property
@@ -172,6 +180,9 @@ def verdict_of(target: str, output: str, folder: "Path", record: "Result", waite
     scale = frame_of(record).scale
     target_mesh = read_target(folder, record)
     meshes = [triangles(read_written_mesh(folder / name)) for name in ("result.ply", "source.ply")]
+    images = record.get("images", {})
+    if images.get("compared_with") == "hull":  # a guess, whose pieces and handles are none to match
+        target_mesh = meshes[0]
     meshes += [target_mesh] if isinstance(target_mesh, Mesh) else []
     topologies = [*(describe_topology(Topology.of(mesh)) for mesh in meshes), ""]
     is_filled = record["settings"].get("source", {}).get("mesh") == "closed" and isinstance(target_mesh, Mesh)
@@ -213,7 +224,17 @@ def verdict_of(target: str, output: str, folder: "Path", record: "Result", waite
         unmatched=record["unmatched"]["source"] if registered and "unmatched" in record else None,
         new_crossing_faces=record["new_defects"]["crossing_faces"] if registered and "new_defects" in record else None,
         errors=tuple(_errors(record, scale, share / scale)),
+        masks=_masks(record["iou"]) if "iou" in record else "",
+        compared_with=images.get("compared_with", ""),
     )
+
+
+def _masks(iou: "Result") -> str:
+    least = f", least {iou['least']:.4f} in '{iou['worst_view']}'" if iou["views"] > 1 else ""
+    held_out = ""
+    if iou["held_out_mean"] is not None:
+        held_out = f"; {iou['held_out_mean']:.4f} in {iou['held_out']:,} held out"
+    return f"masks: IoU {iou['mean']:.4f} in {count_text(iou['views'], 'view')}{least}{held_out}"
 
 
 def _surface(settings: "Result") -> str:

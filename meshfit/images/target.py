@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float64
@@ -45,6 +46,13 @@ class ImageTarget:
     def reference(self) -> Mesh | PointCloud:
         """What measurements compare with: the truth, or else the shape."""
         return self.shape if self.truth is None else self.truth
+
+    @property
+    def compared_with(self) -> Literal["truth", "depth", "hull"]:
+        """The kind of the reference."""
+        if self.truth is not None:
+            return "truth"
+        return "depth" if self.views.have_depth else "hull"
 
     def moved(self, frame: Frame) -> "ImageTarget":
         """Return the images and the truth in normalised coordinates."""

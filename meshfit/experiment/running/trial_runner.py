@@ -222,6 +222,8 @@ class TrialRunner:
         source |= {"verts": self._source.num_verts, "faces": self._source.num_faces}
         work = {"source": source, "seconds": seconds, "peak_memory_mb": memory, "warnings": self._warnings}
         work["shortfalls"] = short
+        if self._images is not None:
+            work["images"] = {"views": len(self._images.views), "compared_with": self._images.compared_with}
         result = result_record(self.trial, self._frame_record, fitted, measured, work)
         self.store.write(self.trial, RESULT, json_text(result))
         self.store.remove(self.trial, CHECKPOINT, FAILURE, LAST_GOOD)
@@ -231,8 +233,7 @@ class TrialRunner:
     @property
     def _is_guess(self) -> bool:
         """Whether results are compared with the visual hull, for want of a truth: a good one is off it."""
-        images = self._images
-        return images is not None and images.truth is None and not images.views.have_depth
+        return self._images is not None and self._images.compared_with == "hull"
 
     def _measured(self, fitted: FitResult) -> Measurement:
         """Measure a result against its target, and if it has the faces of the source, against that too."""
