@@ -50,6 +50,11 @@ _FILES = {
     "progress.json": "the latest progress",
 }
 _HALF_WRITTEN = "half-written, left by a killed process"
+_COMPARED_WITH = {
+    "truth": "true mesh",
+    "depth": "points of the depth maps",
+    "hull": "visual hull, for want of depth or a true mesh",
+}
 
 
 def show(
@@ -154,6 +159,9 @@ def _inputs(result: Result) -> Iterator[tuple[str, str]]:
     if "made_from" in (source := result.get("source", {})):
         wrap = "".join(f", {name} {value:.3g}" for name, value in source.get("wrap", {}).items())
         yield "source", f"from the {source['made_from']} ({source['reason']}){wrap}"
+    if images := result.get("images"):
+        counts = f"{count_text(images['views'], 'view')}, {images['held_out']:,} held out"
+        yield "images", f"{counts}; distances are to the {_COMPARED_WITH[images['compared_with']]}"
     if cloud := result.get("cloud"):
         normals = "its own normals" if cloud["normals"] == "own" else "estimated normals"
         yield "points", f"{cloud['points']:,}, about {cloud['spacing']:.3g} apart, {normals}"

@@ -54,6 +54,12 @@ class ImageTarget:
             return "truth"
         return "depth" if self.views.have_depth else "hull"
 
+    @property
+    def record(self) -> dict[str, int | str]:
+        """Numbers of views, and what distances are to, for the records of a trial."""
+        held_out = 0 if self.held_out is None else len(self.held_out)
+        return {"views": len(self.views), "held_out": held_out, "compared_with": self.compared_with}
+
     def moved(self, frame: Frame) -> "ImageTarget":
         """Return the images and the truth in normalised coordinates."""
         truth = None if self.truth is None else frame.normalise(self.truth)

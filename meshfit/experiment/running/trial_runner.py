@@ -223,7 +223,7 @@ class TrialRunner:
         work = {"source": source, "seconds": seconds, "peak_memory_mb": memory, "warnings": self._warnings}
         work["shortfalls"] = short
         if self._images is not None:
-            work["images"] = {"views": len(self._images.views), "compared_with": self._images.compared_with}
+            work["images"] = self._images.record
         result = result_record(self.trial, self._frame_record, fitted, measured, work)
         self.store.write(self.trial, RESULT, json_text(result))
         self.store.remove(self.trial, CHECKPOINT, FAILURE, LAST_GOOD)

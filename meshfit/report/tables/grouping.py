@@ -49,6 +49,7 @@ class Variation:
         shortfalls: what results lack of their target, in words, by target and scheme, then by seed; only where there
             are some.
         clouds: number of points, spacing and kind of normals, of the targets that are clouds of points.
+        images: number of views and of those held out, and what distances are to, of the targets that are images.
     """
 
     title: str
@@ -63,6 +64,7 @@ class Variation:
     name: str = ""
     shortfalls: Mapping[tuple[str, str], Mapping[int, tuple[str, ...]]] = field(default_factory=dict)
     clouds: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    images: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
 def group_results(
@@ -119,6 +121,7 @@ def group_results(
                 place=min(place.variation for place in places),
                 shortfalls=_shortfalls(group),
                 clouds={target_key(result): result["cloud"] for result in group if "cloud" in result},
+                images={target_key(result): result["images"] for result in group if "images" in result},
             )
         )
     return variations

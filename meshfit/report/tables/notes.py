@@ -24,6 +24,12 @@ FRAMES = {
 }
 """The frame that lengths are stated in, by the setting `normalise`."""
 _STAND_IN = "stand-in"
+_OF_DISTANCE = ("hausdorff.", "distance.", "chamfer.", "f_score.", "normal_", "edges.")
+_COMPARED_WITH = {
+    "truth": "distances are to the true mesh, which no fit saw",
+    "depth": "distances are to the points of the depth maps",
+    "hull": "distances are to the visual hull of the masks, which a good result need not follow; see iou.mean",
+}
 _MOST_SHORTFALLS, _MOST_ROWS = 6, 3
 _CELLS = {
     "mean": "mean",
@@ -355,8 +361,8 @@ def notes(table: Table) -> list[str]:
     if table.style.notes == "none":
         return []
     if table.style.notes == "short":
-        return [*_few_seeds(table), *_significance(table), *_stand_ins(table), *_about_clouds(table)]
-    about_targets = (*_stand_ins(table), *_about_clouds(table))
+        return [*_few_seeds(table), *_significance(table), *_about_targets(table)]
+    about_targets = _about_targets(table)
     return [*_few_seeds(table), *_about_comparisons(table), *about_targets, *_about_paper(table)]
 
 
@@ -421,6 +427,12 @@ def _stand_ins(table: Table) -> Iterator[str]:
         yield f"{title}: replaces the paper's model, which is not public; not comparable with the paper's numbers"
 
 
+def _about_targets(table: Table) -> Iterator[str]:
+    yield from _stand_ins(table)
+    yield from _about_clouds(table)
+    yield from _about_images(table)
+
+
 def _about_clouds(table: Table) -> Iterator[str]:
     """Say what numbers of clouds of points mean, where the table has such numbers."""
     clouds = {target: cloud for target, cloud in table.clouds.items() if target in table.targets}
@@ -436,6 +448,19 @@ def _about_clouds(table: Table) -> Iterator[str]:
         missing["normal_consistency.signed"] = "estimated normals have no side"
     reasons = [reason for start, reason in missing.items() if any(metric.startswith(start) for metric in table.metrics)]
     yield text + (f"; missing: {', and '.join(reasons)}" if reasons else "")
+
+
+def _about_images(table: Table) -> Iterator[str]:
+    """Say what distances of targets of images are to, and which views their masks are compared in."""
+    images = {target: facts for target, facts in table.images.items() if target in table.targets}
+    if any(metric.startswith(_OF_DISTANCE) for metric in table.metrics):
+        for kind, text in _COMPARED_WITH.items():
+            titles = [table.targets[target] for target, facts in images.items() if facts["compared_with"] == kind]
+            if titles:
+                yield f"Images: {', '.join(titles)}: {text}"
+    counts = dict.fromkeys(facts["held_out"] for facts in images.values())
+    if any(metric.startswith("iou.held_out") for metric in table.metrics):
+        yield f"Views held out, which no fit saw: {', '.join(f'{count:,}' for count in counts)}"
 
 
 def _about_paper(table: Table) -> Iterator[str]:

@@ -142,6 +142,11 @@ class Table:
         """Number of points, spacing and kind of normals of each target that is a cloud of points."""
         return {target: cloud for variation in self.variations for target, cloud in variation.clouds.items()}
 
+    @cached_property
+    def images(self) -> dict[str, Mapping[str, Any]]:
+        """Number of views and of those held out, and what distances are to, of each target that is images."""
+        return {target: images for variation in self.variations for target, images in variation.images.items()}
+
     def shortfalls(self, target: str, row: Row) -> Mapping[int, tuple[str, ...]]:
         """Return what the results of a cell lack of their target, in words, by seed; only where there is something."""
         return self.variations[row.variation].shortfalls.get((target, row.scheme), {})
@@ -222,14 +227,24 @@ def default_metric(results: Iterable[Result]) -> str:
 def default_metrics(results: Sequence[Result]) -> tuple[str, ...]:
     """Return the metrics of a table if none are chosen: several where vertices of a source have a meaning.
 
-    These are results of registrations, and those whose truth is known.
+    These are results of registrations, and those whose truth is known. Those of images have the overlap of masks too.
     """
     main, first, last = default_metric(results), list[str](), list[str]()
     if any(result.get("vertex_error") for result in results):
         first, last = ["vertex_error.rms"], ["seconds.fit"]
     elif not any(result.get("register", {}).get("register", "off") != "off" for result in results):
-        return (main,)
+        return _metrics_of_images(results, main)
     return (*first, main, "stretch.p99", "new_defects.crossing_faces", *last)
+
+
+def _metrics_of_images(results: Sequence[Result], main: str) -> tuple[str, ...]:
+    """Return the metrics of masks, after that of distances where they are to more than a visual hull."""
+    images = [result["images"] for result in results if "images" in result]
+    if not images:
+        return (main,)
+    distances = len(images) < len(results) or any(facts["compared_with"] != "hull" for facts in images)
+    held_out = ("iou.held_out_mean",) if any(facts["held_out"] for facts in images) else ()
+    return (*([main] if distances else []), "iou.mean", *held_out)
 
 
 def build_tables(
