@@ -12,6 +12,13 @@ from .fitting.problem import Trace as Trace
 from .fitting.settings import ExternalSettings as ExternalSettings
 from .fitting.settings import FirstOrderSettings as FirstOrderSettings
 from .fitting.settings import GaussNewtonSettings as GaussNewtonSettings
+from .images.camera import Camera as Camera
+from .images.rasteriser import render_view as render_view
+from .images.sphere_cameras import cameras_around as cameras_around
+from .images.target import ImageTarget as ImageTarget
+from .images.targets import load_image_target as load_image_target
+from .images.views import View as View
+from .images.views import Views as Views
 from .measuring.deviation import Deviation as Deviation
 from .measuring.deviation import deviation as deviation
 from .measuring.measure import Measurement as Measurement

@@ -36,6 +36,9 @@ from meshfit.fitting.settings import (
     LossWeights,
     OptimizerSettings,
 )
+from meshfit.images.target import ImageTarget
+from meshfit.images.targets import as_image_target
+from meshfit.images.views import Views
 from meshfit.mesh.alignment import align as aligned
 from meshfit.mesh.alignment import boxes_are_disjoint
 from meshfit.mesh.any_mesh import MeshLike, as_mesh
@@ -90,7 +93,7 @@ ENGINE_KEYS = frozenset(FitKeys.__annotations__)
 @no_type_check
 def fit(  # noqa: PLR0913  all but two are optional, by name
     source: "MeshLike",
-    target: "MeshLike | PointCloud",
+    target: "MeshLike | PointCloud | ImageTarget | Views",
     settings: "FitSettings | None" = None,
     *,
     method: Literal["first-order", "gauss-newton"] | None = None,
@@ -157,7 +160,8 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
             open surface through points, or `auto`: one of these. Its faces are kept, refined or replaced,
             as the method has it. Polygons are triangulated; see `PolygonMesh.triangulated`.
         target: mesh to fit to, in any form that `as_mesh` takes. A closed one that is inside out is turned. Or the
-            points of a scan, as a `PointCloud` or a file of points alone, for `gauss-newton`.
+            points of a scan, as a `PointCloud` or a file of points alone, for `gauss-newton`. Or images: `Views`, an
+            `ImageTarget`, or a folder of images with cameras.
         settings: settings of either engine, or of another tool; the defaults are those of PyTorch3D's tutorial.
         method: engine: `first-order` (the default) or `gauss-newton`.
         seed: seed of the samples. The same seed, settings and machine give the same bytes on the CPU.
@@ -247,7 +251,9 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     if resume is not None and not (isinstance(resume, dict) and resume.keys() >= {"done", "trace", "generator"}):
         raise ConfigError(f"resume: expected a checkpoint that `save` was called with, got {described(resume)}")
     resolve(scheme)
-    target_mesh = as_mesh_or_points(target)
+    images = as_image_target(target)
+    goal_given: Any = target if images is None else images.shape
+    target_mesh = as_mesh_or_points(goal_given)
     _require_surface(target_mesh, "target")
     frame = frame_of(target_mesh.verts, _require_one_of("normalise", normalise, get_args(Normalisation)))
     goal = outward(frame.normalise(target_mesh))
@@ -259,13 +265,23 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     own = not (isinstance(source, str) and (source in ("sphere", *ORIGINS) or source in SOLIDS))
     _require_closable(target_mesh, own=own)
     start = _placed_source(source, frame, goal, settings, scheme, align, surface)
-    known = None if landmarks is None else _landmarks(landmarks, source, target, target_mesh, frame, settings)
+    known = None if landmarks is None else _landmarks(landmarks, source, goal_given, target_mesh, frame, settings)
     guidance = _guidance(known, {"weights": weights, "fixed": fixed, "rigid": rigid}, start.num_verts, settings)
     restored = _Restored(None if normalise == "none" else frame, on_snapshot)
     shown = shown_progress(settings, on_step, source_verts=start.num_verts, scheme=scheme)
     with shown if progress else nullcontext(on_step) as step_made:
         problem = Problem(
-            start, goal, seed, step_made, resume, save, scheme, restored.snapshot, guidance=guidance, own=own
+            start,
+            goal,
+            seed,
+            step_made,
+            resume,
+            save,
+            scheme,
+            restored.snapshot,
+            guidance=guidance,
+            own=own,
+            images=None if images is None else images.views.moved(frame),
         )
         (outcome,) = fit_batch(
             [problem], settings, device=device, dtype=dtype, threads=threads, allow_commands=allow_commands

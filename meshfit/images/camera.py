@@ -45,10 +45,10 @@ class Camera:
 
     Example:
         >>> import numpy as np
-        >>> from meshfit.images.camera import Camera
+        >>> import meshfit
         >>> pose = np.eye(4)
         >>> pose[2, 3] = 4.0
-        >>> camera = Camera("pinhole", 64, 64, (80.0, 80.0), (32.0, 32.0), pose)
+        >>> camera = meshfit.Camera("pinhole", 64, 64, (80.0, 80.0), (32.0, 32.0), pose)
         >>> pixels, depth = camera.project(np.array([[0.0, 0.1, 0.0]]))
         >>> pixels.tolist(), depth.tolist()
         ([[32.0, 30.0]], [4.0])

@@ -5,10 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int64
 
+from meshfit.doors import no_type_check
+from meshfit.errors import ViewError
 from meshfit.images.camera import Camera
 from meshfit.images.views import View
+from meshfit.mesh.any_mesh import MeshLike, as_mesh
 from meshfit.mesh.geometry import face_normals
 from meshfit.mesh.mesh import Mesh
+from meshfit.printable import described
 
 _Corners = Float64[np.ndarray, "N 3"]
 # Rounding of projected corners, in pixels, and pairs of a face and a pixel that are looked at together.
@@ -73,16 +77,37 @@ def rasterise(mesh: Mesh, camera: Camera) -> Raster:
     return _resolved(camera, nearest, pixels, found_depths, rows)
 
 
-def render_view(mesh: Mesh, camera: Camera, name: str = "view", *, depth: bool = True, normals: bool = True) -> View:
+@no_type_check
+def render_view(
+    mesh: "MeshLike", camera: Camera, name: str = "view", *, depth: bool = True, normals: bool = True
+) -> View:
     """Return the view of a mesh, with depth and the normals of its faces, which keep the orientation of the mesh.
 
     Args:
-        mesh: in the camera's world coordinates.
+        mesh: in the camera's world coordinates, in any form that `as_mesh` takes.
         camera: pinhole or orthographic.
         name: of the view.
         depth: give depth too.
         normals: give normals too.
+
+    Example:
+        >>> import meshfit
+        >>> (camera,) = meshfit.cameras_around("bone", 1, size=64)
+        >>> meshfit.render_view("bone", camera)
+        View('view', pinhole, 64 × 64, mask, depth, normals)
+
+    Raises:
+        MeshError: not a mesh or a camera.
     """
+    if not isinstance(mesh, Mesh):
+        mesh = as_mesh(mesh, triangles=True)
+    if not isinstance(camera, Camera):
+        raise ViewError(f"camera: expected a Camera, such as one of cameras_around, got {described(camera)}")
+    if not isinstance(name, str) or not name:
+        raise ViewError(f"name: expected a text, got {described(name)}")
+    for key, value in (("depth", depth), ("normals", normals)):
+        if not isinstance(value, bool):
+            raise ViewError(f"{key}: expected True or False, got {described(value)}")
     raster = rasterise(mesh, camera)
     mask = raster.face >= 0
     normal_map = None

@@ -2,14 +2,19 @@
 
 import math
 from collections.abc import Sequence
+from typing import get_args
 
 import numpy as np
 from jaxtyping import Float64
 
+from meshfit.doors import no_type_check
 from meshfit.errors import ViewError
 from meshfit.images.camera import Camera
 from meshfit.images.specs import CameraKind
+from meshfit.mesh.any_mesh import MeshLike, as_mesh
 from meshfit.mesh.mesh import Mesh
+from meshfit.printable import described, option_text, value_text
+from meshfit.specs import suggest
 
 Directions = Float64[np.ndarray, "_ 3"]
 
@@ -56,8 +61,9 @@ def directions_between(taken: Directions, count: int) -> Directions:
     return np.array(chosen).reshape(-1, 3)
 
 
+@no_type_check
 def cameras_around(
-    shape: Mesh | Float64[np.ndarray, "N 3"],
+    shape: "MeshLike | Float64[np.ndarray, 'N 3']",
     count: int | Directions,
     size: int | tuple[int, int] = 256,
     *,
@@ -69,27 +75,33 @@ def cameras_around(
     All have the same intrinsics and the same distance from that centre, and the y axis points up in their images.
 
     Args:
-        shape: a mesh, or (N, 3) points to be seen, such as the corners of a box.
+        shape: a mesh in any form that `as_mesh` takes, or (N, 3) points to be seen, such as the corners of a box.
         count: number of cameras, on a Fibonacci lattice, or the (N, 3) unit directions in which they are.
         size: of the images, or (width, height), in pixels.
         kind: of projection.
         field_of_view: angle of view of a pinhole camera across the shorter side, in degrees.
 
+    Example:
+        >>> import meshfit
+        >>> meshfit.cameras_around("cube", 2, size=64)[1]
+        Camera(pinhole, 64 × 64, at (0.5584, -1.49, -2.52))
+
     Raises:
-        ViewError: no camera; points at one place alone; an angle of view that no pinhole camera has.
+        ViewError: no camera; points at one place alone; a value that is not allowed.
+        MeshError: not a mesh.
     """
-    points = shape.verts if isinstance(shape, Mesh) else np.asarray(shape, dtype=np.float64)
-    directions = sphere_directions(count) if isinstance(count, int) else count
-    if not len(directions):
-        raise ViewError("count: expected 1 camera or more, got 0")
-    if not 0 < field_of_view < 180:
-        raise ViewError(f"field of view: expected an angle between 0 and 180 degrees, got {field_of_view:g}")
+    points = _points(shape)
+    directions = _directions(count)
+    if kind not in get_args(CameraKind):
+        raise ViewError(f"kind: got {option_text(kind)}; {suggest(str(kind), get_args(CameraKind))}")
+    if not _is_number(field_of_view) or not 0 < field_of_view < 180:
+        raise ViewError(f"field_of_view: expected an angle between 0 and 180 degrees, got {value_text(field_of_view)}")
     low, high = points.min(axis=0), points.max(axis=0)
     centre = (low + high) / 2
     radius = float(np.linalg.norm(points - centre, axis=1).max())
     if not 0 < radius < math.inf:
         raise ViewError("the object has no extent: all its points are at one place, so no camera can see it whole")
-    width, height = (size, size) if isinstance(size, int) else size
+    width, height = _size(size)
     half = min(width, height) / 2
     tangent = math.tan(math.radians(field_of_view) / 2)
     rotations = [_looking(direction) for direction in directions]
@@ -104,6 +116,39 @@ def cameras_around(
     return [
         _camera(kind, (width, height), focal, rotation, centre + distance * rotation[:, 2]) for rotation in rotations
     ]
+
+
+@no_type_check
+def _points(shape: "MeshLike | Float64[np.ndarray, 'N 3']") -> Float64[np.ndarray, "N 3"]:
+    if not isinstance(shape, np.ndarray):
+        return shape.verts if isinstance(shape, Mesh) else as_mesh(shape).verts
+    if shape.ndim != 2 or shape.shape[1] != 3 or not len(shape) or shape.dtype.kind not in "fiu":
+        raise ViewError(f"shape: expected a mesh, or rows of three coordinates, got an array of shape {shape.shape}")
+    return np.asarray(shape, dtype=np.float64)
+
+
+@no_type_check
+def _directions(count: int | Directions) -> Directions:
+    if isinstance(count, int | np.integer) and not isinstance(count, bool) and count >= 1:
+        return sphere_directions(int(count))
+    if isinstance(count, np.ndarray) and count.ndim == 2 and count.shape[1] == 3 and count.dtype.kind == "f":
+        lengths = np.linalg.norm(count, axis=1)
+        if len(count) and np.isfinite(lengths).all() and lengths.all():
+            return np.asarray(count / lengths[:, None])
+    raise ViewError(f"count: expected a number of cameras, 1 or more, or rows of directions, got {described(count)}")
+
+
+@no_type_check
+def _size(size: int | tuple[int, int]) -> tuple[int, int]:
+    pair = (size, size) if isinstance(size, int | np.integer) else size
+    numbers = pair if isinstance(pair, tuple | list) and len(pair) == 2 else ()
+    if numbers and all(isinstance(n, int | np.integer) and not isinstance(n, bool) and n >= 1 for n in numbers):
+        return int(numbers[0]), int(numbers[1])
+    raise ViewError(f"size: expected pixels, such as 256 or (640, 480), got {described(size)}")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float | np.number) and not isinstance(value, bool)
 
 
 def _camera(

@@ -26,6 +26,17 @@ class ImageTarget:
         truth: the object's mesh, which measurements compare with and which no fit sees; or None.
         name: in tables.
         held_out: views that only measurements see; or None.
+
+    Example:
+        >>> import meshfit
+        >>> target = meshfit.load_image_target("views:of=bone,count=3,size=64,depth=true")
+        >>> target.shape
+        PointCloud(1,880 points with normals, box 0.9443 × 0.191 × 0.4339)
+        >>> len(target.views), target.held_out
+        (3, Views(4 views))
+
+    Raises:
+        ViewError: the views are not `Views`.
     """
 
     views: Views

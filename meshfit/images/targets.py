@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from meshfit.errors import MeshfitWarning, error_prefix
+from meshfit.doors import no_type_check
+from meshfit.errors import MeshfitWarning, ViewError, error_prefix
 from meshfit.images.files import load_views, renamed
 from meshfit.images.folders import PACK_SUFFIX
 from meshfit.images.packing import unpack_target
@@ -23,6 +24,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.targets import file_sha256, load_target, target_path
 from meshfit.paths import path_text
+from meshfit.printable import described
 
 _VERSION = 1
 """Increased whenever the same rendered views have other pixels."""
@@ -83,14 +85,44 @@ def load_images(target: str) -> LoadedImages:
     return _rendered(spec) if isinstance(spec, RenderedViews) else _loaded(spec)
 
 
-def load_image_target(target: str) -> ImageTarget:
+@no_type_check
+def load_image_target(target: str | Path) -> ImageTarget:
     """Load or render a target of images, in its own coordinates.
+
+    Args:
+        target: folder of images with cameras, file of cameras, or a text as in a config, such as
+            `views:of=bunny,count=12,size=256,depth=true`.
+
+    Example:
+        >>> import meshfit
+        >>> target = meshfit.load_image_target("views:of=bone,count=3,size=64,depth=true")
+        >>> target
+        ImageTarget('bone (3 views, depth, 64 px)', Views(3 views, depth))
+        >>> result = meshfit.fit("bone", target, method="gauss-newton", connectivity="fixed", levels=0)
+        >>> result.mesh.num_verts
+        1513
 
     Raises:
         MeshError: it cannot be loaded.
         ConfigError: the library of a format is not installed.
     """
-    return load_images(target).target
+    if not isinstance(target, str | Path) or not str(target):
+        raise ViewError(f"target: expected a folder of images with cameras, or its path, got {described(target)}")
+    return load_images(str(target)).target
+
+
+@no_type_check
+def as_image_target(target: object) -> ImageTarget | None:
+    """Return a target of images in any form: one, `Views`, or what a name or path stands for; None for others.
+
+    Raises:
+        MeshError: it cannot be loaded.
+    """
+    if isinstance(target, Views):
+        return ImageTarget(target, None, "views")
+    if isinstance(target, str | Path) and str(target) and is_image_target(str(target)):
+        return load_image_target(target)
+    return target if isinstance(target, ImageTarget) else None
 
 
 def _rendered(spec: RenderedViews) -> LoadedImages:

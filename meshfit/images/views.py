@@ -29,6 +29,15 @@ class View:
         depth: (H, W) float64, distance along the axis of view, NaN where it is not known; or None.
         normals: (H, W, 3) float64, unit normals of the surface in world axes, NaN where not known; or None.
 
+    Example:
+        >>> import meshfit
+        >>> (camera,) = meshfit.cameras_around("bone", 1, size=64)
+        >>> view = meshfit.render_view("bone", camera, "front", normals=False)
+        >>> view
+        View('front', pinhole, 64 × 64, mask, depth)
+        >>> int(view.mask.sum())
+        565
+
     Raises:
         ViewError: arrays of another size than the camera's image.
     """
@@ -79,6 +88,15 @@ class View:
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class Views(Sequence[View]):
     """Views of one object, in order.
+
+    Example:
+        >>> import meshfit
+        >>> cameras = meshfit.cameras_around("bone", 4, size=64)
+        >>> views = meshfit.Views([meshfit.render_view("bone", camera, f"{k}") for k, camera in enumerate(cameras)])
+        >>> views
+        Views(4 views, depth, normals)
+        >>> views.held_out(1)
+        (Views(3 views, depth, normals), Views(1 view, depth, normals))
 
     Raises:
         ViewError: there are none, or two of the same name.

@@ -8,6 +8,7 @@ import numpy as np
 from meshfit.doors import no_type_check
 from meshfit.errors import ConfigError, MeasureError, MeshError
 from meshfit.images.target import ImageTarget
+from meshfit.images.targets import as_image_target
 from meshfit.images.views import Views
 from meshfit.measuring.cloud import CloudFacts, measure_to_cloud
 from meshfit.measuring.correspondence import Unmatched, unmatched
@@ -247,13 +248,14 @@ def measure(  # noqa: PLR0913  the settings, by name
         raise ConfigError(f"landmarks: expected those of a FitResult, got {described(landmarks)}")
     if scaled is not None and not isinstance(scaled, bool):
         raise ConfigError(f"scaled: expected true or false, got {value_text(scaled)}")
-    if isinstance(target, ImageTarget):
-        images, held_out = images or target.views, held_out or target.held_out
-        target = target.reference
+    goal_given: Any = target
+    if (target_images := as_image_target(target)) is not None:
+        images, held_out = images or target_images.views, held_out or target_images.held_out
+        goal_given = target_images.reference
     _require_views(images, "images")
     _require_views(held_out, "held_out")
     settings = override(settings or MeasureSettings(f_score_tau=TAU_OF_FILES), changes)
-    whole, goal = as_triangles(result, "result"), as_target(target)
+    whole, goal = as_triangles(result, "result"), as_target(goal_given)
     require_surface(whole, "result")
     start = None if source is None else _same_faces(as_triangles(source, "source"), whole)
     places = None if truth is None else as_truth(truth, whole)

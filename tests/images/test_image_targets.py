@@ -192,7 +192,7 @@ targets:
   - {images: photos, depth: false}
 schemes: [loop]
 source: {mesh: octahedron, levels: 2}
-fit: {steps: 20, samples: 500}
+fit: {steps: 5, samples: 100}
 measure: {samples: 500, points: 500}
 device: cpu
 """
