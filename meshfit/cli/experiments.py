@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 import typer
@@ -18,6 +19,8 @@ from meshfit.errors import TrialError
 from meshfit.experiment.plan import Trial
 from meshfit.experiment.running.scheduler import Watcher, require_runnable, run_trials
 from meshfit.experiment.status.eta import Estimate, estimate
+from meshfit.experiment.status.missing import missing_results
+from meshfit.experiment.status.scan import scan_experiments
 from meshfit.experiment.storage.checkpoint import snapshots_in
 from meshfit.experiment.storage.copying import copy_complete, find_complete
 from meshfit.experiment.storage.plan_file import in_planned_order
@@ -62,7 +65,9 @@ def run_and_report(trials: Sequence[Trial], options: RunOptions) -> int:
         typer.echo(json.dumps(_plain_results(results), indent=2))
     elif results:
         _show_warnings(results)
-        show_tables(results, options.metrics, baseline=options.baseline)
+        records = [*results, *_missing(trials, results, store)]
+        records = distinguish_definitions(in_planned_order(records))
+        show_tables(records, options.metrics, baseline=options.baseline)
         folders = dict.fromkeys(str(options.runs / trial.experiment) for trial in trials)
         out.print(f"\nResults: {', '.join(folders)}", soft_wrap=True, markup=False)
     return _print_failures(trials, outcomes, store)
@@ -168,6 +173,16 @@ def _remote(options: RunOptions) -> Iterator["Remote | None"]:
 def _results_of(trials: Sequence[Trial], store: RunDirectory) -> list[Result]:
     results = [read_result_or_warn(store.folder(trial)) for trial in trials]
     return distinguish_definitions(in_planned_order(result for result in results if result is not None))
+
+
+def _missing(trials: Sequence[Trial], results: Sequence[Result], store: RunDirectory) -> list[Result]:
+    """Return a record of each trial without a result."""
+    if len(results) == len(trials):
+        return []
+    folders = {str(store.folder(trial)) for trial in trials}
+    experiments = dict.fromkeys(store.root / trial.experiment for trial in trials)
+    scanned = scan_experiments(list(experiments), datetime.now(UTC), required=False)
+    return [record for record in missing_results(scanned, results) if record["folder"] in folders]
 
 
 def _show_warnings(results: Sequence[Result]) -> None:

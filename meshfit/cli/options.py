@@ -173,6 +173,10 @@ Labels = Annotated[
         rich_help_panel=OUTPUT,
     ),
 ]
+Partial = Annotated[
+    bool,
+    typer.Option("--partial", help="Exit with 0 though planned trials have no result.", rich_help_panel=OUTPUT),
+]
 UpAxis = Annotated[
     Literal["auto", "x", "y", "z"] | None,
     typer.Option(

@@ -7,8 +7,9 @@ from typing import Annotated
 import typer
 
 from meshfit.cli.console import out
-from meshfit.cli.options import Baseline, Labels, Metrics, Quiet, RunDirs, UpAxis, say_turned
+from meshfit.cli.options import Baseline, Labels, Metrics, Partial, Quiet, RunDirs, UpAxis, say_turned
 from meshfit.cli.progress import show_parts
+from meshfit.cli.table import exit_code_of
 
 
 def report(
@@ -18,12 +19,14 @@ def report(
     baseline: Baseline = None,
     labels: Labels = None,
     up: UpAxis = None,
+    partial: Partial = False,
     quiet: Quiet = False,
 ) -> int:
     """Write some runs as one self-contained HTML page.
 
     The page has tables, pictures, 3D views, curves, settings, failures and versions. It is a single file, index.html,
-    that loads nothing from the network and can be mailed. Requires the extra: pip install 'meshfit[report]'.
+    that loads nothing from the network and can be mailed. Trials of the latest plan that have no result make the exit
+    code 1. Requires the extra: pip install 'meshfit[report]'.
 
     Examples:
         meshfit report runs/table1 -o report
@@ -45,4 +48,4 @@ def report(
     write_atomically(output / "index.html", text)
     say_turned([section.title for section in sections if section.is_turned])
     out.print(f"wrote {output / 'index.html'}: {size_text(len(text))}", soft_wrap=True, markup=False)
-    return 0
+    return 0 if partial else exit_code_of(data.tables)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from meshfit.cli.console import err, out, print_error
-from meshfit.cli.options import OUTPUT, Baseline, Labels, Metrics, RunDirs
+from meshfit.cli.options import OUTPUT, Baseline, Labels, Metrics, Partial, RunDirs
 from meshfit.errors import ConfigError
 from meshfit.experiment.storage.run_directory import Result
 from meshfit.units import count_text
@@ -15,8 +15,9 @@ from meshfit.units import count_text
 if TYPE_CHECKING:
     from meshfit.experiment.plan import Trial
     from meshfit.report.tables.style import Style
+    from meshfit.report.tables.table import Table
 
-_DEVIATES = 1
+_DEVIATES = _INCOMPLETE = 1
 
 
 def table(
@@ -67,6 +68,7 @@ def table(
         bool, typer.Option("--transpose", help="Targets as rows, schemes as columns.", rich_help_panel=OUTPUT)
     ] = False,
     labels: Labels = None,
+    partial: Partial = False,
     check: Annotated[
         Path | None,
         typer.Option("--check", help="Compare with expected values; exit 1 if any cell deviates.", metavar="FILE"),
@@ -77,6 +79,8 @@ def table(
     Schemes are rows, targets are columns. A cell is the mean (median) [95 % interval] over the seeds; differences
     between schemes follow. For a paper, choose what cells and notes contain, and how schemes and targets are named.
 
+    Trials of the latest plan that have no result are named, each with the reason, and make the exit code 1.
+
     Examples:
         meshfit table runs/table1
         meshfit table runs/table1 --metric distance.mean --metric f_score.f1
@@ -84,17 +88,25 @@ def table(
         meshfit table runs/table1 -f latex --cells mean-sd --notes short --label interp-loop="Interp. Loop"
         meshfit table runs/table1 --check configs/expected/table1.json
     """
-    from meshfit.experiment.storage.plan_file import in_planned_order
-    from meshfit.experiment.storage.result import read_results
-    from meshfit.report.tables.grouping import distinguish_definitions
+    from meshfit.report.tables.read import read_records
     from meshfit.report.tables.style import Style
 
-    results = distinguish_definitions(in_planned_order(read_results(runs)))
+    results = read_records(runs)
     if check is not None:
         return _check(runs, results, check)
     style = Style(cells=cells, notes=notes, transpose=transpose, digits=digits)
-    show_tables(results, metrics, baseline=baseline, format_name=format, style=style, labels=labels or ())
-    return 0
+    tables = show_tables(results, metrics, baseline=baseline, format_name=format, style=style, labels=labels or ())
+    return 0 if partial else exit_code_of(tables)
+
+
+def exit_code_of(tables: Sequence["Table"]) -> int:
+    """Return the exit code of a command that shows tables, and report planned trials without a result."""
+    from meshfit.report.tables.notes import trial_line
+
+    for line in filter(None, map(trial_line, tables)):
+        remedy = "`meshfit run` runs the others; --partial accepts the table without them"
+        err.print(f"{line.partition(': ')[2]}; {remedy}", soft_wrap=True, markup=False)
+    return _INCOMPLETE if any(table.num_missing for table in tables) else 0
 
 
 def _check(runs: Sequence[Path], results: Sequence[Result], path: Path) -> int:
@@ -123,11 +135,11 @@ def show_tables(
     format_name: str = "rich",
     style: "Style | None" = None,
     labels: Sequence[str] = (),
-) -> None:
-    """Print the tables of results to stdout.
+) -> list["Table"]:
+    """Print the tables of results to stdout, and return them.
 
     Args:
-        results: results from `distinguish_definitions`, of `in_planned_order`.
+        results: results, and records of missing ones, from `distinguish_definitions`, of `in_planned_order`.
         metrics: names of metrics; by default the Hausdorff distance.
         baseline: the scheme that others are compared with; by default the first.
         format_name: a name in `FORMATS`, or `rich` to print with colour.
@@ -148,6 +160,7 @@ def show_tables(
         out.print(TablesView(merged))
     else:
         typer.echo(FORMATS[format_name](merged), nl=False)
+    return merged
 
 
 def check_display(trials: Sequence["Trial"], metrics: Sequence[str] | None, baseline: str | None) -> None:

@@ -1,5 +1,6 @@
 """The metrics of a result: their titles and units, which direction is better, and how they are printed."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -188,6 +189,17 @@ _MAIN = {
     "iou": "iou.mean",
 }
 """The metric that a group's name alone stands for."""
+
+
+_NEGATIVE = {"quality.euler_number": -math.inf, "normal_consistency.signed": -1.0}
+_LARGEST = {_SHARE: 1.0, _ANGLE: 180.0}
+_ROUNDING = 1e-6
+
+
+def possible_range(name: str) -> tuple[float, float]:
+    """Return the least and the largest value that a metric can have."""
+    largest = _LARGEST.get(METRICS[name].format, math.inf)
+    return _NEGATIVE.get(name, 0.0) - _ROUNDING, largest + _ROUNDING
 
 
 def metric_named(name: str) -> str:

@@ -40,7 +40,7 @@ def copied(ran, tmp_path, monkeypatch):
 
 def page_of(*runs, options=()):
     """The text of the page, its one file having been told of."""
-    done = invoke("report", *runs, "-o", "page", *options)
+    done = invoke("report", *runs, "-o", "page", "--partial", *options)
     assert done.code == 0, done.err
     assert re.fullmatch(r"wrote page/index\.html: [\d.]+ [kM]B\n", done.out)
     return done, Path("page/index.html").read_text(encoding="utf-8")

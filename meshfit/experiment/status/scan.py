@@ -154,12 +154,13 @@ class ScannedExperiment:
         return dict(sorted(kinds.items(), key=lambda kind: -len(kind[1])))
 
 
-def scan_experiments(roots: Sequence[Path], now: datetime) -> list[ScannedExperiment]:
+def scan_experiments(roots: Sequence[Path], now: datetime, *, required: bool = True) -> list[ScannedExperiment]:
     """Scan run directories, or folders in them, for experiments with at least one trial.
 
     Args:
         roots: the run directories or folders.
         now: the current time, from which the age of progress is counted.
+        required: whether there has to be a trial.
 
     Raises:
         StoreError: no such directory, no trial in any of them, or a plan that cannot be read.
@@ -174,7 +175,7 @@ def scan_experiments(roots: Sequence[Path], now: datetime) -> list[ScannedExperi
         _experiment(planned.get(path, path), begun.get(path, {}), within, now) for path in sorted({*begun, *planned})
     ]
     experiments = [experiment for experiment in experiments if experiment.trials]
-    if not experiments:
+    if not experiments and required:
         raise StoreError(f"no trial under {', '.join(map(str, roots))}; `meshfit run` makes them")
     return experiments
 

@@ -4,7 +4,7 @@ import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, Literal, cast, get_args
@@ -27,13 +27,22 @@ if TYPE_CHECKING:
 
 PLAN_FILE_VERSION = 1
 
+ROLES_OF_TARGETS = ("target", "target-landmarks", "truth")
+"""Roles of the input files that belong to a target, and differ from target to target."""
+_AXES = ("targets", "schemes", "seeds")
+
 UpChoice = Literal["auto", "x", "y", "z"]
 """The axis that points up in pictures; `auto` leaves it to a guess."""
 
 
 @dataclass(frozen=True)
 class PlannedTrial:
-    """A planned trial; `folder` is relative to the folder of the experiment."""
+    """A planned trial; `folder` is relative to the folder of the experiment.
+
+    Attributes:
+        origin: settings, inputs and schema version of its result, as far as these are known before it has run; empty
+            in plans of older versions.
+    """
 
     folder: Path
     identity: str
@@ -43,6 +52,7 @@ class PlannedTrial:
     seed: int
     variant: str
     steps: int
+    origin: Mapping[str, Any] = field(default_factory=dict, compare=False)
 
 
 @dataclass(frozen=True)
@@ -101,6 +111,9 @@ def write_plan(trials: Sequence["Trial"], store: RunDirectory, workers: int) -> 
     """
     for experiment in dict.fromkeys(trial.experiment for trial in trials):
         planned = [trial for trial in trials if trial.experiment == experiment]
+        origins = [_shared_origin(trial) for trial in planned]
+        distinct = list(dict.fromkeys(origins))
+        number = {origin: place for place, origin in enumerate(distinct)}
         make_folder(store.root / experiment)
         write_atomically(
             store.root / experiment / PLAN,
@@ -111,7 +124,11 @@ def write_plan(trials: Sequence["Trial"], store: RunDirectory, workers: int) -> 
                     "workers": workers,
                     **_order(planned, _previous(store.root / experiment)),
                     "view": _view(planned),
-                    "trials": list(map(_entry, planned)),
+                    "origins": [json.loads(origin) for origin in distinct],
+                    "trials": [
+                        _entry(trial) | {"origin": number[origin]}
+                        for trial, origin in zip(planned, origins, strict=True)
+                    ],
                 }
             ),
         )
@@ -200,14 +217,15 @@ def read_plan(experiment: Path) -> PlanFile | None:
         expected = f"got schema_version {got}, expected {PLAN_FILE_VERSION}"
         raise StoreError(f"{path}: {expected}; the next `meshfit run` rewrites it")
     try:
-        trials = tuple(map(_planned_trial, content["trials"]))
+        origins = content.get("origins", [])
+        trials = tuple(_planned_trial(entry, origins) for entry in content["trials"])
         # Plans of older versions hold no order but that of their trials.
         targets = content.get("targets", dict.fromkeys(trial.target for trial in trials))
         schemes = content.get("schemes", dict.fromkeys(trial.scheme for trial in trials))
         variants = content.get("variants", dict.fromkeys(trial.variant for trial in trials))
         order = (tuple(map(str, targets)), tuple(map(str, schemes)), tuple(map(str, variants)))
         return PlanFile(str(content["written"]), max(1, int(content["workers"])), trials, *order, _planned_up(content))
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         reason = f"no {error}" if isinstance(error, KeyError) else str(error)
         raise StoreError(f"{path}: not a plan: {reason}; the next `meshfit run` rewrites it") from None
 
@@ -247,7 +265,27 @@ def _entry(trial: "Trial") -> dict[str, Any]:
         "identity": trial.identity,
         **trial.names,
         "steps": trial.settings.fit.steps,
+        "file": trial.target,
+        "sha256": dict(trial.inputs)["target"],
     }
+
+
+def _shared_origin(trial: "Trial") -> str:
+    """Return, as JSON, what a result records of its origin, without what differs from trial to trial of a plan."""
+    from meshfit.experiment.plan import RESULTS_VERSION
+
+    settings = {key: value for key, value in trial.plain_settings.items() if key not in _AXES}
+    inputs = {role: sha256 for role, sha256 in trial.inputs if role not in ROLES_OF_TARGETS}
+    return json.dumps({"schema_version": RESULTS_VERSION, "settings": settings, "inputs": inputs})
+
+
+def _origin(entry: Mapping[str, Any], origins: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    if "origin" not in entry:
+        return {}
+    shared = origins[int(entry["origin"])]
+    axes = {"targets": [str(entry["file"])], "schemes": [str(entry["scheme"])], "seeds": [int(entry["seed"])]}
+    inputs = {**shared["inputs"], "target": str(entry["sha256"])}
+    return {**shared, "settings": {**shared["settings"], **axes}, "inputs": inputs}
 
 
 def _planned_up(content: Mapping[str, Any]) -> UpChoice:
@@ -258,7 +296,7 @@ def _planned_up(content: Mapping[str, Any]) -> UpChoice:
     raise ValueError(f"view.up is {json.dumps(up)}")
 
 
-def _planned_trial(entry: Mapping[str, Any]) -> PlannedTrial:
+def _planned_trial(entry: Mapping[str, Any], origins: Sequence[Mapping[str, Any]]) -> PlannedTrial:
     folder = PurePath(entry["folder"])
     if folder.is_absolute() or ".." in folder.parts or not folder.parts:
         raise ValueError(f"the folder {str(folder)!r} is not inside the experiment's")
@@ -271,4 +309,5 @@ def _planned_trial(entry: Mapping[str, Any]) -> PlannedTrial:
         seed=int(entry["seed"]),
         variant=str(entry["variant"]),
         steps=int(entry["steps"]),
+        origin=_origin(entry, origins),
     )

@@ -89,13 +89,13 @@ def end_time(folder: Path) -> datetime | None:
     return None
 
 
-def read_results(roots: Iterable[Path]) -> list[Result]:
+def read_results(roots: Iterable[Path], *, required: bool = True) -> list[Result]:
     """Read every result under some run directories, or under folders of them, in the order of their paths.
 
     Damaged results are left out with a warning.
 
     Raises:
-        StoreError: no such directory, or no complete trial in any of them.
+        StoreError: no such directory, or no complete trial in any of them where one is required.
     """
     paths: list[Path] = []
     for root in roots:
@@ -103,7 +103,7 @@ def read_results(roots: Iterable[Path]) -> list[Result]:
             raise StoreError(f"{root}: no such run directory; `meshfit run` makes one")
         paths += _results_below(root)
     results = [result for path in dict.fromkeys(paths) if (result := read_result_or_warn(path.parent)) is not None]
-    if not results:
+    if not results and required:
         damaged = f"; damaged: {count_text(len(paths), 'result')}" if paths else ""
         raise StoreError(f"no complete trial under {', '.join(map(str, roots))}; `meshfit run` makes them{damaged}")
     return results

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from filelock import FileLock
 
 from meshfit.errors import StoreError
-from meshfit.measuring.metrics import METRICS
+from meshfit.measuring.metrics import METRICS, possible_range
 from meshfit.paths import write_error_message
 
 if TYPE_CHECKING:
@@ -47,6 +47,9 @@ _ESSENTIAL = {
     "seed": int,
     "settings": Mapping,
 }
+# Others that have to be of a type where there are some.
+_OPTIONAL = {"inputs": Mapping, "seconds": Mapping, "cloud": Mapping, "warnings": list, "shortfalls": list}
+_TYPES = {**_ESSENTIAL, **_OPTIONAL}
 
 
 @dataclass(frozen=True)
@@ -186,7 +189,7 @@ def read_result(folder: Path) -> Result | None:
     """Read the result of the trial in a folder; None if it has none.
 
     Raises:
-        StoreError: it cannot be read, lacks what every result has, or has a metric that is not a finite number.
+        StoreError: it cannot be read, lacks what every result has, or has a metric that no result can have.
     """
     path = folder / RESULT
     if not path.is_file():
@@ -195,19 +198,35 @@ def read_result(folder: Path) -> Result | None:
         result = read_json(path)
     except StoreError as error:
         raise StoreError(f"{str(error).partition('; delete it')[0]}; {_REPEATED}") from None
-    for key, kind in _ESSENTIAL.items():
-        if not isinstance(result.get(key), kind):
-            problem = f"{key} is {json.dumps(result[key])}" if key in result else f"no {key}"
-            raise StoreError(f"{path}: not the result of a trial: {problem}; {_REPEATED}")
-    if not (isinstance(targets := result["settings"].get("targets"), list) and targets):
-        raise StoreError(f"{path}: not the result of a trial: no settings.targets; {_REPEATED}")
+    if (problem := _problem(result)) is not None:
+        raise StoreError(f"{path}: {problem}; {_REPEATED}")
+    return result
+
+
+def _problem(result: Result) -> str | None:
+    """Return what is wrong with a result; None if nothing is."""
+    for key, kind in _TYPES.items():
+        if key not in result and key in _ESSENTIAL:
+            return f"not the result of a trial: no {key}"
+        if key in result and not isinstance(result[key], kind):
+            return f"not the result of a trial: {key} is {json.dumps(result[key])}"
+    targets = result["settings"].get("targets")
+    if not (isinstance(targets, list) and targets and isinstance(targets[0], str)):
+        return "not the result of a trial: no settings.targets"
     for name in METRICS:
         value: Any = result
         for key in name.split("."):
             value = value.get(key) if isinstance(value, Mapping) else None
-        if not (value is None or (isinstance(value, int | float) and math.isfinite(value))):
-            raise StoreError(f"{path}: {name} is {json.dumps(value)}, expected a finite number; {_REPEATED}")
-    return result
+        if value is not None and (problem := _impossible(name, value)) is not None:
+            return problem
+    return None
+
+
+def _impossible(name: str, value: object) -> str | None:
+    if not (isinstance(value, int | float) and math.isfinite(value)):
+        return f"{name} is {json.dumps(value)}, expected a finite number"
+    least, largest = possible_range(name)
+    return None if least <= value <= largest else f"{name} is {json.dumps(value)}, which is impossible"
 
 
 def damage(path: Path) -> str | None:

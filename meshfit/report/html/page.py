@@ -8,6 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from meshfit.experiment.status.missing import missing_results
 from meshfit.experiment.status.scan import ScannedExperiment, scan_experiments
 from meshfit.experiment.storage.plan_file import UpChoice, in_planned_order
 from meshfit.experiment.storage.result import read_result_or_warn
@@ -88,17 +89,18 @@ def read_report(
         if trial.status in (TrialStatus.COMPLETE, TrialStatus.DAMAGED)
         and (result := read_result_or_warn(trial.path)) is not None
     ]
-    results = distinguish_definitions(in_planned_order(complete))
+    records = distinguish_definitions(in_planned_order([*complete, *missing_results(experiments, complete)]))
+    results = [record for record in records if "missing" not in record]
     searches = read_searches([experiment.folder for experiment in experiments])
     if not metrics and len(searches) == len(experiments):
         objectives = (
             objective for several in searches.values() for search in several for objective in search.objectives
         )
         metrics = list(dict.fromkeys(objective.metric for objective in objectives))
-    shown = results_of_best(results) if searches else results
+    shown = results_of_best(results) if searches else records
     tables = styled(merge_tables(build_tables(shown, *metrics, baseline=baseline)), Style(), labels)
     every = tables
-    if len(shown) < len(results):
+    if searches and len(shown) < len(results):
         every = [replace(table, style=tables[0].style) for table in merge_tables(build_tables(results, *metrics))]
     return ReportData(experiments, results, tables, every, titled_searches(searches))
 

@@ -17,9 +17,9 @@ from meshfit.report.tables.layout import columns_of, row_groups, row_names
 from meshfit.report.tables.notes import (
     Section,
     best_note,
-    cell_line,
     comparison_lines,
-    metric_line,
+    fewer_note,
+    head_lines,
     not_significant_note,
     notes,
     sections_of,
@@ -57,7 +57,7 @@ def result_table(table: Table, title: str) -> dict[str, Any]:
     alone = without_intervals(table)
     return {
         "title": title,
-        "about": f"{metric_line(table)}. {cell_line(table)}.",
+        "about": ". ".join(head_lines(table)) + ".",
         "settings": setting_lines(table),
         "first": row_names(table)[-1],
         "heads": [(column.heading, column.paper) for column in shown],
@@ -67,6 +67,7 @@ def result_table(table: Table, title: str) -> dict[str, Any]:
         "best": best_note(table),
         "alike": not_significant_note(table),
         "short": shortfall_note(table) if table.style.notes != "none" else "",
+        "fewer": fewer_note(table) if table.style.notes != "none" else "",
         "notes": notes(table),
     }
 

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from meshfit.config.experiment import SOURCE_FILE_KEYS, TRUTH_KEY
 from meshfit.config.scheme_files import scheme_name_for
 from meshfit.errors import StoreError
+from meshfit.experiment.storage.plan_file import ROLES_OF_TARGETS
 from meshfit.experiment.storage.run_directory import Result
 from meshfit.paths import file_stem
 from meshfit.report.tables.paper_numbers import PAPER_TARGETS
@@ -29,6 +30,19 @@ _NOT_SHARED = ("targets", "schemes", "define", "seeds")
 # Settings that change which files are written, and no number.
 _WITHOUT_EFFECT = ("write_frame", "fit.trace_every")
 _PATHS = {".".join(path) for path in (*SOURCE_FILE_KEYS, TRUTH_KEY)}
+
+
+@dataclass(frozen=True)
+class Missing:
+    """Why a planned trial has no result.
+
+    Attributes:
+        state: in a word or two, such as `diverged`.
+        message: the reason; empty where there is nothing to add.
+    """
+
+    state: str
+    message: str
 
 
 @dataclass(frozen=True)
@@ -50,6 +64,8 @@ class Variation:
             are some.
         clouds: number of points, spacing and kind of normals, of the targets that are clouds of points.
         images: number of views and of those held out, and what distances are to, of the targets that are images.
+        complete: seeds of the complete trials, by target and scheme.
+        missing: planned trials without a result, by target and scheme, then by seed; only where there are some.
     """
 
     title: str
@@ -65,6 +81,8 @@ class Variation:
     shortfalls: Mapping[tuple[str, str], Mapping[int, tuple[str, ...]]] = field(default_factory=dict)
     clouds: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     images: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    complete: Mapping[tuple[str, str], frozenset[int]] = field(default_factory=dict)
+    missing: Mapping[tuple[str, str], Mapping[int, Missing]] = field(default_factory=dict)
 
 
 def group_results(
@@ -80,7 +98,8 @@ def group_results(
     Targets and schemes are in the order of the configs where results have their `place` in a plan.
 
     Args:
-        results: the contents of `result.json` files, perhaps from `in_planned_order`.
+        results: the contents of `result.json` files, perhaps from `in_planned_order`, and records of planned trials
+            that are `missing`.
         metrics: names of `METRICS`.
         baseline: the scheme that others are compared with; by default the first of each variation.
         schemes: schemes that come first, in this order; without a place in a plan, others follow in the order of
@@ -122,6 +141,8 @@ def group_results(
                 shortfalls=_shortfalls(group),
                 clouds={target_key(result): result["cloud"] for result in group if "cloud" in result},
                 images={target_key(result): result["images"] for result in group if "images" in result},
+                complete=_complete(group),
+                missing=_missing(group),
             )
         )
     return variations
@@ -135,10 +156,31 @@ def _shortfalls(results: Sequence[Result]) -> dict[tuple[str, str], dict[int, tu
     return found
 
 
+def _complete(results: Sequence[Result]) -> dict[tuple[str, str], frozenset[int]]:
+    seeds: dict[tuple[str, str], set[int]] = {}
+    for result in results:
+        if "missing" not in result:
+            seeds.setdefault((target_key(result), result["scheme"]), set()).add(int(result["seed"]))
+    return {cell: frozenset(each) for cell, each in seeds.items()}
+
+
+def _missing(results: Sequence[Result]) -> dict[tuple[str, str], dict[int, Missing]]:
+    """Return the missing trials that are not complete in another experiment."""
+    complete = _complete(results)
+    missing: dict[tuple[str, str], dict[int, Missing]] = {}
+    for result in sorted(results, key=lambda result: int(result["seed"])):
+        cell, seed = (target_key(result), result["scheme"]), int(result["seed"])
+        if "missing" in result and seed not in complete.get(cell, ()):
+            missing.setdefault(cell, {})[seed] = Missing(**result["missing"])
+    return missing
+
+
 def _samples(results: Sequence[Result], metric: str) -> dict[tuple[str, str, str], dict[int, float]]:
     samples: dict[tuple[str, str, str], dict[int, float]] = {}
     first: dict[tuple[str, str, int], tuple[Result, float | None]] = {}
     for result in results:
+        if "missing" in result:
+            continue
         target, scheme, seed, value = target_key(result), result["scheme"], result["seed"], _value(result, metric)
         earlier, expected = first.setdefault((target, scheme, seed), (result, value))
         if value != expected:
@@ -234,7 +276,7 @@ def shared_settings(result: Result) -> dict[str, Any]:
         # As in a trial's identity, the content of a file counts, and its folder does not.
         settings[key] = settings[key] and file_stem(settings[key])
     for role, sha256 in result.get("inputs", {}).items():
-        if role not in ("target", "truth"):
+        if role not in ROLES_OF_TARGETS:
             settings["source.sha256" if role == "source" else f"source.{role}.sha256"] = sha256[:12]
     return settings
 

@@ -1,11 +1,12 @@
 """The layout of a table as text: columns of cells, and blocks of columns that fit a width."""
 
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from textwrap import wrap
 
 from meshfit.measuring.metrics import METRICS
+from meshfit.report.tables.grouping import Missing
 from meshfit.report.tables.numbers import format_mean
 from meshfit.report.tables.paper_numbers import published_value
 from meshfit.report.tables.table import Row, Table
@@ -15,6 +16,8 @@ NOT_SIGNIFICANT = "≈"
 """Mark of a cell without a significant difference."""
 SHORTFALL = "†"
 """Mark of a cell with a result that lacks something of its target."""
+FEWER = "‡"
+"""Mark of a cell over fewer runs than planned, since others have no result."""
 GAP = 2
 """Blanks between two columns."""
 _LEAST_FOR_LABELS = 20
@@ -30,6 +33,7 @@ class TextCell:
         best: whether the row is the best of its column.
         not_significant: whether a comparison of the row in this column is not significant.
         short: whether a result lacks something of its target.
+        fewer: whether planned runs of the cell have no result.
     """
 
     text: str
@@ -37,11 +41,12 @@ class TextCell:
     best: bool = False
     not_significant: bool = False
     short: bool = False
+    fewer: bool = False
 
     def marks(self, best: str = "") -> str:
         """Return the marks of the cell, of which `best` is that of the best cell of a column."""
         first = best if self.best else NOT_SIGNIFICANT if self.not_significant else ""
-        return first + (SHORTFALL if self.short else "")
+        return first + (SHORTFALL if self.short else "") + (FEWER if self.fewer else "")
 
 
 @dataclass(frozen=True)
@@ -147,15 +152,22 @@ def _published(table: Table, metric: str, target: str, row: Row) -> str:
 
 def _cell(table: Table, metric: str, target: str, row: Row, not_significant: Container[object]) -> TextCell:
     place = metric, target, row
+    missing = table.missing(target, row)
     if place not in table.cells:
-        return TextCell(MISSING)
+        return TextCell(_state(missing) if missing else MISSING)
     style, whole = table.style, METRICS[metric].whole
     text, interval = format_mean(table.cells[place], whole=whole, cells=style.cells, digits=style.digits)
     best = table.best.get((metric, target)) == row
     explained = style.notes != "none"  # without notes, nothing would explain the marks
     not_best = explained and place in not_significant
     short = explained and bool(table.shortfalls(target, row))
-    return TextCell(text, interval, best=best, not_significant=not_best, short=short)
+    return TextCell(text, interval, best=best, not_significant=not_best, short=short, fewer=explained and bool(missing))
+
+
+def _state(missing: Mapping[int, Missing]) -> str:
+    """Return the state of the trials of a cell, of which none is complete."""
+    states = {each.state for each in missing.values()}
+    return states.pop() if len(states) == 1 else "none complete"
 
 
 def row_names(table: Table) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from typing import Any
 from meshfit.config.experiment import MADE_FROM_TARGET
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.tables.grouping import numbers_in, without_numbers
-from meshfit.report.tables.layout import NOT_SIGNIFICANT, SHORTFALL, columns_of, row_titles
+from meshfit.report.tables.layout import FEWER, NOT_SIGNIFICANT, SHORTFALL, columns_of, row_titles
 from meshfit.report.tables.numbers import format_difference
 from meshfit.report.tables.paper_numbers import LIKELIER, OTHER, PAPER_METRIC, paper_value
 from meshfit.report.tables.table import VARIED, Comparison, Row, Table
@@ -30,7 +30,7 @@ _COMPARED_WITH = {
     "depth": "distances are to the points of the depth maps",
     "hull": "distances are to the visual hull of the masks, which a good result need not follow; see iou.mean",
 }
-_MOST_SHORTFALLS, _MOST_ROWS = 6, 3
+_MOST_SHORTFALLS, _MOST_ROWS, _MOST_PLACES = 6, 3, 6
 _CELLS = {
     "mean": "mean",
     "mean-sd": "mean ± standard deviation",
@@ -57,6 +57,19 @@ def cell_line(table: Table) -> str:
     if len(seeds) == 1:
         return f"Cells: one run with seed {seeds[0]}"
     return f"Cells: {_CELLS[table.style.cells]} over {len(seeds)} seeds ({_listed(seeds)})"
+
+
+def trial_line(table: Table) -> str:
+    """Count the planned trials by state: `Trials: 4 of 6 complete, 2 diverged`; empty if all are complete."""
+    if not table.num_missing:
+        return ""
+    planned, (complete, *others) = sum(table.counts.values()), table.counts.items()
+    return f"Trials: {complete[1]} of {planned} complete, {', '.join(f'{count} {state}' for state, count in others)}"
+
+
+def head_lines(table: Table) -> list[str]:
+    """Return the lines above a table, without its settings."""
+    return list(filter(None, (metric_line(table), cell_line(table), trial_line(table))))
 
 
 def setting_lines(table: Table) -> list[str]:
@@ -342,6 +355,43 @@ def _seeds(table: Table, target: str, row: Row) -> set[int]:
     return {seed for metric in table.metrics for seed in table.samples.get((metric, target, row), ())}
 
 
+def fewer_note(table: Table) -> str:
+    """Explain the mark of cells over fewer runs than planned; empty if no cell has it."""
+    if any(table.missing(target, row) for _, target, row in table.cells):
+        return "over fewer runs than planned, as others are missing"
+    return ""
+
+
+def _missing_runs(table: Table) -> Iterator[str]:
+    """Name the planned trials without a result, one line for each state and message."""
+    found: dict[tuple[str, str], dict[tuple[str, Row], dict[int, str]]] = {}
+    for target, row in product(table.targets, table.rows):
+        for seed, missing in table.missing(target, row).items():
+            cells = found.setdefault((missing.state, without_numbers(missing.message)), {})
+            cells.setdefault((target, row), {})[seed] = missing.message
+    for (state, _), cells in sorted(found.items(), key=lambda case: list(table.counts).index(case[0][0])):
+        messages = list(dict.fromkeys(message for by_seed in cells.values() for message in by_seed.values()))
+        runs = sum(map(len, cells.values()))
+        by_row: dict[tuple[Row, tuple[int, ...]], list[str]] = {}
+        for (target, row), by_seed in cells.items():
+            by_row.setdefault((row, tuple(sorted(by_seed))), []).append(target)
+        places = [_place_of_runs(table, row, seeds, targets) for (row, seeds), targets in by_row.items()]
+        more = len(places) - _MOST_PLACES
+        places = places[:_MOST_PLACES] + ([f"and {more} more"] if more > 0 else [])
+        reason = f"; {messages[0].rstrip('.')}" if messages[0] else ""
+        reason += " in the first" if len(messages) > 1 else ""
+        yield f"Missing, {state}: {count_text(runs, 'run')}, {'; '.join(places)}{reason}"
+
+
+def _place_of_runs(table: Table, row: Row, seeds: Sequence[int], targets: Sequence[str]) -> str:
+    titles = [table.targets[target] for target in targets[:_MOST_PLACES]]
+    more = len(targets) - len(titles)
+    named = "every target" if len(targets) == len(table.targets) > 1 else ", ".join(titles)
+    named += f" and {more} more" if more > 0 and named != "every target" else ""
+    noun = "seed" if len(seeds) == 1 else "seeds"
+    return f"{' · '.join(row_titles(table, row))} on {named} ({noun} {_listed(seeds)})"
+
+
 def legend(table: Table, best: str) -> list[tuple[str, str]]:
     """Return the marks that cells have, each with its explanation.
 
@@ -353,6 +403,7 @@ def legend(table: Table, best: str) -> list[tuple[str, str]]:
     if table.style.notes != "none":
         marks.append((NOT_SIGNIFICANT, not_significant_note(table)))
         marks.append((SHORTFALL, shortfall_note(table)))
+        marks.append((FEWER, fewer_note(table)))
     return [(mark, note) for mark, note in marks if note]
 
 
@@ -361,9 +412,9 @@ def notes(table: Table) -> list[str]:
     if table.style.notes == "none":
         return []
     if table.style.notes == "short":
-        return [*_few_seeds(table), *_significance(table), *_about_targets(table)]
+        return [*_missing_runs(table), *_few_seeds(table), *_significance(table), *_about_targets(table)]
     about_targets = _about_targets(table)
-    return [*_few_seeds(table), *_about_comparisons(table), *about_targets, *_about_paper(table)]
+    return [*_missing_runs(table), *_few_seeds(table), *_about_comparisons(table), *about_targets, *_about_paper(table)]
 
 
 def _few_seeds(table: Table) -> Iterator[str]:
@@ -377,7 +428,7 @@ def _few_seeds(table: Table) -> Iterator[str]:
         for target, title in table.targets.items():
             for metric in table.metrics:
                 seeds = sorted(table.samples.get((metric, target, row), {}))
-                if seeds and len(seeds) < len(table.seeds):
+                if seeds and len({*seeds, *table.missing(target, row)}) < len(table.seeds):
                     name = f"{scheme} at {variation}" if variation else scheme
                     few[f"{name} on {title}: {count_text(len(seeds), 'seed')} ({_listed(seeds)})"] = None
     if few:

@@ -1,17 +1,22 @@
 """Result tables of run directories in Python: as text, as HTML in a notebook, and for pandas."""
 
 import os
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from html import escape
 from io import StringIO
 from pathlib import Path
 from typing import Any
 
 from meshfit.doors import no_type_check
-from meshfit.errors import ConfigError
+from meshfit.errors import ConfigError, MeshfitWarning, StoreError
+from meshfit.experiment.status.missing import missing_results
+from meshfit.experiment.status.scan import scan_experiments
 from meshfit.experiment.storage.plan_file import in_planned_order
 from meshfit.experiment.storage.result import read_results
+from meshfit.experiment.storage.run_directory import Result
 from meshfit.optional import import_pandas
 from meshfit.printable import described
 from meshfit.report.tables.formats.data import to_csv
@@ -89,8 +94,26 @@ def read_tables(
         raise ConfigError(f"metrics: expected a list of names, such as ['distance.mean'], got {described(metrics)}")
     if baseline is not None and not isinstance(baseline, str):
         raise ConfigError(f"baseline: expected the name of a scheme, got {described(baseline)}")
-    results = distinguish_definitions(in_planned_order(read_results([Path(run) for run in runs])))
-    return ResultTables(tuple(merge_tables(build_tables(results, *metrics, baseline=baseline))))
+    records = read_records([Path(run) for run in runs])
+    return ResultTables(tuple(merge_tables(build_tables(records, *metrics, baseline=baseline))))
+
+
+def read_records(roots: Sequence[Path]) -> list[Result]:
+    """Read every result under some run directories, and which of their planned trials are missing, in planned order.
+
+    Raises:
+        StoreError: no such directory, or neither a complete nor a planned trial in any of them.
+    """
+    results = read_results(roots, required=False)
+    try:
+        experiments = scan_experiments(roots, datetime.now(UTC), required=False)
+    except StoreError as error:  # a damaged plan
+        warnings.warn(f"trials without a result are not known: {error}", MeshfitWarning, stacklevel=2)
+        experiments = []
+    missing = missing_results(experiments, results)
+    if not results and not missing:
+        read_results(roots)  # says what is wrong
+    return distinguish_definitions(in_planned_order([*results, *missing]))
 
 
 def _html(table: Table) -> str:

@@ -1,6 +1,7 @@
 """The table: metrics on targets across, variations and schemes down, with comparisons between the rows."""
 
 import json
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -11,6 +12,7 @@ from meshfit.errors import ConfigError
 from meshfit.experiment.storage.run_directory import Result
 from meshfit.measuring.metrics import DEFAULT_METRIC, DEFAULT_METRIC_OF_CLOUDS, METRICS, require_metric
 from meshfit.report.tables.grouping import (
+    Missing,
     Variation,
     differing_keys,
     group_results,
@@ -117,8 +119,9 @@ class Table:
 
     @cached_property
     def seeds(self) -> tuple[int, ...]:
-        """Every seed of any cell."""
-        return tuple(sorted({seed for sample in self.samples.values() for seed in sample}))
+        """Every seed of any cell, those of missing trials among them."""
+        seeds = {seed for sample in self.samples.values() for seed in sample}
+        return tuple(sorted(seeds.union(*(self.missing(*cell) for cell in product(self.targets, self.rows)))))
 
     @cached_property
     def settings(self) -> dict[str, Any]:
@@ -150,6 +153,28 @@ class Table:
     def shortfalls(self, target: str, row: Row) -> Mapping[int, tuple[str, ...]]:
         """Return what the results of a cell lack of their target, in words, by seed; only where there is something."""
         return self.variations[row.variation].shortfalls.get((target, row.scheme), {})
+
+    def missing(self, target: str, row: Row) -> Mapping[int, Missing]:
+        """Return the planned trials of a cell that have no result, by seed; only where there are some."""
+        return self.variations[row.variation].missing.get((target, row.scheme), {})
+
+    def planned(self, target: str, row: Row) -> int:
+        """Return the number of planned trials of a cell, complete or not."""
+        complete = self.variations[row.variation].complete.get((target, row.scheme), frozenset())
+        return len(complete) + len(self.missing(target, row))
+
+    @cached_property
+    def counts(self) -> dict[str, int]:
+        """The number of planned trials by state, the complete ones first."""
+        complete = sum(len(seeds) for variation in self.variations for seeds in variation.complete.values())
+        cells = (self.missing(*cell) for cell in product(self.targets, self.rows))
+        states = Counter(each.state for by_seed in cells for each in by_seed.values())
+        return {"complete": complete, **dict(states.most_common())}
+
+    @property
+    def num_missing(self) -> int:
+        """The number of planned trials without a result."""
+        return sum(self.counts.values()) - self.counts["complete"]
 
     @cached_property
     def cells(self) -> dict[tuple[str, str, Row], Summary]:

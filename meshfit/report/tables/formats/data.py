@@ -3,6 +3,7 @@
 import csv
 import json
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from io import StringIO
 from itertools import chain
 from typing import Any
@@ -16,7 +17,7 @@ from meshfit.report.tables.table import Comparison, Row, Table
 
 FIELDS = (
     "table", "experiment", "variant", "metric", "target", "target_title", "scheme", "scheme_title",
-    "mean", "mean_low", "mean_high", "spread", "median", "count", "seeds", "best", "shortfalls",
+    "mean", "mean_low", "mean_high", "spread", "median", "count", "planned", "missing", "seeds", "best", "shortfalls",
     "paper", "paper_other_reading",
     "baseline", "difference", "low", "high", "common_seeds", "significant", "improvement", "seeds_needed",
 )  # fmt: skip
@@ -85,7 +86,12 @@ def _rounded(table: Table, value: float) -> float:
 
 def _csv_cell(table: Table, target: str, row: Row) -> dict[str, object]:
     (metric,) = table.metrics
-    cell: dict[str, object] = {"count": 0}
+    missing = table.missing(target, row)
+    cell: dict[str, object] = {
+        "count": 0,
+        "planned": table.planned(target, row),
+        "missing": "; ".join(f"seed {seed}: {each.state}" for seed, each in missing.items()),
+    }
     if summary := table.cells.get((metric, target, row)):
         low, high = summary.interval or (None, None)
         numbers = {
@@ -95,7 +101,7 @@ def _csv_cell(table: Table, target: str, row: Row) -> dict[str, object]:
             "spread": summary.spread,
             "median": summary.median,
         }
-        cell = {
+        cell |= {
             **{name: None if value is None else _rounded(table, value) for name, value in numbers.items()},
             "count": summary.count,
             "seeds": " ".join(map(str, sorted(table.samples[metric, target, row]))),
@@ -139,6 +145,7 @@ def _json_table(table: Table) -> dict[str, Any]:
         "variant": variation.variant,
         "metric": {"name": name, **_json_metric(METRICS[name]), "title": table.metric_title(name)},
         "seeds": table.seeds,
+        "trials": {"planned": sum(table.counts.values()), **table.counts},
         "settings": dict(table.settings),
         "targets": [{"target": target, "title": title} for target, title in table.targets.items()],
         "schemes": table.schemes,
@@ -160,6 +167,9 @@ def _json_cell(table: Table, target: str, row: Row) -> dict[str, Any]:
     (metric,) = table.metrics
     title, scheme = table.targets[target], row.scheme
     cell: dict[str, Any] = {"target": target, "target_title": title, "scheme": scheme, "count": 0}
+    cell["planned"] = table.planned(target, row)
+    if missing := table.missing(target, row):
+        cell["missing"] = {str(seed): asdict(each) for seed, each in missing.items()}
     if summary := table.cells.get((metric, target, row)):
         by_seed = {str(seed): value for seed, value in sorted(table.samples[metric, target, row].items())}
         interval = summary.interval and [_rounded(table, bound) for bound in summary.interval]

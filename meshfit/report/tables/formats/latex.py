@@ -6,12 +6,11 @@ from itertools import groupby
 from textwrap import wrap
 
 from meshfit.printable import printable
-from meshfit.report.tables.layout import NOT_SIGNIFICANT, SHORTFALL, Block, Label, TextCell, blocks_of
+from meshfit.report.tables.layout import FEWER, NOT_SIGNIFICANT, SHORTFALL, Block, Label, TextCell, blocks_of
 from meshfit.report.tables.notes import (
-    cell_line,
     comparison_lines,
+    head_lines,
     legend,
-    metric_line,
     notes,
     setting_lines,
 )
@@ -33,6 +32,7 @@ _ESCAPES = {
     "\\": r"\textbackslash{}",
     "~": r"\textasciitilde{}",
     "†": r"\dag{}",
+    "‡": r"\ddag{}",
     "^": r"\textasciicircum{}",
     "<": r"\textless{}",
     ">": r"\textgreater{}",
@@ -92,7 +92,7 @@ def _most_marks(blocks: Sequence[Block]) -> int:
 def _size(blocks: Sequence[Block], *, large: bool) -> str:
     """Return the commands that set the size of the letters and the gap between columns."""
     marks = _most_marks(blocks)
-    gap = {True: (None, None, 8), False: (3, 5, 7)}[large][marks]
+    gap = {True: (None, None, 8, 10), False: (3, 5, 7, 9)}[large][marks]
     return (r"\footnotesize" if large else r"\scriptsize") + (rf"\setlength{{\tabcolsep}}{{{gap}pt}}" if gap else "")
 
 
@@ -136,7 +136,7 @@ def _long_table(table: Table, number: int) -> Iterator[str]:
 
 
 def _caption(table: Table, number: int) -> str:
-    text = ". ".join([table.title, metric_line(table), cell_line(table)]) + "."
+    text = ". ".join([table.title, *head_lines(table)]) + "."
     return rf"\caption{{{escape(text)}}}\label{{tab:{_label(table)}-{number}}}"
 
 
@@ -197,7 +197,8 @@ def _cell(cell: TextCell) -> list[str]:
     if cell.best:
         lines = [rf"\textbf{{{line}}}" for line in lines]
     marks = rf"\,{escape(NOT_SIGNIFICANT)}" if NOT_SIGNIFICANT in cell.marks() else ""
-    marks += rf"\textsuperscript{{{escape(SHORTFALL)}}}" if cell.short else ""
+    raised = (SHORTFALL if cell.short else "") + (FEWER if cell.fewer else "")
+    marks += rf"\textsuperscript{{{escape(raised)}}}" if raised else ""
     # Marks take no room, so that numbers stay aligned.
     return [rf"{lines[0]}\rlap{{{marks}}}", *lines[1:]] if marks else lines
 

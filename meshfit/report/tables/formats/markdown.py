@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from meshfit.printable import printable
 from meshfit.report.tables.layout import TextCell, columns_of, row_labels, row_names
 from meshfit.report.tables.notes import (
-    cell_line,
     comparison_lines,
+    head_lines,
     legend,
-    metric_line,
     notes,
     setting_lines,
 )
@@ -32,7 +31,7 @@ def _section(table: Table) -> str:
     ]
     parts = [
         f"### {escape(table.title)}",
-        escape(". ".join([metric_line(table), cell_line(table), *setting_lines(table)]) + "."),
+        escape(". ".join([*head_lines(table), *setting_lines(table)]) + "."),
         "\n".join(f"| {' | '.join(row)} |" for row in (head, ["---"] * len(names) + ["---:"] * len(columns), *rows)),
         "\n".join(f"- {escape(line)}" for line in comparison_lines(table)),
         # Paragraphs, since Markdown would join them to the list above.

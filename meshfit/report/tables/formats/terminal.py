@@ -12,10 +12,9 @@ from meshfit.report.tables.layout import GAP, Block, Column, blocks_of
 from meshfit.report.tables.notes import (
     ComparisonText,
     Section,
-    cell_line,
     comparison_lines,
+    head_lines,
     legend,
-    metric_line,
     notes,
     sections_of,
     setting_lines,
@@ -49,7 +48,7 @@ class TablesView:
             if place:
                 yield Text()
             yield Text(table.title, "bold")
-            yield from map(Text, [metric_line(table), cell_line(table), *setting_lines(table), ""])
+            yield from map(Text, [*head_lines(table), *setting_lines(table), ""])
             for block in blocks_of(table, options.max_width):
                 yield from _block(block)
                 yield Text()
