@@ -2,7 +2,9 @@
 
 import json
 import math
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +17,8 @@ from meshfit.images.sphere_cameras import cameras_around
 from meshfit.images.target import ImageTarget
 from meshfit.images.targets import load_images
 from meshfit.images.views import Views
+from meshfit.measuring.mask_overlap import mask_ious
+from meshfit.mesh.io.files import load_mesh
 from meshfit.mesh.solids import icosahedron
 from tests.loops import over
 
@@ -284,3 +288,17 @@ def test_the_hash_follows_cameras_and_pixels(tmp_path):
     save_views(tmp_path, Views([replace(views[0], mask=mask), views[1]]), shades, "npy")
     hashes.add(load_views(tmp_path).sha256)
     assert len(hashes) == 3
+
+
+def test_masks_that_another_library_drew_are_those_of_their_cameras(tmp_path, monkeypatch):
+    """The script in the documentation, which projects by itself."""
+    page = (Path(__file__).parents[2] / "docs/guide/images.md").read_text(encoding="utf-8")
+    (script, *_) = re.findall(r"^```py\n(.*?)^```", page, flags=re.MULTILINE | re.DOTALL)
+    short = script.replace("range(12)", "range(3)").replace('load_target("cow")', 'load_target("bone")')
+    assert short.count("bone") == 1
+    monkeypatch.chdir(tmp_path)
+    exec(compile(short, "images.md", "exec"), {})
+    mesh = load_mesh("true-cow.obj")
+    views = load_views(Path("photos")).views
+    assert len(views) == 3
+    assert min(mask_ious(mesh, views)) > 0.97
