@@ -211,7 +211,10 @@ def _show_warnings(results: Sequence[Result]) -> None:
 
 def _plain_results(results: Sequence[Result]) -> list[Result]:
     """Return results without what was added when they were read."""
-    return [{key: value for key, value in result.items() if key not in ("folder", "place")} for result in results]
+    return [
+        {key: value for key, value in result.items() if key not in ("folder", "place", "target_key")}
+        for result in results
+    ]
 
 
 def _print_failures(trials: Sequence[Trial], outcomes: Mapping[int, Outcome], store: RunDirectory) -> int:

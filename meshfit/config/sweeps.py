@@ -107,6 +107,8 @@ def _axes(sweep: Mapping[str, Any]) -> list[list[_Point]]:
     named = _mapping(sweep.get(VARIANTS, {}), f"sweep.{VARIANTS}")
     for name in named:
         require_printable(name, f"sweep.{VARIANTS}: variant")
+        if name != name.strip():
+            raise ConfigError(f"sweep.{VARIANTS}: '{name}' has blanks at an end; name it '{name.strip()}'")
     variants = [
         _Point(name, dict(_flat(_mapping(changes, f"sweep.{VARIANTS}.{name}"), lists=False)))
         for name, changes in named.items()

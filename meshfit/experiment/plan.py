@@ -2,8 +2,9 @@
 
 import hashlib
 import json
+import os
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import product
@@ -59,6 +60,8 @@ class Trial:
         variant: name of its point in a sweep; empty where nothing is swept. Not part of the identity.
         copies: current paths of files that are not where the settings say, by the name in the settings. Not part of
             the identity.
+        lengthened: label of its target, where another target of the experiment has the same short name. Not part of
+            the identity.
     """
 
     experiment: str
@@ -66,6 +69,7 @@ class Trial:
     inputs: tuple[tuple[str, str], ...]
     variant: str = ""
     copies: tuple[tuple[str, str], ...] = ()
+    lengthened: str = ""
 
     @property
     def target(self) -> str:
@@ -140,33 +144,66 @@ class Trial:
 
     @cached_property
     def identity(self) -> str:
-        """SHA-256 over settings, inputs and `RESULTS_VERSION`; independent of the paths of files."""
+        """SHA-256 over settings, inputs and `RESULTS_VERSION`; independent of the names and paths of files."""
         settings = _without_paths(self.plain_settings)
+        if self.settings.source.wanted_verts is not None and not self.settings.source.is_made_from_target:
+            settings["source"] = {key: value for key, value in settings["source"].items() if key != "levels"}
         content = {"settings": settings, "inputs": dict(self.inputs), "schema_version": RESULTS_VERSION}
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     @property
+    def target_label(self) -> str:
+        """The short name of the target, which no other target of the experiment has."""
+        return self.lengthened or target_label(self.target)
+
+    @property
     def names(self) -> dict[str, Any]:
         """The names by which records identify it: target, title of the target, scheme, seed and variant."""
-        target = {"target": target_label(self.target), "target_title": title_of_target(self.target)}
+        target = {"target": self.target_label, "target_title": self.lengthened or title_of_target(self.target)}
         return target | {"scheme": self.scheme, "seed": self.seed, "variant": self.variant}
 
     @property
     def label(self) -> str:
         """Target, scheme, variant and seed, to be read by a person."""
-        parts = [target_label(self.target), self.scheme, self.variant, f"seed {self.seed}"]
+        parts = [self.target_label, self.scheme, self.variant, f"seed {self.seed}"]
         return " · ".join(part for part in parts if part)
 
     @property
     def folder(self) -> Path:
         """Its folder, relative to the run directory."""
         scheme = spec_folder(self.scheme)
-        return Path(self.experiment, target_label(self.target), scheme, f"seed-{self.seed}-{self.identity[:10]}")
+        return Path(self.experiment, self.target_label, scheme, f"seed-{self.seed}-{self.identity[:10]}")
 
 
 def target_label(target: str) -> str:
     """The short name of a target: that of a named one, the stem of a file, or of images such as `bunny-12-views`."""
     return label_of_target(target)
+
+
+def distinct_labels(targets: Iterable[str]) -> dict[str, str]:
+    """Return longer labels of the files among targets whose short names are equal, such as `1a04-model_normalized`.
+
+    The suffix is added first, then the nearest folders in which the files differ.
+    """
+    files = [name for name in dict.fromkeys(targets) if not is_image_target(name) and name not in NAMED_TARGETS]
+    others = [target_label(name) for name in dict.fromkeys(targets) if name not in files]
+    groups: dict[str, list[str]] = {}
+    for name in files:
+        groups.setdefault(target_label(name), []).append(name)
+    lengthened: dict[str, str] = {}
+    for label, names in groups.items():
+        if len(names) + others.count(label) == 1:
+            continue
+        labels = {name: Path(name).name for name in names}
+        if len(set(labels.values())) < len(names):
+            labels = dict.fromkeys(names, label) if len(set(labels.values())) == 1 else labels
+            parents = {name: Path(os.path.abspath(name)).parts[-2::-1] for name in names}  # noqa: PTH100
+            for depth in range(max(map(len, parents.values()))):
+                parts = {name: folders[depth] if depth < len(folders) else "" for name, folders in parents.items()}
+                if len({(labels[name], parts[name]) for name in names}) > len(set(labels.values())):
+                    labels = {name: f"{parts[name]}-{labels[name]}" for name in names}
+        lengthened |= labels
+    return lengthened
 
 
 def plan(experiments: Sequence[Experiment], *, remote: bool = False) -> list[Trial]:
@@ -186,16 +223,30 @@ def plan(experiments: Sequence[Experiment], *, remote: bool = False) -> list[Tri
     for experiment in experiments:
         with faults.collected(f"{experiment.name}: " if len(experiments) > 1 else ""):
             require_printable(experiment.name, "experiment")
-            for variant in variants_of(experiment.settings):
+            variants = variants_of(experiment.settings)
+            labels = distinct_labels(target for variant in variants for target in variant.settings.targets)
+            equal: dict[str, dict[str, None]] = {}
+            for variant in variants:
                 if not remote:
                     _check_device(variant.settings)
-                for trial in _trials_of(experiment.name, variant):
-                    trials.setdefault(trial.folder, trial)
+                firsts = set()
+                for trial in _trials_of(experiment.name, variant, labels):
+                    firsts.add(trials.setdefault(trial.folder, trial).variant)
+                if len(firsts) == 1 and variant.name not in firsts:  # schemes that a point does not affect are no news
+                    equal.setdefault(firsts.pop(), {})[variant.name] = None
+            for first_name, others in equal.items():
+                _warn_of_equal(experiment.name, [first_name, *others])
     faults.raise_any()
     return list(trials.values())
 
 
-def _trials_of(experiment: str, variant: Variant) -> Iterator[Trial]:
+def _warn_of_equal(experiment: str, names: Sequence[str]) -> None:
+    listed = ", ".join(f"'{name}'" for name in names)
+    text = f"{experiment}: {listed} are the same trials; they run once, as '{names[0]}'"
+    warnings.warn(text, MeshfitWarning, stacklevel=3)
+
+
+def _trials_of(experiment: str, variant: Variant, labels: Mapping[str, str]) -> Iterator[Trial]:
     settings = variant.settings
     schemes = tuple(NamedScheme.of(scheme, settings.define) for scheme in settings.schemes)
     source_inputs, targets = _check_inputs(settings, schemes)
@@ -207,7 +258,13 @@ def _trials_of(experiment: str, variant: Variant) -> Iterator[Trial]:
             known = () if truth is None else (("truth", file_sha256(Path(truth))),)
             places = landmarks_path(settings, target_label(target))
             of_target = () if places is None else (("target-landmarks", file_sha256(Path(places))),)
-            yield Trial(experiment, settings.model_copy(update=narrowed), (*inputs, *known, *of_target), variant.name)
+            yield Trial(
+                experiment,
+                settings.model_copy(update=narrowed),
+                (*inputs, *known, *of_target),
+                variant.name,
+                lengthened=labels.get(target, ""),
+            )
 
 
 def _check_inputs(
@@ -423,15 +480,18 @@ def _check_device(settings: ExperimentSettings) -> None:
 
 
 def _without_paths(settings: dict[str, Any]) -> dict[str, Any]:
-    source = settings["source"] | {"mesh": target_label(settings["source"]["mesh"])}
+    source = dict(settings["source"])
+    if source["mesh"] not in NAMED_TARGETS and Path(source["mesh"]).suffix:  # a file, whose content is an input
+        source["mesh"] = "file"
     for key in KEYS_WITH_FILES:
         if source.get(key) and source[key]["file"]:
-            source[key] = source[key] | {"file": Path(source[key]["file"]).stem}
+            source[key] = source[key] | {"file": "file"}
     if settings["fit"].get("command"):
         names = [Path(part).name if Path(part).is_absolute() else part for part in settings["fit"]["command"]]
         settings = settings | {"fit": settings["fit"] | {"command": names}}
     if settings.get("target", {}).get("truth"):
-        settings = settings | {"target": settings["target"] | {"truth": Path(settings["target"]["truth"]).stem}}
+        settings = settings | {"target": settings["target"] | {"truth": "file"}}
     if settings.get("target", {}).get("landmarks"):
-        settings = settings | {"target": settings["target"] | {"landmarks": Path(settings["target"]["landmarks"]).stem}}
-    return settings | {"targets": [target_label(name) for name in settings["targets"]], "source": source}
+        settings = settings | {"target": settings["target"] | {"landmarks": "file"}}
+    targets = [target_label(name) for name in settings["targets"] if is_image_target(name)]
+    return settings | {"targets": targets, "source": source}

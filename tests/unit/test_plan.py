@@ -2,8 +2,10 @@ from pathlib import Path
 
 import pytest
 
-from meshfit.errors import MeshError
-from meshfit.experiment.plan import plan
+from meshfit.config.loading import Experiment
+from meshfit.errors import ConfigError, MeshError, MeshfitWarning
+from meshfit.experiment.plan import distinct_labels, plan
+from meshfit.settings import override
 from tests.small import ellipsoid, experiment
 
 
@@ -65,3 +67,35 @@ def test_bad_input_is_refused_before_anything_runs(tmp_path):
 def test_folders_have_no_characters_that_file_systems_refuse(tmp_path):
     folder = only(tmp_path, schemes=["interp-loop:alpha=0.5,valence3=zorin"]).folder
     assert not set(':=,<>"|?*') & set(str(folder))
+
+
+def test_targets_of_one_file_name_get_longer_labels():
+    names = ["sn/1a/models/normalized.obj", "sn/2b/models/normalized.obj", "x.obj", "x.ply", "bunny.ply", "bunny"]
+    assert distinct_labels(names) == {
+        "sn/1a/models/normalized.obj": "1a-normalized",
+        "sn/2b/models/normalized.obj": "2b-normalized",
+        "x.obj": "x.obj",
+        "x.ply": "x.ply",
+        "bunny.ply": "bunny.ply",
+    }
+    deep = distinct_labels(["a/p/m.obj", "a/q/m.obj", "b/p/m.obj"])
+    assert len(set(deep.values())) == 3
+    assert distinct_labels(["a/m.obj", "b/n.obj", "bunny"]) == {}
+
+
+def test_names_of_files_do_not_change_what_a_trial_is(tmp_path):
+    first, *_ = plan([experiment(tmp_path)])
+    other = str(ellipsoid(tmp_path, "other.ply"))
+    second, *_ = plan([Experiment("small", override(experiment(tmp_path).settings, {"targets": [other]}))])
+    assert first.identity == second.identity
+    assert first.target_label != second.target_label
+
+
+def test_points_of_a_sweep_that_make_one_trial_are_named(tmp_path):
+    swept = {"sweep": {"source.levels": [1, 2, 3], "source.wanted_verts": [60]}}
+    named = "'levels=1, wanted_verts=60', .* are the same trials; they run once"
+    with pytest.warns(MeshfitWarning, match=named):
+        trials = plan([experiment(tmp_path, **swept)])
+    assert len(trials) == len({trial.identity for trial in trials})
+    with pytest.raises(ConfigError, match="'a ' has blanks at an end; name it 'a'"):
+        plan([experiment(tmp_path, sweep={"variants": {"a": {}, "a ": {"fit": {"steps": 3}}}})])

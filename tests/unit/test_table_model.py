@@ -7,6 +7,7 @@ import pytest
 from meshfit.config.experiment import ExperimentSettings
 from meshfit.errors import ConfigError, SchemeError, StoreError
 from meshfit.measuring.metrics import DEFAULT_METRIC
+from meshfit.report.tables.grouping import distinguish_definitions
 from meshfit.report.tables.paper_numbers import paper_value
 from meshfit.report.tables.table import Row, build_tables
 from meshfit.settings import deep_merge
@@ -201,3 +202,15 @@ def test_a_baseline_without_results_is_refused():
         build_tables([result()], baseline="midpoint")
     with pytest.raises(SchemeError, match="loopy"):
         build_tables([result()], baseline="loopy")
+
+
+def test_different_files_of_one_name_are_different_targets():
+    """Two runs of a target that was edited between them, as ShapeNet's `model_normalized.obj` in two folders."""
+    first, second = (result("a/model.obj", seed=0, value=value) for value in (0.2, 0.4))
+    second = second | {"inputs": {"target": "11"}}
+    (table,) = build_tables(distinguish_definitions([first, second]))
+    assert [each.mean for each in table.cells.values()] == [0.2, 0.4]
+    assert list(table.targets.values()) == ["model [00]", "model [11]"]
+    labelled = [each | {"target": name} for each, name in ((first, "a-model"), (second, "b-model"))]
+    (table,) = build_tables(distinguish_definitions(labelled))
+    assert list(table.targets.values()) == ["a-model", "b-model"]

@@ -29,6 +29,7 @@ _NOT_SHARED = ("targets", "schemes", "define", "seeds")
 
 # Settings that change which files are written, and no number.
 _WITHOUT_EFFECT = ("write_frame", "fit.trace_every")
+_TARGET_KEY = "target_key"
 _PATHS = {".".join(path) for path in (*SOURCE_FILE_KEYS, TRUTH_KEY)}
 
 
@@ -283,6 +284,8 @@ def shared_settings(result: Result) -> dict[str, Any]:
 
 def target_key(result: Result) -> str:
     """Return the target's name, or that of its file or images: a user's `bunny.ply` is not the target `bunny`."""
+    if _TARGET_KEY in result:
+        return str(result[_TARGET_KEY])
     target = result["settings"]["targets"][0]
     return str(result["target"]) if target.startswith(_OF_IMAGES) or target.endswith(".json") else Path(target).name
 
@@ -366,11 +369,38 @@ def _natural(value: object) -> tuple[int, float, list[tuple[int, float, str]]]:
 # Custom schemes. A result names its scheme by a spec, and has the definitions among its settings.
 
 
+def distinguish_targets(results: Sequence[Result]) -> list[Result]:
+    """Distinguish different files of one name: by the labels that their runs gave them, or else by their content."""
+    contents: dict[str, dict[str, set[str]]] = {}
+    for result in results:
+        by_content = contents.setdefault(target_key(result), {})
+        by_content.setdefault(_content(result), set()).add(str(result["target"]))
+    several = {key: by_content for key, by_content in contents.items() if len(by_content) > 1}
+
+    def distinguished(result: Result) -> Result:
+        key, content = target_key(result), _content(result)
+        if key not in several:
+            return result
+        labels = several[key][content]
+        others = {label for other, each in several[key].items() if other != content for label in each}
+        own = len(labels) == 1 and not labels & others
+        name = next(iter(labels)) if own else f"{result['target']} [{content[:6]}]"
+        return {**result, _TARGET_KEY: name, "target_title": name}
+
+    return list(map(distinguished, results))
+
+
+def _content(result: Mapping[str, Any]) -> str:
+    return str(result.get("inputs", {}).get("target", ""))
+
+
 def distinguish_definitions(results: Sequence[Result]) -> list[Result]:
     """Distinguish different definitions of one scheme by what differs: `mine [edge.end=3/8]`.
 
     A name has several definitions if one was changed between two runs, or is swept. All other results stay as they are.
+    So are different files of one name distinguished; see `distinguish_targets`.
     """
+    results = distinguish_targets(results) if all("target" in result for result in results) else list(results)
     definitions: dict[str, dict[str, Mapping[str, Any]]] = {}
     for result in results:
         definition = _definitions(result)
