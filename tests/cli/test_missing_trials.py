@@ -75,7 +75,7 @@ def test_a_failed_point_of_a_sweep_has_a_row_of_its_own(runs):
     other = settings | {"fit": settings["fit"] | {"steps": 7}}
     plan["origins"] = [{"schema_version": 2, "settings": each, "inputs": {}} for each in (settings, other)]
     for entry in plan["trials"]:
-        entry |= {"origin": 0, "variant": "a", "file": entry["target"], "sha256": "ab"}
+        entry |= {"origin": 0, "variant": "a", "file": entry["target"], "sha256": done["inputs"]["target"]}
     last = plan["trials"][0] | {"origin": 1, "variant": "seven steps", "folder": "bunny/loop/seed-0-0000000000"}
     path.write_text(json.dumps(plan | {"trials": [*plan["trials"], last]}), encoding="utf-8")
     out = table(runs, "-f", "csv")[1]

@@ -373,13 +373,14 @@ def distinguish_targets(results: Sequence[Result]) -> list[Result]:
     """Distinguish different files of one name: by the labels that their runs gave them, or else by their content."""
     contents: dict[str, dict[str, set[str]]] = {}
     for result in results:
-        by_content = contents.setdefault(target_key(result), {})
-        by_content.setdefault(_content(result), set()).add(str(result["target"]))
+        if content := _content(result):  # not known of all trials that are missing
+            by_content = contents.setdefault(target_key(result), {})
+            by_content.setdefault(content, set()).add(str(result["target"]))
     several = {key: by_content for key, by_content in contents.items() if len(by_content) > 1}
 
     def distinguished(result: Result) -> Result:
         key, content = target_key(result), _content(result)
-        if key not in several:
+        if key not in several or not content:
             return result
         labels = several[key][content]
         others = {label for other, each in several[key].items() if other != content for label in each}
