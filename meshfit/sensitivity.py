@@ -29,7 +29,7 @@ _MOST_FITTED = 300  # points that length scales are found from; all points are p
 _MOST_POINTS = 1500
 _BASE = 1024  # a power of two, of Sobol' points for the indices
 _LEVEL = 0.95
-_MOST_FACTORS_FOR_PAIRS = 12
+_MOST_FACTORS_FOR_PAIRS = 8
 
 
 @dataclass(frozen=True)
@@ -316,8 +316,12 @@ def _indices(surrogate: _Surrogate, factors: Sequence[Factor]) -> _Indices:
     factors, is their interaction.
     """
     count = len(factors)
-    every = list(combinations(range(count), 2)) if count <= _MOST_FACTORS_FOR_PAIRS else []
-    whole = _shares(surrogate.whole, factors, every)
+    first, total, _ = _shares(surrogate.whole, factors, ())
+    # A factor interacts by as much as its total index is above its own.
+    joined = sorted(
+        (i for i in range(count) if total[i] - first[i] >= LEAST_INTERACTION), key=lambda i: first[i] - total[i]
+    )
+    whole = _shares(surrogate.whole, factors, list(combinations(sorted(joined[:_MOST_FACTORS_FOR_PAIRS]), 2)))
     large = {pair: share for pair, share in whole[2].items() if share >= LEAST_INTERACTION}
     folds = [_shares(process, factors, list(large)) for process in surrogate.folds]
     firsts = [_jackknife(whole[0][i], [fold[0][i] for fold in folds]) for i in range(count)]

@@ -17,6 +17,7 @@ from meshfit.cli.progress import show_progress
 from meshfit.cli.table import check_display, show_tables
 from meshfit.errors import TrialError
 from meshfit.experiment.plan import Trial
+from meshfit.experiment.running.backends import LocalWorkers
 from meshfit.experiment.running.scheduler import Watcher, require_runnable, run_trials
 from meshfit.experiment.status.eta import Estimate, estimate
 from meshfit.experiment.status.missing import missing_results
@@ -141,9 +142,16 @@ def _run_missing(trials: Sequence[Trial], store: RunDirectory, options: RunOptio
 
 
 def run_trials_of(
-    trials: Sequence[Trial], store: RunDirectory, options: RunOptions, watch: Watcher
+    trials: Sequence[Trial],
+    store: RunDirectory,
+    options: RunOptions,
+    watch: Watcher,
+    local: LocalWorkers | None = None,
 ) -> dict[int, Outcome]:
-    """Run the trials that are not complete where the options say, and return the outcome of each."""
+    """Run the trials that are not complete where the options say, and return the outcome of each.
+
+    Processes of this machine are those of `local`, or new ones.
+    """
     with _remote(options) as remote:
         return run_trials(
             trials,
@@ -151,6 +159,7 @@ def run_trials_of(
             jobs=options.jobs,
             force=options.force,
             remote=remote,
+            local=local,
             allow_commands=options.allow_commands,
             watch=watch,
         )

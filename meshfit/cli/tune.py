@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -231,19 +231,20 @@ def json_text(value: object) -> str:
 
 def _run(problem: "Problem", search: "Search", total: int, store: "RunDirectory", options: RunOptions) -> "Search":
     from meshfit.cli.experiments import run_trials_of
+    from meshfit.experiment.running.backends import LocalWorkers
     from meshfit.experiment.storage.copying import copy_complete
     from meshfit.experiment.storage.run_directory import make_folder
     from meshfit.experiment.trial_status import Outcome
     from meshfit.experiment.tuning.search import run_search
 
     make_folder(options.runs)
-    with _progress(search, total, quiet=options.quiet) as view:
+    with _progress(search, total, quiet=options.quiet) as view, closing(LocalWorkers()) as workers:
 
         def run(trials: "Sequence[Trial]") -> Mapping[int, Outcome]:
             if not options.force:
                 copy_complete(trials, store)
             with view.batch(trials) as watch:
-                return run_trials_of(trials, store, options, watch)
+                return run_trials_of(trials, store, options, watch, workers)
 
         return run_search(problem, search, total, store, run, view.update, new=options.force)
 

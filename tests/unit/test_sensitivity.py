@@ -193,11 +193,28 @@ def test_the_command_prints_a_table_and_writes_csv_json_and_a_chart(tmp_path):
         folder = tmp_path / "swept" / result["target"] / result["scheme"] / f"seed-0-{number:010x}"
         folder.mkdir(parents=True)
         (folder / "result.json").write_text(json.dumps(result))
-    text = answered("sensitivity", tmp_path / "swept", "--metric", "distance.mean", "-o", tmp_path / "chart.png")
+    text = answered("sensitivity", tmp_path / "swept", "--metric", "distance.mean", "-q", "-o", tmp_path / "chart.png")
     assert "cow: 24 points, Q² " in text
     assert text.splitlines()[4].startswith("edge  ")
     assert (tmp_path / "chart.png").read_bytes().startswith(b"\x89PNG")
-    command = ("sensitivity", tmp_path / "swept", "--metric", "distance.mean", "-f")
+    for number, kind in enumerate(("diverged", "diverged", "memory")):
+        folder = tmp_path / "swept" / "cow" / "loop" / f"seed-0-f{number:09x}"
+        folder.mkdir()
+        (folder / "failure.json").write_text(json.dumps({"kind": kind, "message": f"at step {number}"}))
+    without = {**results(1)[0], "distance": {}}
+    folder.with_name("seed-0-e000000000").mkdir()
+    (folder.with_name("seed-0-e000000000") / "result.json").write_text(json.dumps(without))
+    command = ("sensitivity", tmp_path / "swept", "--metric", "distance.mean", "-q", "-f")
+    lines = answered(*command, "rich").splitlines()
+    assert "Not in the analysis: 4 trials." in lines
+    named = "(cow/loop/seed-0-f000000000, cow/loop/seed-0-f000000001)"
+    assert f"2 failed, such as: diverged: at step 0 {named}" in lines
+    assert "1 no value: the result has no distance.mean (cow/loop/seed-0-e000000000)" in lines
+    assert [each["state"] for each in json.loads(answered(*command, "json"))["absent"]] == [*["failed"] * 3, "no value"]
+    markdown = answered(*command, "md").splitlines()
+    assert markdown[4] == "| setting | rank | from | to | change | first-order | total |"
+    assert all(line.count("|") == markdown[4].count("|") for line in markdown[4:8])
+    assert markdown[6].startswith("| edge | ρ ")
     rows = list(csv.DictReader(answered(*command, "csv").splitlines()))
     effects = json.loads(answered(*command, "json"))["effects"]
     assert [row["setting"] for row in rows] == [effect["setting"] for effect in effects]

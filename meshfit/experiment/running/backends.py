@@ -95,18 +95,55 @@ class Options:
         return Job(trials, store, device, threads, self.force, remote, self.allow_commands)
 
 
+class LocalWorkers:
+    """Processes of this machine that one run after another uses, so that only the first has to start them."""
+
+    def __init__(self) -> None:
+        self._pool: ProcessPool | None = None
+
+    def pool(self, workers: int, trials: int) -> ProcessPool:
+        """Return a pool of at least some workers, with room for the progress of some trials, all of which wait."""
+        pool = self._pool
+        if pool is None or pool.progress.cancelled or pool.workers < workers or pool.progress.capacity < trials:
+            self.close()
+            pool = self._pool = ProcessPool(workers, SharedProgress.of(trials), preload=_RUNNER)
+        pool.progress.clear()
+        return pool
+
+    def close(self) -> None:
+        """Drop batches that have not started, wait for the others, and end the processes."""
+        if self._pool is not None:
+            self._pool.close(cancel=True)
+            self._pool = None
+
+
 class LocalBackend:
-    """Processes of this machine: several on the CPU, one for each GPU."""
+    """Processes of this machine: several on the CPU, one for each GPU.
+
+    Args:
+        trials: the trials of the run.
+        pending: indices of those that are to be run.
+        store: the run directory.
+        jobs: the number of processes on the CPU; None takes it from the settings.
+        options: options of the jobs.
+        kept: processes that outlast the run; None ends them with it.
+    """
 
     is_local = True
 
     def __init__(
-        self, trials: Sequence[Trial], pending: Sequence[int], store: RunDirectory, jobs: int | None, options: "Options"
+        self,
+        trials: Sequence[Trial],
+        pending: Sequence[int],
+        store: RunDirectory,
+        jobs: int | None,
+        options: "Options",
+        kept: LocalWorkers | None = None,
     ) -> None:
-        self._store, self._options = store, options
+        self._store, self._options, self._kept = store, options, kept
         self.workers, self._threads = workers_and_threads([trials[i] for i in pending], jobs)
-        self.progress = SharedProgress.of(len(trials))
-        self._pool = ProcessPool(self.workers, self.progress, preload=_RUNNER)
+        self._pool = (kept or LocalWorkers()).pool(self.workers, len(trials))
+        self.progress = self._pool.progress
 
     def batches(self, trials: Mapping[int, Trial]) -> list[Batch]:
         """Divide trials into batches: single trials on the CPU."""
@@ -122,8 +159,9 @@ class LocalBackend:
         self.progress.cancel()
 
     def close(self) -> None:
-        """Drop batches that have not started, and wait for the others."""
-        self._pool.close(cancel=True)
+        """Drop batches that have not started, and wait for the others; processes that outlast the run are idle then."""
+        if self._kept is None or self.progress.cancelled:
+            self._pool.close(cancel=True)
 
 
 class Remote:

@@ -38,7 +38,8 @@ class ProcessPool:
     """
 
     def __init__(self, workers: int, progress: SharedProgress, *, preload: str | None = None) -> None:
-        self._workers, self._progress, self._preload = workers, progress, preload
+        self.workers, self.progress = workers, progress
+        self._preload = preload
         self._queues: dict[str, queue.SimpleQueue[_Call | None]] = {}
         self._threads: list[threading.Thread] = []
 
@@ -46,7 +47,7 @@ class ProcessPool:
         """Have a worker of a device call a function."""
         if device not in self._queues:
             self._queues[device] = queue.SimpleQueue()
-            for _ in range(self._workers if device == "cpu" else 1):
+            for _ in range(self.workers if device == "cpu" else 1):
                 thread = threading.Thread(target=self._serve, args=(self._queues[device],), daemon=True)
                 self._threads.append(thread)
                 thread.start()
@@ -56,7 +57,7 @@ class ProcessPool:
 
     def count_gpus(self) -> int:
         """Count the GPUs in a worker, and let all workers of the CPU load torch, which they need in any case."""
-        first, *_ = [self.submit("cpu", _count_gpus) for _ in range(self._workers)]
+        first, *_ = [self.submit("cpu", _count_gpus) for _ in range(self.workers)]
         return first.result()
 
     def close(self, *, cancel: bool = False) -> None:
@@ -91,7 +92,7 @@ class ProcessPool:
 
     def _new_process(self) -> ProcessPoolExecutor:
         context = multiprocessing.get_context("spawn")
-        return ProcessPoolExecutor(1, context, _start_worker, (self._progress.shared, self._preload))
+        return ProcessPoolExecutor(1, context, _start_worker, (self.progress.shared, self._preload))
 
 
 def _cancel_all(calls: "queue.SimpleQueue[_Call | None]") -> None:

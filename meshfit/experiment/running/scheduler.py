@@ -10,6 +10,7 @@ from meshfit.experiment.plan import Trial
 from meshfit.experiment.running.backends import (
     Backend,
     LocalBackend,
+    LocalWorkers,
     Options,
     ProgressReader,
     Remote,
@@ -30,13 +31,14 @@ _MOST_DEATHS_AT_START = 3
 Watcher = Callable[[ProgressReader, Mapping[int, Outcome]], None]
 
 
-def run_trials(
+def run_trials(  # noqa: PLR0913  all but two have a default, and each can be set without the others
     trials: Sequence[Trial],
     store: RunDirectory,
     *,
     jobs: int | None = None,
     force: bool = False,
     remote: Remote | None = None,
+    local: LocalWorkers | None = None,
     allow_commands: bool = False,
     watch: Watcher = lambda *_: None,
 ) -> dict[int, Outcome]:
@@ -51,6 +53,7 @@ def run_trials(
         jobs: the number of processes on the CPU of this machine; None takes it from the settings.
         force: rerun complete trials.
         remote: remote workers, in place of processes of this machine.
+        local: processes of this machine that outlast the run; None starts new ones, and ends them with the run.
         allow_commands: run the external commands of trials.
         watch: called many times a second with the progress of all trials and the outcomes so far.
 
@@ -78,7 +81,7 @@ def run_trials(
     options = Options(force, allow_commands)
     with environment(ONE_THREAD):
         if remote is None:
-            backend = LocalBackend(trials, pending, store, jobs, options)
+            backend = LocalBackend(trials, pending, store, jobs, options, local)
         else:
             backend = RemoteBackend(remote, trials, store, outcomes, options)
         write_plan(trials, store, backend.workers)

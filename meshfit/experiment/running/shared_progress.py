@@ -36,6 +36,15 @@ class SharedProgress:
         """Ask workers to write checkpoints and stop."""
         self.shared[0] = 1.0
 
+    def clear(self) -> None:
+        """Set all trials back to waiting."""
+        self.shared[:] = [0.0] * len(self.shared)
+
+    @property
+    def capacity(self) -> int:
+        """The number of trials that it has room for."""
+        return (len(self.shared) - 1) // _FIELDS
+
     def __getitem__(self, trial: int) -> Progress:
         start = 1 + _FIELDS * trial
         status, done, steps, loss = self.shared[start : start + _FIELDS]

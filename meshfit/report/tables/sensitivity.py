@@ -4,21 +4,32 @@ import csv
 import io
 import json
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from statistics import fmean
 from typing import Any
 
 import numpy as np
 
 from meshfit.errors import ConfigError, StoreError
+from meshfit.experiment.status.scan import ScannedExperiment
+from meshfit.experiment.storage.failure import read_failure
 from meshfit.experiment.storage.run_directory import Result
+from meshfit.experiment.trial_status import TrialStatus
 from meshfit.experiment.tuning.objectives import Objective, value_of
 from meshfit.experiment.tuning.search_file import read_searches
 from meshfit.measuring.metrics import require_metric
-from meshfit.report.tables.grouping import resolve_scheme, setting_text, shared_settings, target_key
+from meshfit.report.tables.grouping import (
+    resolve_scheme,
+    setting_text,
+    shared_settings,
+    target_key,
+    without_numbers,
+)
 from meshfit.report.tables.search import experiment_folders
-from meshfit.sensitivity import Analysis, Effect, Estimate, Factor, analyse, codes_of
+from meshfit.sensitivity import LEAST_Q2, Analysis, Effect, Estimate, Factor, analyse, codes_of
 from meshfit.units import count_text
 
 POOLED = "all targets"
@@ -26,8 +37,24 @@ _LOG_RATIO = 10.0
 _MOST_CATEGORIES = 20
 _MOST_IN_STEP = 5
 _LEAST_POINTS = 8
+_MOST_NAMED = 4  # trials that are not part of an analysis, for each reason
 
 _Cells = dict[tuple[str, str], dict[str, list[float]]]
+
+
+@dataclass(frozen=True)
+class AbsentTrial:
+    """A trial that is not part of an analysis.
+
+    Attributes:
+        state: `failed`, `waiting` and so on, or `no value` if it is complete and lacks the metric.
+        reason: why it failed; empty if it did not.
+        folder: its folder.
+    """
+
+    state: str
+    reason: str
+    folder: str
 
 
 @dataclass(frozen=True)
@@ -40,6 +67,7 @@ class Sensitivity:
         is_log: whether the response is the logarithm of the metric, so that effects are factors.
         groups: the analysis of each target, the pooled one first if there are several.
         notes: remarks on the sample.
+        absent: the trials that failed, are not complete, or lack the metric.
     """
 
     metric: str
@@ -47,6 +75,7 @@ class Sensitivity:
     is_log: bool
     groups: Mapping[str, Analysis]
     notes: tuple[str, ...]
+    absent: tuple[AbsentTrial, ...] = ()
 
     def change_text(self, effect: Effect) -> str:
         """Return the change of the metric from the low to the high end of a setting."""
@@ -54,20 +83,60 @@ class Sensitivity:
         return f"×{math.exp(change):.3g}" if self.is_log else f"{change:+.3g}".replace("-", "−")
 
 
-def read_sensitivity(results: Sequence[Result], metric: str, baseline: str | None = None) -> Sensitivity:
+def absent_trials(experiments: Sequence[ScannedExperiment]) -> list[AbsentTrial]:
+    """Return the trials of experiments that are not complete."""
+    absent = []
+    for experiment in experiments:
+        for trial in experiment.trials:
+            if trial.status is TrialStatus.COMPLETE:
+                continue
+            reason = ""
+            if trial.status is TrialStatus.FAILED:
+                failure = read_failure(trial.path)
+                reason = f"{failure.kind}: {failure.message}"
+            absent.append(AbsentTrial(str(trial.status), reason, str(trial.path)))
+    return absent
+
+
+def absent_lines(sensitivity: Sensitivity) -> list[str]:
+    """Count the trials that are not part of an analysis by state and reason, and name the first of each."""
+    kinds: dict[tuple[str, str], list[AbsentTrial]] = {}
+    for trial in sensitivity.absent:
+        kinds.setdefault((trial.state, without_numbers(trial.reason)), []).append(trial)
+    if not kinds:
+        return []
+    lines = [f"Not in the analysis: {count_text(len(sensitivity.absent), 'trial')}."]
+    for (state, reason), trials in sorted(kinds.items(), key=lambda kind: (not kind[0][1], -len(kind[1]))):
+        named = ", ".join("/".join(Path(trial.folder).parts[-3:]) for trial in trials[:_MOST_NAMED])
+        more = f" and {len(trials) - _MOST_NAMED:,} more" if len(trials) > _MOST_NAMED else ""
+        example = ", such as" if len({trial.reason for trial in trials}) > 1 else ""
+        ending = f"{example}: {trials[0].reason}" if reason else ""
+        lines.append(f"{len(trials):,} {state}{ending} ({named}{more})")
+    return lines
+
+
+def read_sensitivity(
+    results: Sequence[Result],
+    metric: str,
+    baseline: str | None = None,
+    absent: Sequence[AbsentTrial] = (),
+    progress: Callable[[str, int, int], None] = lambda *_: None,
+) -> Sensitivity:
     """Analyse results.
 
     Args:
         results: complete results, with their `folder`.
         metric: name of the metric.
         baseline: scheme that the others are compared with at each point; None analyses the metric itself.
+        absent: trials without a result, from `absent_trials`.
+        progress: called with what is analysed, how many analyses are done, and their number.
 
     Raises:
-        ConfigError: an unknown metric, or one that a result lacks, or a baseline without results.
+        ConfigError: an unknown metric, or one that no result has, or a baseline without results.
         StoreError: the settings of the results do not differ, or there are too few.
     """
     require_metric(metric)
-    cells, settings = _cells(results, metric)
+    cells, settings, lacking = _cells(results, metric)
     targets = list(dict.fromkeys(target for target, _ in cells))
     schemes = list(dict.fromkeys(scheme for _, scheme in cells))
     means = {cell: {point: fmean(values) for point, values in points.items()} for cell, points in cells.items()}
@@ -94,8 +163,9 @@ def read_sensitivity(results: Sequence[Result], metric: str, baseline: str | Non
     if len(targets) > 1:
         rows = {POOLED: _rows(means, targets, schemes), **rows}
     notes = dict.fromkeys(_search_notes(results))
-    groups = {}
+    groups: dict[str, Analysis] = {}
     for name, group in rows.items():
+        progress(f"analysing {name}", len(groups), len(rows))
         factors, left_out = _factors([settings[point] for point, _ in group], [scheme for _, scheme in group])
         notes |= dict.fromkeys(left_out)
         if not factors or len(group) < _LEAST_POINTS:
@@ -103,14 +173,14 @@ def read_sensitivity(results: Sequence[Result], metric: str, baseline: str | Non
             raise StoreError(f"{name}: {found}; expected {_LEAST_POINTS} or more, as a sweep or a search makes them")
         points, _ = codes_of([point for point, _ in group])
         groups[name] = analyse(factors, np.array(list(group.values())), points)
-    return Sensitivity(metric, compared, is_log, groups, tuple(notes))
+    return Sensitivity(metric, compared, is_log, groups, tuple(notes), (*absent, *lacking))
 
 
-def _cells(results: Sequence[Result], metric: str) -> tuple[_Cells, dict[str, dict[str, Any]]]:
-    """Return the values by target and scheme, then by point, and the settings of each point."""
+def _cells(results: Sequence[Result], metric: str) -> tuple[_Cells, dict[str, dict[str, Any]], list[AbsentTrial]]:
+    """Return the values by target and scheme, then by point, the settings of each point, and trials without a value."""
     cells: _Cells = {}
     settings: dict[str, dict[str, Any]] = {}
-    lacking = 0
+    lacking = []
     for result in results:
         shared = {
             key: value
@@ -121,12 +191,12 @@ def _cells(results: Sequence[Result], metric: str) -> tuple[_Cells, dict[str, di
         settings.setdefault(point, shared)
         value = value_of(result, metric)
         if value is None:
-            lacking += 1
+            lacking.append(AbsentTrial("no value", f"the result has no {metric}", str(result.get("folder", ""))))
             continue
         cells.setdefault((target_key(result), result["scheme"]), {}).setdefault(point, []).append(value)
     if not cells:
-        raise ConfigError(f"{metric}: none of {count_text(lacking, 'result')} has it; choose another --metric")
-    return cells, settings
+        raise ConfigError(f"{metric}: none of {count_text(len(lacking), 'result')} has it; choose another --metric")
+    return cells, settings, lacking
 
 
 def _rows(
@@ -235,6 +305,76 @@ def _factor(name: str, values: Sequence[Any]) -> Factor:
     return Factor(name, numbers)
 
 
+def effect_heads(analysis: Analysis, *, ends: bool = True) -> list[str]:
+    """Return the heads of `effect_cells`."""
+    shares = [] if analysis.why_not else ["first-order", "total"]
+    return ["setting", "rank", *(["from", "to"] if ends else []), "change", *shares]
+
+
+def effect_cells(sensitivity: Sensitivity, analysis: Analysis, effect: Effect, *, ends: bool = True) -> list[str]:
+    """Return an effect as text: setting, rank statistic, change between two ends, and indices if there are any."""
+    symbol = "η²" if effect.factor.categories else "ρ"
+    rank = f"{symbol} {_interval_text(effect.rank)}{'*' if effect.moves else ' '}"
+    cells = [effect.factor.name, rank, *(effect.ends if ends else ()), sensitivity.change_text(effect)]
+    return cells if analysis.why_not else [*cells, _interval_text(effect.first), _interval_text(effect.total)]
+
+
+def _interval_text(estimate: Estimate | None) -> str:
+    if estimate is None:
+        return ""
+    return f"{estimate.value:.2f} [{estimate.low:.2f}, {estimate.high:.2f}]".replace("-", "−")
+
+
+def sensitivity_title(sensitivity: Sensitivity) -> str:
+    """Return what is analysed, such as `distance.mean, each scheme against loop (logarithm)`."""
+    compared = f", each scheme against {sensitivity.compared}" if sensitivity.compared else ""
+    return f"{sensitivity.metric}{compared}{' (logarithm)' if sensitivity.is_log else ''}"
+
+
+def group_title(name: str, analysis: Analysis) -> str:
+    """Return the title of an analysis, such as `bunny: 64 points, Q² 0.85`."""
+    q2 = f", Q² {analysis.q2:.2f}" if analysis.q2 is not None and not analysis.why_not else ""
+    return f"{name}: {count_text(analysis.points, 'point')}{q2}"
+
+
+def analysis_lines(analysis: Analysis) -> list[str]:
+    """Return remarks on an analysis: missing indices, interactions, settings that vary together."""
+    lines = [f"No Sobol' indices: {analysis.why_not}."] if analysis.why_not else []
+    if analysis.interactions:
+        pairs = (f"{' × '.join(pair.names)} {_interval_text(pair.share)}" for pair in analysis.interactions[:5])
+        lines.append(f"Together: {'; '.join(pairs)}")
+    for first, second, value in analysis.confounded:
+        line = f"{first} and {second} vary together (ρ {value:.2f}): their effects cannot be told apart."
+        lines.append(line.replace("-", "−"))
+    return lines
+
+
+def final_lines(sensitivity: Sensitivity) -> list[str]:
+    """Return what the columns are, remarks on the sample, and the trials that are not part of it."""
+    legend = (
+        "rank: Spearman's ρ, or η² of ranks for categories; * significant at 5 %. first-order, total: shares of the "
+        f"variance, by a Gaussian process with Q² of {LEAST_Q2} or more. [95 % intervals]"
+    )
+    return [legend, *sensitivity.notes, *absent_lines(sensitivity)]
+
+
+def sensitivity_markdown(sensitivity: Sensitivity) -> str:
+    """Return tables and remarks in Markdown."""
+    blocks = [f"**{_escaped(sensitivity_title(sensitivity))}**"]
+    for name, analysis in sensitivity.groups.items():
+        heads = effect_heads(analysis)
+        ruler = ["---", *("--:" for _ in heads[1:])]
+        cells = [effect_cells(sensitivity, analysis, effect) for effect in analysis.effects]
+        rows = [f"| {' | '.join(_escaped(cell.strip()) for cell in row)} |" for row in (heads, *cells)]
+        rows.insert(1, f"| {' | '.join(ruler)} |")
+        blocks += [_escaped(group_title(name, analysis)), "\n".join(rows), *map(_escaped, analysis_lines(analysis))]
+    return "\n\n".join([*blocks, *map(_escaped, final_lines(sensitivity))]) + "\n"
+
+
+def _escaped(text: str) -> str:
+    return re.sub(r"([\\`*_|<>])", r"\\\1", text)
+
+
 def plain_sensitivity(sensitivity: Sensitivity) -> list[dict[str, Any]]:
     """Return one record per target and setting; intervals are `…_low` and `…_high`."""
     records = []
@@ -290,6 +430,7 @@ def sensitivity_json(sensitivity: Sensitivity) -> str:
         "without_indices": {name: each.why_not for name, each in sensitivity.groups.items() if each.why_not},
         "confounded": {name: each.confounded for name, each in sensitivity.groups.items() if each.confounded},
         "notes": list(sensitivity.notes),
+        "absent": [asdict(trial) for trial in sensitivity.absent],
     }
     return json.dumps(content, indent=2) + "\n"
 
