@@ -5,13 +5,14 @@ import math
 import os
 import signal
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 
 import pytest
 
 from meshfit.errors import ClusterError, MeshError
 from meshfit.experiment.plan import plan
 from meshfit.experiment.running import backends, trial_runner
-from meshfit.experiment.running.backends import CancellationFile, Remote
+from meshfit.experiment.running.backends import CancellationFile, LocalWorkers, Remote
 from meshfit.experiment.running.process_pool import environment
 from meshfit.experiment.running.scheduler import run_trials
 from meshfit.experiment.running.shared_progress import SharedProgress
@@ -90,6 +91,19 @@ class Killer:
             os.kill(progress["pid"], signal.SIGKILL)
 
 
+def test_processes_are_kept_from_run_to_run_while_they_suffice():
+    with closing(LocalWorkers()) as workers:
+        pool = workers.pool(2, 3)
+        pool.progress[1] = Progress(TrialStatus.FITTING)
+        assert workers.pool(1, 2) is pool
+        assert pool.progress[1].status is TrialStatus.WAITING
+        assert workers.pool(3, 3) is not pool, "more workers"
+        pool = workers.pool(3, 4)
+        assert pool.progress.capacity == 4, "more trials"
+        pool.progress.cancel()
+        assert workers.pool(3, 4) is not pool, "its workers were asked to stop"
+
+
 @posix
 def test_a_trial_without_retries_is_recorded_when_its_process_is_killed(tmp_path):
     (trial,) = plan([experiment(tmp_path, fit={"steps": 100_000}, retries=0)])
@@ -123,8 +137,9 @@ def test_a_trial_whose_process_is_killed_is_tried_again_and_then_recorded(tmp_pa
 def test_a_trial_that_is_killed_once_goes_on_from_its_checkpoint_and_disturbs_no_other(tmp_path):
     trials = plan([experiment(tmp_path, seeds=[0, 1], fit={"steps": 3000})])
     quiet, store = RunDirectory(tmp_path / "quiet"), RunDirectory(tmp_path / "runs")
-    run_trials(trials, quiet, jobs=2)
-    outcomes = run_trials(trials, store, jobs=2, watch=Killer(trials[0], store, times=1))
+    with closing(LocalWorkers()) as workers:
+        run_trials(trials, quiet, jobs=2, local=workers)
+        outcomes = run_trials(trials, store, jobs=2, local=workers, watch=Killer(trials[0], store, times=1))
     assert [outcome.status for outcome in outcomes.values()] == [TrialStatus.COMPLETE] * 2
     logs = [(store.folder(trial) / "trial.log").read_text() for trial in trials]
     assert [log.count("started on") for log in logs] == [2, 1]
