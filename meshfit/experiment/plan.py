@@ -26,7 +26,13 @@ from meshfit.experiment.source import build_source, is_own_mesh, source_files, s
 from meshfit.experiment.truth import truth_path, vertex_counts
 from meshfit.fitting.external.tools import TOOLS
 from meshfit.fitting.registration.guidance import NO_GUIDANCE
-from meshfit.fitting.settings import ExternalSettings, FirstOrderSettings, FitSettings, GaussNewtonSettings
+from meshfit.fitting.settings import (
+    VIEW_TERMS,
+    ExternalSettings,
+    FirstOrderSettings,
+    FitSettings,
+    GaussNewtonSettings,
+)
 from meshfit.images.specs import is_image_target, label_of_target, title_of_target
 from meshfit.images.targets import load_images, load_shape
 from meshfit.mesh.cleaning_options import CleaningOptions
@@ -132,6 +138,8 @@ class Trial:
         plain = self.settings.model_dump(
             mode="json", exclude=NO_EFFECT_ON_RESULTS | {"source": unset, **dict.fromkeys(default, True)}
         )
+        if isinstance(self.settings.fit, FirstOrderSettings):
+            plain["fit"] = _without_unset_views(plain["fit"])
         return plain if plain["define"] else {key: value for key, value in plain.items() if key != "define"}
 
     @property
@@ -385,6 +393,7 @@ class CheckedTarget(NamedTuple):
         points: their number, where there are no faces.
         fault: why no closed surface can be fitted to the points, in words; empty if one can.
         views: number of images; 0 for a mesh or points.
+        maps: what all images have besides masks, of `depth` and `normals`.
     """
 
     sha256: str
@@ -392,6 +401,7 @@ class CheckedTarget(NamedTuple):
     points: int
     fault: str
     views: int = 0
+    maps: tuple[str, ...] = ()
 
 
 @cache
@@ -404,7 +414,10 @@ def checked_target(target: str, cleaning: CleaningOptions) -> CheckedTarget:
         shape = images.target.shape if images.target.views.have_depth else None
         points = 0 if shape is None else shape.num_verts
         fault = no_closed_surface(shape) if isinstance(shape, PointCloud) else ""
-        return CheckedTarget(images.sha256, 0 if points else _HULL_FACES, points, fault, len(images.target.views))
+        faces = 0 if points else _HULL_FACES
+        views = images.target.views
+        maps = tuple(name for name, have in (("depth", views.have_depth), ("normals", views.have_normals)) if have)
+        return CheckedTarget(images.sha256, faces, points, fault, len(views), maps)
     loaded = load_shape(target, cleaning)
     points = 0 if loaded.num_faces else loaded.num_verts
     fault = no_closed_surface(loaded) if isinstance(loaded, PointCloud) else ""
@@ -423,7 +436,9 @@ def _check_kind(target: str, checked: CheckedTarget, settings: ExperimentSetting
     if settings.target.sensor is not None and (checked.views or not checked.points):
         known = "its cameras are known" if checked.views else "its faces tell the outside"
         raise ConfigError(f"{name}: {known}, so target.sensor has no effect; remove it")
-    if not checked.points:
+    if isinstance(fit, FirstOrderSettings):
+        _check_view_terms(name, checked, fit)
+    if not checked.points or (checked.views and isinstance(fit, FirstOrderSettings)):
         return
     cloud = f"{name}: a cloud of {count_text(checked.points, 'point')}, without the faces that"
     if isinstance(fit, FirstOrderSettings):
@@ -441,6 +456,19 @@ def _check_kind(target: str, checked: CheckedTarget, settings: ExperimentSetting
 
 
 @cache
+def _check_view_terms(name: str, checked: CheckedTarget, fit: FirstOrderSettings) -> None:
+    """Refuse terms of images that the target does not have."""
+    for term in VIEW_TERMS:
+        if not getattr(fit.losses, term):
+            continue
+        if not checked.views:
+            raise ConfigError(f"{name}: fit.losses.{term} is for targets of images, and this is none; remove it")
+        if term != "silhouette" and term not in checked.maps:
+            raise ConfigError(f"{name}: its images have no {term}; remove fit.losses.{term}, or add maps of it")
+    if fit.views is not None and not checked.views:
+        raise ConfigError(f"{name}: fit.views is for targets of images, and this is none; remove it")
+
+
 def _check_source(settings: SourceSettings, schemes: tuple[NamedScheme, ...]) -> tuple[tuple[str, str], ...]:
     """Build the first level of a source with each scheme, and return the SHA-256 of its files, by role.
 
@@ -477,6 +505,12 @@ def _check_device(settings: ExperimentSettings) -> None:
         from meshfit.fitting.device import resolve_device  # loads torch, which other plans do without
 
         resolve_device(settings.device, settings.dtype)
+
+
+def _without_unset_views(fit: dict[str, Any]) -> dict[str, Any]:
+    """Leave out the settings of images that are not set, so that trials of older versions keep their identities."""
+    losses = {key: value for key, value in fit["losses"].items() if value is not None}
+    return {key: value for key, value in fit.items() if key != "views" or value is not None} | {"losses": losses}
 
 
 def _without_paths(settings: dict[str, Any]) -> dict[str, Any]:

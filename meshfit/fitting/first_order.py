@@ -16,9 +16,12 @@ from meshfit.fitting.nearest_neighbours import match_nearest
 from meshfit.fitting.optimizer import Optimizer, learning_rate
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem
 from meshfit.fitting.sampling import AreaTable, sample
-from meshfit.fitting.settings import FirstOrderSettings
+from meshfit.fitting.settings import VIEW_TERMS, FirstOrderSettings, ViewSettings
+from meshfit.images.views import Views
+from meshfit.images.visual_hull import visual_hull
 from meshfit.loss.operators import FaceGeometry, Faces, MeshOperators
 from meshfit.loss.terms import LAPLACIANS, TERMS, LossInputs, Term
+from meshfit.loss.view_terms import ViewTarget, view_terms
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.nearest import renumber_verts_by_faces, sort_faces_spatially
 from meshfit.mesh.point_cloud import PointCloud
@@ -58,6 +61,8 @@ class FirstOrder(Engine):
         dtype: torch.dtype,
         pool: Executor | None = None,
     ) -> None:
+        self.settings = settings
+        self._shared_views: dict[Views, tuple[ViewTarget, ...]] = {}
         super().__init__(problems, settings, device, dtype, pool)
         options: Mapping[str, Any] = {"dtype": dtype, "device": device}
         sources = _map_unique(sort_faces_spatially, [problem.source for problem in problems])
@@ -70,15 +75,22 @@ class FirstOrder(Engine):
         self._target_table = AreaTable.of(self._target)
         self._offsets = torch.zeros_like(self._start)
         self._optimizer = Optimizer(self._offsets, settings.optimizer)
+        self._views = [self._targets_of(problem) for problem in problems]
         self._generators = [torch.Generator(device).manual_seed(problem.seed) for problem in problems]
         self._last_good = self._start
         weights = settings.losses.model_dump()
         self._terms: dict[str, Term] = TERMS | {"laplacian": LAPLACIANS[settings.laplacian]}
         active = [name for name in self._terms if weights[name] > 0]
+        of_views = settings.losses.of_views if any(self._views) else {}
+        weights, active = weights | of_views, [*active, *of_views]
         self._weights = {name: float(torch.tensor(weights[name], dtype=dtype)) for name in active}
         ones = torch.ones(len(problems), **options)
         self._output_gradients = {name: weight * ones for name, weight in self._weights.items()}
-        self._evaluate = as_cuda_graph(self._evaluate_eagerly, self._generators, device)
+        # What is seen differs from step to step in size, which no CUDA graph allows.
+        is_fixed = not any(self._views)
+        self._evaluate = (
+            as_cuda_graph(self._evaluate_eagerly, self._generators, device) if is_fixed else self._evaluate_eagerly
+        )
         self._fail_on_positions()
 
     def mesh(self, member: int) -> Mesh:
@@ -132,9 +144,54 @@ class FirstOrder(Engine):
         target = sample(self._target, count, self._generators, self._target_table)
         matches = match_nearest(source.points, target.points, len(self.problems), self._pool)
         inputs = LossInputs(verts, self._operators, geometry, source, target, matches)
-        terms = {name: self._terms[name](inputs) for name in self._weights}
+        terms = {name: self._terms[name](inputs) for name in self._weights if name in self._terms}
+        terms |= self._terms_of_views(verts)
         values = torch.stack([value.detach() for value in terms.values()]) if terms else verts.new_empty(0, 0)
         return Evaluation(inputs, terms, values, self._gradient(verts, terms))
+
+    def _terms_of_views(self, verts: Tensor) -> dict[str, Tensor]:
+        """Return the (K,) values of the terms of images, each fit in some views of its own; 0 for fits without."""
+        names = [name for name in self._weights if name in VIEW_TERMS]
+        if not names:
+            return {}
+        options = self.settings.views or ViewSettings()
+        values: dict[str, list[Tensor]] = {name: [] for name in names}
+        for member, views in enumerate(self._views):
+            if not views:
+                for terms in values.values():
+                    terms.append(verts.new_zeros(()))
+                continue
+            generator = self._generators[member]
+            order = torch.randperm(len(views), generator=generator, device=generator.device)[: options.per_step]
+            chosen = [views[place] for place in sorted(order.tolist())]
+            mesh, at = self.problems[member].source, verts[self._rows(member)]
+            found = view_terms(at, mesh, chosen, names, options.blur, options.silhouette)
+            for name in names:
+                values[name].append(found[name])
+        return {name: torch.stack(terms) for name, terms in values.items()}
+
+    def _targets_of(self, problem: Problem) -> tuple[ViewTarget, ...]:
+        """Return the views of a problem, once for those that share them."""
+        weights, images = self.settings.losses.of_views, problem.images
+        if images is None:
+            given = [name for name in VIEW_TERMS if getattr(self.settings.losses, name)]
+            if given:
+                raise ConfigError(f"losses.{given[0]}: is for targets of images, and this is a mesh; remove it")
+            return ()
+        for name, have in (("depth", images.have_depth), ("normals", images.have_normals)):
+            if name in weights and not have:
+                raise ConfigError(f"losses.{name}: the images have no {name}; remove it, or add maps of it")
+        blur = (self.settings.views or ViewSettings()).blur
+        if images not in self._shared_views:
+            targets = tuple(ViewTarget.of(view, blur, self.dtype, self.device) for view in images)
+            self._shared_views[images] = targets
+        return self._shared_views[images]
+
+    def columns_of(self, problem: Problem) -> tuple[str, ...]:
+        """Return the names of the columns: those of all terms, and of images the terms with a weight above 0."""
+        if problem.images is None:
+            return self.columns
+        return (*self.columns[:-1], *self.settings.losses.of_views, self.columns[-1])
 
     def _gradient(self, verts: Tensor, terms: Mapping[str, Tensor]) -> Tensor:
         """Return the gradient of the weighted sum of some terms."""
@@ -208,5 +265,7 @@ def _farthest(dtype: torch.dtype) -> float:
 
 def _target_mesh(problem: Problem) -> Mesh:
     if isinstance(problem.target, PointCloud):
+        if problem.images is not None:
+            return visual_hull(problem.images)
         raise ConfigError("target: a point cloud has no faces to sample; use method: gauss-newton")
     return problem.target

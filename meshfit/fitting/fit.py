@@ -112,6 +112,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     losses: "Losses | LossWeights | None" = None,
     laplacian: Literal["uniform", "cotangent"] | None = None,
     optimizer: "OptimizerKeys | OptimizerSettings | None" = None,
+    views: "ViewKeys | ViewSettings | None" = None,
     # gauss-newton
     connectivity: Literal["remeshed", "fixed"] | None = None,
     variables: Literal["verts", "control"] | None = None,
@@ -181,9 +182,11 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         snapshots: number of steps between two calls of `on_snapshot`.
         steps: first-order: number of steps.
         samples: first-order: number of points on each surface in each step.
-        losses: first-order: weights of `chamfer`, `normal`, `edge`, `laplacian` and `consistency`.
+        losses: first-order: weights of `chamfer`, `normal`, `edge`, `laplacian` and `consistency`, and for a target of
+            images of `silhouette`, `depth` and `normals`.
         laplacian: first-order: weights of the Laplacian.
         optimizer: first-order: `name`, `lr`, `momentum` and `schedule`.
+        views: first-order: `blur`, `per_step` and `silhouette`, for a target of images.
         connectivity: gauss-newton: `remeshed`, or `fixed` to keep the source's own faces, refined by the scheme.
         variables: gauss-newton: `verts` of the surface, or those of a `control` mesh.
         limit: gauss-newton: whether to fit the limit surface.

@@ -11,6 +11,9 @@ class Losses(TypedDict, total=False):
     edge: float
     laplacian: float
     consistency: float
+    silhouette: float | None
+    depth: float | None
+    normals: float | None
 
 
 class ScheduleKeys(TypedDict, total=False):
@@ -31,6 +34,14 @@ class OptimizerKeys(TypedDict, total=False):
     schedule: ScheduleKeys
 
 
+class ViewKeys(TypedDict, total=False):
+    """How images are looked at; see `ViewSettings`."""
+
+    blur: float
+    per_step: int
+    silhouette: Literal["iou", "squared"]
+
+
 class FitKeys(TypedDict, total=False):
     """Keys of `FirstOrderSettings` and `GaussNewtonSettings`; None leaves a key as it is."""
 
@@ -42,6 +53,7 @@ class FitKeys(TypedDict, total=False):
     losses: Losses | None
     laplacian: Literal["uniform", "cotangent"] | None
     optimizer: OptimizerKeys | None
+    views: ViewKeys | None
     connectivity: Literal["remeshed", "fixed"] | None
     variables: Literal["verts", "control"] | None
     limit: bool | None

@@ -56,7 +56,12 @@ class Engine(ABC):
         self.problems, self.settings, self.device, self.dtype = tuple(problems), settings, device, dtype
         self.done, self._pool = 0, pool
         self._since, self._before = time.perf_counter(), [0.0] * len(problems)
-        self.traces, self.failed = [Trace(self.columns) for _ in problems], dict[int, Diverged]()
+        self.traces = [Trace(self.columns_of(problem)) for problem in problems]
+        self.failed = dict[int, Diverged]()
+
+    def columns_of(self, _problem: Problem) -> tuple[str, ...]:
+        """Return the names of the columns of a problem's trace."""
+        return self.columns
 
     @property
     def steps(self) -> int:
@@ -139,8 +144,8 @@ class Engine(ABC):
         for generator, checkpoint in zip(self._generators, checkpoints, strict=True):
             generator.set_state(checkpoint["generator"].cpu())
         self.traces = [
-            Trace(self.columns, [tuple(row) for row in checkpoint["trace"]], list(checkpoint["times"]))
-            for checkpoint in checkpoints
+            Trace(self.columns_of(problem), [tuple(row) for row in checkpoint["trace"]], list(checkpoint["times"]))
+            for problem, checkpoint in zip(self.problems, checkpoints, strict=True)
         ]
         self._since, self._before = time.perf_counter(), [checkpoint["elapsed"] for checkpoint in checkpoints]
         self.done = checkpoints[0]["done"]

@@ -76,7 +76,7 @@ class Trace:
 
     def append(self, step: int, loss: float, terms: dict[str, float], lr: float) -> None:
         """Add the row of one step."""
-        self.rows.append((step, loss, *(terms[name] for name in COLUMNS[2:-1]), lr))
+        self.rows.append((step, loss, *(terms[name] for name in self.columns[2:-1]), lr))
 
     def column(self, name: str) -> list[int | float]:
         """Return the numbers of one column; `seconds` is one where times were recorded.
@@ -136,7 +136,7 @@ class Trace:
         Raises:
             ConfigError: no such column, or matplotlib is not installed.
         """
-        names = columns or self.columns[1 : -1 if self.columns == COLUMNS else 2]
+        names = columns or self.columns[1 : -1 if self.columns[:-1][: len(COLUMNS) - 1] == COLUMNS[:-1] else 2]
         curves, places = {name: self.column(name) for name in names}, self.column(over)
         if ax is None:
             _, ax = import_optional("matplotlib.pyplot").subplots(figsize=(6.0, 3.5), layout="constrained")

@@ -21,6 +21,8 @@ Fairness = Annotated[float, Field(gt=0)]
 Dtype = Literal["float32", "float64"]
 Direction = Literal["both", "to-target", "to-source"]
 """Pairs of points that pull: both ways, from the surface to the target, or from the target to the surface."""
+VIEW_TERMS = ("silhouette", "depth", "normals")
+"""Names of the terms that only a target of images has."""
 
 
 class LossWeights(Settings):
@@ -36,6 +38,32 @@ class LossWeights(Settings):
     """Weight (0 or more) of the Laplacian term: mean length of the Laplacian of the vertex positions."""
     consistency: Weight = 0.01
     """Weight (0 or more) of the normal-consistency term: mean 1 - cos between normals of adjacent faces."""
+    silhouette: Weight | None = None
+    """Weight (0 or more) of the silhouettes of a target of images: 1 - intersection over union with its masks; null
+    means 1 for such targets, or 0 if it has a weight of depth or normals."""
+    depth: Weight | None = None
+    """Weight (0 or more) of the depth of a target of images: mean absolute difference to its depth maps; null means
+    0."""
+    normals: Weight | None = None
+    """Weight (0 or more) of the normals of a target of images: mean 1 - cos to its maps of normals; null means 0."""
+
+    @property
+    def of_views(self) -> dict[str, float]:
+        """The weights above 0 of the terms that a target of images has."""
+        silhouette = self.silhouette if self.silhouette is not None else float(not (self.depth or self.normals))
+        weights = {"silhouette": silhouette, "depth": self.depth or 0.0, "normals": self.normals or 0.0}
+        return {name: weight for name, weight in weights.items() if weight > 0}
+
+
+class ViewSettings(Settings):
+    """How a first-order fit looks at a target of images."""
+
+    blur: Annotated[float, Field(gt=0, le=100)] = 1.0
+    """Width (above 0, at most 100) in pixels over which outlines are softened; the larger, the farther they pull."""
+    per_step: Annotated[int, Field(ge=1)] = 4
+    """Number of views (1 or more) drawn at each step; all of them if there are no more."""
+    silhouette: Literal["iou", "squared"] = "iou"
+    """Difference of silhouettes: `iou`, 1 - intersection over union, or `squared`, the mean squared difference."""
 
 
 class Schedule(Settings):
@@ -86,6 +114,8 @@ class FirstOrderSettings(Settings):
     """Laplacian of the Laplacian term: `uniform` or `cotangent` weights of the neighbours."""
     optimizer: OptimizerSettings = OptimizerSettings()
     """The optimiser and its learning rate."""
+    views: ViewSettings | None = None
+    """How a target of images is looked at; null means the defaults."""
     trace_every: Every = 10
     """Number of steps (1 or more) from one row of `trace.csv` to the next; the first and last steps always have one."""
     snapshots: Every | None = None
