@@ -19,7 +19,7 @@ from meshfit.fitting.device import resolve_device, single_thread
 from meshfit.fitting.external.engine import External
 from meshfit.fitting.first_order import FirstOrder
 from meshfit.fitting.gauss_newton.engine import GaussNewton
-from meshfit.fitting.keywords import FitKeys, Losses, OptimizerKeys
+from meshfit.fitting.keywords import FitKeys, Losses, OptimizerKeys, ViewKeys
 from meshfit.fitting.loop import Engine, FitResult, run
 from meshfit.fitting.nearest_neighbours import search_threads
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem
@@ -35,6 +35,7 @@ from meshfit.fitting.settings import (
     GaussNewtonSettings,
     LossWeights,
     OptimizerSettings,
+    ViewSettings,
 )
 from meshfit.images.target import ImageTarget
 from meshfit.images.targets import as_image_target

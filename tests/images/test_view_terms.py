@@ -36,7 +36,9 @@ def egg(level=2):
 
 
 def views_of(mesh, count, size=32, kind="pinhole"):
-    return Views(renamed((render_view(mesh, camera) for camera in cameras_around(mesh, count, size, kind=kind)), "view-"))
+    return Views(
+        renamed((render_view(mesh, camera) for camera in cameras_around(mesh, count, size, kind=kind)), "view-")
+    )
 
 
 @over("blur", [0.5, 1.0])
