@@ -71,6 +71,9 @@ def run_and_report(trials: Sequence[Trial], options: RunOptions) -> int:
         show_tables(records, options.metrics, baseline=options.baseline)
         folders = dict.fromkeys(str(options.runs / trial.experiment) for trial in trials)
         out.print(f"\nResults: {', '.join(folders)}", soft_wrap=True, markup=False)
+        if doubtful := sum(not result.get("verdict", {}).get("sound", True) for result in results):
+            text = f"Verdict: {doubtful} of {count_text(len(results), 'result')} doubtful, marked † with what is wrong"
+            out.print(text, soft_wrap=True, markup=False)
     return _print_failures(trials, outcomes, store)
 
 

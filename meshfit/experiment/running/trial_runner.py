@@ -64,6 +64,7 @@ from meshfit.images.targets import content_sha256, load_images, load_reference
 from meshfit.measuring.correspondence import Correspondence
 from meshfit.measuring.measure import Measurement, measure
 from meshfit.measuring.shortfalls import FAR, FAR_ON_AVERAGE, shortfalls
+from meshfit.measuring.verdict import Facts, Verdict, verdict_on
 from meshfit.measuring.vertex_error import Truth
 from meshfit.mesh.alignment import align, boxes_are_disjoint
 from meshfit.mesh.cleaning import outward, with_turning
@@ -86,9 +87,8 @@ from meshfit.mesh.topology import Topology
 from meshfit.subdivision.registry import Scheme
 from meshfit.units import count_text
 
-# A source whose box has this many times the diagonal of the target's is reported; so is a result whose distance is that
-# many times the source's, with a margin for the samples that it is estimated from.
-_MUCH_LARGER, _FARTHER = 2.5, 1.1
+# A source whose box has this many times the diagonal of the target's is reported.
+_MUCH_LARGER = 2.5
 _POINTS = 5000
 
 
@@ -203,8 +203,6 @@ class TrialRunner:
         with self.warnings_recorded():
             measured = self._measured(fitted)
             offset = getattr(self.trial.settings.fit, "offset", 0.0)
-            if filled is None and not offset and not self._is_guess:  # what fills holes is far from the target
-                _warn_if_farther(self._source, fitted.mesh, self._reference, self.trial.settings.fit)
             self._write_correspondence(fitted)
         short = list(fitted.shortfalls)
         far = FAR_ON_AVERAGE if isinstance(self.trial.settings.fit, FirstOrderSettings) else FAR
@@ -215,13 +213,15 @@ class TrialRunner:
             short += shortfalls(fitted.mesh, wanted, far, surface=surface, filled=filled)
         if measured.iou is not None:
             short += measured.iou.shortfalls
+        verdict = self._verdict(fitted, measured, short, counts=filled is None and not offset and not self._is_guess)
+        short = list(dict.fromkeys([*verdict.findings, *short]))
         for text in (*fitted.notes, *short):
             self.warn(text)
         seconds["measure"] = time.perf_counter() - start
         source = self._source_record | {"area": float(face_areas(self._source).sum())}
         source |= {"verts": self._source.num_verts, "faces": self._source.num_faces}
         work = {"source": source, "seconds": seconds, "peak_memory_mb": memory, "warnings": self._warnings}
-        work["shortfalls"] = short
+        work["shortfalls"], work["verdict"] = short, verdict.to_dict()
         if self._images is not None:
             work["images"] = self._images.record
         result = result_record(self.trial, self._frame_record, fitted, measured, work)
@@ -229,6 +229,25 @@ class TrialRunner:
         self.store.remove(self.trial, CHECKPOINT, FAILURE, LAST_GOOD)
         self._log.close(f"complete: {seconds['fit']:.1f} s of fitting, {seconds['measure']:.1f} s of measuring")
         self.outcome = Outcome(TrialStatus.COMPLETE)
+
+    def _verdict(self, fitted: FitResult, measured: Measurement, short: Sequence[str], *, counts: bool) -> Verdict:
+        """Check a result; `counts` is false where a good one may be far from what it is compared with."""
+        settings, fit = self.trial.settings, self.trial.settings.fit
+        asked = settings.source.wanted_verts
+        if isinstance(fit, GaussNewtonSettings):
+            asked = fit.verts if fit.connectivity == "remeshed" else None
+        before, after = (_mean_distance(mesh, self._reference) for mesh in (self._source, fitted.mesh))
+        tool = fit.tool if isinstance(fit, ExternalSettings) else None
+        first_order = isinstance(fit, FirstOrderSettings)
+        facts = Facts(
+            distance=measured.distance if counts else None,
+            mean_distances=(before, after) if counts else None,
+            asked_verts=None if isinstance(fit, ExternalSettings) else asked,
+            is_placed=works_from_target(tool) or (isinstance(fit, GaussNewtonSettings) and fit.prior is not None),
+            remedy="; raise fit.samples, or lower fit.optimizer.lr" if first_order else "",
+            shortfalls=short,
+        )
+        return verdict_on(fitted.mesh, self._source, self._reference, facts)
 
     @property
     def _is_guess(self) -> bool:
@@ -517,17 +536,6 @@ def _warn_of_differences(
             f"{sizes[1]:.3g} in the normalised frame); set a smaller source.radius, or source.align: pca"
         )
         warnings.warn(text, MeshfitWarning, stacklevel=2)
-
-
-def _warn_if_farther(source: Mesh, result: Mesh, target: Mesh | PointCloud, fit: FitSettings) -> None:
-    """Warn of a result that is farther from the target than the source was."""
-    before, after = (_mean_distance(mesh, target) for mesh in (source, result))
-    if after > _FARTHER * before:
-        remedy = ""
-        if isinstance(fit, FirstOrderSettings):
-            remedy = "; raise fit.samples, or lower fit.optimizer.lr"
-        text = f"the fit ended farther from the target than it began: mean distance {after:.3g}, at first {before:.3g}"
-        warnings.warn(f"{text}{remedy}", MeshfitWarning, stacklevel=2)
 
 
 def _mean_distance(mesh: Mesh, target: Mesh | PointCloud) -> float:
