@@ -130,9 +130,9 @@ def fit(
         typer.Option(
             "--source",
             help="Mesh to start from: target, the target with few faces; closed, the same with its holes filled; wrap, "
-            "one closed surface around it; open, an open one through points; auto, one of these; sphere, a small one "
-            "inside it; or a mesh file.",
-            metavar="auto|target|closed|open|wrap|sphere|FILE",
+            "one closed surface around it; open, an open one through points; hull, the visual hull of images; auto, "
+            "one of these; sphere, a small one inside it; or a mesh file.",
+            metavar="auto|target|closed|open|wrap|hull|sphere|FILE",
             rich_help_panel=_FIT,
             autocompletion=completions.targets,
         ),

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 _NAME, _ANY_TARGET = "fit", "bunny"
 _FIXED_VERTS = 10242
-BUILT = ("auto", "target", "closed", "open", "wrap", "sphere")
+BUILT = ("auto", "target", "closed", "open", "wrap", "hull", "sphere")
 """Sources that are made, not read from a file."""
 
 

@@ -36,7 +36,7 @@ SOURCE_FILE_KEYS = (("source", "mesh"), ("source", "landmarks"), *(("source", ke
 """Settings of the source that may be paths of files."""
 TRUTH_KEY = ("target", "truth")
 """The setting that is the path of a file, or a pattern of paths."""
-MADE_FROM_TARGET = ("target", "closed", "open", "wrap", "auto")
+MADE_FROM_TARGET = ("target", "closed", "open", "wrap", "hull", "auto")
 """Values of `source.mesh` that stand for control meshes made from the trial's target."""
 _OF_TARGET = {"levels": 0, "wanted_verts": 2562, "radius": None, "centre": None}
 _SOURCE_DEFAULTS: dict[str, dict[str, Any]] = {
@@ -216,9 +216,10 @@ class SourceSettings(Settings):
 
     mesh: str = "icosahedron"
     """Control mesh: `target`, the trial's target with few faces; `closed`, the same with its holes filled; `wrap`, one
-    closed surface around it; `open`, an open surface through the points of a cloud; `auto`, the target, or a wrap where
-    it is a cloud, a soup around which a wrap lies close, or an outer surface in open pieces, and `open` where a cloud
-    shows less than three quarters of its wrap; `sphere`, a small one inside the target; `icosahedron`,
+    closed surface around it; `open`, an open surface through the points of a cloud; `hull`, the visual hull of images;
+    `auto`, the target, or a wrap where it is a cloud, a soup around which a wrap lies close, or an outer surface in
+    open pieces, `open` where a cloud shows less than three quarters of its wrap, and `hull` for images; `sphere`, a
+    small one inside the target; `icosahedron`,
     `octahedron`, `tetrahedron`, `cube`, `icosphere` or `icosphere:level=N`; the name of a target, or the path of a mesh
     file."""
     decimate: Annotated[int, Field(ge=4)] | None = None

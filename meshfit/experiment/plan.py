@@ -424,6 +424,17 @@ def checked_target(target: str, cleaning: CleaningOptions) -> CheckedTarget:
     return CheckedTarget(file_sha256(target_path(target)), loaded.num_faces, points, fault)
 
 
+def _check_images(name: str, checked: CheckedTarget, settings: ExperimentSettings) -> None:
+    """Refuse settings that images make needless, and those that only images have."""
+    if settings.source.mesh == "hull" and not checked.views:
+        raise ConfigError(f"{name}: not given by images, whose masks have a visual hull; use source.mesh: auto")
+    if checked.views and settings.target.surface == "outer":
+        raise ConfigError(f"{name}: images show the outside alone; remove target.surface: outer")
+    if settings.target.sensor is not None and (checked.views or not checked.points):
+        known = "its cameras are known" if checked.views else "its faces tell the outside"
+        raise ConfigError(f"{name}: {known}, so target.sensor has no effect; remove it")
+
+
 def _check_kind(target: str, checked: CheckedTarget, settings: ExperimentSettings) -> None:
     """Refuse settings that do not go with a target of points, or with one of faces.
 
@@ -431,11 +442,7 @@ def _check_kind(target: str, checked: CheckedTarget, settings: ExperimentSetting
         ConfigError: naming the setting.
     """
     fit, name = settings.fit, path_text(target)
-    if checked.views and settings.target.surface == "outer":
-        raise ConfigError(f"{name}: images show the outside alone; remove target.surface: outer")
-    if settings.target.sensor is not None and (checked.views or not checked.points):
-        known = "its cameras are known" if checked.views else "its faces tell the outside"
-        raise ConfigError(f"{name}: {known}, so target.sensor has no effect; remove it")
+    _check_images(name, checked, settings)
     if isinstance(fit, FirstOrderSettings):
         _check_view_terms(name, checked, fit)
     if not checked.points or (checked.views and isinstance(fit, FirstOrderSettings)):

@@ -9,9 +9,11 @@ import numpy as np
 
 from meshfit.config.experiment import KEYS_WITH_FILES, MADE_FROM_TARGET, MAX_LEVELS, SourceSettings
 from meshfit.errors import ConfigError, MeshError, error_prefix
+from meshfit.images.hull_source import ANY_ORIGIN, control_mesh_from
+from meshfit.images.views import Views
 from meshfit.mesh.cleaning import VertexMap
 from meshfit.mesh.cleaning_options import CleaningOptions, Surface
-from meshfit.mesh.control_mesh import ORIGINS, ControlMesh, Wrap, control_mesh_of
+from meshfit.mesh.control_mesh import ControlMesh, Wrap
 from meshfit.mesh.geometry import face_areas, signed_volume
 from meshfit.mesh.io.vertex_values import read_vertex_property, read_vertex_values
 from meshfit.mesh.mesh import Mesh, Verts
@@ -51,6 +53,7 @@ def build_source(
     target: Mesh | PointCloud | None = None,
     *,
     surface: Surface = "all",
+    images: Views | None = None,
 ) -> AnyMesh:
     """Build the mesh that a fit starts from: polygons if the scheme refines polygons, else triangles.
 
@@ -63,6 +66,7 @@ def build_source(
         name: the scheme's name in messages; its spec if that is given.
         target: the trial's target in its normalised frame, which some control meshes are made from.
         surface: the part of the target's surface that this is.
+        images: views of the target, in the same frame, if it is given by images.
 
     Raises:
         ConfigError: the control mesh is neither built in, nor a target, nor a file; or it is decimated or made from the
@@ -73,7 +77,7 @@ def build_source(
     if isinstance(scheme, str):
         name = scheme
     scheme = resolve(scheme)
-    mesh, vertex_map = _control_mesh(settings, target, surface, polygons=isinstance(scheme, PolygonScheme))
+    mesh, vertex_map = _control_mesh(settings, target, surface, images, polygons=isinstance(scheme, PolygonScheme))
     creases = _creases(settings, scheme, name, mesh, vertex_map)
     scheme = _with_alphas(settings, scheme, name, vertex_map)
     try:
@@ -104,21 +108,23 @@ def relocated(settings: SourceSettings, where: Callable[[str], str]) -> SourceSe
 
 
 def made_from_target(
-    settings: SourceSettings, target: Mesh | PointCloud, surface: Surface = "all"
+    settings: SourceSettings, target: Mesh | PointCloud, surface: Surface = "all", images: Views | None = None
 ) -> ControlMesh | None:
     """Return the control mesh that a source is made from with a trial's target; None if it is made without.
 
     Raises:
         MeshError: the target has nothing to make it from.
     """
-    origin = next((origin for origin in ORIGINS if origin == settings.mesh), None)
+    origin = next((origin for origin in ANY_ORIGIN if origin == settings.mesh), None)
     if origin is None:
         return None
     wanted = settings.wanted_verts or _USUAL_VERTS
     verts = max(4, round(wanted / 4**settings.levels)) if settings.decimate is None else None
     wrap = None if settings.wrap is None else Wrap(settings.wrap.alpha, settings.wrap.offset)
     with error_prefix("source.mesh"):
-        return control_mesh_of(target, origin, verts=verts, faces=settings.decimate, wrap=wrap, surface=surface)
+        return control_mesh_from(
+            target, images, origin, verts=verts, faces=settings.decimate, wrap=wrap, surface=surface
+        )
 
 
 def stand_in(settings: SourceSettings) -> SourceSettings:
@@ -141,7 +147,7 @@ def control_verts(settings: SourceSettings, scheme: Scheme) -> tuple[int, Vertex
 
     The second is the vertices that those of its file became; None if it was decimated.
     """
-    mesh, vertex_map = _control_mesh(settings, None, "all", polygons=isinstance(scheme, PolygonScheme))
+    mesh, vertex_map = _control_mesh(settings, None, "all", None, polygons=isinstance(scheme, PolygonScheme))
     return mesh.num_verts, vertex_map
 
 
@@ -152,9 +158,11 @@ def expected_verts(settings: SourceSettings, scheme: Scheme) -> int:
     return build_source(stand_in(settings), scheme).num_verts
 
 
-def describe_source(settings: SourceSettings, target: Mesh | PointCloud, surface: Surface = "all") -> dict[str, object]:
+def describe_source(
+    settings: SourceSettings, target: Mesh | PointCloud, surface: Surface = "all", images: Views | None = None
+) -> dict[str, object]:
     """Return what a source is made from, and why, for the records of a trial."""
-    made = made_from_target(settings, target, surface)
+    made = made_from_target(settings, target, surface, images)
     if made is not None:
         return made.record
     kind = "sphere" if settings.project == "sphere" else "solid"
@@ -162,7 +170,12 @@ def describe_source(settings: SourceSettings, target: Mesh | PointCloud, surface
 
 
 def _control_mesh(
-    settings: SourceSettings, target: Mesh | PointCloud | None, surface: Surface, *, polygons: bool
+    settings: SourceSettings,
+    target: Mesh | PointCloud | None,
+    surface: Surface,
+    images: Views | None,
+    *,
+    polygons: bool,
 ) -> tuple[AnyMesh, VertexMap | None]:
     """Load, decimate and place the control mesh.
 
@@ -174,7 +187,7 @@ def _control_mesh(
     if settings.is_made_from_target:
         if target is None:
             raise MeshError(f"source.mesh: {settings.mesh}: made from the target of a trial, and there is none")
-        made = made_from_target(settings, target, surface)
+        made = made_from_target(settings, target, surface, images)
         assert made is not None  # noqa: S101  as it is made from the target
         return PolygonMesh.of(made.mesh) if polygons else made.mesh, None
     mesh, vertex_map = own_control_mesh(settings, polygons=polygons)

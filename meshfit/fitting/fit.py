@@ -37,6 +37,7 @@ from meshfit.fitting.settings import (
     OptimizerSettings,
     ViewSettings,
 )
+from meshfit.images.hull_source import ANY_ORIGIN, AnyOrigin, control_mesh_from
 from meshfit.images.target import ImageTarget
 from meshfit.images.targets import as_image_target
 from meshfit.images.views import Views
@@ -46,7 +47,7 @@ from meshfit.mesh.any_mesh import MeshLike, as_mesh
 from meshfit.mesh.any_target import as_mesh_or_points
 from meshfit.mesh.cleaning import outward
 from meshfit.mesh.cleaning_options import Surface
-from meshfit.mesh.control_mesh import ORIGINS, USUAL_VERTS, Origin, control_mesh_of
+from meshfit.mesh.control_mesh import USUAL_VERTS
 from meshfit.mesh.geometry import bounding_box_diagonal, face_areas
 from meshfit.mesh.io.landmark_files import load_landmarks
 from meshfit.mesh.landmarks import Landmarks, PlacedLandmarks
@@ -159,8 +160,8 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         source: mesh to start from, in the target's coordinates, in any form that `as_mesh` takes; or `sphere`, which is
             placed around the target, or inside it for `gauss-newton`; or `target`, the target itself with few faces,
             `closed`, the same with its holes filled, `wrap`, one closed surface around it, `open`, an
-            open surface through points, or `auto`: one of these. Its faces are kept, refined or replaced,
-            as the method has it. Polygons are triangulated; see `PolygonMesh.triangulated`.
+            open surface through points, `hull`, the visual hull of images, or `auto`: one of these. Its faces are kept,
+            refined or replaced, as the method has it. Polygons are triangulated; see `PolygonMesh.triangulated`.
         target: mesh to fit to, in any form that `as_mesh` takes. A closed one that is inside out is turned. Or the
             points of a scan, as a `PointCloud` or a file of points alone, for `gauss-newton`. Or images: `Views`, an
             `ImageTarget`, or a folder of images with cameras.
@@ -266,9 +267,10 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
             raise ConfigError("surface: outer: a cloud of points has no faces, so none are hidden; remove it")
         goal = frame.normalise(outer_surface(outward(target_mesh)))
     _require_one_of("align", align, get_args(Placement))
-    own = not (isinstance(source, str) and (source in ("sphere", *ORIGINS) or source in SOLIDS))
+    own = not (isinstance(source, str) and (source in ("sphere", *ANY_ORIGIN) or source in SOLIDS))
     _require_closable(target_mesh, own=own)
-    start = _placed_source(source, frame, goal, settings, scheme, align, surface)
+    image_views = None if images is None else images.views.moved(frame)
+    start = _placed_source(source, frame, goal, settings, scheme, align, surface, image_views)
     known = None if landmarks is None else _landmarks(landmarks, source, goal_given, target_mesh, frame, settings)
     guidance = _guidance(known, {"weights": weights, "fixed": fixed, "rigid": rigid}, start.num_verts, settings)
     restored = _Restored(None if normalise == "none" else frame, on_snapshot)
@@ -285,7 +287,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
             restored.snapshot,
             guidance=guidance,
             own=own,
-            images=None if images is None else images.views.moved(frame),
+            images=image_views,
         )
         (outcome,) = fit_batch(
             [problem], settings, device=device, dtype=dtype, threads=threads, allow_commands=allow_commands
@@ -412,7 +414,7 @@ def _landmarks(
     if not isinstance(given, Landmarks):
         remedy = "Landmarks.of(places, goals), or the path of a file"
         raise ConfigError(f"landmarks: expected Landmarks, got {described(given)}; give {remedy}")
-    if isinstance(source, str) and source in (*ORIGINS, "sphere"):
+    if isinstance(source, str) and source in (*ANY_ORIGIN, "sphere"):
         raise ConfigError(f"landmarks: the source '{source}' has no places of its own; give a mesh")
     if any(given.used) and not (isinstance(settings, GaussNewtonSettings) and settings.prior is not None):
         raise ConfigError("landmarks: only a fit with register='rigid', 'near-rigid' or 'soft' uses them")
@@ -505,7 +507,7 @@ def _require_closable(target: Mesh | PointCloud, *, own: bool) -> None:
 
 
 @no_type_check
-def _placed_source(
+def _placed_source(  # noqa: PLR0913, PLR0917  as the caller has them
     source: "MeshLike",
     frame: Frame,
     goal: Mesh | PointCloud,
@@ -513,12 +515,13 @@ def _placed_source(
     scheme: str | Scheme,
     how: Placement,
     surface: Surface,
+    images: Views | None = None,
 ) -> Mesh | PolygonMesh:
     """Return the source in the normalised frame, aligned with the target."""
     if isinstance(source, str) and source == "sphere":
         return _around(goal, _sphere(settings, scheme))
-    if isinstance(source, str) and source in ORIGINS:
-        return _from_target(goal, source, settings, scheme, surface)
+    if isinstance(source, str) and source in ANY_ORIGIN:
+        return _from_target(goal, source, settings, scheme, surface, images)
     mesh = as_mesh(source, "source")
     _require_surface(as_mesh(mesh, "source", triangles=True), "source")
     mesh = mesh.with_verts((mesh.verts - frame.centre) / frame.scale)
@@ -549,13 +552,18 @@ def _sphere(settings: FitSettings, scheme: str | Scheme) -> Mesh | PolygonMesh:
 
 
 def _from_target(
-    goal: Mesh | PointCloud, origin: Origin, settings: FitSettings, scheme: str | Scheme, surface: Surface
+    goal: Mesh | PointCloud,
+    origin: AnyOrigin,
+    settings: FitSettings,
+    scheme: str | Scheme,
+    surface: Surface,
+    images: Views | None,
 ) -> Mesh | PolygonMesh:
     """Return the source of the bundled config `accurate`: a control mesh made from the target."""
     verts = USUAL_VERTS
     if isinstance(settings, GaussNewtonSettings) and settings.connectivity == "fixed":
         verts = max(12, int((settings.verts - 2) / 4**settings.levels) + 2)
-    mesh = control_mesh_of(goal, origin, verts=verts, surface=surface).mesh
+    mesh = control_mesh_from(goal, images, origin, verts=verts, surface=surface).mesh
     return PolygonMesh.of(mesh) if isinstance(resolve(scheme), PolygonScheme) else mesh
 
 

@@ -91,13 +91,14 @@ class ControlMesh:
 
     Attributes:
         mesh: oriented manifold pieces.
-        made_from: `target`, `wrap`, or `points` for an open surface through a cloud.
+        made_from: `target`, `wrap`, `points` for an open surface through a cloud, or `hull` for the visual hull of
+            images.
         reason: why, in words.
         wrap: alpha and offset of the wrap.
     """
 
     mesh: Mesh
-    made_from: Literal["target", "points", "wrap"]
+    made_from: Literal["target", "points", "wrap", "hull"]
     reason: str
     wrap: Wrap | None = None
 

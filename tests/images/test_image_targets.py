@@ -15,6 +15,7 @@ from meshfit.experiment.running.worker import pack_inputs, unpack_inputs
 from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.fitting.problem import Problem
 from meshfit.images.files import renamed, save_views
+from meshfit.images.hull_source import control_mesh_from
 from meshfit.images.rasteriser import render_view, shading
 from meshfit.images.specs import (
     ImageFiles,
@@ -34,6 +35,7 @@ from meshfit.measuring.measure import measure
 from meshfit.mesh.io.files import save_mesh
 from meshfit.mesh.normalisation import Frame
 from meshfit.mesh.point_cloud import PointCloud
+from meshfit.mesh.topology import Topology
 from meshfit.settings import build
 from meshfit.subdivision.sphere import icosphere
 from tests.cli import answered, invoke, refused, trials_in_this_process
@@ -238,6 +240,22 @@ def test_a_worker_elsewhere_gets_the_images(photos):
     assert copy != trial.target
     assert load_images(copy).sha256 == dict(trial.inputs)["target"]
     assert there.identity == trial.identity
+
+
+def test_the_source_for_depth_maps_is_the_hull_of_their_masks(monkeypatch):
+    monkeypatch.setattr("meshfit.images.hull_source.visual_hull", partial(visual_hull, resolution=24))
+    views = views_of(egg())
+    cloud = ImageTarget(views, None, "egg").shape
+    for origin, reason in (("auto", "of 4 masks"), ("hull", "as set")):
+        made = control_mesh_from(cloud, views, origin, verts=100)
+        assert (made.made_from, made.reason) == ("hull", reason)
+        assert made.mesh.num_verts <= 100
+        assert Topology.of(made.mesh).is_watertight
+    assert control_mesh_from(egg(), None, "auto", verts=100).made_from == "target"
+    with pytest.raises(MeshError, match="hull: the target is not given by images"):
+        control_mesh_from(egg(), None, "hull")
+    with pytest.raises(ConfigError, match="bone: not given by images"):
+        plan([load_experiment("accurate", ["targets=bone", "source.mesh=hull"])])
 
 
 def test_settings_that_go_with_no_images_are_refused(photos):

@@ -140,9 +140,10 @@ class TrialRunner:
             guidance = self._guidance(source_settings, scheme, target, inputs)
             if source_settings.is_made_from_target:
                 self._report(TrialStatus.PREPARING)
-            built = build_source(source_settings, scheme, target=self._target, surface=settings.target.surface)
-            made = made_from_target(source_settings, self._target, settings.target.surface)
-            self._source_record = describe_source(source_settings, self._target, settings.target.surface)
+            surface, views = settings.target.surface, None if self._images is None else self._images.views
+            built = build_source(source_settings, scheme, target=self._target, surface=surface, images=views)
+            made = made_from_target(source_settings, self._target, surface, views)
+            self._source_record = describe_source(source_settings, self._target, surface, views)
             triangles = built.triangulated() if isinstance(built, PolygonMesh) else built
             self._source = align(triangles, self._target, "none" if made is not None else settings.source.align)
             fills = source_settings.mesh == "closed"
@@ -178,7 +179,7 @@ class TrialRunner:
             polygons=polygons,
             own=is_own_mesh(source_settings),
             guidance=guidance,
-            images=None if self._images is None else self._images.views,
+            images=views,
         )
 
     def finish(self, fitted: FitResult) -> None:
