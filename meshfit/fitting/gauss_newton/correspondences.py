@@ -52,6 +52,7 @@ class Correspondences:
         reached: the same, of those that can have one: not of points beyond the rim of the target; and where much of the
             surface spans what the target does not show, and so passes behind what it does, of the target's alone.
         membranes: (V,) share of the area at each vertex that spans a gap of the target.
+        measured: their distance, if not all rows are pairs of points.
     """
 
     face: Int64[Tensor, " M"]
@@ -62,10 +63,13 @@ class Correspondences:
     matched: float
     reached: float
     membranes: Float[Tensor, " V"]
+    measured: float | None = None
 
     @property
     def distance(self) -> float:
         """Root of the weighted mean of squared residuals."""
+        if self.measured is not None:
+            return self.measured
         total = (self.weights * self.residuals.square().sum(1)).sum()
         return math.sqrt(float(total / self.weights.sum().clamp_min(1e-30)))
 

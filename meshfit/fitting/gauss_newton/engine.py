@@ -14,6 +14,7 @@ from meshfit.fitting.gauss_newton.attributes import carried_attributes, initial_
 from meshfit.fitting.gauss_newton.closeness import Closeness, hidden_share, is_near
 from meshfit.fitting.gauss_newton.correspondences import Correspondences
 from meshfit.fitting.gauss_newton.fit_state import FitState
+from meshfit.fitting.gauss_newton.image_rows import ImageRows
 from meshfit.fitting.gauss_newton.refinement import control_mesh, linearly_refined, refine_state, with_control_mesh
 from meshfit.fitting.gauss_newton.schedule import Stage, rough_verts, schedule
 from meshfit.fitting.gauss_newton.second_fit import bridge_of, is_better, second_problem
@@ -55,6 +56,8 @@ _MANY_OUTLIERS = 0.01
 # From this share on, a search for the rough shape ends once its fairness is lowest; and a level ends at a step before
 # which the distance is more than the second number times that of the step before.
 _COMPLETE, _STILL = 0.999, 0.97
+# From this share of matched points on, a surface is on the hull of masks, and goes on to their contours.
+_ON_HULL = 0.9
 
 
 @dataclass
@@ -164,6 +167,9 @@ class GaussNewton(Engine):
         if settings.offset:
             clouds = {target: cloud.lifted(settings.offset) for target, cloud in clouds.items()}
         self._targets = [clouds[problem.target] for problem in problems]
+        views = dict.fromkeys(problem.images for problem in problems)
+        images = {of_one: None if of_one is None else ImageRows.of(of_one) for of_one in views}
+        self._images = [images[problem.images] for problem in problems]
         self._generators = [Generator().manual_seed(problem.seed) for problem in problems]
         for problem in problems:
             self._check(problem)
@@ -176,8 +182,11 @@ class GaussNewton(Engine):
             self._start(problem, near=near) for problem, (near, _) in zip(problems, self._near, strict=True)
         ]
         self._restarts = [
-            Restarts.unneeded(distance) if near else restarts_for(state, settings, distance)
-            for (near, distance), state in zip(self._near, self._states, strict=True)
+            # From the hull of masks, it takes coarse steps to reach what lies inside it.
+            Restarts.unneeded(distance)
+            if near and not self._only_hull(member)
+            else restarts_for(state, settings, distance)
+            for member, ((near, distance), state) in enumerate(zip(self._near, self._states, strict=True))
         ]
         self._shortfalls = [outliers_left_out(target) for target in self._targets]
         self._notes: list[list[str]] = [[] for _ in problems]
@@ -308,6 +317,7 @@ class GaussNewton(Engine):
         if (
             near
             or self.is_second
+            or self._only_hull(member)
             or settings.tries == 1
             or self._restarts[member].hopeless
             or not bool(state.verts.isfinite().all())
@@ -347,7 +357,8 @@ class GaussNewton(Engine):
         )
         # With fewer vertices than the source, a result may well be farther.
         fewer = self.settings.connectivity == "remeshed" and problem.source.num_verts > self.settings.verts
-        if better or fewer or self.settings.offset or not bool(state.verts.isfinite().all()):
+        # A surface that masks allow may well be farther from their hull.
+        if better or fewer or self._only_hull(member) or self.settings.offset or not bool(state.verts.isfinite().all()):
             return state
         if isinstance(problem.target, PointCloud) or self._targets[member].noise:
             return state  # a smooth surface is farther from noise than one that follows it
@@ -456,9 +467,12 @@ class GaussNewton(Engine):
             return restarts.distance
         self._made[member] += 1
         if number == 0:
-            before = self._changed(before, problem, stage, target)
+            sizing = self._shown_by_itself(before) if self._only_hull(member) and stage.sized else target
+            before = self._changed(before, problem, stage, sizing)
         fairness, point_weight = stage.weights[number]
-        fairness = max(fairness, target.least_fairness(len(before.verts)))
+        images = self._images_at(member, stage)
+        least = target.least_fairness(len(before.verts))
+        fairness = max(fairness, least if images is None else images.least_fairness(len(before.verts)))
         robust = stage.robust if self.settings.robust == "auto" else None
         report = before.step(
             target,
@@ -467,7 +481,7 @@ class GaussNewton(Engine):
             self._generators[member],
             self.settings.direction,
             robust,
-            self._adapted(member),
+            self._adapted(member) if images is None else self._with_images(images, self._adapted(member)),
         )
         distance, matched, after = report.pairs.distance, report.pairs.matched, report.state
         if not bool(after.verts.isfinite().all()):
@@ -475,6 +489,8 @@ class GaussNewton(Engine):
             self.failed[member] = Diverged(self.done, "the step", last_good, self.traces[member], _REMEDY)
             return distance
         self._states[member] = after
+        if images is not None and stage.change == "remesh":
+            stage = replace(stage, settles=False)  # parts that no contour shows go on after these have settled
         restarts.record(stage, number, report.pairs)
         self._trace(member, distance, matched, fairness, point_weight, report.held)
         return distance
@@ -482,6 +498,34 @@ class GaussNewton(Engine):
     def _adapted(self, _member: int) -> Callable[[Correspondences, Shape], Correspondences] | None:
         """Return how correspondences are adapted to what is known of the source; None if nothing is."""
         return None
+
+    def _with_images(
+        self, images: ImageRows, adapted: Callable[[Correspondences, Shape], Correspondences] | None
+    ) -> Callable[[Correspondences, Shape], Correspondences]:
+        """Return how correspondences become rows of images, after they are adapted as they are without these."""
+
+        def with_rows(pairs: Correspondences, shape: Shape) -> Correspondences:
+            return images.adapted(pairs if adapted is None else adapted(pairs, shape), shape, self.done)
+
+        return with_rows
+
+    def _images_at(self, member: int, stage: Stage) -> ImageRows | None:
+        """Return the images that a step of a stage follows.
+
+        A search for the rough shape follows depth; or the hull, until most of the surface is on it.
+        """
+        near, _ = self._near[member]
+        reached = self._only_hull(member) and (near or self._restarts[member].matched > _ON_HULL)
+        return self._images[member] if stage.attempt is None or reached else None
+
+    def _only_hull(self, member: int) -> bool:
+        """Return whether the target is no more than the visual hull of images, inside which the surface may lie."""
+        images = self._images[member]
+        return images is not None and not images.shows_depth
+
+    def _shown_by_itself(self, state: FitState) -> TargetCloud:
+        """Return the surface itself as the source of curvature."""
+        return TargetCloud.of(_mesh_at(state), self.dtype, self.device, 0.0, robust=False)
 
     def _trace(
         self, member: int, distance: float, matched: float, fairness: float, point_weight: float, held: int
