@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
+from numbers import Integral
 from typing import Any
 
 from meshfit.doors import no_type_check
@@ -213,6 +214,8 @@ class Problem:
         own: bool = True,  # noqa: FBT001, FBT002  by name
         images: Views | None = None,
     ) -> None:
+        if not isinstance(seed, Integral) or isinstance(seed, bool) or int(seed) < 0:
+            raise ConfigError(f"seed: expected a whole number of at least 0, got {seed!r}")
         start = as_mesh(source, "source")
         polygons = start if isinstance(start, PolygonMesh) else polygons
         triangles = start.triangulated() if isinstance(start, PolygonMesh) else start

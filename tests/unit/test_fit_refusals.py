@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+import meshfit
 from meshfit.errors import ConfigError, DeviceError, MeshError
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, icosahedron
@@ -122,3 +123,9 @@ NO_AREA = {
 @over("mesh", NO_AREA.values(), ids=NO_AREA)
 def test_a_mesh_without_area_is_refused(role, mesh):
     assert refusal(MeshError, **{role: mesh}) == f"{role}: the mesh has no area"
+
+
+def test_a_negative_seed_is_refused_as_in_a_config():
+    for seed in (-1, True, 0.5, "0"):
+        with pytest.raises(ConfigError, match="seed: expected a whole number of at least 0, got"):
+            meshfit.Problem("octahedron", "octahedron", seed)
