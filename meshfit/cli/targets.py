@@ -13,7 +13,8 @@ def targets(as_json: AsJson = False) -> int:
     """List the named targets.
 
     Any mesh file (.obj, .ply, .stl, .off, .glb, .gltf) works as a target too, and any file of points (.ply, .xyz, .pcd,
-    .las and the like) for the Gauss–Newton engine.
+    .las and the like) for the Gauss–Newton engine; so does a folder of images with cameras, such as `meshfit views`
+    writes.
 
     Example:
         meshfit targets

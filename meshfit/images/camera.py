@@ -188,7 +188,7 @@ class Camera:
 def _rigid(pose: ArrayLike) -> Pose:
     try:
         matrix = np.array(pose, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ViewError("camera: the pose is not a matrix of numbers; expected 4 × 4 of them") from None
     if matrix.shape == (3, 4):
         matrix = np.vstack([matrix, [0.0, 0.0, 0.0, 1.0]])

@@ -242,7 +242,7 @@ def _float_planes(content: bytes, name: str) -> dict[str, Float64[np.ndarray, "H
         return _exr_planes(content, name)
     try:
         array = np.load(io.BytesIO(content), allow_pickle=False)
-    except (ValueError, OSError, EOFError):
+    except Exception:  # noqa: BLE001  a damaged header may raise anything
         raise ViewError(f"{path_text(name)}: {_BROKEN}") from None
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu" or array.size > 4 * MOST_PIXELS:
         raise ViewError(f"{path_text(name)}: expected an array of numbers, rows by columns")

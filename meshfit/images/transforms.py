@@ -44,7 +44,7 @@ def parse_transforms(content: bytes) -> list[ListedImage]:
     for frame in frames:
         with error_prefix(frame.place):
             try:
-                listed.append(_listed(frame, JsonObject(shared | frame.plain())))
+                listed.append(_listed(JsonObject(frame.plain()), JsonObject(shared | frame.plain())))
             except ViewError:
                 raise
             except MeshError as error:
@@ -92,7 +92,7 @@ def _listed(frame: JsonObject, values: JsonObject) -> ListedImage:
         raise ViewError("has no key 'transform_matrix', the pose of its camera")
     try:
         pose = np.array(matrix, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ViewError("transform_matrix: expected 4 rows of 4 numbers") from None
     model = values.text("camera_model", "PINHOLE").upper()
     if model not in (*_PINHOLE, _ORTHOGRAPHIC):
