@@ -15,6 +15,7 @@ from typer.exceptions import TyperException
 from meshfit.cli.console import EXIT_INTERRUPTED, EXIT_USAGE, exit_code_of, out, print_error
 from meshfit.cli.fit_command import fit_command, is_config_name, is_mesh_name
 from meshfit.cli.options import DEFAULT_RUNS
+from meshfit.cli.streams import make_streams_safe
 from meshfit.errors import ConfigError
 from meshfit.images.folders import is_image_folder
 from meshfit.paths import is_folder, path_text, shell_path
@@ -253,4 +254,5 @@ def run_app() -> int:
 
 def main() -> None:
     """Run the console script."""
+    make_streams_safe()
     sys.exit(exit_code_of(run_app))

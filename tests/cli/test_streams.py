@@ -1,6 +1,8 @@
 """Meshes through pipes, standard input and standard output, in processes of their own where a stream matters."""
 
 import gzip
+import io
+import json
 import os
 import subprocess
 import sys
@@ -11,6 +13,7 @@ from unittest import mock
 import numpy as np
 import pytest
 
+from meshfit.cli.main import main
 from meshfit.errors import MeshError
 from meshfit.mesh.io.files import FORMATS, READABLE_FORMATS, load_mesh, save_mesh
 from meshfit.mesh.solids import octahedron
@@ -18,6 +21,7 @@ from meshfit.subdivision.refine import subdivide
 from tests.cli import invoke, refused
 from tests.cli.processes import ENVIRONMENT
 from tests.loops import over
+from tests.runs import complete
 
 OBJ = b"v 1 0 0\nv -1 0 0\nv 0 1 0\nv 0 -1 0\nv 0 0 1\nv 0 0 -1\n" + b"".join(
     b"f %d %d %d\n" % tuple(face + 1) for face in octahedron().faces
@@ -182,3 +186,24 @@ def test_standard_input_that_cannot_be_read(monkeypatch):
         monkeypatch.setattr(sys, "stdin", stream)
         with pytest.raises(MeshError, match=f"^standard input: {message}"):
             load_mesh("-", file_format="obj")
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "ascii", "latin-1"])
+def test_streams_that_lack_characters_get_others(encoding, tmp_path, monkeypatch):
+    """As a redirection on Windows does; the result of hours of fits is not lost for a mark below a table."""
+    folder = complete(tmp_path / "runs", seed=0)
+    record = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    text = json.dumps(record | {"target_title": "Šárka’s bunny 兔", "shortfalls": ["off the target: by 3 %"]})
+    (folder / "result.json").write_text(text, encoding="utf-8")
+    raw = [io.TextIOWrapper(io.BytesIO(), encoding=encoding, newline="\n") for _ in range(2)]
+    monkeypatch.setattr(sys, "stdout", raw[0])
+    monkeypatch.setattr(sys, "stderr", raw[1])
+    for name in ("rich", "md", "json"):
+        monkeypatch.setattr(sys, "argv", ["meshfit", "table", str(tmp_path / "runs"), "-f", name])
+        with pytest.raises(SystemExit) as end:
+            main()
+        assert end.value.code == 0
+    raw[0].flush()
+    printed = raw[0].buffer.getvalue().decode(encoding, "replace")  # the md and json of ASCII streams are UTF-8
+    assert "rka's bunny ?" in printed.replace("\u2019", "'").replace("\n", " ")
+    assert "falls short of its target" in printed
