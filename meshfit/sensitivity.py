@@ -25,6 +25,7 @@ LEAST_INTERACTION = 0.01
 _POINTS_PER_FACTOR = 5
 _FOLDS = 10
 _RESAMPLES = 1000
+_FEW_VALUES = 5
 _MOST_FITTED = 300  # points that length scales are found from; all points are predicted from
 _MOST_POINTS = 1500
 _BASE = 1024  # a power of two, of Sobol' points for the indices
@@ -69,8 +70,10 @@ class Effect:
             the test of Kruskal and Wallis.
         first: first-order Sobol' index; None without a surrogate.
         total: total Sobol' index.
-        low: mean response in the lowest third of the factor, or in the category in which it is least.
-        high: mean response in the highest third, or in the category in which it is largest.
+        low: mean response in the lowest third of the factor, at the lowest of a few values, or in the category in which
+            it is least.
+        high: mean response in the highest third, at the highest of a few values, or in the category in which it is
+            largest.
         ends: of what `low` and `high` are: two values of the factor, or two categories.
     """
 
@@ -214,7 +217,9 @@ def _ends(factor: Factor, response: Float64[np.ndarray, " N"]) -> tuple[float, f
         means = {int(code): float(response[factor.values == code].mean()) for code in np.unique(factor.values)}
         least, most = min(means, key=lambda code: means[code]), max(means, key=lambda code: means[code])
         return means[least], means[most], (factor.categories[least], factor.categories[most])
-    lower, upper = np.quantile(factor.values, [1 / 3, 2 / 3])
+    few = np.unique(factor.values)
+    # Thirds of a few values may have the same median.
+    lower, upper = few[[0, -1]] if len(few) <= _FEW_VALUES else np.quantile(factor.values, [1 / 3, 2 / 3])
     low, high = factor.values <= lower, factor.values >= upper
     texts = [
         f"{(math.exp(value) if factor.is_log else value):.3g}"

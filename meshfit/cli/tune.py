@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from meshfit.experiment.tuning.search import Problem
     from meshfit.experiment.tuning.search_file import Search
 
+_FIRST_LINE = "# Found by `meshfit tune`"
+
 
 def _direction(option: str, text: str) -> Any:  # noqa: ANN401  an option of Typer
     return typer.Option(
@@ -122,7 +124,7 @@ def tune(
     asked = metrics or ([] if maximise or minimise else [DEFAULT_METRIC])
     objectives = objectives_of(asked, maximise or (), minimise or ())
     if output is not None:
-        _check_output(output)
+        _check_output(output, config)
     loaded = load_experiment(config, options.overrides or (), _check_ranges)
     named = with_axes(loaded, targets=targets, schemes=None if schemes is None else listed(schemes), seeds=seeds)
     experiment = renamed(named, name or f"{renamed(named, None).name}-tune")
@@ -152,13 +154,27 @@ def tune(
     return 0
 
 
-def _check_output(path: Path) -> None:
+def _check_output(path: Path, config: str) -> None:
+    """Refuse a config to write that cannot be written, or that would replace one by hand.
+
+    Raises:
+        ConfigError: another suffix, no folder, or a file that no search wrote.
+    """
     from meshfit.paths import CONFIG_SUFFIXES
 
     if path.suffix.lower() not in CONFIG_SUFFIXES:
         raise ConfigError(f"--output {path_text(path)}: expected a file that ends in {' or '.join(CONFIG_SUFFIXES)}")
     if not path.parent.is_dir():
         raise ConfigError(f"--output {path_text(path)}: there is no folder {path_text(path.parent)}")
+    if path.is_dir():
+        raise ConfigError(f"--output {path_text(path)}: is a folder; give the path of a file")
+    if path.exists():
+        is_config = Path(config).exists() and path.samefile(config)
+        with path.open(encoding="utf-8", errors="replace") as file:
+            is_written = file.readline().startswith(_FIRST_LINE)
+        if is_config or not is_written:
+            what = "is the config that is searched" if is_config else "exists, and no search wrote it"
+            raise ConfigError(f"--output {path_text(path)}: {what}; give another path, or move it away")
 
 
 def _check_ranges(settings: "ExperimentSettings", where: Callable[[], str]) -> None:
@@ -207,7 +223,11 @@ def _print_plan(problem: "Problem", search: "Search", total: int, store: "RunDir
         per_point *= len(cells)
     fits = max(total - tried, 0) * per_point
     axes = " × ".join(count_text(len(cells), noun[:-1]) for noun, cells in search.cells.items())
-    time = None if options.cluster is not None or not trials else estimated(trials, trials, store, options.jobs)
+    time = (
+        None
+        if options.cluster is not None or not trials or not fits
+        else estimated(trials, trials, store, options.jobs)
+    )
     seconds = None if time is None else time.seconds / len(trials) * fits
     if options.as_json:
         import json
@@ -360,7 +380,7 @@ def _write_best(search: "Search", settings: "ExperimentSettings", path: Path) ->
 
     best = [search.points[i] for i in search.best]
     names = ", ".join(objective.metric for objective in search.objectives)
-    head = f"# Found by `meshfit tune` among {count_text(len(search.complete), 'point')}, by {names}:\n"
+    head = f"{_FIRST_LINE} among {count_text(len(search.complete), 'point')}, by {names}:\n"
     head += "".join(f"#   {', '.join(value_texts(search, point))}: {point.name}\n" for point in best)
     if len(search.objectives) == 1:
         sweep, found = {}, variant_at(settings, best[0].changes).settings

@@ -132,6 +132,8 @@ def test_what_cannot_be_searched_is_refused_in_one_line(tmp_path, monkeypatch):
         (("small.yaml", "--trials", 0), "--trials"),
         (("small.yaml", "-o", "best.txt"), "expected a file that ends in .yaml"),
         (("small.yaml", "-o", "no/best.yaml"), "there is no folder no"),
+        (("small.yaml", "-o", "small.yaml"), "is the config that is searched; give another path"),
+        (("small.yaml", "-o", "plain.yaml"), "exists, and no search wrote it; give another path"),
         (("ellipsoid.ply",), "is a mesh, not a config"),
         (("small.yaml", "--name", "a/b"), "expected the name of one folder"),
     ):

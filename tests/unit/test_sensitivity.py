@@ -107,6 +107,12 @@ def test_categories_have_a_share_of_the_variance_of_ranks_and_indices_of_their_o
     assert found.effects[1].total.value == pytest.approx(0, abs=0.03)
 
 
+def test_the_change_of_a_setting_with_a_few_values_is_between_its_ends():
+    levels = np.repeat([1.0, 2.0, 3.0], [21, 22, 21])
+    effect = analyse([Factor("levels", levels)], levels**2).effects[0]
+    assert (effect.ends, effect.low, effect.high) == (("1", "3"), 1, 9)
+
+
 def test_twins_are_left_out_together():
     x = np.repeat(np.random.default_rng(0).random(30), 2)
     noise = np.repeat(np.random.default_rng(1).normal(size=30), 2)
