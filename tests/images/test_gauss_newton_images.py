@@ -1,0 +1,101 @@
+"""Gauss–Newton fits to images: rows of contours and normals, and what fits reach."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+import torch
+
+import meshfit
+from meshfit.fitting.gauss_newton import image_rows
+from meshfit.fitting.gauss_newton.correspondences import find_correspondences
+from meshfit.fitting.gauss_newton.fit_state import FitState
+from meshfit.fitting.gauss_newton.image_rows import ImageRows
+from meshfit.fitting.gauss_newton.target import TargetCloud
+from meshfit.images.rasteriser import render_view
+from meshfit.images.sphere_cameras import cameras_around
+from meshfit.images.views import Views
+from meshfit.images.visual_hull import visual_hull
+from meshfit.mesh.proximity import point_distances
+from tests.loops import over
+
+_FEW = {"method": "gauss-newton", "levels": 1, "coarse_steps": 5, "level_steps": 2, "last_steps": 2, "tries": 1}
+
+
+@cache
+def _bean():
+    """A closed surface with a hollow that no silhouette shows."""
+    ball = meshfit.subdivide("icosahedron", "loop", levels=3)
+    x, y, z = (ball.verts / np.linalg.norm(ball.verts, axis=1)[:, None]).T
+    dent = 1 - 0.35 * np.exp(-4 * ((x - 1) ** 2 + y**2 + z**2))
+    return ball.with_verts(np.column_stack([x, 0.8 * y, 0.9 * z]) * dent[:, None] + (3.0, 1.0, 0.0))
+
+
+@cache
+def _views(count, pixels, kind="pinhole", *, normals=True):
+    cameras = cameras_around(_bean(), count, pixels, kind=kind)
+    return Views(
+        [render_view(_bean(), camera, f"{k}", depth=False, normals=normals) for k, camera in enumerate(cameras)]
+    )
+
+
+def _error(mesh):
+    """Return the mean distance of vertices, both ways, as a share of the diagonal."""
+    ways = (point_distances(*pair).mean() for pair in ((mesh, _bean().verts), (_bean(), mesh.verts)))
+    return sum(ways) / 2 / np.linalg.norm(np.ptp(_bean().verts, axis=0))
+
+
+@over("kind", ["orthographic", "pinhole"])
+def test_gradients_of_pixels_are_those_of_differences(kind):
+    camera, generator = _views(3, 32, kind)[1].camera, np.random.default_rng(0)
+    points = _bean().verts[:20] + generator.normal(size=(20, 3)) * 0.1
+    directions = generator.normal(size=(20, 2))
+    found = image_rows._gradient(points, directions, camera)
+    for axis in range(3):
+        step = 1e-6 * np.eye(3)[axis]
+        ahead, behind = (camera.project(points + sign * step)[0] for sign in (1, -1))
+        expected = np.einsum("nk,nk->n", (ahead - behind) / 2e-6, directions)
+        assert found[:, axis] == pytest.approx(expected, rel=1e-5, abs=1e-5)
+
+
+def _pairs(mesh, views):
+    state = FitState.of(torch.tensor(mesh.verts, dtype=torch.float64), torch.tensor(mesh.faces))
+    cloud = TargetCloud.of(mesh, torch.float64, torch.device("cpu"))
+    pairs = find_correspondences(state.shape, cloud, torch.Generator().manual_seed(0))
+    return ImageRows.of(views).adapted(pairs, state.shape, 0)
+
+
+@over("kind", ["orthographic", "pinhole"])
+def test_the_object_itself_fits_its_images_and_a_smaller_one_does_not(kind):
+    views, middle = _views(4, 96, kind), _bean().verts.mean(axis=0)
+    pixel = np.ptp(_bean().verts, axis=0).max() / 96
+    own = _pairs(_bean(), views)
+    assert own.distance < 0.4 * pixel
+    assert own.matched > 0.99
+    smaller = _pairs(_bean().with_verts(middle + 0.9 * (_bean().verts - middle)), views)
+    assert smaller.distance > 3 * pixel
+    # All rows of contours push outwards, as far as the object is larger.
+    pushes = smaller.residuals[smaller.weights > 0]
+    assert float(pushes.norm(dim=1).max()) < 15 * pixel
+
+
+def test_silhouettes_give_a_better_surface_than_their_hull_and_normals_show_the_hollow():
+    views = _views(6, 48)
+    hull, settings = visual_hull(views, 20), meshfit.GaussNewtonSettings(verts=200, **_FEW)
+    given = (_views(6, 48, normals=False), views)
+    problems = [meshfit.Problem(hull, hull, own=False, images=images) for images in given]
+    for outcome, share in zip(meshfit.fit_batch(problems, settings, device="cpu"), (0.8, 0.4), strict=True):
+        assert _error(outcome.mesh) < share * _error(hull)
+        assert not outcome.shortfalls
+
+
+def test_a_fit_in_a_batch_gives_the_bytes_of_a_single_one():
+    views, settings = _views(4, 32), meshfit.GaussNewtonSettings(verts=100, **_FEW)
+    problems = []
+    for seed, given in enumerate((views, Views(views[:3]))):
+        hull = visual_hull(given, 10)
+        problems.append(meshfit.Problem(hull, hull, seed, own=False, images=given))
+    together = meshfit.fit_batch(problems, settings, device="cpu")
+    (alone,) = meshfit.fit_batch(problems[1:], settings, device="cpu")
+    assert together[1].mesh.verts.tobytes() == alone.mesh.verts.tobytes()
+    assert together[1].trace.rows == alone.trace.rows
