@@ -19,7 +19,7 @@ CONFIG = """\
 targets: [ellipsoid.ply]
 schemes: [loop]
 source: {mesh: octahedron, levels: 1}
-fit: {samples: 100}
+fit: {samples: 100, steps: 6}
 measure: {samples: 200, points: 200}
 device: cpu
 sweep:
