@@ -80,11 +80,11 @@ def test_the_object_itself_fits_its_images_and_a_smaller_one_does_not(kind):
 
 
 def test_silhouettes_give_a_better_surface_than_their_hull_and_normals_show_the_hollow():
-    views = _views(6, 48)
+    views = _views(4, 48)
     hull, settings = visual_hull(views, 20), meshfit.GaussNewtonSettings(verts=200, **_FEW)
-    given = (_views(6, 48, normals=False), views)
+    given = (_views(4, 48, normals=False), views)
     problems = [meshfit.Problem(hull, hull, own=False, images=images) for images in given]
-    for outcome, share in zip(meshfit.fit_batch(problems, settings, device="cpu"), (0.8, 0.4), strict=True):
+    for outcome, share in zip(meshfit.fit_batch(problems, settings, device="cpu"), (0.9, 0.4), strict=True):
         assert _error(outcome.mesh) < share * _error(hull)
         assert not outcome.shortfalls
 
