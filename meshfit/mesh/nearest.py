@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from meshfit.mesh.mesh import Mesh
 
 Points = Float[np.ndarray, "N 3"]
+PointsOfAnySpace = Float[np.ndarray, "_ _"]
 Indices = Int64[np.ndarray, " M"]
 
 # Largest coordinate in a Morton code, and each coordinate with two zeros between its bits.
@@ -18,18 +19,19 @@ _CELLS = 1023
 _SPREAD = np.array([int(f"{cell:b}", 8) for cell in range(_CELLS + 1)], dtype=np.uint32)
 
 
-def nearest_point_query(points: Points, *, scattered: bool = False) -> Callable[[Points], Indices]:
-    """Build a k-d tree over points; return a function from (M, 3) queries to (M,) the index of the nearest point.
+def nearest_point_query(points: PointsOfAnySpace, *, scattered: bool = False) -> Callable[[PointsOfAnySpace], Indices]:
+    """Build a k-d tree over points; return a function from (M, D) queries to (M,) the index of the nearest point.
 
     It is fastest where consecutive points are close to each other.
 
     Args:
-        points: (N, 3) float32 or float64, at least one; queries must have the same dtype.
-        scattered: whether consecutive queries may be far apart, so that sorting them first takes half the time.
+        points: (N, D) float32 or float64, at least one; queries must have the same dtype.
+        scattered: whether consecutive queries may be far apart, so that sorting them first takes half the time;
+            in space only.
     """
     tree: Any = KDTree(np.ascontiguousarray(points), leafsize=16)
 
-    def query(queries: Points) -> Indices:
+    def query(queries: PointsOfAnySpace) -> Indices:
         if scattered:
             order = spatial_order(queries)
             nearest = np.empty(len(queries), dtype=np.int64)
