@@ -19,9 +19,9 @@ _LARGEST = 0.02
 
 _INTRO = """# Fits to images
 
-Made by `python -m tests.benchmarks.images`, one core. Named targets are rendered by cameras on a sphere around them, 256 × 256 pixels;
-`source: auto` is fitted to these views by `gauss-newton` with 5,000 vertices and defaults otherwise, and compared with
-the mesh itself, which the fit never sees.
+Made by `python -m tests.benchmarks.images`, one core. Named targets are rendered by cameras on a sphere around them,
+256 × 256 pixels; `source: auto` is fitted to these views by `gauss-newton` with 5,000 vertices and defaults otherwise,
+and compared with the mesh itself, which the fit never sees.
 
 - **Distances** are in percent of the diagonal of the mesh's box, from 50,000 samples of each surface to the other:
   root mean square, mean and largest (Hausdorff).
