@@ -42,6 +42,7 @@ class Point:
 
     Attributes:
         settings: what its four trials share, by dotted key.
+        variant: its name in the sweep.
         seed: of the samples of the fits.
         distances: by measure and unit.
         sizes: of the sources, relative to the target, by area: 2 for one whose area is four times the target's.
@@ -49,6 +50,7 @@ class Point:
     """
 
     settings: Mapping[str, Any]
+    variant: str
     seed: int
     distances: Mapping[tuple[str, str], Distances]
     sizes: Distances
@@ -80,7 +82,7 @@ def read_points(folder: Path) -> list[Point]:
             distances = {key: _of_cells([column[key] for column in columns]) for key in columns[0]}
             folders = tuple(Path(cells[cell]["folder"]) for cell in CELLS)
             sizes = _of_cells([_relative_size(cells[cell]) for cell in CELLS])
-            points.append(Point(json.loads(text), seed, distances, sizes, folders))
+            points.append(Point(json.loads(text), str(cells[CELLS[0]]["variant"]), seed, distances, sizes, folders))
     return points
 
 
