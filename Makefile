@@ -36,7 +36,7 @@ $(RUN): pyproject.toml constraints.txt
 
 $(DEV): $(RUN)
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt pip  # with --group, which older ones lack
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[report,dask,parquet,tune]' --group dev
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[report,dask,images,parquet,tune]' --group dev
 	@touch $@
 
 $(DOCS): $(RUN)

@@ -224,8 +224,8 @@ the ratio of distances (interpolatory Loop over Loop):
 {_table(["Hausdorff distance", *TARGETS], measured)}
 
 That is a correlation. `configs/paper-study-sizes.yaml` is the experiment: the settings of `table1`, with half of its
-steps, sources of other sizes, and five seeds. Sizes are relative to the target's, by area. With sources of the same area
-or volume, the interval includes 1 in {held} of {2 * len(equal)} rows. Intervals of small sources are wide:
+steps, sources of other sizes, and five seeds. Sizes are relative to the target's, by area. With sources of one area or
+volume, the interval includes 1 in {held} of {2 * len(equal)} rows. Intervals of small sources are wide:
 whether the order turns with them, as the correlation says, five seeds cannot tell.
 
 {_table(["sources", "target", "size, Loop", "size, interp.", "distance, interp. / Loop"], rows)}"""
