@@ -18,7 +18,7 @@ SHAPE_CHECKS := --jaxtyping-packages=meshfit.mesh,meshfit.subdivision,meshfit.an
 ALL_TARGETS := --set 'targets=[bunny, cow, bone, airplane, mousehead]' --set 'seeds=[0, 1, 2]'
 
 .DEFAULT_GOAL := help
-.PHONY: help setup quickstart test shapes check lint types layers docs table1 table1-nearest study reproduce bench bench-compare ablation accuracy targets-bench registration-bench kinds figures zoo mousehead wheel clean
+.PHONY: help setup quickstart test shapes check lint types layers docs table1 table1-nearest study reproduce bench bench-compare ablation accuracy targets-bench images-bench registration-bench kinds figures zoo mousehead wheel clean
 
 help:  ## List the targets
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -109,6 +109,9 @@ kinds: $(DEV)  ## Draw the pictures of docs/guide/which-source.md from real fits
 registration-bench: $(DEV)  ## Register templates to targets with known correspondence, other tools beside ours; resumes (40 minutes)
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[peers]'
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.registration $(RUNS)/registration docs/background/registration.md
+
+images-bench: $(DEV)  ## Fits to views of named targets; writes docs/background/images.md; resumes (25 minutes)
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.images $(RUNS)/images docs/background/images.md data/pictures/images.png
 
 targets-bench: $(DEV)  ## Fits to targets of each kind, with other tools beside them; writes docs/background/targets.md (7 minutes)
 	$(BIN)/python -m tests.benchmarks.targets > docs/background/targets.md
