@@ -132,7 +132,7 @@ def stitch(verts: Verts, given: PolygonTopology, welded: PolygonTopology, *, spl
     tied = None if split else corners
     stitched = _glued(welded, corners, pairs, tied)
     allowed = np.zeros(len(corners), dtype=bool) if split else count > 2
-    for attempt in range(4):
+    for attempt in range(6):
         conflict = _conflicts(stitched, sizes) & ~allowed
         if not conflict.any():
             break
@@ -140,10 +140,13 @@ def stitch(verts: Verts, given: PolygonTopology, welded: PolygonTopology, *, spl
             drop = _folded(welded, verts, pairs) & (np.arange(len(pairs)) < len(seams))
         elif attempt == 1:
             drop = conflict[pairs].any(axis=1)
-        else:
+        elif attempt < 4:
             at = np.zeros(len(stitched.origins), dtype=bool)
             at[stitched.corners[conflict]] = True
             drop = at[stitched.corners[pairs]].any(axis=1)
+        else:  # all of a piece, as a weld is to make nothing worse
+            piece = graph_components(welded.tail, welded.head, welded.num_verts)[1][welded.tail]
+            drop = np.isin(piece[pairs[:, 0]], piece[conflict])
         drop &= removable
         pairs, removable, seams = pairs[~drop], removable[~drop], seams[~drop[: len(seams)]]
         stitched = _glued(welded, corners, pairs, tied)

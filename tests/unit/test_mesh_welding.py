@@ -14,6 +14,7 @@ from meshfit.mesh.geometry import signed_volume
 from meshfit.mesh.io.files import load_mesh, load_mesh_with_vertex_map, load_polygons, save_mesh
 from meshfit.mesh.io.vertex_values import read_vertex_values
 from meshfit.mesh.manifold import (
+    duplicate_triangles,
     nonmanifold_edges,
     nonmanifold_verts,
     num_components,
@@ -23,7 +24,8 @@ from meshfit.mesh.manifold import (
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonSoup
 from meshfit.mesh.solids import cube, icosahedron, octahedron
-from meshfit.mesh.topology import Topology
+from meshfit.mesh.topology import PolygonTopology, Topology
+from meshfit.mesh.welding import coincident, stitch
 from meshfit.subdivision.creases import read_creases
 from tests.loops import over
 from tests.shapes import CLOSED, patch
@@ -268,3 +270,24 @@ def test_fans_found_by_walking_are_those_of_components(shape):
         owner[fan] = topology.tail
         expected = np.flatnonzero(np.bincount(owner, minlength=mesh.num_verts) > 1)
         assert np.array_equal(nonmanifold_verts(topology), expected)
+
+
+def test_no_weld_makes_a_duplicate_face_or_an_edge_of_three_faces():
+    """Random triangles on a coarse lattice, where many ends and faces coincide."""
+    rng = np.random.default_rng(0)
+
+    def defects(topology):
+        return int((topology.faces_per_edge > 2).sum()), len(duplicate_triangles(topology))
+
+    for _ in range(250):
+        lattice = rng.integers(0, 3, size=(24, 3)).astype(float)
+        faces = np.array([rng.choice(24, 3, replace=False) for _ in range(13)])
+        sides = lattice[faces][:, 1:] - lattice[faces][:, :1]
+        faces = faces[np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) > 0]
+        used, numbers = np.unique(faces, return_inverse=True)
+        verts, sizes = lattice[used], np.full(len(faces), 3)
+        given = PolygonTopology(len(verts), numbers.reshape(-1), sizes)
+        places = coincident(given, verts)
+        stitched = stitch(verts, given, PolygonTopology(len(verts), places[given.corners], sizes), split=False)
+        after = PolygonTopology(len(stitched.origins), stitched.corners, sizes)
+        assert all(new <= old for new, old in zip(defects(after), defects(given), strict=True))
