@@ -315,8 +315,8 @@ which the worst mean is off, and the seeds with the paper's order:
 
 *Results with seed 0, drawn by `meshfit figure`.* Where numbers come near to the paper's, fits are unfinished: ears,
 paws and tails end in fans of a few long faces, and the Hausdorff distance measures these. Read by column, Loop's source
-is much smaller than the targets and its ears are the worse, as the paper says of them; the larger source of interpolatory
-Loop covers them. With the smaller frame of the third settings, neither scheme has whole ears."""
+is much smaller than the targets and its ears are the worse, as the paper says of them; the larger source of
+interpolatory Loop covers them. With the smaller frame of the third settings, neither scheme has whole ears."""
 
 
 _UNDECIDED = """
