@@ -462,7 +462,6 @@ def _check_kind(target: str, checked: CheckedTarget, settings: ExperimentSetting
         raise ConfigError(f"{name}: {checked.fault}")
 
 
-@cache
 def _check_view_terms(name: str, checked: CheckedTarget, fit: FirstOrderSettings) -> None:
     """Refuse terms of images that the target does not have."""
     for term in VIEW_TERMS:
@@ -476,6 +475,7 @@ def _check_view_terms(name: str, checked: CheckedTarget, fit: FirstOrderSettings
         raise ConfigError(f"{name}: fit.views is for targets of images, and this is none; remove it")
 
 
+@cache
 def _check_source(settings: SourceSettings, schemes: tuple[NamedScheme, ...]) -> tuple[tuple[str, str], ...]:
     """Build the first level of a source with each scheme, and return the SHA-256 of its files, by role.
 

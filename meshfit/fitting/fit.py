@@ -483,7 +483,7 @@ def _require_keys(changes: Mapping[str, Any], method: str) -> None:
         engine = next((name for name, model in METHODS.items() if key in model.model_fields), None)
         if key not in allowed and engine is not None:
             text = f"no such key: it is one of method='{engine}', and this is '{method}'"
-            raise ConfigError(f"{key}: {text}; {suggest(key, allowed)}")
+            raise ConfigError(f"{key}: {text}; allowed: {', '.join(allowed)}")
 
 
 @no_type_check

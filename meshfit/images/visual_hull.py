@@ -12,7 +12,6 @@ from meshfit.images.silhouettes import Silhouette
 from meshfit.images.views import View
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.pieces import piece_of_face
-from meshfit.mesh.proximity import zero_surface
 from meshfit.units import count_text
 
 Box = Float64[np.ndarray, "2 3"]
@@ -72,6 +71,8 @@ def visual_hull(
         if (values > -cell).any():
             raise ViewError(f"the visual hull is thinner than a voxel at a resolution of {resolution}; raise it")
         raise _nothing_in_common(len(views))
+    from meshfit.mesh.proximity import zero_surface  # brings libigl, which a plan does not need
+
     return _without_specks(zero_surface(values, axes))
 
 

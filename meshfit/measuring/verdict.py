@@ -20,8 +20,9 @@ LARGEST, LARGEST_PLACED = 3.0, 10.0
 """Largest size of a result in diagonals of the target; that of templates, of which the target may show a part."""
 APART = 2.0
 """Largest distance of the middles of source and target, in diagonals of the target."""
-FARTHER = 1.1
-"""A result is at most so many times as far from its target as the source was."""
+FARTHER, FARTHER_FROM = 1.1, 0.005
+"""A result is at most so many times as far from its target as the source was, or nearer than this share of the
+diagonal."""
 _LEAST_VOLUME = 1e-4
 """Least volume, in cubes of the diagonal, that has a sign worth checking; thin targets have less."""
 _SHORTFALLS = {"topology": "topology", "not reached": "reached", "off the target": "on target"}
@@ -93,7 +94,7 @@ def verdict_on(result: Mesh, source: Mesh, target: Mesh | PointCloud, facts: Fac
     if facts.asked_verts is not None:
         checks.append(_verts(result, facts.asked_verts))
     if facts.mean_distances is not None:
-        checks.append(_progress(*facts.mean_distances, facts.remedy))
+        checks.append(_progress(*facts.mean_distances, bounding_box_diagonal(target.verts), facts.remedy))
     failed = [_name_of(text) for text in facts.shortfalls]
     others = [name for name in _SHORTFALLS.values() if name not in failed]
     checks += [Check(name, passed=True, value=None, threshold=None, text="") for name in others]
@@ -152,9 +153,10 @@ def _verts(result: Mesh, asked: int) -> Check:
     return Check("vertices", passed, share, FEWEST_VERTS, text)
 
 
-def _progress(before: float, after: float, remedy: str) -> Check:
+def _progress(before: float, after: float, diagonal: float, remedy: str) -> Check:
     text = f"the fit ended farther from the target than it began: mean distance {after:.3g}, at first {before:.3g}"
-    return _at_most("progress", after / before if before > 0 else float(after > 0) * np.inf, FARTHER, text + remedy)
+    ratio = after / max(before, FARTHER_FROM * diagonal / FARTHER)
+    return _at_most("progress", ratio, FARTHER, text + remedy)
 
 
 def _at_most(name: str, value: float, threshold: float, text: str) -> Check:

@@ -62,6 +62,8 @@ RANGES = {
         f"fit.losses.{term}": (["0", "2.5"], ["-0.1", ".inf", ".nan", "1e400"])
         for term in ("chamfer", "normal", "edge", "laplacian", "consistency")
     },
+    **{f"fit.losses.{term}": (["0", "2.5", "null"], ["-0.1", ".inf"]) for term in ("silhouette", "depth", "normals")},
+    "fit.views": (["null", "{}", "{blur: 0.5, per_step: 1, silhouette: squared}"], ["{blur: 0}", "{per_step: 0}"]),
     "fit.laplacian": (["uniform", "cotangent"], ["mean"]),
     "fit.optimizer.name": (["sgd", "adam"], ["lbfgs"]),
     "fit.optimizer.lr": (["1e-9", "1"], ["0", "-1", ".inf"]),

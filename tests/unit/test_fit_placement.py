@@ -13,9 +13,9 @@ import pytest
 import meshfit
 from meshfit.errors import ConfigError, MeshfitWarning
 from meshfit.fitting.fit import ENGINE_KEYS
-from meshfit.fitting.keywords import FitKeys, Losses, OptimizerKeys, ScheduleKeys
+from meshfit.fitting.keywords import FitKeys, Losses, OptimizerKeys, ScheduleKeys, ViewKeys
 from meshfit.fitting.progress import Course, step_costs
-from meshfit.fitting.settings import METHODS, LossWeights, OptimizerSettings, Schedule
+from meshfit.fitting.settings import METHODS, LossWeights, OptimizerSettings, Schedule, ViewSettings
 from meshfit.mesh.solids import cube, icosahedron, octahedron
 from tests.cli import invoke, trials_in_this_process
 from tests.fits import fit as raw_fit
@@ -114,13 +114,18 @@ def test_keywords_are_the_keys_of_both_engines_with_their_types():
     assert set().union(*(model.model_fields for model in models)) == ENGINE_KEYS
     assert set(inspect.signature(meshfit.fit).parameters) >= ENGINE_KEYS
     parameters, keys = inspect.signature(meshfit.fit).parameters, get_type_hints(FitKeys)
-    for key in ENGINE_KEYS - {"losses", "optimizer"}:
+    for key in ENGINE_KEYS - {"losses", "optimizer", "views"}:
         assert parameters[key].annotation == keys[key], key
         fields = [model.model_fields[key].annotation for model in models if key in model.model_fields]
         plain = [getattr(get_args(field)[0], "__origin__", field) if get_args(field) else field for field in fields]
         names = [getattr(field, "__name__", str(field)).removesuffix(" | None") for field in plain]
         assert key in ("method", "snapshots") or any(name in str(keys[key]) for name in names), key
-    for typed, model in ((Losses, LossWeights), (OptimizerKeys, OptimizerSettings), (ScheduleKeys, Schedule)):
+    for typed, model in (
+        (Losses, LossWeights),
+        (OptimizerKeys, OptimizerSettings),
+        (ScheduleKeys, Schedule),
+        (ViewKeys, ViewSettings),
+    ):
         assert set(typed.__annotations__) == set(model.model_fields)
     assert set(inspect.signature(meshfit.measure).parameters) >= set(meshfit.MeasureSettings.model_fields)
 

@@ -64,7 +64,7 @@ from meshfit.images.targets import content_sha256, load_images, load_reference
 from meshfit.measuring.correspondence import Correspondence
 from meshfit.measuring.measure import Measurement, measure
 from meshfit.measuring.shortfalls import FAR, FAR_ON_AVERAGE, shortfalls
-from meshfit.measuring.verdict import Facts, Verdict, verdict_on
+from meshfit.measuring.verdict import FARTHER, Facts, Verdict, verdict_on
 from meshfit.measuring.vertex_error import Truth
 from meshfit.mesh.alignment import align, boxes_are_disjoint
 from meshfit.mesh.cleaning import outward, with_turning
@@ -238,6 +238,8 @@ class TrialRunner:
         if isinstance(fit, GaussNewtonSettings):
             asked = fit.verts if fit.connectivity == "remeshed" else None
         before, after = (_mean_distance(mesh, self._reference) for mesh in (self._source, fitted.mesh))
+        if after > FARTHER * before:  # to samples, so that what is nearer than their spacing is not seen
+            before, after = (_mean_distance(mesh, self._reference, exact=True) for mesh in (self._source, fitted.mesh))
         tool = fit.tool if isinstance(fit, ExternalSettings) else None
         first_order = isinstance(fit, FirstOrderSettings)
         facts = Facts(
@@ -539,13 +541,18 @@ def _warn_of_differences(
         warnings.warn(text, MeshfitWarning, stacklevel=2)
 
 
-def _mean_distance(mesh: Mesh, target: Mesh | PointCloud) -> float:
-    """Return about the mean distance of two surfaces, both ways, from samples of both; of points, from them."""
+def _mean_distance(mesh: Mesh, target: Mesh | PointCloud, *, exact: bool = False) -> float:
+    """Return the mean distance of samples of two surfaces, both ways, from each other, or exactly from the surfaces.
+
+    Of a cloud, it is the distance of its points from the surface.
+    """
     if isinstance(target, PointCloud):
         some = target.verts[:: max(1, target.num_verts // _POINTS)]
         return float(point_distances(mesh, some).mean())
     generator = np.random.default_rng(0)
     first, second = (sample_surface(each, _POINTS, generator).points for each in (mesh, target))
+    if exact:
+        return float(np.mean([point_distances(target, first).mean(), point_distances(mesh, second).mean()]))
     ways = ((first, second), (second, first))
     return float(np.mean([np.linalg.norm(p - q[nearest_point_query(q)(p)], axis=1).mean() for p, q in ways]))
 
