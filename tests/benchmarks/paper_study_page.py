@@ -113,7 +113,7 @@ def _in_short(points: Sequence[Point], near: Sequence[Point], sizes: Sequence[Po
         f"mousehead at {loop['mousehead']}.",
         f"**The paper's order**, Loop ahead on the bunny and interpolatory Loop on the mousehead, appears at {order} "
         f"of the points. Its text, interpolatory Loop ahead on both, holds at {throughout}.",
-        "**The order comes from the size of the source.** From one initial mesh, interpolatory Loop makes a larger "
+        "**The order follows the size of the source.** From one initial mesh, interpolatory Loop makes a larger "
         "source. The scheme whose source is nearer to the target in size tends to be ahead: rank correlation "
         f"{by_size['bunny']} on the bunny, {by_size['mousehead']} on the mousehead. With sources of equal size, the "
         f"distance with interpolatory Loop is {changes[0]} times that with Loop on the bunny, and {changes[1]} times "
