@@ -13,7 +13,7 @@ OLD    ?= bench.json
 NEW    ?= bench.json
 
 # Shapes and dtypes are checked at every call, in the packages that compute. It takes as long again.
-SHAPE_CHECKS := --jaxtyping-packages=meshfit.mesh,meshfit.subdivision,meshfit.analysis,meshfit.remeshing,meshfit.loss,meshfit.fitting,meshfit.measuring,beartype.beartype
+SHAPE_CHECKS := --jaxtyping-packages=meshfit.mesh,meshfit.images,meshfit.subdivision,meshfit.analysis,meshfit.remeshing,meshfit.loss,meshfit.fitting,meshfit.measuring,beartype.beartype
 
 ALL_TARGETS := --set 'targets=[bunny, cow, bone, airplane, mousehead]' --set 'seeds=[0, 1, 2]'
 
