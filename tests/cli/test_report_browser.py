@@ -31,7 +31,7 @@ def report(tmp_path_factory):
     folder = tmp_path_factory.mktemp("browser")
     meshfit("run", config_file(folder), "-q", folder=folder)
     meshfit("run", "small.yaml", "-q", "--set", "seeds=[7]", "--set", "fit.optimizer.lr=1e30", folder=folder, code=1)
-    assert invoke("report", folder / "runs", "-o", folder / "page", "-q").code == 0
+    assert invoke("report", folder / "runs", "-o", folder / "page", "-q", "--partial").code == 0
     return folder / "page" / "index.html"
 
 
