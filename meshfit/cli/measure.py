@@ -333,7 +333,7 @@ class _Goal:
 
     @property
     def about(self) -> dict[str, str]:
-        """What distances are to, for the record."""
+        """The reference of the distances, as the record names it."""
         return {} if self.images is None else {"compared_with": self.images.compared_with}
 
     @property

@@ -52,7 +52,11 @@ It is the `schema_version` of a `result.json`, and part of each trial's identity
 
 # About the faces of a visual hull, for estimates of time before it has been carved.
 _HULL_FACES = 60_000
-_KEYS_OMITTED_IF_NULL = (*KEYS_WITH_FILES, "wanted_verts", "wrap", "radius_of")
+_OMITTED_IF_NULL = (
+    *(("source", key) for key in (*KEYS_WITH_FILES, "wanted_verts", "wrap", "radius_of")),
+    ("fit", "views"),
+    *(("fit", "losses", term) for term in VIEW_TERMS),
+)
 
 
 @dataclass(frozen=True)
@@ -134,12 +138,8 @@ class Trial:
         set, so that trials of older versions, which did not have them, keep their identities.
         """
         default = {"target"} if self.settings.target == TargetSettings() else set()
-        unset = {key for key in _KEYS_OMITTED_IF_NULL if getattr(self.settings.source, key) is None}
-        plain = self.settings.model_dump(
-            mode="json", exclude=NO_EFFECT_ON_RESULTS | {"source": unset, **dict.fromkeys(default, True)}
-        )
-        if isinstance(self.settings.fit, FirstOrderSettings):
-            plain["fit"] = _without_unset_views(plain["fit"])
+        excluded = NO_EFFECT_ON_RESULTS | dict.fromkeys(default, True)
+        plain = _without_unset(self.settings.model_dump(mode="json", exclude=excluded))
         return plain if plain["define"] else {key: value for key, value in plain.items() if key != "define"}
 
     @property
@@ -416,8 +416,7 @@ def checked_target(target: str, cleaning: CleaningOptions) -> CheckedTarget:
         fault = no_closed_surface(shape) if isinstance(shape, PointCloud) else ""
         faces = 0 if points else _HULL_FACES
         views = images.target.views
-        maps = tuple(name for name, have in (("depth", views.have_depth), ("normals", views.have_normals)) if have)
-        return CheckedTarget(images.sha256, faces, points, fault, len(views), maps)
+        return CheckedTarget(images.sha256, faces, points, fault, len(views), views.maps)
     loaded = load_shape(target, cleaning)
     points = 0 if loaded.num_faces else loaded.num_verts
     fault = no_closed_surface(loaded) if isinstance(loaded, PointCloud) else ""
@@ -443,8 +442,8 @@ def _check_kind(target: str, checked: CheckedTarget, settings: ExperimentSetting
     """
     fit, name = settings.fit, path_text(target)
     _check_images(name, checked, settings)
-    if isinstance(fit, FirstOrderSettings):
-        _check_view_terms(name, checked, fit)
+    if isinstance(fit, FirstOrderSettings) and (fault := fit.fault_with(checked.maps if checked.views else None)):
+        raise ConfigError(f"{name}: fit.{fault}")
     if not checked.points or (checked.views and isinstance(fit, FirstOrderSettings)):
         return
     cloud = f"{name}: a cloud of {count_text(checked.points, 'point')}, without the faces that"
@@ -460,19 +459,6 @@ def _check_kind(target: str, checked: CheckedTarget, settings: ExperimentSetting
         raise ConfigError(f"{cloud} source.mesh: target starts from; use source.mesh: wrap or auto")
     if checked.fault and not source_files(settings.source):
         raise ConfigError(f"{name}: {checked.fault}")
-
-
-def _check_view_terms(name: str, checked: CheckedTarget, fit: FirstOrderSettings) -> None:
-    """Refuse terms of images that the target does not have."""
-    for term in VIEW_TERMS:
-        if not getattr(fit.losses, term):
-            continue
-        if not checked.views:
-            raise ConfigError(f"{name}: fit.losses.{term} is for targets of images, and this is none; remove it")
-        if term != "silhouette" and term not in checked.maps:
-            raise ConfigError(f"{name}: its images have no {term}; remove fit.losses.{term}, or add maps of it")
-    if fit.views is not None and not checked.views:
-        raise ConfigError(f"{name}: fit.views is for targets of images, and this is none; remove it")
 
 
 @cache
@@ -514,10 +500,15 @@ def _check_device(settings: ExperimentSettings) -> None:
         resolve_device(settings.device, settings.dtype)
 
 
-def _without_unset_views(fit: dict[str, Any]) -> dict[str, Any]:
-    """Leave out the settings of images that are not set, so that trials of older versions keep their identities."""
-    losses = {key: value for key, value in fit["losses"].items() if value is not None}
-    return {key: value for key, value in fit.items() if key != "views" or value is not None} | {"losses": losses}
+def _without_unset(settings: dict[str, Any]) -> dict[str, Any]:
+    """Remove the settings of `_OMITTED_IF_NULL` that are null, where they are."""
+    for *groups, key in _OMITTED_IF_NULL:
+        group = settings
+        for name in groups:
+            group = group.get(name, {})
+        if key in group and group[key] is None:
+            del group[key]
+    return settings
 
 
 def _without_paths(settings: dict[str, Any]) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from meshfit.fitting.problem import Checkpoint, Diverged, Problem
 from meshfit.fitting.sampling import AreaTable, sample
 from meshfit.fitting.settings import VIEW_TERMS, FirstOrderSettings, ViewSettings
 from meshfit.images.views import Views
-from meshfit.images.visual_hull import visual_hull
+from meshfit.images.visual_hull import hull_of
 from meshfit.loss.operators import FaceGeometry, Faces, MeshOperators
 from meshfit.loss.terms import LAPLACIANS, TERMS, LossInputs, Term
 from meshfit.loss.view_terms import ViewTarget, view_terms
@@ -61,8 +61,6 @@ class FirstOrder(Engine):
         dtype: torch.dtype,
         pool: Executor | None = None,
     ) -> None:
-        self.settings = settings
-        self._shared_views: dict[Views, tuple[ViewTarget, ...]] = {}
         super().__init__(problems, settings, device, dtype, pool)
         options: Mapping[str, Any] = {"dtype": dtype, "device": device}
         sources = _map_unique(sort_faces_spatially, [problem.source for problem in problems])
@@ -75,7 +73,7 @@ class FirstOrder(Engine):
         self._target_table = AreaTable.of(self._target)
         self._offsets = torch.zeros_like(self._start)
         self._optimizer = Optimizer(self._offsets, settings.optimizer)
-        self._views = [self._targets_of(problem) for problem in problems]
+        self._views = self._targets_of_views()
         self._generators = [torch.Generator(device).manual_seed(problem.seed) for problem in problems]
         self._last_good = self._start
         weights = settings.losses.model_dump()
@@ -170,22 +168,17 @@ class FirstOrder(Engine):
                 values[name].append(found[name])
         return {name: torch.stack(terms) for name, terms in values.items()}
 
-    def _targets_of(self, problem: Problem) -> tuple[ViewTarget, ...]:
-        """Return the views of a problem, once for those that share them."""
-        weights, images = self.settings.losses.of_views, problem.images
-        if images is None:
-            given = [name for name in VIEW_TERMS if getattr(self.settings.losses, name)]
-            if given:
-                raise ConfigError(f"losses.{given[0]}: is for targets of images, and this is a mesh; remove it")
-            return ()
-        for name, have in (("depth", images.have_depth), ("normals", images.have_normals)):
-            if name in weights and not have:
-                raise ConfigError(f"losses.{name}: the images have no {name}; remove it, or add maps of it")
+    def _targets_of_views(self) -> list[tuple[ViewTarget, ...]]:
+        """Return the views of each problem, which those of one target share; () for problems without."""
+        every = [problem.images for problem in self.problems]
         blur = (self.settings.views or ViewSettings()).blur
-        if images not in self._shared_views:
-            targets = tuple(ViewTarget.of(view, blur, self.dtype, self.device) for view in images)
-            self._shared_views[images] = targets
-        return self._shared_views[images]
+        targets: dict[Views | None, tuple[ViewTarget, ...]] = {}
+        for images in dict.fromkeys(every):
+            fault = self.settings.fault_with(None if images is None else images.maps)
+            if fault:
+                raise ConfigError(fault)
+            targets[images] = tuple(ViewTarget.of(view, blur, self.dtype, self.device) for view in images or ())
+        return [targets[images] for images in every]
 
     def columns_of(self, problem: Problem) -> tuple[str, ...]:
         """Return the names of the columns: those of all terms, and of images the terms with a weight above 0."""
@@ -266,6 +259,6 @@ def _farthest(dtype: torch.dtype) -> float:
 def _target_mesh(problem: Problem) -> Mesh:
     if isinstance(problem.target, PointCloud):
         if problem.images is not None:
-            return visual_hull(problem.images)
+            return hull_of(problem.images)
         raise ConfigError("target: a point cloud has no faces to sample; use method: gauss-newton")
     return problem.target

@@ -35,7 +35,7 @@ class OptimizerKeys(TypedDict, total=False):
 
 
 class ViewKeys(TypedDict, total=False):
-    """How images are looked at; see `ViewSettings`."""
+    """Settings of the losses on images; see `ViewSettings`."""
 
     blur: float
     per_step: int

@@ -137,7 +137,7 @@ class Trace:
         Raises:
             ConfigError: no such column, or matplotlib is not installed.
         """
-        names = columns or self.columns[1 : -1 if self.columns[:-1][: len(COLUMNS) - 1] == COLUMNS[:-1] else 2]
+        names = columns or self.columns[1 : -1 if self.columns[-1] == COLUMNS[-1] else 2]
         curves, places = {name: self.column(name) for name in names}, self.column(over)
         if ax is None:
             _, ax = import_optional("matplotlib.pyplot").subplots(figsize=(6.0, 3.5), layout="constrained")

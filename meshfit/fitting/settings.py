@@ -56,7 +56,7 @@ class LossWeights(Settings):
 
 
 class ViewSettings(Settings):
-    """How a first-order fit looks at a target of images."""
+    """Settings of a first-order fit to images."""
 
     blur: Annotated[float, Field(gt=0, le=100)] = 1.0
     """Width (above 0, at most 100) in pixels over which outlines are softened; the larger, the farther they pull."""
@@ -115,12 +115,25 @@ class FirstOrderSettings(Settings):
     optimizer: OptimizerSettings = OptimizerSettings()
     """The optimiser and its learning rate."""
     views: ViewSettings | None = None
-    """How a target of images is looked at; null means the defaults."""
+    """Settings of the losses on images; null means the defaults."""
     trace_every: Every = 10
     """Number of steps (1 or more) from one row of `trace.csv` to the next; the first and last steps always have one."""
     snapshots: Every | None = None
     """Number of steps (1 or more) between snapshots for `meshfit animate`, or null for none; no effect on results.
     They are shapes alone: only results carry texture coordinates, colours and the like."""
+
+    def fault_with(self, maps: Sequence[str] | None) -> str:
+        """Return which setting of images does not go with a target, in words; empty if all do.
+
+        Args:
+            maps: what the images have besides masks, of `depth` and `normals`; None for a target without images.
+        """
+        given = [name for name in VIEW_TERMS if getattr(self.losses, name)]
+        if maps is None:
+            keys = [*(f"losses.{name}" for name in given), *(["views"] if self.views is not None else [])]
+            return f"{keys[0]}: is for targets of images, and this is a mesh; remove it" if keys else ""
+        lacking = [name for name in given if name != "silhouette" and name not in maps]
+        return f"losses.{lacking[0]}: the images have no {lacking[0]}; remove it, or add maps of it" if lacking else ""
 
 
 # Pydantic warns of a field that hides a method of every abstract class, which no settings use.

@@ -1,12 +1,11 @@
 """Control meshes that are made from a target of any kind, or from the visual hull of its images."""
 
 from dataclasses import replace
-from functools import lru_cache
 from typing import Literal
 
 from meshfit.errors import MeshError
 from meshfit.images.views import Views
-from meshfit.images.visual_hull import visual_hull
+from meshfit.images.visual_hull import hull_of
 from meshfit.mesh.cleaning_options import Surface
 from meshfit.mesh.control_mesh import ORIGINS, ControlMesh, Origin, Wrap, control_mesh_of
 from meshfit.mesh.mesh import Mesh
@@ -50,13 +49,8 @@ def control_mesh_from(
         raise MeshError("hull: the target is not given by images, whose masks have one; use source.mesh: auto")
     of_depth = origin == "auto" and isinstance(target, PointCloud)
     if images is not None and (origin == "hull" or (of_depth and len(images) >= _FEWEST)):
-        made = control_mesh_of(_hull(images), "target", verts=verts, faces=faces)
+        made = control_mesh_of(hull_of(images), "target", verts=verts, faces=faces)
         reason = "as set" if origin == "hull" else f"of {count_text(len(images), 'mask')}"
         return replace(made, made_from="hull", reason=reason)
     assert origin != "hull"  # noqa: S101  without images, it is refused
     return control_mesh_of(target, origin, verts=verts, faces=faces, wrap=wrap, surface=surface)
-
-
-@lru_cache(maxsize=2)  # a trial builds its source, and describes it
-def _hull(views: Views) -> Mesh:
-    return visual_hull(views)

@@ -55,7 +55,7 @@ class ImageTarget:
 
     @property
     def reference(self) -> Mesh | PointCloud:
-        """What measurements compare with: the truth, or else the shape."""
+        """The mesh or points that measurements compare with: the truth if it is known, else the shape."""
         return self.shape if self.truth is None else self.truth
 
     @property

@@ -131,13 +131,17 @@ class Views(Sequence[View]):
 
     def __repr__(self) -> str:
         """Return the number of views and what they hold."""
-        extras = [noun for noun, there in (("depth", self.have_depth), ("normals", self.have_normals)) if there]
-        return f"Views({', '.join([count_text(len(self), 'view'), *extras])})"
+        return f"Views({', '.join([count_text(len(self), 'view'), *self.maps])})"
 
     @property
     def names(self) -> list[str]:
         """The names of the views."""
         return [view.name for view in self.views]
+
+    @property
+    def maps(self) -> tuple[str, ...]:
+        """What every view has besides its mask: of `depth` and `normals`."""
+        return tuple(name for name, have in (("depth", self.have_depth), ("normals", self.have_normals)) if have)
 
     @property
     def have_depth(self) -> bool:

@@ -1,6 +1,7 @@
 """The visual hull: the largest shape that all masks allow, carved from a grid of voxels."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from jaxtyping import Float64
 from meshfit.errors import ViewError
 from meshfit.images.camera import Camera
 from meshfit.images.silhouettes import Silhouette
-from meshfit.images.views import View
+from meshfit.images.views import View, Views
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.pieces import piece_of_face
 from meshfit.units import count_text
@@ -74,6 +75,12 @@ def visual_hull(
     from meshfit.mesh.proximity import zero_surface  # brings libigl, which a plan does not need
 
     return _without_specks(zero_surface(values, axes))
+
+
+@lru_cache(maxsize=2)  # a trial builds its source, describes it, and samples the hull
+def hull_of(views: Views) -> Mesh:
+    """Return the visual hull of views, carved once as long as they are the same object."""
+    return visual_hull(views)
 
 
 def _nothing_in_common(count: int) -> ViewError:

@@ -1,4 +1,4 @@
-"""What a camera sees of a mesh, differentiable in its vertices: silhouette, depth and normals.
+"""Silhouette, depth and normals of a mesh in the view of a camera, differentiable in its vertices.
 
 An exact rasteriser says which face is seen at each pixel. Depth and normals are those of that face, on the ray through
 the pixel's centre. The silhouette is softened as in Liu, Li, Chen and Li 2019, Soft Rasterizer: the coverage of a pixel

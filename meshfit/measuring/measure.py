@@ -216,7 +216,7 @@ def measure(  # noqa: PLR0913  the settings, by name
             removed; if not given, it is beyond a ratio of 1.5.
         images: views that it was fitted to, in the frame of the target, whose masks those of the result are compared
             with.
-        held_out: views that it was not fitted to, compared likewise.
+        held_out: views that were kept from the fit; compared in the same way.
         surface: `outer` measures between what can be seen of the two meshes from outside, as `outer_surface` returns
             it, so that parts inside others do not count; `all` between all of both. Mesh quality is that of all.
         samples: number of points on each surface for Hausdorff, mean and RMS distances.

@@ -243,7 +243,7 @@ def test_a_worker_elsewhere_gets_the_images(photos):
 
 
 def test_the_source_for_depth_maps_is_the_hull_of_their_masks(monkeypatch):
-    monkeypatch.setattr("meshfit.images.hull_source.visual_hull", partial(visual_hull, resolution=24))
+    monkeypatch.setattr("meshfit.images.visual_hull.visual_hull", partial(visual_hull, resolution=24))
     views = views_of(egg())
     cloud = ImageTarget(views, None, "egg").shape
     for origin, reason in (("auto", "of 4 masks"), ("hull", "as set")):
