@@ -1,6 +1,7 @@
 """The trial that `meshfit fit` runs: the bundled config `accurate`, with the settings that options change."""
 
 import json
+import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -49,6 +50,38 @@ class FitOptions:
         if self.register is None:
             return self.connectivity == "fixed" and self.source not in BUILT
         return self.register != "off"
+
+
+def parse_position(option: str, text: str) -> tuple[float, float, float]:
+    """Return the position of an option, `X,Y,Z`.
+
+    Raises:
+        ConfigError: not three finite numbers.
+    """
+    try:
+        x, y, z = map(float, text.split(","))
+    except ValueError:
+        x = y = z = math.nan
+    if not all(map(math.isfinite, (x, y, z))):
+        raise ConfigError(f"{option} {text}: expected three numbers with commas between them, such as 0,0,2.5")
+    return x, y, z
+
+
+def parse_noise(text: str) -> Literal["auto"] | float:
+    """Return the value of `--noise`.
+
+    Raises:
+        ConfigError: neither auto nor a length of 0 or more.
+    """
+    if text == "auto":
+        return "auto"
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 <= value < math.inf:
+        raise ConfigError(f"--noise {text}: expected auto, or a length of 0 or more in the unit of the target's file")
+    return value
 
 
 def check_options(options: FitOptions) -> None:
