@@ -9,11 +9,11 @@ from contextlib import closing
 
 import pytest
 
-from meshfit.errors import ClusterError, MeshError
+from meshfit.errors import ClusterError, MeshError, TrialError
 from meshfit.experiment.plan import plan
-from meshfit.experiment.running import backends, trial_runner
+from meshfit.experiment.running import backends, process_pool, trial_runner
 from meshfit.experiment.running.backends import CancellationFile, LocalWorkers, Remote
-from meshfit.experiment.running.process_pool import environment
+from meshfit.experiment.running.process_pool import ProcessPool, environment
 from meshfit.experiment.running.scheduler import run_trials
 from meshfit.experiment.running.shared_progress import SharedProgress
 from meshfit.experiment.running.worker import Job, RemoteOptions, run_job
@@ -21,6 +21,7 @@ from meshfit.experiment.storage.failure import failure_kind
 from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.experiment.trial_status import Progress, TrialStatus
 from meshfit.fitting.callbacks import Step
+from tests.dying import die_while_counting
 from tests.inline import Inline
 from tests.small import experiment
 
@@ -147,6 +148,34 @@ def test_a_trial_that_is_killed_once_goes_on_from_its_checkpoint_and_disturbs_no
     for trial in trials:
         for name in ("result.ply", "trace.csv"):
             assert (store.folder(trial) / name).read_bytes() == (quiet.folder(trial) / name).read_bytes()
+
+
+@posix
+@pytest.mark.parametrize("deaths", [2, 9])
+def test_workers_that_die_while_they_start_are_replaced_a_few_times(tmp_path, monkeypatch, deaths):
+    left = tmp_path / "left"
+    left.write_text(str(deaths))
+    monkeypatch.setenv("DEATHS", str(left))
+    monkeypatch.setattr(process_pool, "_count_gpus", die_while_counting)
+    with closing(ProcessPool(1, SharedProgress.of(1))) as pool:
+        if deaths > process_pool.MOST_DEATHS:
+            with pytest.raises(TrialError, match=r"^worker processes are killed again and again; .*--jobs 1$"):
+                pool.count_gpus()
+        else:
+            assert pool.count_gpus() == 0
+    assert int(left.read_text()) == max(0, deaths - 1 - process_pool.MOST_DEATHS)
+
+
+def test_a_system_that_starts_no_process_gives_one_line(monkeypatch):
+    def refused(*_, **__):
+        raise OSError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr(process_pool, "ProcessPoolExecutor", refused)
+    with (
+        closing(ProcessPool(1, SharedProgress.of(1))) as pool,
+        pytest.raises(TrialError, match=r"^cannot start .*Resou"),
+    ):
+        pool.count_gpus()
 
 
 @pytest.fixture(scope="module")

@@ -10,11 +10,15 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool, ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
 from typing import Any, TypeVar
 
+from meshfit.errors import TrialError
 from meshfit.experiment.running.shared_progress import SharedProgress
+
+MOST_DEATHS = 3
+"""Number of workers that may die in succession without having started a trial."""
 
 _Result = TypeVar("_Result")
 _Call = tuple[Future[Any], Callable[..., Any], tuple[Any, ...]]
@@ -56,9 +60,25 @@ class ProcessPool:
         return future
 
     def count_gpus(self) -> int:
-        """Count the GPUs in a worker, and let all workers of the CPU load torch, which they need in any case."""
-        first, *_ = [self.submit("cpu", _count_gpus) for _ in range(self.workers)]
-        return first.result()
+        """Count the GPUs in a worker, and let all workers of the CPU load torch, which they need in any case.
+
+        Raises:
+            TrialError: workers die before they have counted.
+        """
+        for _ in range(self.workers - 1):
+            self.submit("cpu", _count_gpus)
+        return self.call(_count_gpus)
+
+    def call(self, function: Callable[..., _Result], *args: object) -> _Result:
+        """Have a worker of the CPU call a function, and wait for the result; if it dies, another one takes over.
+
+        Raises:
+            TrialError: workers die again and again.
+        """
+        for _ in range(1 + MOST_DEATHS):
+            with suppress(BrokenProcessPool):
+                return self.submit("cpu", function, *args).result()
+        raise workers_die()
 
     def close(self, *, cancel: bool = False) -> None:
         """Wait for the calls to end, and end the workers; `cancel` drops the calls that have not started."""
@@ -78,7 +98,7 @@ class ProcessPool:
             if not future.set_running_or_notify_cancel():
                 continue
             try:
-                with interrupts_blocked():
+                with interrupts_blocked(), _start_failures_named():
                     process = process or self._new_process()
                     running = process.submit(function, *args)
                 future.set_result(running.result())
@@ -93,6 +113,21 @@ class ProcessPool:
     def _new_process(self) -> ProcessPoolExecutor:
         context = multiprocessing.get_context("spawn")
         return ProcessPoolExecutor(1, context, _start_worker, (self.progress.shared, self._preload))
+
+
+@contextmanager
+def _start_failures_named() -> Iterator[None]:
+    """Raise what keeps the system from starting a process as an error of one line."""
+    try:
+        yield
+    except (OSError, MemoryError) as error:
+        reason = getattr(error, "strerror", None) or "not enough memory"
+        raise TrialError(f"cannot start a worker process: {reason}; try --jobs 1") from error
+
+
+def workers_die() -> TrialError:
+    """Return the error to raise where so many workers have died."""
+    return TrialError("worker processes are killed again and again; perhaps memory is short; try --jobs 1")
 
 
 def _cancel_all(calls: "queue.SimpleQueue[_Call | None]") -> None:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, as_completed, wait
 from dataclasses import dataclass, field
 
-from meshfit.errors import ClusterError, MeshfitError, TrialError
+from meshfit.errors import ClusterError, MeshfitError
 from meshfit.experiment.plan import Trial
 from meshfit.experiment.running.backends import (
     Backend,
@@ -18,7 +18,7 @@ from meshfit.experiment.running.backends import (
     is_death,
 )
 from meshfit.experiment.running.commands import require_installed, require_permission
-from meshfit.experiment.running.process_pool import ONE_THREAD, environment
+from meshfit.experiment.running.process_pool import MOST_DEATHS, ONE_THREAD, environment, workers_die
 from meshfit.experiment.running.worker import JobResult, store_outputs
 from meshfit.experiment.storage.failure import RETRIED, failed_attempts, killed_record
 from meshfit.experiment.storage.plan_file import update_order, write_plan
@@ -26,7 +26,6 @@ from meshfit.experiment.storage.run_directory import FAILURE, LOG, RunDirectory,
 from meshfit.experiment.trial_status import Outcome, TrialStatus
 
 _POLL_SECONDS = 0.1
-_MOST_DEATHS_AT_START = 3
 
 Watcher = Callable[[ProgressReader, Mapping[int, Outcome]], None]
 
@@ -185,10 +184,8 @@ class _Scheduler:
         (i,) = numbers
         if self.backend.is_local and not self.backend.progress[i].status.is_running:
             self.deaths_at_start += 1
-            if self.deaths_at_start > _MOST_DEATHS_AT_START:
-                raise TrialError(
-                    "worker processes die before they start a trial; perhaps memory is short; try --jobs 1"
-                )
+            if self.deaths_at_start > MOST_DEATHS:
+                raise workers_die()
             self.requeued.append(i)
             return
         outcome = self._record_killed(i)

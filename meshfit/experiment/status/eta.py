@@ -252,8 +252,6 @@ def _num_verts(source: "SourceSettings", scheme: "NamedScheme") -> int:
 
 def _probed_pace(trial: "Trial", threads: int) -> _Pace | None:
     """Probe a trial in a worker, where trials run; None if it would run on a GPU."""
-    from concurrent.futures.process import BrokenProcessPool
-
     from meshfit.experiment.running.process_pool import ONE_THREAD, ProcessPool, environment
     from meshfit.experiment.running.shared_progress import SharedProgress
 
@@ -262,9 +260,7 @@ def _probed_pace(trial: "Trial", threads: int) -> _Pace | None:
         try:
             if trial.settings.device == "auto" and pool.count_gpus():
                 return None
-            fit, overhead = pool.submit("cpu", _probe, trial, threads).result()
-        except BrokenProcessPool:
-            raise TrialError(f"{trial.label}: the process that probed it was killed") from None
+            fit, overhead = pool.call(_probe, trial, threads)
         finally:
             pool.close()
     return _Pace(fit / max(_work(trial), 1.0), overhead)
