@@ -19,3 +19,9 @@ def without_shape_checks():
     jaxtyping.config.update("jaxtyping_disable", "1")
     yield
     jaxtyping.config.update("jaxtyping_disable", "0")
+
+
+@pytest.fixture(autouse=True)
+def without_fsync(monkeypatch):
+    """Leave out the wait for the disk, of which no test in this process can notice the effect."""
+    monkeypatch.setattr("os.fsync", lambda _: None)

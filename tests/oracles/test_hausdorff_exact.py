@@ -73,7 +73,7 @@ def open_pair(name, num_faces):
 
 
 PAIRS = {
-    "decimated bunny": lambda: (decimate(target("bunny"), 6000), target("bunny")),
+    "decimated mousehead": lambda: (decimate(target("mousehead"), 3000), target("mousehead")),
     "decimated cow": lambda: (decimate(target("cow"), 1500), target("cow")),
     "open cow": lambda: open_pair("cow", 1500),
     "half a bone against the whole": lambda: (

@@ -32,7 +32,7 @@ CLOSED = {
     "torus": torus,
     "mixed": mixed_closed,
     "cow": lambda: real("cow", 700),
-    "bunny": lambda: real("bunny", 500),
+    "mousehead": lambda: real("mousehead", 500),
 }
 OPEN = {"patch": lambda: patch(5, 4), "mixed": mixed_open, "cow with holes": opened_cow}
 closed = over("make", CLOSED.values())

@@ -22,7 +22,7 @@ MESHES = {
     "mixed closed": mixed_closed,
     "mixed open": mixed_open,
     "cow": lambda: real("cow", 300),
-    "open bunny": lambda: opened(real("bunny", 300), 7),
+    "open mousehead": lambda: opened(real("mousehead", 300), 7),
     "patch": lambda: patch(5, 4),
 }
 

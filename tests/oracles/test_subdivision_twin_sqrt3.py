@@ -17,7 +17,7 @@ MESHES = {
     "mixed closed": mixed_closed,
     **{f"mixed open {seed}": (lambda seed=seed: mixed_open(seed)) for seed in (3, 5, 8)},
     "cow": lambda: real("cow", 500),
-    "open bunny": lambda: opened(real("bunny", 400), 7),
+    "open mousehead": lambda: opened(real("mousehead", 400), 7),
     "patch": lambda: patch(7, 6),
     "two triangles": OPEN["two triangles"],
     "tetrahedron": SOLIDS["tetrahedron"],

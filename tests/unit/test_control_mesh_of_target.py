@@ -206,6 +206,7 @@ def bottle():
     return joined(wall, floor, tube(handle, 0.08 + 0 * turn, 12))
 
 
+@pytest.mark.slow
 def test_a_wrap_passes_through_handles_and_not_into_openings_that_are_wider():
     target = bottle()
     made = control_mesh_of(target, verts=300, surface="outer")

@@ -74,6 +74,7 @@ def test_what_is_not_symmetric_is_refused_with_the_worst_vertex():
     np.testing.assert_array_equal(mirror_partners(slightly), mirror_partners(animal(2)))
 
 
+@pytest.mark.slow
 def test_a_symmetric_template_stays_symmetric_on_a_target_that_is_not():
     source, target = animal(3), animal(3, wart=0.05)
     found = fit(source, target, levels=0, symmetric=True, **KEYS).mesh

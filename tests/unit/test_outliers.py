@@ -120,6 +120,7 @@ def test_spikes_of_a_noisy_mesh_are_given_up_unless_told_otherwise():
     assert worst["auto"] < 0.03 < worst["off"]
 
 
+@pytest.mark.slow
 def test_what_the_target_shows_is_marked_on_the_result():
     """A ball without its cap: what fills the cap is marked, with its share of the area, and a closed ball has none."""
     whole, height = icosphere(4), 0.6

@@ -169,6 +169,7 @@ def test_points_of_much_noise_are_moved_to_their_surface_and_those_of_little_sta
     assert np.array_equal(denoised_cloud(PointCloud(noisy), 0.0).verts, noisy)
 
 
+@pytest.mark.slow
 def test_a_noisy_sheet_of_points_becomes_an_open_surface_on_the_side_of_its_normals() -> None:
     generator = np.random.default_rng(0)
     x, y = generator.uniform(-1, 1, (2, 2000))

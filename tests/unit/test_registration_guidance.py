@@ -82,6 +82,7 @@ def test_guided_fits_continue_from_a_checkpoint_to_the_same_bytes(arm, guided):
     assert again.mesh.verts.tobytes() == result.mesh.verts.tobytes()
 
 
+@pytest.mark.slow
 def test_what_is_fixed_does_not_move_to_the_bit_and_rigid_parts_keep_their_distances(arm):
     bent = arm.with_verts(arm.verts + np.array([0, 0.15, 0]) * arm.verts[:, :1] ** 2)
     fixed, rigid = np.abs(arm.verts[:, 0]) < 0.3, np.where(arm.verts[:, 0] > 1.2, 2, 0)

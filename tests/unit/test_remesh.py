@@ -142,7 +142,7 @@ CASES = {
     "hemisphere, coarser": (hemisphere, 1.5, 2),
     "band": (band, 0.8, 2),
     "patch": (lambda: patch(12, 10), 0.6, 3),
-    "bunny": (lambda: target("bunny", 1500), 1.0, 4),
+    "mousehead": (lambda: target("mousehead", 1500), 1.0, 4),
     "airplane": (lambda: target("airplane", 1500), 0.8, 1),
     "bone": (lambda: target("bone", 1500), 1.3, 4),
 }
@@ -203,14 +203,14 @@ def test_flat_patch_keeps_its_outline():
 
 
 def test_the_same_each_time():
-    mesh = target("bunny", 1500)
+    mesh = target("mousehead", 1500)
     lengths = graded(mesh, mean_length(mesh), 4)
     one, other = remeshed(mesh, lengths), remeshed(mesh, lengths)
     assert [part.numpy().tobytes() for part in one] == [part.numpy().tobytes() for part in other]
 
 
 def test_single_precision():
-    mesh = target("bunny", 1500)
+    mesh = target("mousehead", 1500)
     verts, faces, lengths = remeshed(mesh, mean_length(mesh), torch.float32)
     assert (verts.dtype, faces.dtype, lengths.dtype) == (torch.float32, torch.int64, torch.float32)
     result = as_mesh(verts, faces)
