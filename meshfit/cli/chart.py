@@ -7,15 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from meshfit.cli.console import out
-from meshfit.cli.options import Labels, Metric, RunDirs
+from meshfit.cli.options import Labels, Metric, takes_run_dirs
 
 if TYPE_CHECKING:
     from meshfit.experiment.tuning.search_file import Search
     from meshfit.report.tables.table import Table
 
 
+@takes_run_dirs
 def chart(
-    runs: RunDirs,
+    runs: list[Path],
     output: Annotated[Path, typer.Option("--output", "-o", help="Chart to write: .pdf, .svg or .png.", metavar="FILE")],
     metric: Metric = None,
     labels: Labels = None,

@@ -1,13 +1,14 @@
 """`meshfit clean`: remove failed and interrupted trials."""
 
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.text import Text
 
 from meshfit.cli.console import out
-from meshfit.cli.options import RunDirs
+from meshfit.cli.options import takes_run_dirs
 from meshfit.errors import ConfigError
 from meshfit.experiment.status.cleaning import clean as clean_trials
 from meshfit.experiment.status.scan import scan_experiments
@@ -15,8 +16,9 @@ from meshfit.experiment.trial_status import TrialStatus
 from meshfit.units import count_text, size_text
 
 
+@takes_run_dirs
 def clean(
-    runs: RunDirs,
+    runs: list[Path],
     failed: Annotated[
         bool, typer.Option("--failed", help="Remove the folders of trials that failed, or whose result is damaged.")
     ] = False,

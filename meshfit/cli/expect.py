@@ -8,12 +8,13 @@ import typer
 
 from meshfit.cli import completions
 from meshfit.cli.console import out
-from meshfit.cli.options import RunDirs, split_metrics
+from meshfit.cli.options import split_metrics, takes_run_dirs
 from meshfit.measuring.metrics import DEFAULT_METRIC
 
 
+@takes_run_dirs
 def expect(
-    runs: RunDirs,
+    runs: list[Path],
     output: Annotated[Path, typer.Option("--output", "-o", help="The file to write.", metavar="FILE")],
     metrics: Annotated[
         list[str] | None,

@@ -7,13 +7,14 @@ from typing import Annotated
 import typer
 
 from meshfit.cli.console import out
-from meshfit.cli.options import RunDirs
+from meshfit.cli.options import takes_run_dirs
 from meshfit.errors import StoreError
 from meshfit.units import count_text
 
 
+@takes_run_dirs
 def export(
-    runs: RunDirs,
+    runs: list[Path],
     output: Annotated[
         Path, typer.Option("--output", "-o", help="The file to write: .csv or .parquet.", metavar="FILE")
     ],

@@ -7,12 +7,13 @@ import typer
 
 from meshfit.cli import completions
 from meshfit.cli.console import out
-from meshfit.cli.options import OUTPUT, Labels, Metric, RunDirs, UpAxis, say_turned
+from meshfit.cli.options import OUTPUT, Labels, Metric, UpAxis, say_turned, takes_run_dirs
 from meshfit.specs import listed
 
 
+@takes_run_dirs
 def figure(
-    runs: RunDirs,
+    runs: list[Path],
     output: Annotated[
         Path, typer.Option("--output", "-o", help="Figure to write: .pdf, .svg or .png.", metavar="FILE")
     ],

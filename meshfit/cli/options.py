@@ -25,16 +25,22 @@ Runs = Annotated[
         "--runs", help="Run directory: one folder per trial.", metavar="DIR", autocompletion=completions.folders
     ),
 ]
-RunDirs = Annotated[
-    list[Path],
-    typer.Argument(help="Run directories, or folders in them.", metavar="RUNS", autocompletion=completions.folders),
-]
-OptionalRunDirs = Annotated[
+_RunDirs = Annotated[
     list[Path] | None,
     typer.Argument(
         help="Run directories, or folders in them.",
         metavar="RUNS",
         show_default="runs",
+        autocompletion=completions.folders,
+    ),
+]
+_RunDirsByOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--runs",
+        help="The same as RUNS. May be repeated.",
+        show_default=False,
+        metavar="DIR",
         autocompletion=completions.folders,
     ),
 ]
@@ -322,15 +328,42 @@ def takes_run_options(*omitted: str) -> Callable[[Callable[..., int]], Callable[
         every = inspect.signature(RunOptions).parameters.values()
         shared = [parameter for parameter in every if parameter.name not in omitted]
         own = [parameter for parameter in inspect.signature(command).parameters.values() if parameter.name != "options"]
-        signature = inspect.Signature([parameter.replace(kind=parameter.KEYWORD_ONLY) for parameter in (*own, *shared)])
 
         @functools.wraps(command)
         def with_options(**values: Any) -> int:  # noqa: ANN401  as declared above
             options = RunOptions(**{parameter.name: values.pop(parameter.name) for parameter in shared})
             return command(**values, options=options)
 
-        setattr(with_options, "__signature__", signature)  # noqa: B010  mypy does not know it
-        with_options.__annotations__ = {name: parameter.annotation for name, parameter in signature.parameters.items()}
+        _declare(with_options, [parameter.replace(kind=parameter.KEYWORD_ONLY) for parameter in (*own, *shared)])
         return with_options
 
     return decorate
+
+
+def takes_run_dirs(command: Callable[..., int]) -> Callable[..., int]:
+    """Let a command take its `runs` as arguments or by `--runs`, with `runs` as the default; it gets a list."""
+    declared = [
+        parameter.replace(kind=parameter.KEYWORD_ONLY)
+        for parameter in inspect.signature(command).parameters.values()
+        if parameter.name != "runs"
+    ]
+    by_argument, by_option = (
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
+        for name, annotation in (("runs", _RunDirs), ("runs_option", _RunDirsByOption))
+    )
+
+    @functools.wraps(command)
+    def with_run_dirs(**values: Any) -> int:  # noqa: ANN401  as declared above
+        runs, option = values.pop("runs"), values.pop("runs_option")
+        if runs and option:
+            raise ConfigError("expected run directories as arguments or by --runs, got both")
+        return command(**values, runs=runs or option or [DEFAULT_RUNS])
+
+    _declare(with_run_dirs, [by_argument, *declared, by_option])
+    return with_run_dirs
+
+
+def _declare(command: Callable[..., int], parameters: Sequence[inspect.Parameter]) -> None:
+    """Give a command the parameters that Typer is to read."""
+    setattr(command, "__signature__", inspect.Signature(parameters))  # noqa: B010  mypy does not know it
+    command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}

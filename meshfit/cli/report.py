@@ -7,13 +7,14 @@ from typing import Annotated
 import typer
 
 from meshfit.cli.console import out
-from meshfit.cli.options import Baseline, Labels, Metrics, Partial, Quiet, RunDirs, UpAxis, say_turned
+from meshfit.cli.options import Baseline, Labels, Metrics, Partial, Quiet, UpAxis, say_turned, takes_run_dirs
 from meshfit.cli.progress import show_parts
 from meshfit.cli.table import exit_code_of
 
 
+@takes_run_dirs
 def report(
-    runs: RunDirs,
+    runs: list[Path],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write index.html into.", metavar="DIR")],
     metrics: Metrics = None,
     baseline: Baseline = None,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from meshfit.cli.console import out
-from meshfit.cli.options import OUTPUT, AnalysedMetric, Baseline, Quiet, RunDirs
+from meshfit.cli.options import OUTPUT, AnalysedMetric, Baseline, Quiet, takes_run_dirs
 from meshfit.cli.progress import show_parts
 
 if TYPE_CHECKING:
@@ -16,8 +16,9 @@ if TYPE_CHECKING:
 _WIDTH_WITH_ENDS = 100
 
 
+@takes_run_dirs
 def sensitivity(
-    runs: RunDirs,
+    runs: list[Path],
     metric: AnalysedMetric = None,
     baseline: Baseline = None,
     format: Annotated[  # noqa: A002  the name of the option

@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -13,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from meshfit.cli.console import out
-from meshfit.cli.options import DEFAULT_RUNS, AsJson, OptionalRunDirs
+from meshfit.cli.options import AsJson, takes_run_dirs
 from meshfit.experiment.status.eta import seconds_left
 from meshfit.experiment.status.scan import ScannedExperiment, ScannedTrial, scan_experiments
 from meshfit.experiment.storage.failure import read_failure
@@ -35,8 +36,9 @@ _HOST_WIDTH = 12
 _LABEL_WIDTH = len("  no sign of life for 59 min")
 
 
+@takes_run_dirs
 def status(
-    runs: OptionalRunDirs = None,
+    runs: list[Path],
     list_all: Annotated[
         bool, typer.Option("--all", help=f"List all running and failed trials, not only {MOST_LISTED} of a kind.")
     ] = False,
@@ -51,10 +53,11 @@ def status(
     Examples:
         meshfit status
         meshfit status runs/table1 --all
+        meshfit status --runs elsewhere
         watch -n 5 meshfit status  # refreshed every 5 seconds
     """
     now = datetime.now(UTC)
-    experiments = scan_experiments(runs or [DEFAULT_RUNS], now)
+    experiments = scan_experiments(runs, now)
     if as_json:
         typer.echo(json.dumps([_plain_experiment(experiment) for experiment in experiments], indent=2))
         return 0

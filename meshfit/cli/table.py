@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from meshfit.cli.console import err, out, print_error
-from meshfit.cli.options import OUTPUT, Baseline, Labels, Metrics, Partial, RunDirs
+from meshfit.cli.options import OUTPUT, Baseline, Labels, Metrics, Partial, takes_run_dirs
 from meshfit.errors import ConfigError
 from meshfit.experiment.storage.run_directory import Result
 from meshfit.units import count_text
@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 _DEVIATES = _INCOMPLETE = 1
 
 
+@takes_run_dirs
 def table(
-    runs: RunDirs,
+    runs: list[Path],
     format: Annotated[  # noqa: A002  the name of the option
         Literal["rich", "md", "csv", "latex", "json"],
         typer.Option(

@@ -152,3 +152,13 @@ def test_a_damaged_record_of_a_failure_is_told_where_it_is(tmp_path):
     (failed(tmp_path) / "failure.json").write_text("{")
     assert "failed: unreadable (1)" in answered("status", tmp_path)
     assert "failure.json: not valid JSON" in answered("show", next(tmp_path.rglob("failure.json")))
+
+
+def test_run_directories_are_given_as_arguments_or_by_the_option(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    complete(tmp_path / "runs", experiment="a")
+    complete(tmp_path / "elsewhere", experiment="b")
+    for command in (["status"], ["table", "--format", "csv"]):
+        by_argument = answered(*command, "elsewhere")
+        assert answered(*command, "--runs", "elsewhere") == by_argument
+        assert answered(*command, "runs") == answered(*command) != by_argument
