@@ -18,6 +18,8 @@ KIND_KEY, DEFAULT_KIND = "method", "first-order"
 
 _LONGEST_VALUE = 100
 _MOST_FAULTS = 20
+_LARGEST_EXACT = 2**53
+"""The largest integer up to which every integer is a float."""
 # By the start of pydantic's error type, in words for readers who do not know Python.
 _EXPECTED = {
     "int": "an integer",
@@ -81,7 +83,7 @@ def build(model: type[Model], data: Mapping[str, Any], where: Callable[[KeyPath]
     """
     try:
         # Through JSON, where strict validation takes a list for a tuple and 1 for 1.0, but neither "1" nor true.
-        complete = model.with_dependent_defaults(data)
+        complete = _with_integers(model, model.with_dependent_defaults(data))
         return model.model_validate_json(json.dumps(complete, default=_to_plain))
     except ValidationError as error:
         faults: dict[KeyPath, str] = {}
@@ -174,6 +176,30 @@ def _are_of_one_kind(value: Any, change: Any) -> bool:  # noqa: ANN401  any YAML
     return KIND_KEY not in change or change[KIND_KEY] == value.get(KIND_KEY, DEFAULT_KIND)
 
 
+def _with_integers(kind: Any, value: Any) -> Any:  # noqa: ANN401  any annotation and YAML value
+    """Return a value with whole numbers such as 1e2 and 100.0 as integers where its type has integers, not numbers."""
+    alternatives = _alternatives(kind)
+    if int in alternatives and float not in alternatives and isinstance(value, float):
+        return int(value) if value.is_integer() and abs(value) <= _LARGEST_EXACT else value
+    if isinstance(value, Mapping):
+        tagged = _tagged_models(kind).get(str(value.get(KIND_KEY, DEFAULT_KIND)))
+        model = tagged or next(filter(_is_model, alternatives), None)
+        if model is not None:
+            fields = model.model_fields
+            return {
+                key: _with_integers(fields[key].annotation, inner) if key in fields else inner
+                for key, inner in value.items()
+            }
+    for alternative in alternatives:
+        parts = get_args(alternative)
+        if get_origin(alternative) is dict and isinstance(value, Mapping):
+            return {key: _with_integers(parts[1], inner) for key, inner in value.items()}
+        if get_origin(alternative) in (list, tuple) and isinstance(value, list | tuple):
+            kinds = parts if len(parts) == len(value) and parts[-1] is not ... else [parts[0]] * len(value)
+            return [_with_integers(part, inner) for part, inner in zip(kinds, value, strict=True)]
+    return value
+
+
 def _to_plain(value: Any) -> Any:  # noqa: ANN401  numpy scalars and paths, from Python callers
     return value.item() if hasattr(value, "item") and getattr(value, "shape", ()) == () else str(value)
 
@@ -211,7 +237,10 @@ def _reason(error: ErrorDetails, context: dict[str, Any], allowed_keys: list[str
         case "literal_error":
             return f"got {value}; {suggest(str(error['input']), _literals(context['expected']))}"
     expected = next((text for prefix, text in _EXPECTED.items() if error["type"].startswith(prefix)), "")
-    return f"expected {expected.format(**context) or error['msg'].removeprefix('Input should be ')}, got {value}"
+    text = f"expected {expected.format(**context) or error['msg'].removeprefix('Input should be ')}, got {value}"
+    plain = str(error["input"]).replace("_", "").replace(",", "")
+    is_grouped = error["type"].startswith(("int", "float")) and isinstance(error["input"], str) and plain.isdecimal()
+    return f"{text}; write {plain}" if is_grouped else text
 
 
 def _literals(expected: str) -> list[str]:

@@ -13,7 +13,7 @@ from tests.loops import over
 
 RANGES = {
     "source.decimate": (["4", "100"], ["3", "-1", "4.5"]),
-    "source.levels": (["0", "8"], ["-1", "9", "1.0", "null"]),
+    "source.levels": (["0", "8"], ["-1", "9", "1.5", "null"]),
     "source.radius": (["1e-9", "2", "null"], ["0", "-1"]),
     "source.radius_of": (["null", "area", "volume"], ["radius", "1"]),
     "source.centre": (["[0, 1, 2.5]", "null"], ["[0, 0]", "[0, 0, 0, 0]", "0", "[0, 0, x]"]),
@@ -45,7 +45,7 @@ RANGES = {
     "targets": (["[cow]"], ["[]", "cow", "[1]", "[cow, cow]", "null"]),
     "define": (["{}", "{mine: {base: loop}}"], ["null", "[1]", "{Mine: {base: loop}}", "{mine: 3}", "{mine: {}}"]),
     "schemes": (["[loop, 'loop:weights=warren']"], ["[]", "[lop]", "[loop, loop]", "['interp-loop:alpha=2']", "[3]"]),
-    "seeds": (["[0, 1]", "[4294967295]"], ["[]", "[-1]", "[4294967296]", "[0, 0]", "0", "[1.0]"]),
+    "seeds": (["[0, 1]", "[4294967295]"], ["[]", "[-1]", "[4294967296]", "[0, 0]", "0", "[1.5]"]),
     "normalise": (["tutorial", "sphere", "box", "cube", "none"], ["Box", "null"]),
     "write_frame": (["normalised", "target"], ["own"]),
     "view.up": (["auto", "x", "y", "z"], ["Z", "-z", "null"]),
@@ -56,7 +56,7 @@ RANGES = {
     "sweep": (["{}", "{fit.steps: [1, 2]}"], ["null", "[1]", "2"]),
     "source.align": (["none", "center", "centre", "box", "pca", "icp"], ["middle"]),
     "fit.method": (["first-order", "gauss-newton"], ["second-order"]),
-    "fit.steps": (["0", "5"], ["-1", "1.5", "1e3"]),
+    "fit.steps": (["0", "5", "1e3"], ["-1", "1.5", "1_000"]),
     "fit.samples": (["1"], ["0", "-5"]),
     **{
         f"fit.losses.{term}": (["0", "2.5"], ["-0.1", ".inf", ".nan", "1e400"])

@@ -54,6 +54,37 @@ def test_where_is_asked_for_the_key_at_fault():
         build(FirstOrderSettings, {"losses": {"edge": -1}}, lambda key: f"<{key}>")
 
 
+@over(
+    "data",
+    [
+        {"fit": {"steps": 1e2}},
+        {"seeds": [1e0, 3.0], "jobs": 2.0},
+        {"fit": {"method": "gauss-newton", "verts": 1e3}},
+        {"fit": {"optimizer": {"schedule": {"every": 1e2}}}, "source": {"levels": 2.0}},
+    ],
+)
+def test_a_whole_number_is_an_integer_wherever_one_is_expected(data):
+    """Trials are then those of the same settings with integers, by their identity."""
+
+    def as_integers(value):
+        if isinstance(value, dict):
+            return {key: as_integers(inner) for key, inner in value.items()}
+        if isinstance(value, list):
+            return [as_integers(inner) for inner in value]
+        return int(value) if isinstance(value, float) else value
+
+    dumped = [build(ExperimentSettings, each).model_dump_json() for each in (data, as_integers(data))]
+    assert dumped[0] == dumped[1]
+
+
+@over("value", [1.5, 1e30, "1_000", "1,000", True])
+def test_other_values_are_not_integers(value):
+    with pytest.raises(ConfigError) as caught:
+        build(FirstOrderSettings, {"steps": value})
+    remedy = "; write 1000" if isinstance(value, str) else ""
+    assert str(caught.value) == f"steps: expected an integer, got {json.dumps(value)}{remedy}"
+
+
 def test_integers_are_numbers_and_lists_are_tuples_but_nothing_else_is_bent():
     settings = build(ExperimentSettings, {"source": {"radius": 2, "centre": [0, 1, 2]}, "seeds": [3]})
     assert settings.source == SourceSettings(radius=2.0, centre=(0.0, 1.0, 2.0))
