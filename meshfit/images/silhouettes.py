@@ -8,7 +8,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinat
 from scipy.spatial import cKDTree
 
 from meshfit.images.camera import Camera
-from meshfit.images.views import View
+from meshfit.images.views import Mask, View
 
 # Standard deviation in pixels of the filter that makes a smooth curve of the steps between pixels.
 _SMOOTHING = 0.8
@@ -40,15 +40,11 @@ class Silhouette:
     @classmethod
     def of(cls, view: View) -> "Silhouette":
         """Return the silhouette of a view's mask; without points if the mask is empty or full."""
-        mask = view.mask
-        smooth = gaussian_filter(mask.astype(np.float64), _SMOOTHING, mode="nearest") - 0.5
-        # Parts and gaps as thin as a pixel keep it.
-        smooth = np.where(mask, np.maximum(smooth, _LEAST), np.minimum(smooth, -_LEAST))
-        padded = np.gradient(np.pad(smooth, 1, mode="edge"))
-        slope = np.stack([padded[1][1:-1, 1:-1], padded[0][1:-1, 1:-1]], axis=-1)
-        points, normals = _crossings(smooth, slope)
+        points, normals = mask_contour(view.mask)
         lengths = 1.0 / np.abs(normals).sum(axis=1)
-        return cls(view.camera, points, normals, lengths, _signed_distance(mask, points), _reaches_border(mask))
+        return cls(
+            view.camera, points, normals, lengths, _signed_distance(view.mask, points), _reaches_border(view.mask)
+        )
 
     def distance_at(self, pixels: Float64[np.ndarray, "N 2"]) -> Float64[np.ndarray, " N"]:
         """Return the signed distance of places in pixels from the contour, positive inside.
@@ -62,6 +58,16 @@ class Silhouette:
         if self.cut_off:
             return np.where(beyond > 0.5, np.inf, values)
         return np.asarray(values - beyond)
+
+
+def mask_contour(mask: Mask) -> tuple[Float64[np.ndarray, "N 2"], Float64[np.ndarray, "N 2"]]:
+    """Return points of a mask's contour, about one per pixel of its length, and its unit normals there, outwards."""
+    smooth = gaussian_filter(mask.astype(np.float64), _SMOOTHING, mode="nearest") - 0.5
+    # Parts and gaps as thin as a pixel keep it.
+    smooth = np.where(mask, np.maximum(smooth, _LEAST), np.minimum(smooth, -_LEAST))
+    padded = np.gradient(np.pad(smooth, 1, mode="edge"))
+    slope = np.stack([padded[1][1:-1, 1:-1], padded[0][1:-1, 1:-1]], axis=-1)
+    return _crossings(smooth, slope)
 
 
 def _crossings(

@@ -16,8 +16,10 @@ from meshfit.images.rasteriser import render_view
 from meshfit.images.sphere_cameras import cameras_around
 from meshfit.images.views import Views
 from meshfit.images.visual_hull import visual_hull
+from meshfit.mesh.geometry import unit_vectors, vert_area_vectors
 from meshfit.mesh.proximity import point_distances
 from tests.loops import over
+from tests.shapes import torus
 
 _FEW = {"method": "gauss-newton", "levels": 1, "coarse_steps": 5, "level_steps": 2, "last_steps": 2, "tries": 1}
 
@@ -77,6 +79,18 @@ def test_the_object_itself_fits_its_images_and_a_smaller_one_does_not(kind):
     # All rows of contours push outwards, as far as the object is larger.
     pushes = smaller.residuals[smaller.weights > 0]
     assert float(pushes.norm(dim=1).max()) < 15 * pixel
+
+
+def test_rims_in_front_of_other_parts_are_not_drawn_to_the_contour():
+    ring = torus(64, 32)
+    cameras = cameras_around(ring, 6, 96)
+    views = Views([render_view(ring, camera, f"{k}", depth=False, normals=False) for k, camera in enumerate(cameras)])
+    pixel = np.linalg.norm(cameras[0].position - ring.verts.mean(axis=0)) / cameras[0].focal[0]
+    pairs = _pairs(ring, views)
+    assert pairs.distance < 0.22 * pixel
+    normals = unit_vectors(vert_area_vectors(ring))[ring.faces[pairs.face.numpy()]]
+    outwards = np.einsum("nk,nck,nc->n", pairs.residuals.numpy(), normals, pairs.corners.numpy())
+    assert abs(np.average(outwards, weights=pairs.weights.numpy())) < 0.01 * pixel
 
 
 def test_silhouettes_give_a_better_surface_than_their_hull_and_normals_show_the_hollow():

@@ -5,36 +5,37 @@ between vertices as on a smooth surface, are perpendicular to their lines of sig
 the mask. All rows are linear in positions, and have the form of correspondences.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float64, Int64
-from scipy.ndimage import binary_dilation, maximum_filter
+from scipy.ndimage import maximum_filter
 from torch import Tensor
 
 from meshfit.fitting.gauss_newton.correspondences import Correspondences
+from meshfit.fitting.gauss_newton.outline import (
+    ContourImage,
+    ImagedSurface,
+    Indices,
+    Outline,
+    Pixels,
+    SurfacePoints,
+    Values,
+    Vectors,
+    oriented,
+)
 from meshfit.fitting.gauss_newton.surface import Shape
 from meshfit.images.camera import Camera
 from meshfit.images.rasteriser import Raster, rasterise
-from meshfit.images.silhouettes import Silhouette
 from meshfit.images.views import View, Views
-from meshfit.mesh.geometry import face_areas, face_normals, unit_vectors, vert_area_vectors
-from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.geometry import face_areas, unit_vectors
 from meshfit.mesh.nearest import nearest_point_query
 
-Vectors = Float64[np.ndarray, "_ 3"]
-Pixels = Float64[np.ndarray, "_ 2"]
-Values = Float64[np.ndarray, " _"]
-Indices = Int64[np.ndarray, " _"]
-
-# Views that a step looks at, in turn, and pixels along the longest side of the raster that tells what they see.
-_VIEWS, _RASTER = 32, 192
-# Distance in pixels that a difference of normals by 1 counts for, where contours are matched, and the least cosine.
-_TURNED, _FACING = 6.0, 0.5
-# Pixels from the background within which a point is at the outline, and its depth behind the raster's, in diagonals.
-_OUTLINE, _BEHIND = 2, 0.05
+# Views that a step looks at, in turn.
+_VIEWS = 32
+# Least cosine between the normals of matched points of contours.
+_FACING = 0.5
 # Vertices farther outside a mask than so many pixels are pulled in.
 _OUTSIDE = 1.0
 # Residuals beyond so many times their median, and so many pixels, pull with a force that grows no more (Huber).
@@ -70,108 +71,11 @@ class _Rows:
         return cls(np.zeros(0, dtype=np.int64), nothing, nothing, nothing, np.zeros(0))
 
     @classmethod
-    def along(cls, points: "_Points", gradient: Vectors, error: Values, weights: Values) -> "_Rows":
+    def along(cls, points: SurfacePoints, gradient: Vectors, error: Values, weights: Values) -> "_Rows":
         """Return the rows that change a value of points, of some gradient, by the negative of its error."""
         length = np.linalg.norm(gradient, axis=1)
         normals = gradient / length[:, None]
         return cls(points.face, points.corners, normals, normals * (error / length)[:, None], weights)
-
-
-@dataclass(frozen=True, eq=False)
-class _Points:
-    """Points of the surface, by their faces and barycentric coordinates, with their positions and pixels."""
-
-    face: Indices
-    corners: Vectors
-    positions: Vectors
-    pixels: Pixels
-
-    def __getitem__(self, rows: Indices | Bool[np.ndarray, " _"]) -> "_Points":
-        """Return some of the points."""
-        return _Points(self.face[rows], self.corners[rows], self.positions[rows], self.pixels[rows])
-
-
-@dataclass(frozen=True, eq=False)
-class _Surface:
-    """A surface in double precision, with what all views need of it."""
-
-    mesh: Mesh
-    normals: Vectors
-    face_normals: Vectors
-    middles: Vectors
-    edges: tuple[Indices, Indices, Indices]
-    face_of_vert: tuple[Indices, Indices]
-    shares: Values
-    size: float
-
-    @classmethod
-    def of(cls, shape: Shape) -> "_Surface":
-        connectivity = shape.connectivity
-        mesh, edges = connectivity.mesh(shape.verts), connectivity.edges
-        areas = face_areas(mesh)
-        shares = np.bincount(mesh.faces.reshape(-1), np.repeat(areas / 3, 3), minlength=mesh.num_verts) / areas.sum()
-        return cls(
-            mesh,
-            unit_vectors(vert_area_vectors(mesh)),
-            face_normals(mesh),
-            mesh.verts[mesh.faces].mean(axis=1),
-            (edges.tail.cpu().numpy(), edges.head.cpu().numpy(), edges.left.cpu().numpy()),
-            (connectivity.face_of_vert[0].cpu().numpy(), connectivity.face_of_vert[1].cpu().numpy()),
-            shares,
-            float(np.linalg.norm(np.ptp(mesh.verts, axis=0))),
-        )
-
-    def verts(self, rows: Indices, camera: Camera) -> _Points:
-        """Return some vertices as points."""
-        face, corner = (values[rows] for values in self.face_of_vert)
-        positions = self.mesh.verts[rows]
-        return _Points(face, np.eye(3)[corner], positions, camera.project(positions)[0])
-
-
-@dataclass(frozen=True, eq=False)
-class _Image:
-    """A view, with what is computed of it once.
-
-    Attributes:
-        view: the view.
-        silhouette: of its mask.
-        contour: maps rows of pixel and weighted normal to the nearest points of the contour.
-        nearest: maps pixels to the nearest points of the contour.
-        camera: the same camera with fewer pixels, for visibility.
-        scale: number of its pixels per pixel.
-    """
-
-    view: View
-    silhouette: Silhouette
-    contour: Callable[[Float64[np.ndarray, "_ 4"]], Indices]
-    nearest: Callable[[Pixels], Indices]
-    camera: Camera
-    scale: float
-
-    @classmethod
-    def of(cls, view: View) -> "_Image | None":
-        """Return the image; None if its mask has no contour."""
-        silhouette, full = Silhouette.of(view), view.camera
-        if not len(silhouette.points):
-            return None
-        scale = min(1.0, _RASTER / max(full.width, full.height))
-        sizes = (int(np.ceil(scale * full.width)), int(np.ceil(scale * full.height)))
-        focal, centre = ((scale * pair[0], scale * pair[1]) for pair in (full.focal, full.centre))
-        camera = Camera(full.kind, *sizes, focal, centre, full.pose)
-        contour = nearest_point_query(_oriented(silhouette.points, silhouette.normals))
-        return cls(view, silhouette, contour, nearest_point_query(silhouette.points), camera, scale)
-
-    def towards(self, points: Vectors) -> Vectors:
-        """Return the unit directions from points to the camera."""
-        camera = self.view.camera
-        if camera.kind == "orthographic":
-            return np.broadcast_to(-camera.forward, points.shape)
-        return unit_vectors(camera.position - points)
-
-    def cell(self, pixels: Pixels) -> tuple[Indices, Indices]:
-        """Return the row and column in the raster of places in pixels; at its border for those beyond."""
-        cells = np.floor(pixels * self.scale).astype(np.int64)
-        return np.clip(cells[:, 1], 0, self.camera.height - 1), np.clip(cells[:, 0], 0, self.camera.width - 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,14 +88,14 @@ class ImageRows:
         shows_depth: whether the rest of the target comes from depth, not from the masks.
     """
 
-    images: tuple[_Image, ...]
+    images: tuple[ContourImage, ...]
     have_normals: bool
     shows_depth: bool
 
     @classmethod
     def of(cls, views: Views) -> "ImageRows":
         """Return the rows of views."""
-        images = tuple(image for image in map(_Image.of, views) if image is not None)
+        images = tuple(image for image in map(ContourImage.of, views) if image is not None)
         return cls(images, any(view.normals is not None for view in views), views.have_depth)
 
     def least_fairness(self, num_verts: int) -> float:
@@ -211,13 +115,13 @@ class ImageRows:
             shape: the surface.
             number: of the step, which tells whose turn it is where there are many views.
         """
-        surface, count = _Surface.of(shape), min(len(self.images), _VIEWS)
+        surface, count = ImagedSurface.of(shape), min(len(self.images), _VIEWS)
         turn = [self.images[(number * count + k) % len(self.images)] for k in range(count)]
         rows, matched, seen = [_damping(surface)], list[float](), np.zeros_like(surface.middles)
         contours = list[_Rows]()
         for image in turn:
             raster = rasterise(surface.mesh, image.camera)
-            outline = _Outline.of(surface, image, raster)
+            outline = Outline.of(surface, image, raster)
             contours += [_to_contour(outline, image, count), _from_contour(outline, image, count)]
             matched.append(contours[-1].weights.astype(bool).mean() if len(contours[-1].weights) else 0.0)
             rows.append(_from_outside(surface, image, count))
@@ -240,50 +144,12 @@ class ImageRows:
         return _joined(rows, shape, none)
 
 
-@dataclass(frozen=True, eq=False)
-class _Outline:
-    """Points of the surface at the outline of its image.
-
-    Attributes:
-        points: where the normal, linear along edges, is perpendicular to the line of sight.
-        directions: (N, 2) unit normals of the outline in the image, outwards.
-    """
-
-    points: _Points
-    directions: Pixels
-
-    @classmethod
-    def of(cls, surface: _Surface, image: _Image, raster: Raster) -> "_Outline":
-        """Return those that are next to the background, and not hidden."""
-        tail, head, left = surface.edges
-        verts, camera = surface.mesh.verts, image.view.camera
-        facing = np.einsum("nk,nk->n", surface.normals, image.towards(verts))
-        crossed = np.flatnonzero((facing[tail] > 0) != (facing[head] > 0))
-        tail, head, left = tail[crossed], head[crossed], left[crossed]
-        share = (facing[tail] / (facing[tail] - facing[head]))[:, None]
-        positions = verts[tail] * (1 - share) + verts[head] * share
-        pixels, depth = camera.project(positions)
-        background = binary_dilation(raster.face < 0, iterations=_OUTLINE)
-        deepest = maximum_filter(np.where(raster.face < 0, -np.inf, raster.depth), size=2 * _OUTLINE + 1)
-        cell = image.cell(pixels)
-        shown = background[cell] & (depth <= deepest[cell] + _BEHIND * surface.size)
-        normals = surface.normals[tail] * (1 - share) + surface.normals[head] * share
-        across = (normals @ camera.pose[:3, :2]) * (1.0, -1.0)
-        length = np.linalg.norm(across, axis=1)
-        shown &= length > 0
-        corners = np.zeros((len(crossed), 3))
-        np.put_along_axis(corners, left[:, None] % 3, 1 - share, axis=1)
-        np.put_along_axis(corners, (left[:, None] + 1) % 3, share, axis=1)
-        points = _Points(left // 3, corners, positions, pixels)
-        return cls(points[shown], across[shown] / length[shown, None])
-
-
-def _to_contour(outline: _Outline, image: _Image, count: int) -> _Rows:
+def _to_contour(outline: Outline, image: ContourImage, count: int) -> _Rows:
     """Return the rows that bring the outline of the surface to the nearest points of the contour that face its way."""
     points, contour = outline.points, image.silhouette
     if not len(points.face):
         return _Rows.none()
-    goal = image.contour(_oriented(points.pixels, outline.directions))
+    goal = image.contour(oriented(points.pixels, outline.directions))
     directions = contour.normals[goal]
     faces = np.einsum("nk,nk->n", directions, outline.directions) > _FACING
     error = np.einsum("nk,nk->n", contour.points[goal] - points.pixels, directions)
@@ -291,13 +157,13 @@ def _to_contour(outline: _Outline, image: _Image, count: int) -> _Rows:
     return _Rows.along(points, _gradient(points.positions, directions, image.view.camera), error, weights)
 
 
-def _from_contour(outline: _Outline, image: _Image, count: int) -> _Rows:
+def _from_contour(outline: Outline, image: ContourImage, count: int) -> _Rows:
     """Return the rows that bring the nearest points of the outline that face its way to the contour."""
     contour = image.silhouette
     if not len(outline.points.face):
         return _Rows.none()
-    nearest = nearest_point_query(_oriented(outline.points.pixels, outline.directions))
-    found = nearest(_oriented(contour.points, contour.normals))
+    nearest = nearest_point_query(oriented(outline.points.pixels, outline.directions))
+    found = nearest(oriented(contour.points, contour.normals))
     points = outline.points[found]
     faces = np.einsum("nk,nk->n", contour.normals, outline.directions[found]) > _FACING
     error = np.einsum("nk,nk->n", contour.points - points.pixels, contour.normals)
@@ -305,7 +171,7 @@ def _from_contour(outline: _Outline, image: _Image, count: int) -> _Rows:
     return _Rows.along(points, _gradient(points.positions, contour.normals, image.view.camera), error, weights)
 
 
-def _from_outside(surface: _Surface, image: _Image, count: int) -> _Rows:
+def _from_outside(surface: ImagedSurface, image: ContourImage, count: int) -> _Rows:
     """Return the rows that bring vertices outside the mask to the nearest point of its contour."""
     camera, contour = image.view.camera, image.silhouette
     pixels, _ = camera.project(surface.mesh.verts)
@@ -319,7 +185,7 @@ def _from_outside(surface: _Surface, image: _Image, count: int) -> _Rows:
     return _Rows.along(points, gradient, error, _huber(error) * surface.shares[outside] / count)
 
 
-def _seen_normals(surface: _Surface, image: _Image, raster: Raster) -> Vectors:
+def _seen_normals(surface: ImagedSurface, image: ContourImage, raster: Raster) -> Vectors:
     """Return (F, 3) the normals that an image shows at the middles of faces, as long as they count, 0 if not seen."""
     camera, found = image.view.camera, np.zeros_like(surface.middles)
     cosine = np.einsum("nk,nk->n", surface.face_normals, image.towards(surface.middles))
@@ -356,7 +222,7 @@ def _interpolated(view: View, pixels: Pixels) -> Vectors:
     return unit_vectors(total)
 
 
-def _normal_rows(surface: _Surface, seen: Vectors) -> _Rows:
+def _normal_rows(surface: ImagedSurface, seen: Vectors) -> _Rows:
     """Return the rows that make the sides of faces perpendicular to the mean of the normals that images show there."""
     length, faces, verts = np.linalg.norm(seen, axis=1), surface.mesh.faces, surface.mesh.verts
     face = np.flatnonzero(length > 0)
@@ -375,7 +241,7 @@ def _normal_rows(surface: _Surface, seen: Vectors) -> _Rows:
     return _concatenated(parts)
 
 
-def _damping(surface: _Surface) -> _Rows:
+def _damping(surface: ImagedSurface) -> _Rows:
     """Return the rows that keep vertices in place, as far as the weight of residuals along the target says.
 
     Their normals are 0, so that only that weight counts.
@@ -383,11 +249,6 @@ def _damping(surface: _Surface) -> _Rows:
     face, corner = surface.face_of_vert
     nothing = np.zeros((len(face), 3))
     return _Rows(face, np.eye(3)[corner], nothing, nothing, _DAMPING * surface.shares)
-
-
-def _oriented(pixels: Pixels, normals: Pixels) -> Float64[np.ndarray, "_ 4"]:
-    """Return places in the image and their normals as points, whose nearest ones face about the same way."""
-    return np.column_stack([pixels, _TURNED * normals])
 
 
 def _huber(error: Values) -> Values:
