@@ -103,7 +103,7 @@ def _print_plan(trials: Sequence[Trial], store: RunDirectory, options: RunOption
     for trial, folder in zip(trials, found, strict=True):
         mark = "[green]complete[/]" if folder is not None else "[magenta]to run  [/]"
         out.print(f"{mark}  {escape(trial.label)}  {escape(str(folder or store.folder(trial)))}", soft_wrap=True)
-    out.print(f"{len(trials)} trials: {sum(complete)} complete, {len(to_run)} to run")
+    out.print(f"{count_text(len(trials), 'trial')}: {sum(complete)} complete, {len(to_run)} to run")
     if time is not None:
         workers = count_text(time.workers, "worker")
         runs = count_text(time.unknown, "run")

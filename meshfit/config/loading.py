@@ -15,6 +15,7 @@ from meshfit.config.experiment import (
     canonical_key,
     with_canonical_keys,
 )
+from meshfit.config.path_parts import path_part
 from meshfit.config.scheme_files import read_scheme_files, relative_to_folder, resolve_specs
 from meshfit.config.strict_yaml import parse_value, read_document
 from meshfit.config.sweeps import variants_of
@@ -41,7 +42,7 @@ from meshfit.subdivision.custom.definitions import Definition
 
 _COMPARED = ("targets", "schemes", "sweep")
 _COMMAND_KEYS = (("fit", "command"), ("fit", "version_command"))
-_LONGEST_NAME, _LONGEST_FILE_NAME = 80, 200
+_LONGEST_NAME = 80
 CheckSweep = Callable[[ExperimentSettings, Callable[[], str]], object]
 SHARED_PREFIX = "x-"
 """Beginning of the top-level keys of a config that hold no settings, but values for aliases."""
@@ -311,10 +312,10 @@ def renamed(experiment: Experiment, name: str | None, *, compared: bool = False)
 
 
 def _checked_name(name: str) -> str:
-    is_folder_name = name == Path(name).name and "\\" not in name and name.strip() == name and name.isprintable()
-    if not name or not is_folder_name or name.startswith((".", "-")) or len(name.encode()) > _LONGEST_FILE_NAME:
-        raise ConfigError(f"--name {quoted_path(name)}: expected the name of one folder, such as loop-only")
-    return name
+    remedy = "expected the name of one folder, such as loop-only"
+    if name.strip() != name or name.startswith((".", "-")):
+        raise ConfigError(f"--name {quoted_path(name)}: {remedy}")
+    return path_part(name, "--name", remedy)
 
 
 def _seeds(text: str) -> list[Any]:

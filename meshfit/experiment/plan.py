@@ -19,6 +19,7 @@ from meshfit.config.experiment import (
     TargetSettings,
 )
 from meshfit.config.loading import Experiment
+from meshfit.config.path_parts import path_part
 from meshfit.config.sweeps import Variant, variants_of
 from meshfit.errors import ConfigError, Faults, MeshfitWarning, error_prefix
 from meshfit.experiment.guidance import guidance_of, landmarks_path, read_landmarks
@@ -38,8 +39,7 @@ from meshfit.images.targets import load_images, load_shape
 from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.places import Numbering
 from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, target_path
-from meshfit.paths import is_regular_file, path_text
-from meshfit.printable import require_printable
+from meshfit.paths import is_regular_file, path_text, quoted_path
 from meshfit.specs import spec_folder
 from meshfit.subdivision.registry import NamedScheme
 from meshfit.units import count_text
@@ -230,9 +230,14 @@ def plan(experiments: Sequence[Experiment], *, remote: bool = False) -> list[Tri
     faults = Faults()
     for experiment in experiments:
         with faults.collected(f"{experiment.name}: " if len(experiments) > 1 else ""):
-            require_printable(experiment.name, "experiment")
+            path_part(experiment.name, "experiment", "rename its config, or give --name")
             variants = variants_of(experiment.settings)
-            labels = distinct_labels(target for variant in variants for target in variant.settings.targets)
+            targets = dict.fromkeys(target for variant in variants for target in variant.settings.targets)
+            labels = distinct_labels(targets)
+            for target in targets:
+                label = labels.get(target) or target_label(target)
+                with faults.collected():
+                    path_part(label, f"target {quoted_path(target)}: its name", "rename the file")
             equal: dict[str, dict[str, None]] = {}
             for variant in variants:
                 if not remote:

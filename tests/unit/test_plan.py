@@ -1,8 +1,14 @@
+import os
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from meshfit.config.loading import Experiment
+from meshfit.config.path_parts import path_part
 from meshfit.errors import ConfigError, MeshError, MeshfitWarning
 from meshfit.experiment.plan import distinct_labels, plan
 from meshfit.settings import override
@@ -67,6 +73,31 @@ def test_bad_input_is_refused_before_anything_runs(tmp_path):
 def test_folders_have_no_characters_that_file_systems_refuse(tmp_path):
     folder = only(tmp_path, schemes=["interp-loop:alpha=0.5,valence3=zorin"]).folder
     assert not set(':=,<>"|?*') & set(str(folder))
+
+
+def test_no_name_leads_out_of_the_run_directory_or_looks_like_the_folder_of_a_trial(tmp_path):
+    good = ellipsoid(tmp_path)
+    for stem, words in (
+        ("..", r"target .*: its name '\.\.' is no name of a folder; rename the file"),
+        (".", "is no name of a folder"),
+        ("a\\b", "has a separator of paths"),
+        ("a\x1bb", "has control characters"),
+        ("seed-3-0123456789", "has the form seed-N-HASH, which is that of the folders of trials"),
+    ):
+        copied = tmp_path / f"{stem}.ply"
+        copied.write_bytes(good.read_bytes())
+        with pytest.raises(ConfigError, match=words):
+            plan([experiment(tmp_path, targets=[str(good), str(copied)])])
+        with pytest.raises(ConfigError, match=r"^experiment .*; rename its config, or give --name"):
+            plan([replace(experiment(tmp_path), name=stem)])
+
+
+@given(st.text(alphabet=st.sampled_from("./\\\x00\x1b\ud800seed-0123456789abcdef ~é")))
+def test_a_part_of_a_path_is_the_name_of_one_folder(name):
+    with suppress(ConfigError):
+        inside = Path("runs", path_part(name, "name"))
+        assert inside.name == name
+        assert Path(os.path.normpath(inside)).parent == Path("runs")
 
 
 def test_targets_of_one_file_name_get_longer_labels():

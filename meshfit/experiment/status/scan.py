@@ -10,6 +10,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from meshfit.config.path_parts import TRIAL_FOLDER
 from meshfit.errors import ConfigError, StoreError
 from meshfit.experiment.storage.failure import Failure, read_failure
 from meshfit.experiment.storage.plan_file import PlanFile, PlannedTrial, read_plan
@@ -30,7 +31,6 @@ SCANNED_STATUSES = (
 FEWEST_DIGITS = 4
 """The number of digits to which an identity can be abbreviated."""
 
-_FOLDER_NAME = re.compile(r"seed-(\d+)-([0-9a-f]{10})")
 _IDENTITY = re.compile(rf"[0-9a-f]{{{FEWEST_DIGITS},64}}")
 _MOST_LISTED = 5
 
@@ -45,18 +45,18 @@ class TrialFolder:
     @property
     def is_named(self) -> bool:
         """Whether its name is of the form `seed-N-HASH`, which a run gives."""
-        return _FOLDER_NAME.fullmatch(self.path.name) is not None
+        return TRIAL_FOLDER.fullmatch(self.path.name) is not None
 
     @property
     def seed(self) -> int | None:
         """The seed in its name."""
-        match = _FOLDER_NAME.fullmatch(self.path.name)
+        match = TRIAL_FOLDER.fullmatch(self.path.name)
         return int(match[1]) if match else None
 
     @property
     def identity(self) -> str:
         """The first ten digits of the trial's identity, from its name."""
-        match = _FOLDER_NAME.fullmatch(self.path.name)
+        match = TRIAL_FOLDER.fullmatch(self.path.name)
         return match[2] if match else ""
 
     @property
@@ -242,7 +242,7 @@ def _folders(root: Path) -> Iterator[tuple[Path, frozenset[str]]]:
             continue
         folders = {entry.name for entry in entries if entry.is_dir(follow_symlinks=False)}
         yield path, frozenset(entry.name for entry in entries) - folders
-        if _FOLDER_NAME.fullmatch(path.name) is None:
+        if TRIAL_FOLDER.fullmatch(path.name) is None:
             pending += [path / name for name in folders]
 
 
