@@ -4,6 +4,7 @@ import json
 import math
 import os
 import signal
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 
@@ -164,6 +165,17 @@ def test_workers_that_die_while_they_start_are_replaced_a_few_times(tmp_path, mo
         else:
             assert pool.count_gpus() == 0
     assert int(left.read_text()) == max(0, deaths - 1 - process_pool.MOST_DEATHS)
+
+
+@pytest.mark.parametrize("main", ["unguarded.py", "<stdin>"])
+def test_workers_start_without_the_main_module(tmp_path, monkeypatch, main):
+    """A script without `if __name__ == "__main__"`, and one that is read from standard input, can run trials."""
+    (tmp_path / "unguarded.py").write_text("raise SystemExit('the script is run again')")
+    monkeypatch.setattr(sys.modules["__main__"], "__file__", str(tmp_path / main), raising=False)
+    monkeypatch.setattr(sys.modules["__main__"], "__spec__", None, raising=False)
+    with closing(ProcessPool(1, SharedProgress.of(1))) as pool:
+        assert pool.submit("cpu", os.getpid).result() != os.getpid()
+    assert sys.modules["__main__"].__file__ == str(tmp_path / main)
 
 
 def test_a_system_that_starts_no_process_gives_one_line(monkeypatch):

@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import queue
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future
@@ -98,7 +99,7 @@ class ProcessPool:
             if not future.set_running_or_notify_cancel():
                 continue
             try:
-                with interrupts_blocked(), _start_failures_named():
+                with interrupts_blocked(), _start_failures_named(), _main_module_hidden():
                     process = process or self._new_process()
                     running = process.submit(function, *args)
                 future.set_result(running.result())
@@ -128,6 +129,26 @@ def _start_failures_named() -> Iterator[None]:
 def workers_die() -> TrialError:
     """Return the error to raise where so many workers have died."""
     return TrialError("worker processes are killed again and again; perhaps memory is short; try --jobs 1")
+
+
+_starting = threading.Lock()
+
+
+@contextmanager
+def _main_module_hidden() -> Iterator[None]:
+    """Keep processes that start from running the main module, which calls need nothing of.
+
+    Otherwise a script without `if __name__ == "__main__"` would start itself again in each process, and one that is
+    read from standard input could not be found.
+    """
+    main: dict[str, Any] = vars(sys.modules["__main__"])
+    with _starting:
+        previous: dict[str, Any] = {name: main[name] for name in ("__file__", "__spec__") if name in main}
+        main.update(dict.fromkeys(previous))
+        try:
+            yield
+        finally:
+            main.update(previous)
 
 
 def _cancel_all(calls: "queue.SimpleQueue[_Call | None]") -> None:

@@ -44,7 +44,8 @@ def run_trials(  # noqa: PLR0913  all but two have a default, and each can be se
     """Run trials and wait for them: single trials side by side on the CPU, batches on other devices.
 
     A trial whose process dies, or that runs out of memory, is retried as often as its `retries` allow; on this machine
-    alone, after all others are done, so that it has the memory to itself.
+    alone, after all others are done, so that it has the memory to itself. Processes of this machine do not import the
+    main module, so that a script that calls this needs no `if __name__ == "__main__"`.
 
     Args:
         trials: the trials; complete ones are skipped.
