@@ -18,6 +18,8 @@ _QUADRIC, _COEFFICIENTS, _MOST_NEIGHBOURS, _MOST_QUADRICS = 24, 6, 96, 5000
 # Correlation of the heights of adjacent vertices over their neighbours' means: at most that of a smooth surface, and
 # that of independent noise at valence 6.
 _SMOOTH, _INDEPENDENT = 0.2, -0.238
+# Fewer vertices do not tell: the standard error of the correlation is that of some 3 edges for each.
+_FEWEST = 50
 _SMOOTHINGS = 2
 _NORMAL_MEDIAN = 1.4826
 
@@ -72,7 +74,7 @@ def noise_of_mesh(mesh: Mesh) -> float:
     valence = np.bincount(topology.edges.reshape(-1), minlength=mesh.num_verts)
     inner &= valence > 2
     between = inner[tail] & inner[head]
-    if not between.any():
+    if inner.sum() < _FEWEST or not between.any():
         return 0.0
     heights = heights_over_neighbours(mesh)
     size = float(np.median(np.abs(heights[inner])))

@@ -18,6 +18,7 @@ from meshfit.fitting.gauss_newton.image_rows import ImageRows
 from meshfit.fitting.gauss_newton.refinement import control_mesh, linearly_refined, refine_state, with_control_mesh
 from meshfit.fitting.gauss_newton.schedule import Stage, rough_verts, schedule
 from meshfit.fitting.gauss_newton.second_fit import bridge_of, is_better, second_problem
+from meshfit.fitting.gauss_newton.skin import Skin, needs_skin, skin_of
 from meshfit.fitting.gauss_newton.sphere_map import initial_sphere_map
 from meshfit.fitting.gauss_newton.step_limiting import faults_of, num_crossing, unsound_faces
 from meshfit.fitting.gauss_newton.support import with_support
@@ -188,8 +189,9 @@ class GaussNewton(Engine):
             else restarts_for(state, settings, distance)
             for member, ((near, distance), state) in enumerate(zip(self._near, self._states, strict=True))
         ]
+        self._skins = self._skins_of_targets()
         self._shortfalls = [outliers_left_out(target) for target in self._targets]
-        self._notes: list[list[str]] = [[] for _ in problems]
+        self._notes = [[] if skin is None else [skin.note] for skin in self._skins]
         self._made = [0] * len(problems)
 
     def progress(self, member: int) -> tuple[int, int]:
@@ -261,6 +263,19 @@ class GaussNewton(Engine):
         if self.done == self.steps:
             self._states = [self._ended(member, state) for member, state in enumerate(self._states)]
         return distances
+
+    def _skins_of_targets(self) -> list[Skin | None]:
+        """Return the skin that each source is fitted to; None where it is fitted to the target itself."""
+        found, skins = dict[Mesh, Skin | None](), list[Skin | None]()
+        for problem, cloud, (near, _) in zip(self.problems, self._targets, self._near, strict=True):
+            target = problem.target
+            if near or isinstance(target, PointCloud) or not needs_skin(problem, target, self.settings):
+                skins.append(None)
+                continue
+            if target not in found:
+                found[target] = skin_of(target, cloud)
+            skins.append(found[target])
+        return skins
 
     def _end_search(self, member: int, state: FitState) -> FitState:
         target = self.problems[member].target
@@ -459,7 +474,8 @@ class GaussNewton(Engine):
         return with_control_mesh(state, problem.scheme, levels, limit=limit, triangles=triangles)
 
     def _step(self, member: int, stage: Stage, number: int) -> float:
-        problem, target, restarts = self.problems[member], self._targets[member], self._restarts[member]
+        problem, skin, restarts = self.problems[member], self._skins[member], self._restarts[member]
+        target = self._targets[member] if skin is None else skin.at(stage)
         before = self._states[member]
         if number == 0 and stage.attempt is None:
             restarts.still = False

@@ -76,6 +76,11 @@ class Stage:
     robust: float | None = None
     registered: bool = False
 
+    @property
+    def is_last(self) -> bool:
+        """Whether it follows the levels, on the finest surface."""
+        return self.robust == _LAST_ROBUST or self.change == "control"
+
 
 def fairness_of(settings: GaussNewtonSettings, *, near: bool) -> LevelFairness:
     """Return the weights of smoothness: those that are set, else the defaults for a far or a near source."""

@@ -78,6 +78,7 @@ class TargetCloud:
         noise: standard deviation of its points across the surface; 0 if there is none to speak of.
         num_independent: number of its points whose noise is independent.
         num_outliers: number of vertices or points that were left out.
+        faces: (N,) a face of the target at each point; None for a scan.
         nearest: maps (M, 3) points to the (M,) indices of the nearest points of the cloud.
     """
 
@@ -91,6 +92,7 @@ class TargetCloud:
     noise: float
     num_independent: int
     num_outliers: int
+    faces: Int64[np.ndarray, " N"] | None
     nearest: Callable[[Tensor], Tensor]
 
     def lifted(self, offset: float) -> "TargetCloud":
@@ -128,12 +130,13 @@ class TargetCloud:
     ) -> "TargetCloud":
         """Return one random point per stratum of equal area, and all vertices."""
         noise = noise_of_mesh(mesh) if noise is None else noise
-        boundary, outliers = TargetBoundary.of(mesh, dtype, device), 0
+        boundary, outliers, kept = TargetBoundary.of(mesh, dtype, device), 0, np.arange(mesh.num_faces)
         if noise and robust:
             spiky = spikes(mesh, noise)
             outliers = int(spiky.sum())
             # The holes that spikes leave are no boundary: what is around them closes them.
-            mesh = mesh if not outliers else Mesh(mesh.verts, mesh.faces[~spiky[mesh.faces].any(axis=1)])
+            kept = np.flatnonzero(~spiky[mesh.faces].any(axis=1))
+            mesh = mesh if not outliers else Mesh(mesh.verts, mesh.faces[kept])
         samples = sample_surface(mesh, _POINTS, np.random.default_rng(0))
         normals = vert_area_vectors(mesh)
         used = normals.any(axis=1)
@@ -142,6 +145,8 @@ class TargetCloud:
             normals = smoothed_normals(mesh, normals, _smoothing_rounds(mesh, noise))
             of_faces = unit_vectors(normals[mesh.faces].sum(axis=1))
         points = np.concatenate([samples.points, mesh.verts[used]])
+        face_at = np.zeros(mesh.num_verts, dtype=np.int64)
+        face_at[mesh.faces] = np.arange(mesh.num_faces)[:, None]
         normals = np.concatenate([of_faces[samples.faces], unit_vectors(normals[used])])
         cloud = torch.tensor(points, dtype=dtype, device=device)
         spacing = math.sqrt(float(face_areas(mesh).sum()) / _POINTS)
@@ -160,6 +165,7 @@ class TargetCloud:
             noise=noise,
             num_independent=int(used.sum()),
             num_outliers=outliers,
+            faces=kept[np.concatenate([samples.faces, face_at[used]])],
             nearest=nearest_neighbour_search(cloud, scattered=True),
         )
 
@@ -187,6 +193,7 @@ class TargetCloud:
             noise=noise,
             num_independent=len(cloud),
             num_outliers=int(stray.sum()),
+            faces=None,
             nearest=nearest_neighbour_search(cloud, scattered=True),
         )
 
