@@ -45,6 +45,16 @@ def runs(tmp_path_factory):
     return root
 
 
+def test_pictures_that_would_be_too_small_are_refused(runs, tmp_path, monkeypatch):
+    monkeypatch.setattr("meshfit.report.figures.figure.SMALLEST_PICTURE", 3.0)
+    message = refused("figure", runs, "-o", tmp_path / "figure.png", "--width", "single")
+    assert re.match(
+        r"error: 1 target with 2 results each do not fit on one page: pictures would be [01]\.\d\d", message
+    )
+    assert message.endswith("; show some with --targets and --schemes, or give --width double")
+    assert not any(tmp_path.iterdir())
+
+
 def test_a_figure_is_written_with_its_captions(runs, tmp_path, coarse):
     message = answered("figure", runs, "-o", tmp_path / "figure.pdf")
     for name in ("figure.pdf", "figure.txt", "figure.tex"):

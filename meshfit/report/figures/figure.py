@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from meshfit.config.experiment import MADE_FROM_TARGET
+from meshfit.errors import ConfigError
 from meshfit.experiment.storage.plan_file import UpChoice, planned_up
 from meshfit.fitting.external.tools import works_from_target
 from meshfit.measuring.metrics import METRICS
@@ -21,9 +22,12 @@ from meshfit.report.tables.formats.latex import escape
 from meshfit.report.tables.layout import SHORTFALL
 from meshfit.report.tables.notes import FRAMES
 from meshfit.report.tables.numbers import format_number
+from meshfit.units import count_text
 
 WIDTHS = {"single": 3.33, "double": 7.0}
 """Width in inches of a figure in one column of a paper, or across both."""
+SMALLEST_PICTURE = 0.25
+"""Width in inches of the smallest picture in which a shape can be seen."""
 FONTS = {"single": 7.0, "double": 8.0}
 """Font sizes in points."""
 
@@ -116,7 +120,7 @@ def write_figure(targets: Sequence[FigureTarget], path: Path, metric: str, style
         style: the layout and the names.
 
     Raises:
-        ConfigError: a library is not installed, or the file cannot be written.
+        ConfigError: a library is not installed, the targets do not fit on a page, or the file cannot be written.
     """
     width, font, dpi = WIDTHS[style.width], FONTS[style.width], DPI[path.suffix.lower()]
     shown = shows_sources(targets, style.sources)
@@ -128,6 +132,8 @@ def write_figure(targets: Sequence[FigureTarget], path: Path, metric: str, style
         for in_line in alternatives
     ]
     arrangement = arrange(candidates, width, font, style.columns)
+    if arrangement.cell < SMALLEST_PICTURE:
+        raise ConfigError(_does_not_fit(targets, arrangement.cell, style))
     in_line = alternatives[arrangement.candidate]
     blocks = []
     for (target, sources), shape in zip(parts, candidates[arrangement.candidate], strict=True):
@@ -135,6 +141,21 @@ def write_figure(targets: Sequence[FigureTarget], path: Path, metric: str, style
         rows, bar = _rows(target, metric, style, size, sources=sources)
         blocks.append(Block((_in_line(rows, sources=any(shown)),) if in_line else rows, bar, shape))
     write_blocks(blocks, arrangement, path, width=width, font=font, dpi=dpi)
+
+
+def _does_not_fit(targets: Sequence[FigureTarget], cell: float, style: FigureStyle) -> str:
+    """Return why targets do not fit on one page, and what to do."""
+    most = count_text(max(len(target.meshes) for target in targets), "result")
+    counts = f"{count_text(len(targets), 'target')} with {most} each"
+    remedies = ["show some with --targets and --schemes"]
+    if style.columns is not None:
+        remedies.append("leave out --columns")
+    elif style.width != "double":
+        remedies.append("give --width double")
+    return (
+        f"{counts} do not fit on one page: pictures would be {cell:.2f} inches wide, less than {SMALLEST_PICTURE:g}; "
+        f"{', or '.join(remedies)}"
+    )
 
 
 def shows_sources(targets: Sequence[FigureTarget], sources: Sources) -> list[bool]:
