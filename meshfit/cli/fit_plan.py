@@ -204,8 +204,8 @@ def _placed(target: str, options: FitOptions, experiment: "Experiment") -> Itera
     import numpy as np
 
     from meshfit.images.targets import load_shape
-    from meshfit.mesh.alignment import describe_mismatch
     from meshfit.mesh.any_target import require_mesh
+    from meshfit.mesh.mismatch import describe_mismatch
     from meshfit.mesh.normalisation import frame_of
     from meshfit.mesh.targets import load_target
 

@@ -212,7 +212,7 @@ class FileMeasurement:
 
     def _warn_of_mismatch(self, name: str, loaded: "Mesh", result: "Mesh") -> None:
         """Warn where the boxes of result and target say that the two are not in one frame."""
-        from meshfit.mesh.alignment import describe_mismatch
+        from meshfit.mesh.mismatch import describe_mismatch
 
         mismatch = describe_mismatch(result, self.target)
         if not mismatch:
@@ -230,7 +230,7 @@ class FileMeasurement:
 
 
 def _mismatch_in(how: Normalisation, result: "Mesh", target: "Mesh | PointCloud") -> str:
-    from meshfit.mesh.alignment import describe_mismatch
+    from meshfit.mesh.mismatch import describe_mismatch
     from meshfit.mesh.normalisation import frame_of
 
     return describe_mismatch(result, frame_of(target.verts, how).normalise(target))

@@ -155,10 +155,17 @@ def _facts(experiment: ScannedExperiment, trial: ScannedTrial, result: Result | 
 
 
 def _inputs(result: Result) -> Iterator[tuple[str, str]]:
-    """Yield what a source was made from, and the points of a target that is a cloud."""
+    """Yield what a source was made from, its alignment, and the points of a target that is a cloud."""
     if "made_from" in (source := result.get("source", {})):
         wrap = "".join(f", {name} {value:.3g}" for name, value in source.get("wrap", {}).items())
         yield "source", f"from the {source['made_from']} ({source['reason']}){wrap}"
+    if align := source.get("align"):
+        turn = f"turned by {align['turn_degrees']:.3g}°, scaled by {align['scale']:.4g}"
+        other = align["other_turn_degrees"]
+        if other is not None:
+            distances = f"distance {align['distance']:.2g}, and {align['other_distance']:.2g}"
+            turn += f" ({distances} of the next best pose, {other:.0f}° from it)"
+        yield "aligned", f"{align['method']}: {turn}"
     if images := result.get("images"):
         counts = f"{count_text(images['views'], 'view')}, {images['held_out']:,} held out"
         yield "images", f"{counts}; distances are to the {_COMPARED_WITH[images['compared_with']]}"

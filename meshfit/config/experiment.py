@@ -251,8 +251,9 @@ class SourceSettings(Settings):
     made from the target do. Also accepted as `center`."""
     align: Align = "none"
     """Alignment of the refined source with the target: `none`; `center` or `centre`, by centroids; `box`, by bounding
-    boxes, each axis by its own scale; `pca`, by centroids, principal axes and size; `icp`, by iterated closest points
-    after `pca`."""
+    boxes, each axis by its own scale; `pca`, by the best of the pose as given and the turns of principal axes onto
+    principal axes, with centroids and sizes made equal; `icp`, by iterated closest points from there. Of poses that lie
+    about as well, the least turn is taken, and a warning given."""
     project: Literal["none", "sphere"] = "none"
     """`sphere` projects the vertices of the control mesh and of each level onto the sphere about its centre."""
     creases: CreaseSettings | None = None

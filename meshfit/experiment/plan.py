@@ -50,6 +50,8 @@ RESULTS_VERSION = 3
 It is the `schema_version` of a `result.json`, and part of each trial's identity.
 """
 
+# Increased whenever these alignments give other numbers; other trials keep their identities.
+_ALIGNMENT_VERSION, _SEARCHED = 2, ("pca", "icp")
 # About the faces of a visual hull, for estimates of time before it has been carved.
 _HULL_FACES = 60_000
 _OMITTED_IF_NULL = (
@@ -157,6 +159,8 @@ class Trial:
         if self.settings.source.wanted_verts is not None and not self.settings.source.is_made_from_target:
             settings["source"] = {key: value for key, value in settings["source"].items() if key != "levels"}
         content = {"settings": settings, "inputs": dict(self.inputs), "schema_version": RESULTS_VERSION}
+        if self.settings.source.align in _SEARCHED:
+            content["alignment"] = _ALIGNMENT_VERSION
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     @property

@@ -24,6 +24,7 @@ from meshfit.fitting.loop import Engine, FitResult, run
 from meshfit.fitting.nearest_neighbours import search_threads
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem
 from meshfit.fitting.progress import shown_progress
+from meshfit.fitting.registration.alignment import align as aligned
 from meshfit.fitting.registration.engine import RegistrationEngine
 from meshfit.fitting.registration.guidance import Guidance
 from meshfit.fitting.settings import (
@@ -41,8 +42,6 @@ from meshfit.images.hull_source import ANY_ORIGIN, AnyOrigin, control_mesh_from
 from meshfit.images.target import ImageTarget
 from meshfit.images.targets import as_image_target
 from meshfit.images.views import Views
-from meshfit.mesh.alignment import align as aligned
-from meshfit.mesh.alignment import boxes_are_disjoint
 from meshfit.mesh.any_mesh import MeshLike, as_mesh
 from meshfit.mesh.any_target import as_mesh_or_points
 from meshfit.mesh.cleaning import outward
@@ -52,6 +51,7 @@ from meshfit.mesh.geometry import bounding_box_diagonal, face_areas
 from meshfit.mesh.io.landmark_files import load_landmarks
 from meshfit.mesh.landmarks import Landmarks, PlacedLandmarks
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.mismatch import boxes_are_disjoint
 from meshfit.mesh.normalisation import Frame, frame_of, placed
 from meshfit.mesh.outer_surface import outer_surface
 from meshfit.mesh.places import Numbering
@@ -176,8 +176,8 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         align: placement of the source: `auto` leaves it where it is, unless its bounding box is off the target's or ten
             times larger or smaller: then it is moved and scaled to the target, with a warning; `none` always leaves
             it; `sphere` moves and scales it to the place of the source `sphere`; `center` aligns centroids, `box`
-            stretches the source into the target's bounding box, `pca` aligns centroids, principal axes and size, and
-            `icp` refines that by iterated closest points.
+            stretches the source into the target's bounding box, `pca` takes the best of the pose as given and the
+            turns of principal axes onto principal axes, and `icp` refines that by iterated closest points.
         surface: part of the target that is fitted: `all`, or what can be seen of it from outside, `outer`, as
             `outer_surface` returns it; then the source `auto` is one skin.
         trace_every: number of steps between two rows of the trace.
@@ -242,7 +242,8 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         ToolError: an external tool failed.
 
     Warns:
-        MeshfitWarning: the source was moved and scaled to the target; or the fit has a shortfall, such as an end that
+        MeshfitWarning: the source was moved and scaled to the target; another alignment serves about as well; or the
+            fit has a shortfall, such as an end that
             is farther from the target than its source.
     """
     given = {key: value for key, value in locals().items() if key in ENGINE_KEYS and value is not None} | unknown
@@ -538,7 +539,10 @@ def _placed_source(  # noqa: PLR0913, PLR0917  as the caller has them
     if how == "auto" or how == "sphere":  # noqa: PLR1714  the others remain, for the type checker
         return _around(goal, mesh.with_verts(placed(mesh.verts, _RADIUS[settings.method])))
     triangles = as_mesh(mesh, "source", triangles=True)
-    return mesh.with_verts(aligned(triangles, goal, how).verts)
+    found = aligned(triangles, goal, how)
+    if found.doubt:
+        warnings.warn(f"align='{how}': {found.doubt}; check the result", MeshfitWarning, stacklevel=3)
+    return mesh.with_verts(found.mesh.verts)
 
 
 def _sphere(settings: FitSettings, scheme: str | Scheme) -> Mesh | PolygonMesh:

@@ -5,4 +5,4 @@ from typing import Literal
 Normalisation = Literal["tutorial", "box", "sphere", "cube", "none"]
 """A frame for all lengths, made from the target (see `meshfit.frame_of`)."""
 Alignment = Literal["none", "center", "box", "pca", "icp"]
-"""A way to align a source with its target (see `meshfit.mesh.alignment.align`)."""
+"""A way to align a source with its target (see `meshfit.fitting.registration.alignment.align`)."""

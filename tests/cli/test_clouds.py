@@ -11,9 +11,9 @@ import pytest
 from meshfit.config.loading import load_experiment
 from meshfit.errors import MeshError
 from meshfit.experiment.plan import plan
-from meshfit.experiment.running import trial_runner
 from meshfit.experiment.running.backends import Remote
 from meshfit.experiment.running.scheduler import run_trials
+from meshfit.experiment.running.trial_target import load_trial_target
 from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.experiment.storage.targets import read_target
 from meshfit.fitting.fit import fit
@@ -137,14 +137,14 @@ def test_a_sensor_is_part_of_a_trial_and_decides_the_side(tmp_path):
     assert trials[0].identity != trials[1].identity
     for trial, side in zip(trials, (1, -1), strict=True):
         cleaning, known = trial.settings.cleaning, trial.settings.target
-        target = trial_runner._load_target(trial.target, None, "box", cleaning, known, None).mesh
+        target = load_trial_target(trial.target, None, "box", cleaning, known, None).mesh
         record = {"settings": {"targets": [trial.target], "target": {"sensor": known.sensor}}}
         for cloud in (target, read_target(tmp_path, record)):
             assert (side * np.einsum("nk,nk->n", cloud.normals, seen) > 0.9).mean() > 0.95
     # No place sees a whole ball.
     points("ball.xyz", rays(900))
     place = trials[0].settings.target.model_copy(update={"sensor": (0.0, 0.0, 5.0)})
-    (text,) = trial_runner._load_target(str(tmp_path / "ball.xyz"), None, "box", cleaning, place, None).warnings
+    (text,) = load_trial_target(str(tmp_path / "ball.xyz"), None, "box", cleaning, place, None).warnings
     assert text.startswith("target.sensor: from (0, 0, 5), ")
     assert text.endswith(
         " % of the points are hidden behind others, and their normals face inwards; give the place "

@@ -6,8 +6,10 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from meshfit.errors import MeshError
-from meshfit.mesh.alignment import align, boxes_are_disjoint, describe_mismatch
+from meshfit.fitting.registration.alignment import align
 from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.mismatch import boxes_are_disjoint, describe_mismatch
+from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.solids import icosahedron, octahedron
 from meshfit.subdivision.refine import subdivide
 from tests.loops import over
@@ -29,12 +31,12 @@ def moved(mesh, angle, scale=1.0, shift=(0.0, 0.0, 0.0)):
 
 def test_none_leaves_it_where_it_is():
     source = pear()
-    assert align(source, moved(source, 1.0), "none") is source
+    assert align(source, moved(source, 1.0), "none").mesh is source
 
 
 def test_center_takes_back_a_shift_and_nothing_else():
     source = pear()
-    found = align(moved(source, 0.0, shift=(3, -4, 5)), source, "center")
+    found = align(moved(source, 0.0, shift=(3, -4, 5)), source, "center").mesh
     np.testing.assert_allclose(found.verts, source.verts, atol=1e-9)
 
 
@@ -42,17 +44,19 @@ def test_center_takes_back_a_shift_and_nothing_else():
 def test_box_stretches_the_source_into_the_box_of_the_target(stretch):
     source = pear()
     target = Mesh(source.verts * np.array(stretch) + [7, 8, -9], source.faces)
-    np.testing.assert_allclose(align(source, target, "box").verts, target.verts, atol=1e-9)
+    np.testing.assert_allclose(align(source, target, "box").mesh.verts, target.verts, atol=1e-9)
     flat = Mesh(source.verts * [1, 1, 0], source.faces)
-    assert np.ptp(align(flat, target, "box").verts, axis=0)[2] == 0
+    assert np.ptp(align(flat, target, "box").mesh.verts, axis=0)[2] == 0
 
 
-@over("angle", [0.3, 1.5, 3.0])
-@over("scale", [0.01, 1.0, 30.0])
+@over(("angle", "scale"), [(1.5, 0.01), (3.0, 30.0)])
 def test_pca_takes_back_turn_scale_and_shift(angle, scale):
     source = pear()
     found = align(moved(source, angle, scale, (7, 8, -9)), source, "pca")
-    np.testing.assert_allclose(found.verts, source.verts, atol=1e-6)
+    np.testing.assert_allclose(found.mesh.verts, source.verts, atol=1e-6)
+    assert found.turn == pytest.approx(np.degrees(angle), abs=1e-3)
+    assert found.scale == pytest.approx(1 / scale)
+    assert not found.doubt
 
 
 def test_icp_ends_nearer_to_a_bent_shape_than_the_axes_do():
@@ -60,9 +64,47 @@ def test_icp_ends_nearer_to_a_bent_shape_than_the_axes_do():
     bent = Mesh(source.verts + np.array([0, 0.1, 0.2]) * source.verts[:, :1] ** 2, source.faces)
     nearest = cKDTree(bent.verts)
     by_axes, by_points = (
-        nearest.query(align(moved(source, 1.0, 2.0), bent, how).verts)[0].mean() for how in ("pca", "icp")
+        nearest.query(align(moved(source, 1.0, 2.0), bent, how).mesh.verts)[0].mean() for how in ("pca", "icp")
     )
     assert by_points < by_axes
+
+
+def part(mesh, direction, share):
+    """The faces farthest in a direction, as a scan from there shows them."""
+    heights = mesh.verts[mesh.faces].mean(axis=1) @ np.array(direction)
+    faces = mesh.faces[heights >= np.quantile(heights, 1 - share)]
+    used, numbers = np.unique(faces, return_inverse=True)
+    return Mesh(mesh.verts[used], numbers.reshape(-1, 3))
+
+
+def test_a_source_that_lies_on_a_partial_scan_already_is_not_turned_away():
+    whole = pear()
+    near = moved(whole, 0.03, 1.0, (0.02, 0.03, -0.01))
+
+    def error(found):
+        return np.linalg.norm(found.mesh.verts - whole.verts, axis=1).max()
+
+    given = np.linalg.norm(near.verts - whole.verts, axis=1).max()
+    scan = part(whole, (0.5, 1.0, 0.3), 0.5)
+    assert error(align(near, scan, "pca")) <= given
+    by_points = align(near, scan, "icp")
+    assert error(by_points) < 0.2 * given
+    assert by_points.turn == pytest.approx(np.degrees(0.03), abs=0.5)
+    assert error(align(near, PointCloud(part(whole, (1.0, 0.0, 0.0), 0.4).verts), "icp")) < 0.5 * given
+
+
+def bilateral(bend):
+    """A slab with two planes of symmetry, and a bend of the middle that a half turn about z keeps."""
+    verts = subdivide(icosahedron(), "loop", 3).verts
+    verts = verts / np.linalg.norm(verts, axis=1, keepdims=True) * np.array([3.0, 1.8, 1.0])
+    return Mesh(verts + bend * np.outer(np.cos(verts[:, 0]), [0, 0, 1.0]), subdivide(icosahedron(), "loop", 3).faces)
+
+
+def test_of_poses_that_symmetry_makes_equal_the_least_turn_is_taken_and_the_other_named():
+    found = align(moved(bilateral(0.3), 0.2, 1.2), bilateral(0.4), "icp")
+    assert found.turn < 30
+    assert found.other_turn == pytest.approx(180, abs=5)
+    assert f"another pose, turned from this one by {found.other_turn:.0f}°" in found.doubt
 
 
 def test_boxes_with_nothing_in_common_are_apart():

@@ -2,6 +2,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from meshfit.config.loading import load_experiment
 from meshfit.errors import MeshfitWarning, StoreError
@@ -17,6 +18,7 @@ from meshfit.measuring.measure import measure
 from meshfit.mesh.io.files import load_mesh, save_mesh
 from meshfit.mesh.mesh import Mesh
 from meshfit.report.figures.trial_meshes import read_normalised
+from tests.cli import invoke
 from tests.small import ellipsoid, experiment
 
 pytestmark = pytest.mark.usefixtures("without_shape_checks")
@@ -65,6 +67,25 @@ def test_a_difference_in_topology_is_warned_of_in_words(tmp_path):
         "Euler number 1); the fit keeps that of the source"
     )
     assert shortfall == "topology not matched: the target has 1 opening (0 in the result)"
+
+
+def test_an_alignment_is_in_the_log_the_result_and_what_is_shown(tmp_path):
+    """The ellipsoid turned by 60 degrees about z; a half turn more would serve as well, and is warned of."""
+    target = load_mesh(ellipsoid(tmp_path, "target.ply"))
+    turn = Rotation.from_rotvec([0.0, 0.0, np.pi / 3])
+    save_mesh(target.with_verts(2.0 * turn.apply(np.array(target.verts))), tmp_path / "turned.ply")
+    source = {"mesh": str(tmp_path / "turned.ply"), "levels": 0, "align": "icp"}
+    trial, store, folder = prepared(tmp_path, targets=[str(tmp_path / "target.ply")], source=source)
+    assert run_trial(trial, store, lambda _: None).status is TrialStatus.COMPLETE
+    result = store.result(trial)
+    align = result["source"]["align"]
+    assert (align["method"], align["turn_degrees"]) == ("icp", pytest.approx(60, abs=0.5))
+    assert align["other_turn_degrees"] == pytest.approx(180, abs=1)
+    line = f"turned by {align['turn_degrees']:.3g}°, scaled by {align['scale']:.4g}"
+    assert f"source.align: icp: the source is {line}" in (folder / "trial.log").read_text(encoding="utf-8")
+    (doubt,) = [text for text in result["warnings"] if "another pose" in text]
+    assert doubt.startswith("source.align: icp: another pose, turned from this one by 180°, lies about as well")
+    assert line in invoke("show", folder).out
 
 
 def test_a_trial_that_another_process_is_running_is_waited_for(tmp_path, monkeypatch):

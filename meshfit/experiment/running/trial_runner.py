@@ -6,22 +6,18 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import lru_cache
-from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from meshfit.config.experiment import SourceSettings, TargetSettings
+from meshfit.config.experiment import SourceSettings
 from meshfit.config.strict_yaml import dump
-from meshfit.errors import MeshError, MeshfitWarning
+from meshfit.errors import MeshfitWarning
 from meshfit.experiment.guidance import guidance_of, read_landmarks
 from meshfit.experiment.plan import Trial, command_files
+from meshfit.experiment.running.trial_source import prepare_source, warn_of_differences
+from meshfit.experiment.running.trial_target import TrialTarget, check_unchanged, load_trial_target, warning_texts
 from meshfit.experiment.source import (
-    build_source,
-    describe_source,
     is_own_mesh,
-    made_from_target,
     relocated,
     source_files,
 )
@@ -57,38 +53,26 @@ from meshfit.fitting.external.tools import ToolError, ToolRun, works_from_target
 from meshfit.fitting.loop import FitResult
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem, Trace
 from meshfit.fitting.registration.guidance import Guidance
-from meshfit.fitting.settings import ExternalSettings, FirstOrderSettings, FitSettings, GaussNewtonSettings
-from meshfit.images.specs import is_image_target
-from meshfit.images.target import ImageTarget
-from meshfit.images.targets import content_sha256, load_images, load_reference
+from meshfit.fitting.settings import ExternalSettings, FirstOrderSettings, GaussNewtonSettings
+from meshfit.images.targets import load_reference
 from meshfit.measuring.correspondence import Correspondence
 from meshfit.measuring.measure import Measurement, measure
 from meshfit.measuring.shortfalls import FAR, FAR_ON_AVERAGE, shortfalls
 from meshfit.measuring.verdict import FARTHER, Facts, Verdict, verdict_on
 from meshfit.measuring.vertex_error import Truth
-from meshfit.mesh.alignment import align, boxes_are_disjoint
-from meshfit.mesh.cleaning import outward, with_turning
-from meshfit.mesh.cleaning_options import CleaningOptions, Surface
-from meshfit.mesh.geometry import bounding_box_diagonal, face_areas
+from meshfit.mesh.cleaning_options import Surface
+from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.io.files import encode_mesh
-from meshfit.mesh.manifold import describe_topology
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.nearest import nearest_point_query
-from meshfit.mesh.normalisation import Frame, frame_of
+from meshfit.mesh.normalisation import Frame
 from meshfit.mesh.offset import lifted
-from meshfit.mesh.outer_surface import outer_surface
-from meshfit.mesh.placing_options import Normalisation
-from meshfit.mesh.point_cloud import MOST_HIDDEN, PointCloud, Position, hidden_from_sensor, seen_cloud
+from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.proximity import point_distances
 from meshfit.mesh.sampling import sample_surface
-from meshfit.mesh.targets import load_target
-from meshfit.mesh.topology import Topology
 from meshfit.subdivision.registry import Scheme
-from meshfit.units import count_text
 
-# A source whose box has this many times the diagonal of the target's is reported.
-_MUCH_LARGER = 2.5
 _POINTS = 5000
 
 
@@ -125,7 +109,7 @@ class TrialRunner:
             inputs = dict(self.trial.inputs)
             name = self.trial.current_path(self.trial.target)
             carried = carried_path(self.trial, self.store)
-            target = _load_target(
+            target = load_trial_target(
                 name, inputs.get("target"), settings.normalise, settings.cleaning, settings.target, carried
             )
             carry(carried, lambda: load_reference(name, settings.cleaning))  # removed since it was loaded
@@ -133,39 +117,34 @@ class TrialRunner:
             self._reference = target.mesh if target.reference is None else target.reference
             source_settings = relocated(settings.source, self.trial.current_path)
             for role, name in source_files(source_settings).items():
-                _check_unchanged(name, inputs.get(role))
+                check_unchanged(name, inputs.get(role))
             for role, path in command_files(settings.fit).items():
-                _check_unchanged(path, inputs.get(role))
+                check_unchanged(path, inputs.get(role))
             self._truth = self._read_truth(inputs.get("truth"))
             guidance = self._guidance(source_settings, scheme, target, inputs)
             if source_settings.is_made_from_target:
                 self._report(TrialStatus.PREPARING)
-            surface, views = settings.target.surface, None if self._images is None else self._images.views
-            built = build_source(source_settings, scheme, target=self._target, surface=surface, images=views)
-            made = made_from_target(source_settings, self._target, surface, views)
-            self._source_record = describe_source(source_settings, self._target, surface, views)
-            triangles = built.triangulated() if isinstance(built, PolygonMesh) else built
-            self._source = align(triangles, self._target, "none" if made is not None else settings.source.align)
+            views = None if self._images is None else self._images.views
+            source = prepare_source(source_settings, scheme, self._target, settings.target.surface, views)
+            self._source, self._built, self._source_record = source.mesh, source.built, source.record
             fills = source_settings.mesh == "closed"
-            _warn_of_differences(self._source, self._target, settings.fit, settings.target.surface, fills=fills)
-        self._warnings = [*target.warnings, *_texts(caught)]
-        for line in (target.note, "" if made is None else made.line):
+            warn_of_differences(self._source, self._target, settings.fit, settings.target.surface, fills=fills)
+        self._warnings = [*target.warnings, *warning_texts(caught)]
+        for line in (target.note, *source.notes):
             if line:
                 self._log.note(line)
         for text in self._warnings:
             self._log.note(f"warning: {text}")
         self.store.write(self.trial, CONFIG, dump(self.trial.config))
-        if made is not None:
+        if source_settings.is_made_from_target:
             self._report(TrialStatus.FITTING)
-        polygons = built.with_verts(self._source.verts) if isinstance(built, PolygonMesh) else None
-        self._built = polygons or self._source
         checkpoint = self._checkpoint()
         before = checkpoint.get("seconds", 0.0) if checkpoint is not None else 0.0
         if checkpoint is not None:
             self._log.note("resuming from a checkpoint")
             # Snapshots of earlier steps are in this frame.
             self._write_frame = checkpoint.get("write_frame", self._write_frame)
-        self._write_mesh("source.ply", polygons or self._source)
+        self._write_mesh("source.ply", self._built)
         self._seconds, self._prepared_in = lambda: before + seconds(), time.perf_counter() - start
         return Problem(
             self._source,
@@ -176,7 +155,7 @@ class TrialRunner:
             scheme=scheme,
             on_snapshot=lambda step, mesh: write_snapshot(self.trial, self.store, step, self._encoded(mesh)),
             save=self._save_checkpoint,
-            polygons=polygons,
+            polygons=source.polygons,
             own=is_own_mesh(source_settings),
             guidance=guidance,
             images=views,
@@ -293,13 +272,13 @@ class TrialRunner:
         self.store.write(self.trial, CORRESPONDENCE, numbered.to_csv())
 
     def _guidance(
-        self, source: SourceSettings, scheme: Scheme, target: "_Target", inputs: Mapping[str, str]
+        self, source: SourceSettings, scheme: Scheme, target: TrialTarget, inputs: Mapping[str, str]
     ) -> Guidance | None:
         """Read what is known of the source."""
         trial, places = self.trial, self.trial.target_landmarks
         if places is not None:
             places = trial.current_path(places)
-            _check_unchanged(places, inputs.get("target-landmarks"))
+            check_unchanged(places, inputs.get("target-landmarks"))
         landmarks = read_landmarks(source, places)
         name = trial.current_path(trial.target)
         return guidance_of(source, scheme, landmarks, (name, target.frame.restore(target.mesh), target.frame))
@@ -310,7 +289,7 @@ class TrialRunner:
         if trial.truth is None:
             return None
         path = trial.current_path(trial.truth)
-        _check_unchanged(path, sha256)
+        check_unchanged(path, sha256)
         source = relocated(trial.settings.source, trial.current_path)
         truth = vertex_counts(source, trial.named_scheme, trial.settings.fit).truth(path, trial.truth)
         assert self._frame is not None  # noqa: S101  set by `prepare`
@@ -406,96 +385,6 @@ class TrialRunner:
         write_checkpoint(self.trial, self.store, state)
 
 
-class _Target(NamedTuple):
-    """A normalised target, its frame, the warnings of loading it, and a note for the log.
-
-    A target of images has these, normalised, and what results are compared with.
-    """
-
-    frame: Frame
-    mesh: Mesh | PointCloud
-    warnings: tuple[str, ...]
-    note: str
-    images: ImageTarget | None = None
-    reference: Mesh | PointCloud | None = None
-
-
-@lru_cache(maxsize=2)  # a worker runs the trials of a target in succession, and loading takes longer than measuring
-def _load_target(
-    name: str,
-    sha256: str | None,
-    normalise: Normalisation,
-    cleaning: CleaningOptions,
-    settings: TargetSettings,
-    carried: Path | None,
-) -> _Target:
-    if is_image_target(name):
-        return _load_image_target(name, sha256, normalise, carried)
-    _check_unchanged(name, sha256)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", MeshfitWarning)
-        mesh = load_target(name, cleaning)
-    turned, texts = outward(mesh), _texts(caught)
-    if turned is not mesh:  # fits match normals, and would turn the source inside out
-        texts = with_turning(texts, "fit")
-    carry(carried, lambda: turned)
-    frame = frame_of(mesh.verts, normalise)
-    fitted, note = turned, ""
-    if isinstance(turned, PointCloud):
-        fitted = seen_cloud(turned, settings.sensor)
-        if settings.sensor is not None and turned.normals is None:
-            texts = [*texts, *_doubts_of_sensor(turned, settings.sensor)]
-        if settings.sensor is None and turned.sensor is not None and turned.normals is None:
-            note = f"target: normals point towards its file's viewpoint, {turned.sensor}"
-    elif settings.surface == "outer":
-        fitted = outer_surface(turned)
-        note = "" if fitted is turned else _hidden_share(turned, fitted)
-    return _Target(frame, frame.normalise(fitted), tuple(texts), note)
-
-
-def _load_image_target(name: str, sha256: str | None, normalise: Normalisation, carried: Path | None) -> _Target:
-    """Load images, and normalise them by the frame of their shape, which needs no truth."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", MeshfitWarning)
-        loaded = load_images(name)
-        if sha256 is not None and loaded.sha256 != sha256:
-            raise MeshError(f"{name}: the images have changed since the run began; run the same command again")
-        target = loaded.target
-        shape = target.shape
-    carry(carried, lambda: target.reference)
-    frame = frame_of(shape.verts, normalise)
-    kind = count_text(shape.num_verts, "point") + " of depth maps" if isinstance(shape, PointCloud) else "visual hull"
-    note = f"target: {count_text(len(target.views), 'view')}; its shape: {kind}"
-    reference = None if target.reference is shape else frame.normalise(target.reference)
-    return _Target(frame, frame.normalise(shape), tuple(_texts(caught)), note, target.moved(frame), reference)
-
-
-def _doubts_of_sensor(cloud: PointCloud, sensor: Position) -> list[str]:
-    """Return a warning if the points cannot have been seen from one place, as others are in front of them."""
-    hidden = hidden_from_sensor(PointCloud(cloud.verts, None, sensor))
-    if hidden < MOST_HIDDEN:
-        return []
-    place = ", ".join(f"{number:g}" for number in sensor)
-    text = f"target.sensor: from ({place}), {100 * hidden:.0f} % of the points are hidden behind others"
-    return [f"{text}, and their normals face inwards; give the place they were seen from, or none"]
-
-
-def _hidden_share(whole: Mesh, outer: Mesh) -> str:
-    areas = [float(face_areas(mesh).sum()) for mesh in (whole, outer)]
-    faces = count_text(outer.num_faces, "face")
-    return f"target: its outer surface, {faces}; {1 - areas[1] / areas[0]:.1%} of its area is hidden"
-
-
-def _check_unchanged(name: str, sha256: str | None) -> None:
-    """Check that a file has the content that the trial's identity is derived from.
-
-    Raises:
-        MeshError: it has changed since the trial was planned.
-    """
-    if sha256 is not None and content_sha256(name) != sha256:
-        raise MeshError(f"{name}: the file has changed since the run began; run the same command again")
-
-
 @contextmanager
 def recorded_warnings() -> Iterator[list[str]]:
     """Collect meshfit's own warnings within the block, and drop all others."""
@@ -503,42 +392,7 @@ def recorded_warnings() -> Iterator[list[str]]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", MeshfitWarning)
         yield texts
-    texts += _texts(caught)
-
-
-def _texts(caught: Sequence[warnings.WarningMessage]) -> list[str]:
-    return [str(warning.message) for warning in caught if issubclass(warning.category, MeshfitWarning)]
-
-
-def _warn_of_differences(
-    source: Mesh, target: Mesh | PointCloud, fit: FitSettings, surface: Surface, *, fills: bool
-) -> None:
-    """Warn of a source that the fit cannot bring onto the target; a tool may start from the target, or cut and glue.
-
-    One that fills the holes of the target, as set, differs from it on purpose.
-    """
-    tool = fit.tool if isinstance(fit, ExternalSettings) else None
-    if works_from_target(tool):
-        return
-    of_source = describe_topology(Topology.of(source))
-    of_target = of_source
-    if isinstance(target, Mesh) and (surface == "all" or Topology.of(target).is_watertight):  # skins close others
-        of_target = describe_topology(Topology.of(target))
-    if not fills and of_source != of_target and (tool is not None or not isinstance(fit, ExternalSettings)):
-        text = f"source and target differ in topology ({of_source}; {of_target}); the fit keeps that of the source"
-        warnings.warn(text, MeshfitWarning, stacklevel=2)
-    if isinstance(fit, GaussNewtonSettings) and fit.prior is not None:
-        return  # its place and its size are found
-    if boxes_are_disjoint(source, target):
-        text = "the bounding boxes of source and target do not overlap; set source.align or source.centre"
-        warnings.warn(text, MeshfitWarning, stacklevel=2)
-    sizes = [bounding_box_diagonal(mesh.verts) for mesh in (source, target)]
-    if sizes[0] > _MUCH_LARGER * sizes[1]:
-        text = (
-            f"the source is {sizes[0] / sizes[1]:.2g} times as large as the target (diagonals {sizes[0]:.3g} and "
-            f"{sizes[1]:.3g} in the normalised frame); set a smaller source.radius, or source.align: pca"
-        )
-        warnings.warn(text, MeshfitWarning, stacklevel=2)
+    texts += warning_texts(caught)
 
 
 def _mean_distance(mesh: Mesh, target: Mesh | PointCloud, *, exact: bool = False) -> float:

@@ -19,7 +19,7 @@ _MANY_SAMPLES, _MANY_ROUNDS = 5000, 12
 # Starts that are poses without ICP, too.
 _UNMOVED = 2
 # Pairs farther apart than this quantile are left out; the others have robust weights of half its width.
-_TRIM = 0.8
+_TRIM, _TRIM_UNORIENTED = 0.8, 0.65
 # Normals in the search for nearest points, and the largest distance that counts, relative to the target's diagonal.
 _NORMALS, _CAP = 0.1, 0.15
 # Distance that a difference of 1 in remoteness is worth in the second ranking of poses.
@@ -127,13 +127,13 @@ def nearest_pose(points: Verts, goals: Verts, weights: Float64[np.ndarray, " L"]
 
 def _search(
     source: OrientedPoints, target: OrientedPoints, count: int, generator: np.random.Generator, *, similarity: bool
-) -> "_Search":
+) -> "PoseSearch":
     p, q = (points.subset(points.draw(count, generator)) for points in (source, target))
     diagonal = float(np.linalg.norm(np.ptp(target.points, axis=0)))
-    return _Search(p, q, diagonal, similarity=similarity)
+    return PoseSearch(p, q, diagonal, similarity=similarity)
 
 
-def _ranked(poses: list[Pose], search: "_Search") -> list[int]:
+def _ranked(poses: list[Pose], search: "PoseSearch") -> list[int]:
     """Return the numbers of poses, the best first, alternately by the score and by the score with remoteness."""
     with_remoteness = [search.score(pose, _REMOTENESS) for pose in poses]
     orders = np.argsort([pose.score for pose in poses], kind="stable"), np.argsort(with_remoteness, kind="stable")
@@ -141,11 +141,22 @@ def _ranked(poses: list[Pose], search: "_Search") -> list[int]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class PoseSearch:
+    """ICP between points of two surfaces.
+
+    Attributes:
+        source: points of the template.
+        target: points of the target.
+        diagonal: of the target's bounding box.
+        similarity: whether the scale is to be found, too.
+        oriented: whether normals point to the same side of both, so that nearest points are sought by normals, too.
+    """
+
     source: OrientedPoints
     target: OrientedPoints
     diagonal: float
     similarity: bool
+    oriented: bool = True
 
     def starts(self) -> list[Pose]:
         """Return the poses that ICP starts from, with coinciding centroids."""
@@ -156,8 +167,7 @@ class _Search:
                 np.linalg.norm(points - points.mean(axis=0)) for points in (self.target.points, self.source.points)
             ]
             scale = float(spreads[0] / spreads[1])
-        own, other = (_principal_axes(points) for points in (self.source.points, self.target.points))
-        rotations = [np.eye(3), *(other @ turn @ own.T for turn in Rotation.create_group("O").as_matrix())]
+        rotations = [np.eye(3), *principal_turns(self.source.points, self.target.points)]
         rotations += [Rotation.from_rotvec(axis * turn).as_matrix() for axis in np.eye(3) for turn in _TURNS]
         return [Pose(rotation, goal - scale * rotation @ centre, scale) for rotation in rotations]
 
@@ -183,15 +193,18 @@ class _Search:
 
     def _round(self, pose: Pose) -> tuple[Pose, float]:
         """Make one round of ICP: a small similarity that reduces distances to planes, and a little to points."""
-        moved, length = self._moved(pose), _NORMALS * self.diagonal
+        moved, length = self._moved(pose), _NORMALS * self.diagonal * self.oriented
         there = self.target.nearest(moved, length)[1]
         back = moved.nearest(self.target, length)[1]
         start = np.concatenate([moved.points, moved.points[back]])
         goal = np.concatenate([self.target.points[there], self.target.points])
         own = np.concatenate([moved.normals, moved.normals[back]])
-        normals = unit_vectors(own + np.concatenate([self.target.normals[there], self.target.normals]))
+        other = np.concatenate([self.target.normals[there], self.target.normals])
+        if not self.oriented:
+            other = other * np.where((own * other).sum(axis=1) < 0, -1.0, 1.0)[:, None]
+        normals = unit_vectors(own + other)
         distances = np.linalg.norm(goal - start, axis=1)
-        width = float(np.quantile(distances, _TRIM)) + 1e-12
+        width = float(np.quantile(distances, _TRIM if self.oriented else _TRIM_UNORIENTED)) + 1e-12
         weights = geman_mcclure(distances, width / 2) * (distances <= width)
         centre = weights @ start / weights.sum()
         arms = start - centre
@@ -209,6 +222,12 @@ class _Search:
         translation = growth * turn @ (pose.translation - centre) + centre + step[3:6]
         change = max(np.linalg.norm(step[:3]), np.linalg.norm(step[3:6]) / self.diagonal, abs(np.log(growth)))
         return Pose(turn @ pose.rotation, translation, pose.scale * growth), float(change)
+
+
+def principal_turns(source: Verts, target: Verts) -> list[Float64[np.ndarray, "3 3"]]:
+    """Return the 24 rotations that take principal axes of some points to principal axes of others."""
+    own, other = _principal_axes(source), _principal_axes(target)
+    return [other @ turn @ own.T for turn in Rotation.create_group("O").as_matrix()]
 
 
 def _principal_axes(points: Verts) -> Float64[np.ndarray, "3 3"]:
