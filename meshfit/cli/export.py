@@ -28,11 +28,11 @@ def export(
         meshfit export runs/table1 -o results.csv
         meshfit export runs -o results.parquet
     """
-    from meshfit.experiment.status.scan import scan_experiments
+    from meshfit.experiment.status.results import scan_with_results
     from meshfit.report.tables.export import columns_of, encoder, records_of, write_records
 
     encoder(output)  # refuse an unknown format before reading
-    records = records_of(scan_experiments(runs, datetime.now(UTC)))
+    records = records_of(*scan_with_results(runs, datetime.now(UTC)))
     if not records:
         raise StoreError(f"no trial under {', '.join(map(str, runs))} is complete or failed")
     columns = columns_of(records)

@@ -23,6 +23,7 @@ from meshfit.config.path_parts import path_part
 from meshfit.config.sweeps import Variant, variants_of
 from meshfit.errors import ConfigError, Faults, MeshfitWarning, error_prefix
 from meshfit.experiment.guidance import guidance_of, landmarks_path, read_landmarks
+from meshfit.experiment.results_version import RESULTS_VERSION
 from meshfit.experiment.source import build_source, is_own_mesh, source_files, stand_in
 from meshfit.experiment.truth import truth_path, vertex_counts
 from meshfit.fitting.external.tools import TOOLS
@@ -43,12 +44,6 @@ from meshfit.paths import is_regular_file, path_text, quoted_path
 from meshfit.specs import spec_folder
 from meshfit.subdivision.registry import NamedScheme
 from meshfit.units import count_text
-
-RESULTS_VERSION = 3
-"""Increased whenever the same settings give other numbers, so that older results are not taken for current ones.
-
-It is the `schema_version` of a `result.json`, and part of each trial's identity.
-"""
 
 # Increased whenever these alignments give other numbers; other trials keep their identities.
 _ALIGNMENT_VERSION, _SEARCHED = 2, ("pca", "icp")

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from types import MappingProxyType
 
 from meshfit.errors import ConfigError
@@ -196,6 +197,7 @@ _LARGEST = {_SHARE: 1.0, _ANGLE: 180.0}
 _ROUNDING = 1e-6
 
 
+@cache
 def possible_range(name: str) -> tuple[float, float]:
     """Return the least and the largest value that a metric can have."""
     largest = _LARGEST.get(METRICS[name].format, math.inf)

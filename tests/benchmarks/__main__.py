@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.progress import track
 
 from tests.benchmarks.apart import names, outcome_of
+from tests.benchmarks.commands import run_directories
 from tests.benchmarks.report import machine, table_of, write
 from tests.benchmarks.timing import Outcome
 
@@ -19,9 +20,10 @@ def main() -> int:
     options = parser.parse_args()
     chosen = [name for name in names() if options.only in name]
     outcomes: dict[str, Outcome] = {}
-    for name in track(chosen, "timing", console=Console(stderr=True)):
-        outcomes[name] = outcome_of(name)
-        write(options.json, outcomes)
+    with run_directories(chosen):
+        for name in track(chosen, "timing", console=Console(stderr=True)):
+            outcomes[name] = outcome_of(name)
+            write(options.json, outcomes)
     console = Console(width=170)
     console.print(table_of(outcomes))
     console.print(f"[dim]{', '.join(f'{key} {value}' for key, value in machine().items())}[/]")

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from typing import TypeVar
 
-from meshfit.experiment.running.trial_runner import peak_memory_mb
 from tests.benchmarks.commands import COMMANDS
 from tests.benchmarks.timing import Benchmark, Outcome, run
 
@@ -50,4 +49,6 @@ def _time(name: str) -> Outcome:
 
 def _memory(name: str) -> float:
     _benchmark(name).ours()
+    from meshfit.experiment.running.trial_runner import peak_memory_mb  # not before, for its memory
+
     return peak_memory_mb(of_children=True) or peak_memory_mb() or 0.0

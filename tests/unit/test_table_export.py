@@ -8,7 +8,7 @@ import pytest
 
 from meshfit.config.experiment import ExperimentSettings
 from meshfit.errors import ConfigError, MeshfitWarning, StoreError
-from meshfit.experiment.status.scan import scan_experiments
+from meshfit.experiment.status.results import scan_with_results
 from meshfit.measuring.metrics import METRICS
 from meshfit.mesh.targets import NAMED_TARGETS
 from meshfit.report.tables.export import HEAD, columns_of, records_of, write_records
@@ -28,12 +28,12 @@ def runs(tmp_path):
 
 
 def row_of(runs, seed):
-    (row,) = (row for row in records_of(scan_experiments([runs / "small"], NOW)) if row["seed"] == seed)
+    (row,) = (row for row in records_of(*scan_with_results([runs / "small"], NOW)) if row["seed"] == seed)
     return row
 
 
 def exported(runs, path):
-    rows = records_of(scan_experiments([runs], NOW))
+    rows = records_of(*scan_with_results([runs], NOW))
     write_records(rows, columns_of(rows), path)
     return rows, columns_of(rows)
 
@@ -77,7 +77,7 @@ def test_what_a_failure_says_of_its_trial_counts(runs):
 
 
 def test_columns_come_in_one_order_whichever_rows_there_are(runs):
-    rows = sorted(records_of(scan_experiments([runs], NOW)), key=lambda row: row["experiment"], reverse=True)
+    rows = sorted(records_of(*scan_with_results([runs], NOW)), key=lambda row: row["experiment"], reverse=True)
     every = columns_of(rows)
     assert len(set(every)) == len(every)
     assert tuple(every[: len(HEAD) + len(METRICS)]) == (*HEAD, *METRICS)
@@ -172,15 +172,15 @@ def test_damaged_files_are_named(runs):
     assert str(path) in row["failure.message"]
     path.with_name("config.yaml").write_text("[")
     with pytest.raises(ConfigError, match=r"config\.yaml: line 1: not valid YAML"):
-        records_of(scan_experiments([runs], NOW))
+        records_of(*scan_with_results([runs], NOW))
 
 
 def test_damaged_results_are_left_out_with_a_warning(runs):
-    complete = [record["folder"] for record in records_of(scan_experiments([runs], NOW))]
+    complete = [record["folder"] for record in records_of(*scan_with_results([runs], NOW))]
     path = next(runs.glob("small/*/*/seed-0-*/result.json"))
     path.write_text("{")
     with pytest.warns(MeshfitWarning, match=r"left out: .*result\.json: not valid JSON"):
-        records = records_of(scan_experiments([runs], NOW))
+        records = records_of(*scan_with_results([runs], NOW))
     assert [record["folder"] for record in records] == [name for name in complete if name != str(path.parent)]
 
 

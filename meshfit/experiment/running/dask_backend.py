@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from meshfit.errors import ClusterError, ConfigError, MeshfitWarning
-from meshfit.experiment.plan import RESULTS_VERSION
+from meshfit.experiment.results_version import RESULTS_VERSION
 from meshfit.experiment.running.backends import Remote, Transfer
 from meshfit.experiment.running.worker import CancellationFlag
 

@@ -10,7 +10,8 @@ from tempfile import TemporaryDirectory
 from typing import Protocol
 
 from meshfit.errors import ClusterError, StoreError
-from meshfit.experiment.plan import RESULTS_VERSION, Trial
+from meshfit.experiment.plan import Trial
+from meshfit.experiment.results_version import RESULTS_VERSION
 from meshfit.experiment.running.commands import has_command, require_permission, require_worker_permission
 from meshfit.experiment.running.process_pool import ONE_THREAD, worker_progress
 from meshfit.experiment.storage.checkpoint import SNAPSHOTS, keep_snapshots, snapshots_in

@@ -5,7 +5,7 @@ from types import MappingProxyType
 from typing import Any
 
 from meshfit.errors import ConfigError, StoreError
-from meshfit.experiment.plan import RESULTS_VERSION
+from meshfit.experiment.results_version import RESULTS_VERSION
 from meshfit.experiment.status.scan import ScannedExperiment, ScannedTrial
 from meshfit.experiment.storage.failure import UNREADABLE, FailureKind, read_failure
 from meshfit.experiment.storage.result import read_settings

@@ -3,7 +3,7 @@
 import os
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -154,13 +154,16 @@ class ScannedExperiment:
         return dict(sorted(kinds.items(), key=lambda kind: -len(kind[1])))
 
 
-def scan_experiments(roots: Sequence[Path], now: datetime, *, required: bool = True) -> list[ScannedExperiment]:
+def scan_experiments(
+    roots: Sequence[Path], now: datetime, *, required: bool = True, complete: Collection[Path] = ()
+) -> list[ScannedExperiment]:
     """Scan run directories, or folders in them, for experiments with at least one trial.
 
     Args:
         roots: the run directories or folders.
         now: the current time, from which the age of progress is counted.
         required: whether there has to be a trial.
+        complete: absolute paths of the folders of trials that are known to be complete, whose results are not read.
 
     Raises:
         StoreError: no such directory, no trial in any of them, or a plan that cannot be read.
@@ -172,7 +175,8 @@ def scan_experiments(roots: Sequence[Path], now: datetime, *, required: bool = T
     planned = {absolute(path): path for scanned in scans for path in scanned.planned}
     within = [absolute(root) for root in roots]
     experiments = [
-        _experiment(planned.get(path, path), begun.get(path, {}), within, now) for path in sorted({*begun, *planned})
+        _experiment(planned.get(path, path), begun.get(path, {}), within, now, complete)
+        for path in sorted({*begun, *planned})
     ]
     experiments = [experiment for experiment in experiments if experiment.trials]
     if not experiments and required:
@@ -181,7 +185,11 @@ def scan_experiments(roots: Sequence[Path], now: datetime, *, required: bool = T
 
 
 def _experiment(
-    folder: Path, begun: Mapping[Path, TrialFolder], within: Sequence[Path], now: datetime
+    folder: Path,
+    begun: Mapping[Path, TrialFolder],
+    within: Sequence[Path],
+    now: datetime,
+    complete: Collection[Path],
 ) -> ScannedExperiment:
     plan = read_plan(folder)
     experiment = absolute(folder)
@@ -191,7 +199,10 @@ def _experiment(
         if path not in folders and any(path.is_relative_to(root) for root in within):
             # The scan did not see it: it did not exist yet, or lies behind a link.
             folders[path] = TrialFolder(folder / entry.folder, frozenset())
-    trials = [ScannedTrial(trial, status_of(trial, now), planned.get(path)) for path, trial in folders.items()]
+    trials = [
+        ScannedTrial(trial, TrialStatus.COMPLETE if path in complete else status_of(trial, now), planned.get(path))
+        for path, trial in folders.items()
+    ]
     ordered = sorted(trials, key=lambda trial: (_place(trial, plan), trial.folder.sort_key[1:]))
     return ScannedExperiment(experiment.name, folder, plan, tuple(ordered))
 

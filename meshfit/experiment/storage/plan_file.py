@@ -10,6 +10,7 @@ from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
 from meshfit.errors import StoreError
+from meshfit.experiment.results_version import RESULTS_VERSION
 from meshfit.experiment.storage.run_directory import (
     PLAN,
     Result,
@@ -272,8 +273,6 @@ def _entry(trial: "Trial") -> dict[str, Any]:
 
 def _shared_origin(trial: "Trial") -> str:
     """Return, as JSON, what a result records of its origin, without what differs from trial to trial of a plan."""
-    from meshfit.experiment.plan import RESULTS_VERSION
-
     settings = {key: value for key, value in trial.plain_settings.items() if key not in _AXES}
     inputs = {role: sha256 for role, sha256 in trial.inputs if role not in ROLES_OF_TARGETS}
     return json.dumps({"schema_version": RESULTS_VERSION, "settings": settings, "inputs": inputs})

@@ -7,12 +7,14 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict
 from datetime import UTC, datetime
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from meshfit.config.strict_yaml import parse_document
 from meshfit.errors import MeshfitWarning, StoreError
+from meshfit.experiment.results_version import RESULTS_VERSION
 from meshfit.experiment.storage.run_directory import CONFIG, FAILURE, RESULT, Result, now, read_json, read_result
 from meshfit.units import count_text
 
@@ -26,8 +28,6 @@ _PACKAGES = ("meshfit", "torch", "numpy", "scipy", "pymeshlab", "pykdtree")
 
 def result_record(trial: "Trial", frame: Result, fitted: "FitResult", measured: "Measurement", work: Result) -> Result:
     """Return the record of a complete trial; `frame` is that of `frame_record`, `work` holds time, memory, warnings."""
-    from meshfit.experiment.plan import RESULTS_VERSION
-
     last = fitted.trace.rows[-1] if fitted.trace.rows else ()
     tool = {} if fitted.tool is None else {"tool": fitted.tool.to_dict()}
     registered = {} if fitted.registered is None else {"register": asdict(fitted.registered)}
@@ -52,9 +52,13 @@ def result_record(trial: "Trial", frame: Result, fitted: "FitResult", measured: 
 
 
 def _provenance() -> Result:
-    packages = {name: version(name) for name in _PACKAGES}
     machine: dict[str, Any] = {"system": platform.platform(), "machine": platform.machine(), "host": platform.node()}
-    return {"versions": {"python": platform.python_version()} | packages, "platform": machine}
+    return {"versions": {"python": platform.python_version()} | _package_versions(), "platform": machine}
+
+
+@cache
+def _package_versions() -> dict[str, str]:
+    return {name: version(name) for name in _PACKAGES}
 
 
 def read_settings(folder: Path, result: Result | None) -> dict[str, Any]:

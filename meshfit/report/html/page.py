@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from meshfit.experiment.status.missing import missing_results
-from meshfit.experiment.status.scan import ScannedExperiment, scan_experiments
+from meshfit.experiment.status.results import scan_with_results
+from meshfit.experiment.status.scan import ScannedExperiment
 from meshfit.experiment.storage.plan_file import UpChoice, in_planned_order
-from meshfit.experiment.storage.result import read_result_or_warn
 from meshfit.experiment.storage.run_directory import Result
-from meshfit.experiment.trial_status import TrialStatus
 from meshfit.experiment.tuning.search_file import Search, read_searches
 from meshfit.optional import import_optional
 from meshfit.report.figures.colours import DISTANCES
@@ -81,14 +80,7 @@ def read_report(
         ConfigError: there is no such metric, or the baseline or something labelled has no results.
         SchemeError: the baseline is not a scheme.
     """
-    experiments = scan_experiments(roots, now)
-    complete = [
-        result
-        for experiment in experiments
-        for trial in experiment.trials
-        if trial.status in (TrialStatus.COMPLETE, TrialStatus.DAMAGED)
-        and (result := read_result_or_warn(trial.path)) is not None
-    ]
+    experiments, complete = scan_with_results(roots, now)
     records = distinguish_definitions(in_planned_order([*complete, *missing_results(experiments, complete)]))
     results = [record for record in records if "missing" not in record]
     searches = read_searches([experiment.folder for experiment in experiments])

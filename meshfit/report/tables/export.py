@@ -4,16 +4,16 @@ import csv
 import importlib
 import io
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from meshfit.config.experiment import default_settings
 from meshfit.errors import ConfigError
-from meshfit.experiment.status.scan import ScannedExperiment, ScannedTrial
+from meshfit.experiment.status.scan import ScannedExperiment, ScannedTrial, absolute
 from meshfit.experiment.storage.failure import read_failure
-from meshfit.experiment.storage.result import read_result_or_warn, read_settings
+from meshfit.experiment.storage.result import read_settings
 from meshfit.experiment.storage.run_directory import Result, write_atomically
 from meshfit.experiment.trial_status import TrialStatus
 from meshfit.fitting.settings import METHODS, default_fit
@@ -37,23 +37,25 @@ _METRIC_TYPES = {"d": "int64", "": "bool"}
 _TYPES = {bool: "bool", int: "int64", float: "float64", str: "string"}
 
 
-def records_of(experiments: Sequence[ScannedExperiment]) -> list[Record]:
+def records_of(experiments: Sequence[ScannedExperiment], results: Iterable[Result]) -> list[Record]:
     """Return the record of each completed or failed trial, in the order of the experiments' trials.
 
-    Damaged results are left out with a warning.
+    Args:
+        experiments: the experiments, as `scan_with_results` returns them.
+        results: their results.
 
     Raises:
         StoreError: a file of a trial cannot be read.
         ConfigError: the settings of a trial are invalid.
     """
-    ended = (TrialStatus.COMPLETE, TrialStatus.FAILED, TrialStatus.DAMAGED)
-    read = (
-        (experiment, trial, read_result_or_warn(trial.path))
+    by_folder = {absolute(Path(result["folder"])): result for result in results}
+    ended = (
+        (experiment, trial, by_folder.get(absolute(trial.path)))
         for experiment in experiments
         for trial in experiment.trials
-        if trial.status in ended
+        if trial.status in (TrialStatus.COMPLETE, TrialStatus.FAILED)
     )
-    return [_record(*trial) for trial in read if trial[1].status is TrialStatus.FAILED or trial[2] is not None]
+    return [_record(*trial) for trial in ended if trial[1].status is TrialStatus.FAILED or trial[2] is not None]
 
 
 def _record(experiment: ScannedExperiment, trial: ScannedTrial, result: Result | None) -> Record:

@@ -13,7 +13,7 @@ from typing import Any
 from meshfit.doors import no_type_check
 from meshfit.errors import ConfigError, MeshfitWarning, StoreError
 from meshfit.experiment.status.missing import missing_results
-from meshfit.experiment.status.scan import scan_experiments
+from meshfit.experiment.status.results import scan_with_results
 from meshfit.experiment.storage.plan_file import in_planned_order
 from meshfit.experiment.storage.result import read_results
 from meshfit.experiment.storage.run_directory import Result
@@ -104,12 +104,11 @@ def read_records(roots: Sequence[Path]) -> list[Result]:
     Raises:
         StoreError: no such directory, or neither a complete nor a planned trial in any of them.
     """
-    results = read_results(roots, required=False)
     try:
-        experiments = scan_experiments(roots, datetime.now(UTC), required=False)
+        experiments, results = scan_with_results(roots, datetime.now(UTC), required=False)
     except StoreError as error:  # a damaged plan
+        experiments, results = [], read_results(roots, required=False)
         warnings.warn(f"trials without a result are not known: {error}", MeshfitWarning, stacklevel=2)
-        experiments = []
     missing = missing_results(experiments, results)
     if not results and not missing:
         read_results(roots)  # says what is wrong
