@@ -58,6 +58,10 @@ class Faults:
         except MeshfitError as error:
             self._errors.append((prefix, error))
 
+    def __bool__(self) -> bool:
+        """Whether an error is held."""
+        return bool(self._errors)
+
     def raise_any(self) -> None:
         """Raise what has been held: a single error as it is, several as one with the lines of all.
 

@@ -50,6 +50,7 @@ def run_and_report(trials: Sequence[Trial], options: RunOptions) -> int:
     store = RunDirectory(options.runs)
     check_display(trials, options.metrics, options.baseline)
     _warn_of_damage(trials, store)
+    _warn_of_unusable(trials)
     if options.dry_run:
         _print_plan(trials, store, options)
         return 0
@@ -88,22 +89,27 @@ def _copy_complete(trials: Sequence[Trial], store: RunDirectory, *, quiet: bool)
 def _print_plan(trials: Sequence[Trial], store: RunDirectory, options: RunOptions) -> None:
     found = find_complete(trials, store)
     complete = [folder is not None for folder in found]
-    to_run = [trial for trial, done in zip(trials, complete, strict=True) if options.force or not done]
+    chosen = [trial for trial, done in zip(trials, complete, strict=True) if options.force or not done]
+    to_run = [trial for trial in chosen if not trial.fault]
+    unusable = len(chosen) - len(to_run)
     time = None if options.cluster is not None else estimated(trials, to_run, store, options.jobs, quiet=options.quiet)
     if options.as_json:
         rows = [
             {"target": trial.target, "scheme": trial.scheme, "variant": trial.variant, "seed": trial.seed}
             | {"identity": trial.identity, "folder": str(folder or store.folder(trial)), "complete": folder is not None}
+            | ({"fault": trial.fault} if trial.fault else {})
             for trial, folder in zip(trials, found, strict=True)
         ]
         plain_time = None if time is None else asdict(time)
-        counts = {"complete": sum(complete), "to_run": len(to_run), "estimate": plain_time}
+        counts = {"complete": sum(complete), "to_run": len(to_run), "unusable": unusable, "estimate": plain_time}
         typer.echo(json.dumps({"trials": rows} | counts, indent=2))
         return
     for trial, folder in zip(trials, found, strict=True):
-        mark = "[green]complete[/]" if folder is not None else "[magenta]to run  [/]"
+        mark = "[red]unusable[/]" if trial.fault else "[magenta]to run  [/]"
+        mark = "[green]complete[/]" if folder is not None else mark
         out.print(f"{mark}  {escape(trial.label)}  {escape(str(folder or store.folder(trial)))}", soft_wrap=True)
-    out.print(f"{count_text(len(trials), 'trial')}: {sum(complete)} complete, {len(to_run)} to run")
+    targets = f", {unusable} whose target cannot be used" if unusable else ""
+    out.print(f"{count_text(len(trials), 'trial')}: {sum(complete)} complete, {len(to_run)} to run{targets}")
     if time is not None:
         workers = count_text(time.workers, "worker")
         runs = count_text(time.unknown, "run")
@@ -128,6 +134,11 @@ def _warn_of_damage(trials: Sequence[Trial], store: RunDirectory) -> None:
     for trial in trials:
         if (reason := damage(store.folder(trial) / RESULT)) is not None:
             print_warning(f"{reason}; the trial is repeated")
+
+
+def _warn_of_unusable(trials: Sequence[Trial]) -> None:
+    for fault, count in Counter(trial.fault for trial in trials if trial.fault).items():
+        print_warning(f"{fault} ({'1 trial fails' if count == 1 else f'{count} trials fail'}, the others run)")
 
 
 def _warn_of_missing_snapshots(trials: Sequence[Trial], store: RunDirectory) -> None:

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import typer
 
 from meshfit.cli import completions
-from meshfit.cli.console import EXIT_FAILED, EXIT_INTERRUPTED, err, working
+from meshfit.cli.console import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_USAGE, err, working
 from meshfit.cli.fit_command import is_config_name
 from meshfit.cli.fit_jobs import FitJobs
 from meshfit.cli.fit_outputs import (
@@ -400,7 +400,7 @@ def fit(
             print_metrics([verdict.output, verdict.target], surface=surface, weld=weld, repair=repair)
     if many and len(verdicts) < len(targets):
         err.print(f"fitted {len(verdicts)} of {count_text(len(targets), 'target')}", soft_wrap=True, markup=False)
-    return 0 if len(verdicts) == len(targets) else EXIT_FAILED
+    return EXIT_USAGE if not jobs_of else EXIT_FAILED if len(verdicts) < len(targets) else 0
 
 
 def _check_landmarks(landmarks: str | None, target_landmarks: str | None, targets: Sequence[str]) -> None:

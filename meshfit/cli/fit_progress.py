@@ -10,7 +10,7 @@ from rich.table import Column
 
 from meshfit.cli.console import err
 from meshfit.cli.progress import Lines
-from meshfit.experiment.plan import checked_target
+from meshfit.experiment.input_checks import checked_target
 from meshfit.experiment.source import expected_verts
 from meshfit.experiment.trial_status import Outcome, TrialStatus
 from meshfit.fitting.gauss_newton.schedule import stage_before_end

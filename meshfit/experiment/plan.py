@@ -6,49 +6,38 @@ import os
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from meshfit.config.experiment import (
     KEYS_WITH_FILES,
     NO_EFFECT_ON_RESULTS,
     ExperimentSettings,
-    SourceSettings,
     TargetSettings,
 )
 from meshfit.config.loading import Experiment
 from meshfit.config.path_parts import path_part
 from meshfit.config.sweeps import Variant, variants_of
-from meshfit.errors import ConfigError, Faults, MeshfitWarning, error_prefix
-from meshfit.experiment.guidance import guidance_of, landmarks_path, read_landmarks
+from meshfit.errors import ConfigError, Faults, MeshfitWarning
+from meshfit.experiment.guidance import landmarks_path
+from meshfit.experiment.input_checks import Errors, check_inputs
 from meshfit.experiment.results_version import RESULTS_VERSION
-from meshfit.experiment.source import build_source, is_own_mesh, source_files, stand_in
-from meshfit.experiment.truth import truth_path, vertex_counts
-from meshfit.fitting.external.tools import TOOLS
-from meshfit.fitting.registration.guidance import NO_GUIDANCE
+from meshfit.experiment.truth import truth_path
 from meshfit.fitting.settings import (
     VIEW_TERMS,
     ExternalSettings,
-    FirstOrderSettings,
     FitSettings,
-    GaussNewtonSettings,
 )
 from meshfit.images.specs import is_image_target, label_of_target, title_of_target
-from meshfit.images.targets import load_images, load_shape
-from meshfit.mesh.cleaning_options import CleaningOptions
-from meshfit.mesh.places import Numbering
-from meshfit.mesh.targets import NAMED_TARGETS, file_sha256, target_path
-from meshfit.paths import is_regular_file, path_text, quoted_path
+from meshfit.mesh.targets import NAMED_TARGETS, file_sha256
+from meshfit.paths import is_regular_file, quoted_path
 from meshfit.specs import spec_folder
 from meshfit.subdivision.registry import NamedScheme
-from meshfit.units import count_text
 
 # Increased whenever these alignments give other numbers; other trials keep their identities.
 _ALIGNMENT_VERSION, _SEARCHED = 2, ("pca", "icp")
-# About the faces of a visual hull, for estimates of time before it has been carved.
-_HULL_FACES = 60_000
 _OMITTED_IF_NULL = (
     *(("source", key) for key in (*KEYS_WITH_FILES, "wanted_verts", "wrap", "radius_of")),
     ("fit", "views"),
@@ -69,6 +58,8 @@ class Trial:
             the identity.
         lengthened: label of its target, where another target of the experiment has the same short name. Not part of
             the identity.
+        fault: why its target cannot be used, in one line; empty if it can. Such a trial has no target among its inputs,
+            and fails without being started.
     """
 
     experiment: str
@@ -77,6 +68,7 @@ class Trial:
     variant: str = ""
     copies: tuple[tuple[str, str], ...] = ()
     lengthened: str = ""
+    fault: str = ""
 
     @property
     def target(self) -> str:
@@ -156,6 +148,8 @@ class Trial:
         content = {"settings": settings, "inputs": dict(self.inputs), "schema_version": RESULTS_VERSION}
         if self.settings.source.align in _SEARCHED:
             content["alignment"] = _ALIGNMENT_VERSION
+        if self.fault:  # in place of the content of the target, which may be missing
+            content["target"] = self.target_label
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     @property
@@ -216,17 +210,20 @@ def distinct_labels(targets: Iterable[str]) -> dict[str, str]:
 def plan(experiments: Sequence[Experiment], *, remote: bool = False) -> list[Trial]:
     """List the trials of each experiment: variants × targets × schemes × seeds, in this order.
 
-    Every target and every source is loaded once, so that bad input is refused before the first trial starts.
+    Every target and every source is loaded once. The trials of a target that cannot be used have a `fault`; other bad
+    input is refused before the first trial starts, and so is an experiment none of whose targets can be used.
 
     Args:
         experiments: the experiments.
         remote: whether they will run on other machines, so that this one need not have their device.
 
     Raises:
-        MeshfitError: a sweep, a target, a source or the device cannot be used; with the faults of all experiments.
+        MeshfitError: a sweep, a source, the device or all targets cannot be used, or a target is neither a file nor the
+            name of one; with the faults of all experiments.
     """
     trials: dict[Path, Trial] = {}
     faults = Faults()
+    errors_in_loading: Errors = {}
     for experiment in experiments:
         with faults.collected(f"{experiment.name}: " if len(experiments) > 1 else ""):
             path_part(experiment.name, "experiment", "rename its config, or give --name")
@@ -242,7 +239,7 @@ def plan(experiments: Sequence[Experiment], *, remote: bool = False) -> list[Tri
                 if not remote:
                     _check_device(variant.settings)
                 firsts = set()
-                for trial in _trials_of(experiment.name, variant, labels):
+                for trial in _trials_of(experiment.name, variant, labels, errors_in_loading):
                     firsts.add(trials.setdefault(trial.folder, trial).variant)
                 if len(firsts) == 1 and variant.name not in firsts:  # schemes that a point does not affect are no news
                     equal.setdefault(firsts.pop(), {})[variant.name] = None
@@ -252,230 +249,52 @@ def plan(experiments: Sequence[Experiment], *, remote: bool = False) -> list[Tri
     return list(trials.values())
 
 
+def require_usable(trials: Iterable[Trial]) -> None:
+    """Refuse trials whose targets cannot be used.
+
+    Raises:
+        ConfigError: with a line for each target.
+    """
+    if faults := dict.fromkeys(trial.fault for trial in trials if trial.fault):
+        raise ConfigError(*faults)
+
+
 def _warn_of_equal(experiment: str, names: Sequence[str]) -> None:
     listed = ", ".join(f"'{name}'" for name in names)
     text = f"{experiment}: {listed} are the same trials; they run once, as '{names[0]}'"
     warnings.warn(text, MeshfitWarning, stacklevel=3)
 
 
-def _trials_of(experiment: str, variant: Variant, labels: Mapping[str, str]) -> Iterator[Trial]:
+def _trials_of(
+    experiment: str, variant: Variant, labels: Mapping[str, str], errors_in_loading: Errors
+) -> Iterator[Trial]:
     settings = variant.settings
     schemes = tuple(NamedScheme.of(scheme, settings.define) for scheme in settings.schemes)
-    source_inputs, targets = _check_inputs(settings, schemes)
+    checked = check_inputs(settings, schemes, errors_in_loading)
     for target in settings.targets:
-        inputs = (("target", targets[target]), *source_inputs, *_command_inputs(settings.fit))
+        fault = checked.faults.get(target, "")
+        inputs = (*checked.source, *_command_inputs(settings.fit))
+        if not fault:
+            inputs = (("target", checked.targets[target]), *inputs)
         for scheme, seed in product(schemes, _seeds_with_effect(settings)):
             narrowed = {"targets": (target,), "schemes": (scheme.spec,), "seeds": (seed,), "define": dict(scheme.own)}
-            truth = truth_path(settings, target_label(target), scheme.spec)
-            known = () if truth is None else (("truth", file_sha256(Path(truth))),)
-            places = landmarks_path(settings, target_label(target))
-            of_target = () if places is None else (("target-landmarks", file_sha256(Path(places))),)
+            known = () if fault else _known_inputs(settings, target, scheme)
             yield Trial(
                 experiment,
                 settings.model_copy(update=narrowed),
-                (*inputs, *known, *of_target),
+                (*inputs, *known),
                 variant.name,
                 lengthened=labels.get(target, ""),
+                fault=fault,
             )
 
 
-def _check_inputs(
-    settings: ExperimentSettings, schemes: tuple[NamedScheme, ...]
-) -> tuple[tuple[tuple[str, str], ...], dict[str, str]]:
-    """Return the SHA-256 of the source's files, by role, and of each target's.
-
-    Raises:
-        MeshfitError: with a line for the source and each target that cannot be used.
-    """
-    source: tuple[tuple[str, str], ...] = ()
-    targets: dict[str, str] = {}
-    faults = Faults()
-    with faults.collected():
-        source = _check_source(settings.source, schemes)
-    for target in settings.targets:
-        with faults.collected():
-            checked = checked_target(target, settings.cleaning)
-            _check_kind(target, checked, settings)
-            targets[target] = checked.sha256
-    faults.raise_any()
-    for target in settings.targets:
-        with faults.collected():
-            places = landmarks_path(settings, target_label(target))
-            _check_guidance(settings.source, schemes, places, target, settings.cleaning)
-            _check_symmetry(settings.source, schemes, settings.fit)
-    faults.raise_any()
-    if settings.target.truth is not None:
-        _check_vertices_stay(settings)
-        for target, scheme in product(settings.targets, schemes):
-            with faults.collected():
-                _check_truth(settings, target_label(target), scheme)
-        faults.raise_any()
-    return source, targets
-
-
-def _check_vertices_stay(settings: ExperimentSettings) -> None:
-    """Refuse a truth for results whose vertices are not those of one source.
-
-    Raises:
-        ConfigError: naming the setting.
-    """
-    if settings.source.is_made_from_target:
-        made = f"made from the target ({settings.source.mesh})"
-        raise ConfigError(
-            f"target.truth: the vertices of a source that is {made} belong nowhere; set source.mesh to a file, or "
-            "remove it"
-        )
-    if getattr(settings.fit, "connectivity", "fixed") != "fixed":
-        raise ConfigError(
-            "target.truth: a remeshed result has other vertices than the source; set fit.connectivity: fixed, or "
-            "remove it"
-        )
-
-
-def _check_truth(settings: ExperimentSettings, target: str, scheme: NamedScheme) -> None:
-    """Read the file of the truth.
-
-    Raises:
-        MeshfitError: it cannot be read, or has another number of vertices.
-    """
-    path = truth_path(settings, target, scheme.spec)
-    assert path is not None  # noqa: S101  the settings have one
-    vertex_counts(settings.source, scheme, settings.fit).truth(path, path)
-
-
-@cache
-def _check_guidance(
-    source: SourceSettings,
-    schemes: tuple[NamedScheme, ...],
-    target_landmarks: str | None,
-    target: str,
-    cleaning: CleaningOptions,
-) -> None:
-    """Read the landmarks and the values of vertices.
-
-    Raises:
-        MeshfitError: they cannot be read, or do not go with the source or the target.
-    """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MeshfitWarning)  # a trial gives them
-        landmarks = read_landmarks(source, target_landmarks)
-        if landmarks is not None and landmarks.goals_are_numbered:
-            landmarks.goal_positions(load_shape(target, cleaning), Numbering.of_file(target))
-        guidance_of(source.model_copy(update={"levels": 0, "wanted_verts": None}), schemes[0].resolve())
-
-
-@cache
-def _check_symmetry(source: SourceSettings, schemes: tuple[NamedScheme, ...], fit: FitSettings) -> None:
-    """Check that a source, or its first level, is symmetric where the fit is to keep it so.
-
-    Raises:
-        MeshfitError: it is not, or it is not registered.
-    """
-    if not (isinstance(fit, GaussNewtonSettings) and fit.symmetric):
-        return
-    if fit.register == "auto" and not is_own_mesh(source):
-        raise ConfigError(
-            f"fit.symmetric: source.mesh: {source.mesh} is made to start from, and is not registered; set source.mesh "
-            "to a file, or remove it"
-        )
-    short = source.model_copy(update={"levels": min(source.levels, 1), "wanted_verts": None})
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MeshfitWarning)  # a trial gives them
-        for scheme in schemes:
-            masks = scheme.resolve()
-            known = guidance_of(short, masks) or NO_GUIDANCE
-            with error_prefix("fit"):
-                known.mirrored(build_source(stand_in(short), masks, scheme.spec))
-
-
-class CheckedTarget(NamedTuple):
-    """A target that can be loaded.
-
-    Attributes:
-        sha256: of its file, or of all that images are made from.
-        faces: their number; of images, about that of their shape.
-        points: their number, where there are no faces.
-        fault: why no closed surface can be fitted to the points, in words; empty if one can.
-        views: number of images; 0 for a mesh or points.
-        maps: what all images have besides masks, of `depth` and `normals`.
-    """
-
-    sha256: str
-    faces: int
-    points: int
-    fault: str
-    views: int = 0
-    maps: tuple[str, ...] = ()
-
-
-@cache
-def checked_target(target: str, cleaning: CleaningOptions) -> CheckedTarget:
-    """Load a target, once in this process, and return what a plan needs to know of it."""
-    from meshfit.mesh.point_cloud import PointCloud, no_closed_surface
-
-    if is_image_target(target):
-        images = load_images(target)
-        shape = images.target.shape if images.target.views.have_depth else None
-        points = 0 if shape is None else shape.num_verts
-        fault = no_closed_surface(shape) if isinstance(shape, PointCloud) else ""
-        faces = 0 if points else _HULL_FACES
-        views = images.target.views
-        return CheckedTarget(images.sha256, faces, points, fault, len(views), views.maps)
-    loaded = load_shape(target, cleaning)
-    points = 0 if loaded.num_faces else loaded.num_verts
-    fault = no_closed_surface(loaded) if isinstance(loaded, PointCloud) else ""
-    return CheckedTarget(file_sha256(target_path(target)), loaded.num_faces, points, fault)
-
-
-def _check_images(name: str, checked: CheckedTarget, settings: ExperimentSettings) -> None:
-    """Refuse settings that images make needless, and those that only images have."""
-    if settings.source.mesh == "hull" and not checked.views:
-        raise ConfigError(f"{name}: not given by images, whose masks have a visual hull; use source.mesh: auto")
-    if checked.views and settings.target.surface == "outer":
-        raise ConfigError(f"{name}: images show the outside alone; remove target.surface: outer")
-    if settings.target.sensor is not None and (checked.views or not checked.points):
-        known = "its cameras are known" if checked.views else "its faces tell the outside"
-        raise ConfigError(f"{name}: {known}, so target.sensor has no effect; remove it")
-
-
-def _check_kind(target: str, checked: CheckedTarget, settings: ExperimentSettings) -> None:
-    """Refuse settings that do not go with a target of points, or with one of faces.
-
-    Raises:
-        ConfigError: naming the setting.
-    """
-    fit, name = settings.fit, path_text(target)
-    _check_images(name, checked, settings)
-    if isinstance(fit, FirstOrderSettings) and (fault := fit.fault_with(checked.maps if checked.views else None)):
-        raise ConfigError(f"{name}: fit.{fault}")
-    if not checked.points or (checked.views and isinstance(fit, FirstOrderSettings)):
-        return
-    cloud = f"{name}: a cloud of {count_text(checked.points, 'point')}, without the faces that"
-    if isinstance(fit, FirstOrderSettings):
-        raise ConfigError(f"{cloud} fit.method: first-order samples; use fit.method: gauss-newton")
-    if isinstance(fit, ExternalSettings) and not fit.takes_points:
-        able = [tool for tool, entry in TOOLS.items() if entry.points]
-        remedy = f"fit.tool: {', '.join(able)}" if fit.tool is not None else "fit.format: ply or obj"
-        raise ConfigError(f"{cloud} {fit.name} needs; use {remedy}, or fit.method: gauss-newton")
-    if settings.target.surface == "outer":
-        raise ConfigError(f"{cloud} target.surface: outer selects from; remove it")
-    if settings.source.mesh == "target":
-        raise ConfigError(f"{cloud} source.mesh: target starts from; use source.mesh: wrap or auto")
-    if checked.fault and not source_files(settings.source):
-        raise ConfigError(f"{name}: {checked.fault}")
-
-
-@cache
-def _check_source(settings: SourceSettings, schemes: tuple[NamedScheme, ...]) -> tuple[tuple[str, str], ...]:
-    """Build the first level of a source with each scheme, and return the SHA-256 of its files, by role.
-
-    A control mesh that will be made from a target is not made yet, as this takes seconds for each.
-    """
-    files = source_files(settings)
-    for scheme in schemes:
-        short = settings.model_copy(update={"levels": min(settings.levels, 1), "wanted_verts": None})
-        build_source(stand_in(short), scheme.resolve(), scheme.spec)
-    return tuple((role, file_sha256(target_path(name))) for role, name in files.items())
+def _known_inputs(settings: ExperimentSettings, target: str, scheme: NamedScheme) -> tuple[tuple[str, str], ...]:
+    """Return the SHA-256 of the files with what is known of a target, by role."""
+    truth = truth_path(settings, target_label(target), scheme.spec)
+    places = landmarks_path(settings, target_label(target))
+    files = {"truth": truth, "target-landmarks": places}
+    return tuple((role, file_sha256(Path(path))) for role, path in files.items() if path is not None)
 
 
 def command_files(fit: FitSettings) -> dict[str, str]:

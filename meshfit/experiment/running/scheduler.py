@@ -19,6 +19,7 @@ from meshfit.experiment.running.backends import (
 )
 from meshfit.experiment.running.commands import require_installed, require_permission
 from meshfit.experiment.running.process_pool import MOST_DEATHS, ONE_THREAD, environment, workers_die
+from meshfit.experiment.running.unusable_targets import record_unusable, remove_outdated_failures
 from meshfit.experiment.running.worker import JobResult, store_outputs
 from meshfit.experiment.storage.failure import RETRIED, failed_attempts, killed_record
 from meshfit.experiment.storage.plan_file import update_order, write_plan
@@ -44,8 +45,9 @@ def run_trials(  # noqa: PLR0913  all but two have a default, and each can be se
     """Run trials and wait for them: single trials side by side on the CPU, batches on other devices.
 
     A trial whose process dies, or that runs out of memory, is retried as often as its `retries` allow; on this machine
-    alone, after all others are done, so that it has the memory to itself. Processes of this machine do not import the
-    main module, so that a script that calls this needs no `if __name__ == "__main__"`.
+    alone, after all others are done, so that it has the memory to itself. A trial whose target cannot be used fails
+    without a process. Processes of this machine do not import the main module, so that a script that calls this needs
+    no `if __name__ == "__main__"`.
 
     Args:
         trials: the trials; complete ones are skipped.
@@ -72,6 +74,9 @@ def run_trials(  # noqa: PLR0913  all but two have a default, and each can be se
     if not force:
         complete = (i for i, trial in enumerate(trials) if store.is_complete(trial))
         outcomes |= dict.fromkeys(complete, Outcome(TrialStatus.COMPLETE))
+    remove_outdated_failures(trials, store)
+    unusable = [i for i, trial in enumerate(trials) if trial.fault and i not in outcomes]
+    outcomes |= {i: record_unusable(trials[i], store) for i in unusable}
     pending = [i for i in range(len(trials)) if i not in outcomes]
     if not pending:
         update_order(trials, store)

@@ -267,7 +267,7 @@ def _entry(trial: "Trial") -> dict[str, Any]:
         **trial.names,
         "steps": trial.settings.fit.steps,
         "file": trial.target,
-        "sha256": dict(trial.inputs)["target"],
+        "sha256": dict(trial.inputs).get("target"),
     }
 
 
@@ -283,7 +283,8 @@ def _origin(entry: Mapping[str, Any], origins: Sequence[Mapping[str, Any]]) -> d
         return {}
     shared = origins[int(entry["origin"])]
     axes = {"targets": [str(entry["file"])], "schemes": [str(entry["scheme"])], "seeds": [int(entry["seed"])]}
-    inputs = {**shared["inputs"], "target": str(entry["sha256"])}
+    target = {} if entry["sha256"] is None else {"target": str(entry["sha256"])}
+    inputs = {**shared["inputs"], **target}
     return {**shared, "settings": {**shared["settings"], **axes}, "inputs": inputs}
 
 

@@ -11,7 +11,7 @@ from meshfit.config.loading import Experiment
 from meshfit.config.sweep_samples import SampleSettings
 from meshfit.config.sweeps import point_name
 from meshfit.errors import ConfigError, MeshfitError
-from meshfit.experiment.plan import Trial, plan, target_label
+from meshfit.experiment.plan import Trial, plan, require_usable, target_label
 from meshfit.experiment.storage.failure import RETRIED, read_failure
 from meshfit.experiment.storage.plan_file import write_plan
 from meshfit.experiment.storage.run_directory import FAILURE, RunDirectory, read_result
@@ -64,7 +64,9 @@ class Problem:
             MeshfitError: a target or a source cannot be used with its settings.
         """
         settings = self.experiment.settings.model_copy(update={"sweep": {"variants": {point.name: point.changes}}})
-        return plan([replace(self.experiment, settings=settings)], remote=self.remote)
+        trials = plan([replace(self.experiment, settings=settings)], remote=self.remote)
+        require_usable(trials)  # a metric over all targets is not known without one of them
+        return trials
 
 
 def start_search(problem: Problem, root: Path, *, new: bool = False) -> Search:
