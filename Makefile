@@ -18,7 +18,7 @@ SHAPE_CHECKS := --jaxtyping-packages=meshfit.mesh,meshfit.images,meshfit.subdivi
 ALL_TARGETS := --set 'targets=[bunny, cow, bone, airplane, mousehead]' --set 'seeds=[0, 1, 2]'
 
 .DEFAULT_GOAL := help
-.PHONY: help setup quickstart test shapes check lint types layers docs table1 table1-nearest study reproduce bench bench-compare ablation accuracy targets-bench images-bench registration-bench kinds figures zoo mousehead wheel clean
+.PHONY: help setup quickstart test shapes check lint types layers docs table1 table1-nearest study reproduce bench bench-compare ablation accuracy targets-bench images-bench registration-bench kinds kills figures zoo mousehead wheel clean
 
 help:  ## List the targets
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -115,6 +115,9 @@ images-bench: $(DEV)  ## Fits to views of named targets; writes docs/background/
 
 targets-bench: $(DEV)  ## Fits to targets of each kind, with other tools beside them; writes docs/background/targets.md (7 minutes)
 	$(BIN)/python -m tests.benchmarks.targets > docs/background/targets.md
+
+kills: $(DEV)  ## Kill runs 320 times, at known moments, and compare with undisturbed ones; resumes (20 minutes, Linux)
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.kills $(RUNS)/kills
 
 figures: $(DEV)  ## Draw the README's pictures from real runs (under 10 minutes)
 	$(BIN)/meshfit run table1 --runs $(RUNS) --set seeds=[0] --quiet

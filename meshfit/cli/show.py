@@ -16,13 +16,12 @@ from meshfit.cli.options import DEFAULT_RUNS, AsJson, Runs, TrialName
 from meshfit.cli.status import STYLES
 from meshfit.config.experiment import non_default_settings
 from meshfit.config.strict_yaml import dump
-from meshfit.experiment.status.cleaning import is_half_written
 from meshfit.experiment.status.scan import ScannedExperiment, ScannedTrial, find_trial
 from meshfit.experiment.storage.checkpoint import SNAPSHOTS, snapshots_in
 from meshfit.experiment.storage.failure import Failure, read_failure
 from meshfit.experiment.storage.frame import written_frame
 from meshfit.experiment.storage.result import end_time, read_settings
-from meshfit.experiment.storage.run_directory import LOCK, Result, read_result
+from meshfit.experiment.storage.run_directory import LOCK, Result, is_half_written, read_result
 from meshfit.experiment.storage.targets import find_carried
 from meshfit.experiment.storage.trial_log import read_progress
 from meshfit.experiment.trial_status import TrialStatus

@@ -5,17 +5,17 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 ENVIRONMENT = os.environ | {"COLUMNS": "120", "NO_COLOR": "1", "PYTHONWARNINGS": "default"}
 
 
-def start(*arguments: object, folder: Path) -> subprocess.Popen[str]:
+def start(*arguments: object, folder: Path, environment: Mapping[str, str] | None = None) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [sys.executable, "-m", "meshfit", *map(str, arguments)],
         cwd=folder,
-        env=ENVIRONMENT,
+        env=ENVIRONMENT | dict(environment or {}),
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

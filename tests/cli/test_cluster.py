@@ -3,16 +3,14 @@
 import json
 import os
 import signal
-import socket
-import subprocess
-import sys
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 
 import pytest
 
 from meshfit.experiment.storage.targets import read_written_mesh
 from meshfit.mesh.io.files import load_mesh
-from tests.cli.processes import ENVIRONMENT, contents, meshfit, start, wait_until
+from tests.cli.dask_cluster import running_cluster
+from tests.cli.processes import contents, meshfit, start, wait_until
 from tests.small import CONFIG, config_file
 
 pytest.importorskip("distributed", reason="needs the extra dask")
@@ -23,39 +21,6 @@ pytestmark = [
 
 LONG = CONFIG.replace("steps: 20", "steps: 1500")
 NAMES = ("result.ply", "trace.csv", "source.ply", "config.yaml")
-
-
-def dask(folder, *arguments):
-    return subprocess.Popen(
-        [sys.executable, "-m", "dask", *arguments],
-        cwd=folder,
-        env=ENVIRONMENT | {"TMPDIR": str(folder)},
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
-
-
-@contextmanager
-def running_cluster(folder):
-    """The file of a scheduler with two workers, and their processes."""
-    file = folder / "scheduler.json"
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    options = ["--no-dashboard", "--scheduler-file", str(file)]
-    processes = [dask(folder, "scheduler", "--host", "127.0.0.1", "--port", str(port), *options)]
-    wait_until(file.is_file, processes[0])
-    options += ["--local-directory", str(folder), "--nthreads", "1"]
-    processes += [dask(folder, "worker", *options) for _ in range(2)]
-    try:
-        yield file, processes
-    finally:
-        for process in processes:
-            with suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
 
 
 @pytest.fixture(scope="module")

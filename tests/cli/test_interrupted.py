@@ -9,7 +9,6 @@ import time
 import pytest
 
 from tests.cli import invoke
-from tests.cli.kills import main
 from tests.cli.processes import contents, meshfit, start, wait_until, workers_of
 from tests.small import CONFIG, config_file
 
@@ -121,8 +120,3 @@ def test_two_runs_in_one_directory_do_each_trial_once(tmp_path, undisturbed):
     assert [first.returncode, second.returncode] == [0, 0], outputs
     assert outputs[0][0] == outputs[1][0]
     assert contents(tmp_path / "runs", "result.ply", "trace.csv") == undisturbed
-
-
-@pytest.mark.slow
-def test_kills_at_random_moments_lose_nothing_and_change_nothing():
-    assert main(kills=10, seed=1) == 0

@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 
 import pytest
@@ -212,6 +213,37 @@ def test_any_executor_can_run_trials(tmp_path, run_here, transfer):
             assert (there.folder(trial) / name).read_bytes() == (here.folder(trial) / name).read_bytes()
         assert there.result(trial)["settings"] == here.result(trial)["settings"]
         assert there.result(trial)["hausdorff"] == here.result(trial)["hausdorff"]
+
+
+class Dying(Inline):
+    """An executor whose worker dies in some of the first calls."""
+
+    def __init__(self, *deaths):
+        self.deaths = list(deaths)
+
+    def submit(self, fn, /, *args, **kwargs):
+        if self.deaths and self.deaths.pop(0):
+            raise BrokenProcessPool("a worker died")
+        return super().submit(fn, *args, **kwargs)
+
+
+def test_workers_elsewhere_that_die_are_asked_again_and_their_trials_recorded(tmp_path):
+    (trial,) = plan([experiment(tmp_path)])
+    store = RunDirectory(tmp_path / "runs")
+    outcomes = run_trials([trial], store, remote=Remote(Dying(1, 0, 1)))
+    assert (outcomes[0].kind, store.failure(trial)["kind"]) == ("killed", "killed")
+    with pytest.raises(ClusterError, match=r"^workers cannot be reached: BrokenProcessPool: a worker died; run"):
+        run_trials([trial], store, remote=Remote(Dying(*[1] * 9)))
+
+
+def test_half_written_files_of_earlier_attempts_are_removed(tmp_path):
+    (trial,) = plan([experiment(tmp_path)])
+    store = RunDirectory(tmp_path / "runs")
+    store.folder(trial).mkdir(parents=True)
+    half = store.folder(trial) / ".checkpoint.pt.a1b2c3d4"
+    half.write_bytes(b"half")
+    run_trials([trial], store, remote=Remote(Inline()))
+    assert not half.exists()
 
 
 @pytest.mark.parametrize(("retries", "complete"), [(0, False), (1, False), (2, True)])

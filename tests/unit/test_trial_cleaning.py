@@ -5,9 +5,9 @@ import pytest
 from filelock import FileLock
 
 from meshfit.errors import StoreError
-from meshfit.experiment.status.cleaning import clean, is_half_written
+from meshfit.experiment.status.cleaning import clean
 from meshfit.experiment.status.scan import scan_experiments
-from meshfit.experiment.storage.run_directory import write_atomically
+from meshfit.experiment.storage.run_directory import is_half_written, write_atomically
 from meshfit.experiment.trial_status import TrialStatus
 from tests.runs import NOW, begun, complete, failed, held, result_of, write_plan
 

@@ -14,7 +14,7 @@ from meshfit.errors import ClusterError, DeviceError
 from meshfit.experiment.plan import Trial
 from meshfit.experiment.running.commands import WORKER_VARIABLE, has_command, worker_allows_commands
 from meshfit.experiment.running.device_assignment import Batch, assign_devices, workers_and_threads
-from meshfit.experiment.running.process_pool import ProcessPool
+from meshfit.experiment.running.process_pool import MOST_DEATHS, ProcessPool
 from meshfit.experiment.running.shared_progress import SharedProgress
 from meshfit.experiment.running.worker import (
     CancellationFlag,
@@ -201,7 +201,7 @@ class Remote:
         path = (root / f".token-{uuid.uuid4().hex}").resolve()
         write_atomically(path, path.name, lasting=False)
         try:
-            seen = all(self.on_workers(_sees, str(path), path.name))
+            seen = all(_answers(self, _sees, str(path), path.name))
         finally:
             path.unlink(missing_ok=True)
         if self.transfer == "shared" and not seen:
@@ -210,6 +210,24 @@ class Remote:
 
     def close(self) -> None:
         """Release the connection; the executor belongs to its creator."""
+
+
+def _answers(remote: Remote, function: Callable[..., Any], *args: object) -> list[Any]:
+    """Call a function on all workers, again if one of them dies.
+
+    Raises:
+        ClusterError: they die again and again, or cannot be reached.
+    """
+    failure: Exception | None = None
+    for _ in range(1 + MOST_DEATHS):
+        try:
+            return remote.on_workers(function, *args)
+        except Exception as error:  # noqa: BLE001  libraries raise many kinds when a worker is lost
+            failure = error
+            if not (is_death(error) or isinstance(error, OSError)):
+                break
+    reason = f"{type(failure).__name__}: {failure}".partition("\n")[0]
+    raise ClusterError(f"workers cannot be reached: {reason}; run the same command again") from failure
 
 
 def _sees(path: str, content: str) -> bool:
@@ -279,8 +297,19 @@ class RemoteBackend:
         threads_set = [trial.settings.threads for trial in trials.values() if trial.settings.threads != "auto"]
         threads = min(threads_set, default=1)
         job = self._options.job(trials, self._store, device, threads, RemoteOptions(self._cancellation, inputs))
-        self._futures.append(self._remote.executor.submit(run_job, job))
+        self._futures.append(self._submitted(job))
         return self._futures[-1]
+
+    def _submitted(self, job: Job) -> Future[JobResult]:
+        """Submit a job; an executor whose workers have died refuses it, which counts as the death of its worker."""
+        try:
+            return self._remote.executor.submit(run_job, job)
+        except Exception as error:
+            if not is_death(error):
+                raise
+            refused: Future[JobResult] = Future()
+            refused.set_exception(error)
+            return refused
 
     def _packed(self, trial: Trial) -> Files:
         carry_for_remote(trial, self._store)
@@ -300,7 +329,7 @@ class RemoteBackend:
 
 
 def _require_worker_permission(remote: Remote) -> None:
-    if not all(remote.on_workers(worker_allows_commands)):
+    if not all(_answers(remote, worker_allows_commands)):
         raise ClusterError(
             f"not every worker runs commands of configs; to allow them, start workers with {WORKER_VARIABLE}=1 set"
         )

@@ -62,6 +62,7 @@ def run_batch(
                     store.remove(runner.trial, RESULT, CHECKPOINT)
                 elif store.is_complete(runner.trial):
                     runner.outcome = Outcome(TrialStatus.COMPLETE)
+                store.remove_half_written(runner.trial)
             fit = partial(_fit, device=device, threads=threads, allow_commands=allow_commands)
             _run_locked([runner for runner in runners if runner.outcome is None], fit)
     except Interrupted:

@@ -1,7 +1,6 @@
 """Remove failed and interrupted trials, half-written files and unused targets from a run directory."""
 
 import os
-import re
 import shutil
 import stat
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -23,12 +22,15 @@ from meshfit.experiment.status.scan import (
     status_of,
     trial_folder,
 )
-from meshfit.experiment.storage.run_directory import LOCK, TARGETS, Result, read_result
+from meshfit.experiment.storage.run_directory import (
+    LOCK,
+    TARGETS,
+    Result,
+    is_half_written,
+    read_result,
+)
 from meshfit.experiment.storage.targets import remove_targets, unused_targets
 from meshfit.experiment.trial_status import TrialStatus
-
-# The temporary names that `write_atomically` uses.
-_HALF_WRITTEN = re.compile(r"\..+\.[a-z0-9_]{8}")
 
 
 @dataclass(frozen=True)
@@ -59,11 +61,6 @@ class Cleaned:
     removed: tuple[Removed, ...]
     running: tuple[ScannedTrial, ...]
     targets: Mapping[Path, int] = field(default_factory=dict)
-
-
-def is_half_written(name: str) -> bool:
-    """Whether a file was being written when its process was killed."""
-    return _HALF_WRITTEN.fullmatch(name) is not None
 
 
 def clean(

@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -34,6 +35,9 @@ LOCK = ".lock"
 TARGETS = "targets"
 """Folder of the run directory with the targets of its trials."""
 Result = dict[str, Any]
+
+# The temporary names that `write_atomically` uses.
+_HALF_WRITTEN = re.compile(r"\..+\.[a-z0-9_]{8}")
 
 _REPEATED = "the next `meshfit run` repeats the trial"
 # The entries of a result that tables cannot do without, and their types.
@@ -119,13 +123,34 @@ class RunDirectory:
             raise StoreError(f"{path}: {write_error_message(path, error)}") from error
 
     def remove(self, trial: "Trial", *names: str) -> None:
-        """Remove files of a trial, if they exist."""
+        """Remove files of a trial, if they exist.
+
+        Raises:
+            StoreError: one cannot be removed.
+        """
         for name in names:
-            (self.folder(trial) / name).unlink(missing_ok=True)
+            path = self.folder(trial) / name
+            try:
+                path.unlink(missing_ok=True)
+            except OSError as error:
+                raise StoreError(f"{path}: cannot be removed: {error.strerror}") from error
+
+    def remove_half_written(self, trial: "Trial") -> None:
+        """Remove what earlier attempts at a trial were writing when they were killed; its lock must be held.
+
+        Raises:
+            StoreError: it cannot be removed.
+        """
+        self.remove(trial, *filter(is_half_written, (path.name for path in self.folder(trial).glob(".*"))))
 
     def _read(self, trial: "Trial", name: str) -> Result | None:
         path = self.folder(trial) / name
         return read_json(path) if path.is_file() else None
+
+
+def is_half_written(name: str) -> bool:
+    """Whether a file was being written when its process was killed."""
+    return _HALF_WRITTEN.fullmatch(name) is not None
 
 
 def make_folder(folder: Path) -> None:
