@@ -21,13 +21,15 @@ def start(*arguments: object, folder: Path, environment: Mapping[str, str] | Non
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        preexec_fn=_heed_ctrl_c,  # noqa: PLW1509  no threads here
+        preexec_fn=_heed_signals,  # noqa: PLW1509  no threads here
     )
 
 
-def _heed_ctrl_c() -> None:
-    """Whoever runs the tests in the background has it ignored, and what is started here would inherit that."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+def _heed_signals() -> None:
+    """Whoever runs the tests in the background may ignore some, and what is started here would inherit that."""
+    for name in ("SIGINT", "SIGHUP", "SIGQUIT"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_DFL)
 
 
 def meshfit(*arguments: object, folder: Path, code: int = 0) -> tuple[str, str]:

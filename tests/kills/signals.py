@@ -96,7 +96,8 @@ def chains(locales: Mapping[str, Mapping[str, str]], rotation: int = 0) -> list[
     kinds = list(product(FITS, (1, 2)))
     found = []
     for index, (engine, workers) in enumerate(kinds):
-        share = kills[index :: len(kinds)]
+        # The kinds take turns, and begin in turn with each victim, so that each of them gets every signal.
+        share = [kill for place, kill in enumerate(kills) if (place + place // len(SIGNALS)) % len(kinds) == index]
         found += [Chain(engine, workers, tuple(part), {}) for part in _parts(share)]
     some = tuple(
         Kill(phase, victim, "KILL") for phase, victim in product(("fitting", "renaming"), ("run", "worker", "group"))
@@ -150,6 +151,8 @@ def hit(kill: Kill, process: subprocess.Popen[str], experiment: Experiment, seed
             time.sleep(_SECONDS_STOPPED)
             assert state_of(paused) not in ("Z", ""), "the worker died of Ctrl-C"
         else:
+            if kill.phase != "starting":  # from then on, workers end with the run
+                victims = [*victims, paused]
             wait_for(lambda: all(state_of(pid) in ("Z", "") for pid in victims), "the victim lives on")
         experiment.pause.release()
         out, err = process.communicate(timeout=120)
