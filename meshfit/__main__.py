@@ -2,9 +2,23 @@
 
 import gc
 import signal
+import sys
+
+from meshfit.cli.crash_report import EXIT_CRASHED, print_crash
+from meshfit.library_output import silence_libraries
 
 
 def main() -> None:
+    """Run the command line, and report any error that it does not, such as a lack of memory while it is imported."""
+    silence_libraries()
+    try:
+        _main()
+    except Exception as error:  # noqa: BLE001  the last resort
+        print_crash(error)
+        sys.exit(EXIT_CRASHED)
+
+
+def _main() -> None:
     """Run the command line; while it is imported, Ctrl-C ends the process without a traceback."""
     gc.disable()  # what is imported stays, so that to look for garbage in it only costs time
     raises = signal.getsignal(signal.SIGINT) is signal.default_int_handler

@@ -14,6 +14,7 @@ from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderHook
 from rich.markup import escape
 from rich.segment import Segment
 
+from meshfit.cli.crash_report import EXIT_CRASHED, crash_report
 from meshfit.errors import MeshfitError, MeshfitWarning
 from meshfit.printable import printable
 
@@ -178,7 +179,7 @@ def show_warnings() -> Iterator[None]:
 
 
 def exit_code_of(command: Callable[[], int]) -> int:
-    """Run a command, turning expected errors and those of the file system into one line and an exit code."""
+    """Run a command, turning errors into one line and an exit code; unexpected ones leave a file with a traceback."""
     try:
         with show_warnings():
             code = command()
@@ -199,6 +200,9 @@ def exit_code_of(command: Callable[[], int]) -> int:
     except OSError as error:
         print_error(f"{error.filename}: {error.strerror}" if error.filename else str(error))
         return EXIT_USAGE
+    except Exception as error:  # noqa: BLE001  the last resort
+        print_error(crash_report(error))
+        return EXIT_CRASHED
 
 
 def _resumes(words: Sequence[str]) -> bool:

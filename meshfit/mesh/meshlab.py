@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from meshfit.errors import MeshError
+from meshfit.library_output import native_output_discarded
 from meshfit.mesh.mesh import Mesh, Verts
 
 # Weight of the quadrics that keep triangles of flat parts well shaped: without it they become slivers; a larger one
@@ -108,7 +109,8 @@ def _tiny_triangles(points: Verts) -> Mesh:
 
 
 def _meshes_with(mesh: Mesh) -> Any:  # noqa: ANN401  a MeshSet, of a library without types
-    import pymeshlab
+    with native_output_discarded():  # on each plugin that it cannot load
+        import pymeshlab
 
     meshes = pymeshlab.MeshSet()
     meshes.add_mesh(pymeshlab.Mesh(np.array(mesh.verts), np.array(mesh.faces)))
@@ -133,7 +135,8 @@ def screened_poisson(
     Raises:
         MeshError: it has no faces.
     """
-    import pymeshlab
+    with native_output_discarded():  # on each plugin that it cannot load
+        import pymeshlab
 
     meshes = pymeshlab.MeshSet()
     meshes.add_mesh(pymeshlab.Mesh(vertex_matrix=np.array(points), v_normals_matrix=np.array(normals)))

@@ -29,12 +29,17 @@ def trials_in_this_process():
         yield
 
 
+def _raised(error: BaseException) -> str:
+    raise error
+
+
 def invoke(*arguments: object) -> Ran:
-    """Run a command line in this process; unexpected errors are raised, as they would be a traceback to the user."""
+    """Run a command line in this process; unexpected errors, which would be a report to the user, are raised."""
     out, err = io.StringIO(), io.StringIO()
     with (
         mock.patch.object(sys, "argv", ["meshfit", *map(str, arguments)]),
         mock.patch.object(sys.modules["__main__"], "__package__", None, create=True),  # not `python -m pytest`
+        mock.patch.object(console, "crash_report", _raised),
         mock.patch.object(console.out, "_width", WIDTH),
         mock.patch.object(console.err, "_width", WIDTH),
         contextlib.redirect_stdout(out),

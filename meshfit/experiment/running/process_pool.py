@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 
 from meshfit.errors import TrialError
 from meshfit.experiment.running.shared_progress import SharedProgress
+from meshfit.library_output import silence_libraries
 
 MOST_DEATHS = 3
 """Number of workers that may die in succession without having started a trial."""
@@ -177,8 +178,9 @@ def worker_progress() -> SharedProgress:
 
 
 def _start_worker(shared: Any, preload: str | None) -> None:  # noqa: ANN401  a ctypes array, which has no public type
-    """Ignore Ctrl-C, on which the parent asks for checkpoints, end with the parent, and import a module."""
+    """Ignore Ctrl-C, on which the parent asks for checkpoints, end with the parent, and import a module, quietly."""
     global _worker_progress  # noqa: PLW0603  set once in each worker
+    silence_libraries()
     _worker_progress = SharedProgress(shared)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_exit_with_parent, daemon=True).start()
