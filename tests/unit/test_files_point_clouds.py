@@ -2,6 +2,7 @@
 
 import re
 import struct
+import subprocess
 
 import numpy as np
 import pytest
@@ -137,6 +138,18 @@ def test_las_and_laz_as_laspy_writes_them(tmp_path, form):
     pytest.importorskip("lazrs")
     cloud.write(str(tmp_path / "a.laz"))
     assert np.array_equal(load_points(tmp_path / "a.laz"), load_points(tmp_path / "a.las"))
+
+
+@pytest.mark.parametrize(("code", "message"), [(-9, "was killed; perhaps"), (-6, "its compressed points are damaged")])
+def test_a_decoder_that_is_killed_is_not_taken_for_damage(tmp_path, monkeypatch, code, message):
+    def killed(*_, **__):
+        raise subprocess.CalledProcessError(code, "decoder")
+
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: True)
+    monkeypatch.setattr("subprocess.run", killed)
+    (tmp_path / "a.laz").write_bytes(las(form=0x80).replace(bytes(16), b"laszip encoded\0\0", 1))
+    with pytest.raises(MeshError, match=message):
+        load_points(tmp_path / "a.laz")
 
 
 def test_laz_without_a_decoder_is_counted_and_the_remedy_named(tmp_path, monkeypatch):

@@ -17,6 +17,7 @@ from meshfit.mesh.io.raw_points import RawPoints
 _COMPRESSED = 0b1100_0000
 # A LAZ file may announce this many points for nothing, and one more for each byte.
 _FREE_POINTS = 1_000_000
+_SIGKILL = 9
 _FREE_SECONDS, _BYTES_PER_SECOND = 5, 200_000
 _LASZIP = b"laszip encoded\0"
 # Length of a record of each point format without extra bytes, and types of extra bytes, from 1 on.
@@ -162,6 +163,10 @@ def _decoded_laz(
     timeout = _FREE_SECONDS + len(content) / _BYTES_PER_SECOND
     try:
         decoded = subprocess.run(command, input=content, capture_output=True, timeout=timeout, check=True).stdout  # noqa: S603
+    except subprocess.CalledProcessError as error:
+        if error.returncode == -_SIGKILL:
+            raise MeshError("the process that decodes it was killed; perhaps there was not enough memory") from None
+        raise MeshError("its compressed points are damaged") from None
     except (OSError, subprocess.SubprocessError):
         raise MeshError("its compressed points are damaged") from None
     width = 36 if names else 12
