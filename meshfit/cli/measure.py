@@ -10,6 +10,7 @@ import typer
 
 from meshfit.cli import completions
 from meshfit.cli.console import EXIT_FAILED, out, print_error
+from meshfit.cli.measure_again import Again, MeasureChanges, MeasureJobs, measure_again, require_again
 from meshfit.cli.measure_files import FileMeasurement, KnownPlaces, LandmarkPairs, MeasuredTarget, loader, measure_each
 from meshfit.cli.measurements import Measured, json_object, print_measured, write_csv
 from meshfit.cli.options import OUTPUT, AsJson, MeshFormat, RepairMode, Weld, split_metrics
@@ -185,6 +186,9 @@ def measure(
     input_format: MeshFormat = None,
     weld: Weld = 0.0,
     repair: RepairMode = "split",
+    again: Again = False,
+    overrides: MeasureChanges = None,
+    jobs: MeasureJobs = None,
 ) -> int:
     """Measure a mesh against a target.
 
@@ -197,6 +201,10 @@ def measure(
 
     A target of images gives the overlap of masks; distances are to the points of its depth maps, where it has some.
 
+    With --again, complete trials of run directories are measured with other settings, without another fit. Tables,
+    reports and exports then have the new values; those of the fit stay in result.json, and are back once
+    measurement.json is deleted.
+
     Examples:
         meshfit measure result.ply target.obj
         meshfit measure animal.obj photos/  # images with cameras
@@ -208,6 +216,7 @@ def measure(
         meshfit measure result.ply scan.stl --fail-above hausdorff=0.5%
         meshfit measure decimated.obj bunny --normalise tutorial --json
         zcat scan.ply.gz | meshfit measure - target.obj --format ply
+        meshfit measure --again runs/table1 --set measure.samples=1000000
     """
     from meshfit.measuring.settings import MeasureSettings
     from meshfit.mesh.any_target import require_mesh
@@ -216,9 +225,33 @@ def measure(
     from meshfit.mesh.normalisation import frame_of
     from meshfit.settings import override
 
+    require_again(again, {"--set": overrides, "--jobs": jobs})
+    if again:
+        given_too = {
+            "--target": target,
+            "--truth": truth,
+            "--landmarks": landmarks,
+            "--source": source,
+            "--weld": weld,
+            "--metric": metrics,
+            "--fail-above": fail_above,
+            "--fail-below": fail_below,
+            "--json": as_json,
+            "--write": write,
+            "--csv": csv_file,
+            "--format": input_format,
+        }
+        changed = {
+            "surface": None if surface == "all" else surface,
+            "samples": samples,
+            "crease_angle": crease_angle,
+            "f_score_tau": None if tau is None else _tau(tau, normalise),
+        }
+        return measure_again(meshes, overrides or (), changed, given_too, jobs=jobs)
     results, target_name = _roles(meshes, target)
-    limits = [*(parse_limit(text, above=True) for text in fail_above or ())]
-    limits += [parse_limit(text, above=False) for text in fail_below or ()]
+    limits = [parse_limit(text, above=True) for text in fail_above or ()] + [
+        parse_limit(text, above=False) for text in fail_below or ()
+    ]
     given = {"--truth": truth, "--landmarks": landmarks, "--source": source}
     _check_metrics(metrics, given)
     _check_metrics([limit.metric for limit in limits], given)

@@ -20,6 +20,7 @@ from meshfit.experiment.status.scan import ScannedExperiment, ScannedTrial, find
 from meshfit.experiment.storage.checkpoint import SNAPSHOTS, snapshots_in
 from meshfit.experiment.storage.failure import Failure, read_failure
 from meshfit.experiment.storage.frame import written_frame
+from meshfit.experiment.storage.measurement import AGAIN, with_measurement
 from meshfit.experiment.storage.result import end_time, read_settings
 from meshfit.experiment.storage.run_directory import LOCK, Result, is_half_written, read_result
 from meshfit.experiment.storage.targets import find_carried
@@ -32,6 +33,7 @@ from meshfit.units import count_text, size_text
 
 _FILES = {
     "result.json": "every measurement; written last",
+    "measurement.json": "a later measurement, whose values are shown",
     "failure.json": "why the trial failed",
     "trial.log": "log of the trial",
     "config.yaml": "every setting",
@@ -73,6 +75,7 @@ def show(
     """
     experiment, scanned = find_trial(trial, runs, datetime.now(UTC))
     result = read_result(scanned.path)
+    result = None if result is None else with_measurement(scanned.path, result)
     settings = read_settings(scanned.path, result)
     if as_json:
         typer.echo(json.dumps(_plain(experiment, scanned, result, settings), indent=2))
@@ -128,6 +131,8 @@ def _facts(experiment: ScannedExperiment, trial: ScannedTrial, result: Result | 
     yield "folder", str(trial.path)
     if ended := end_time(trial.path):
         yield "ended", f"{ended:%Y-%m-%d %H:%M} UTC"
+    if result is not None and AGAIN in result:
+        yield "measured again", f"{result[AGAIN]['finished']}; the values of the fit are in result.json"
     if progress := read_progress(trial.path):
         yield "started", f"{progress.started:%Y-%m-%d %H:%M} UTC"
         yield "at", f"{progress.status}, step {progress.step.done:,} of {progress.step.steps:,}"

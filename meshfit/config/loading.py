@@ -85,7 +85,7 @@ def load_experiment(
     """
     path = config_path(name_or_path)
     document = read_document(path)
-    changes = _with_absolute_paths(with_canonical_keys(_parse_overrides(overrides)), Path())
+    changes = _with_absolute_paths(with_canonical_keys(parse_overrides(overrides)), Path())
 
     def where(key: KeyPath) -> str:
         if _is_within(key, changes):
@@ -212,7 +212,12 @@ def absolute_path(text: str, folder: Path = Path()) -> str:
     return str(path.parent.resolve() / path.name) if is_file or is_missing else text
 
 
-def _parse_overrides(overrides: Sequence[str]) -> dict[str, Any]:
+def parse_overrides(overrides: Sequence[str]) -> dict[str, Any]:
+    """Return the nested mapping that `key=value` texts set.
+
+    Raises:
+        ConfigError: a text of another form, or a value that is not YAML; with a line for each.
+    """
     changes: dict[str, Any] = {}
     faults: list[str] = []
     for text in overrides:

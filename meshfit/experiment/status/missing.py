@@ -8,6 +8,7 @@ from meshfit.errors import ConfigError, StoreError
 from meshfit.experiment.results_version import RESULTS_VERSION
 from meshfit.experiment.status.scan import ScannedExperiment, ScannedTrial
 from meshfit.experiment.storage.failure import UNREADABLE, FailureKind, read_failure
+from meshfit.experiment.storage.measurement import AGAIN
 from meshfit.experiment.storage.result import read_settings
 from meshfit.experiment.storage.run_directory import RESULT, Result, damage
 from meshfit.experiment.trial_status import TrialStatus
@@ -58,6 +59,7 @@ def _record(experiment: ScannedExperiment, trial: ScannedTrial, results: Sequenc
     planned, origin = trial.planned, _origin(experiment, trial, results)
     if origin is None or trial.seed is None:
         return
+    origin = _measured_as_the_others(origin, experiment, trial, results)
     (scheme,) = origin["settings"]["schemes"]
     yield {
         **origin,
@@ -81,6 +83,23 @@ def _reason(trial: ScannedTrial) -> dict[str, str]:
     if trial.status is TrialStatus.DAMAGED:
         message = (damage(trial.path / RESULT) or "").removeprefix(f"{trial.path / RESULT}: ")
     return {"state": _STATUSES[trial.status], "message": message}
+
+
+def _measured_as_the_others(
+    origin: dict[str, Any], experiment: ScannedExperiment, trial: ScannedTrial, results: Sequence[Result]
+) -> dict[str, Any]:
+    """Return the origin with the settings of a later measurement, if all results of its variant have that one."""
+    alike = [
+        result
+        for result in results
+        if result["experiment"] == experiment.name and (result.get("variant") or "") == trial.variant
+    ]
+    before = origin["settings"].get("measure")
+    measured = [result["settings"].get("measure") for result in alike]
+    is_shared = all(settings == measured[0] for settings in measured)
+    if not alike or not is_shared or any(result.get(AGAIN, {}).get("settings") != before for result in alike):
+        return origin
+    return {**origin, "settings": {**origin["settings"], "measure": measured[0]}}
 
 
 def _origin(experiment: ScannedExperiment, trial: ScannedTrial, results: Sequence[Result]) -> dict[str, Any] | None:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from meshfit.config.strict_yaml import parse_document
 from meshfit.errors import MeshfitWarning, StoreError
 from meshfit.experiment.results_version import RESULTS_VERSION
+from meshfit.experiment.storage.measurement import with_measurement
 from meshfit.experiment.storage.run_directory import CONFIG, FAILURE, RESULT, Result, now, read_json, read_result
 from meshfit.units import count_text
 
@@ -53,11 +54,12 @@ def result_record(trial: "Trial", frame: Result, fitted: "FitResult", measured: 
 
 def _provenance() -> Result:
     machine: dict[str, Any] = {"system": platform.platform(), "machine": platform.machine(), "host": platform.node()}
-    return {"versions": {"python": platform.python_version()} | _package_versions(), "platform": machine}
+    return {"versions": {"python": platform.python_version()} | package_versions(), "platform": machine}
 
 
 @cache
-def _package_versions() -> dict[str, str]:
+def package_versions() -> dict[str, str]:
+    """Return the versions of the packages on which numbers depend."""
     return {name: version(name) for name in _PACKAGES}
 
 
@@ -114,13 +116,23 @@ def read_results(roots: Iterable[Path], *, required: bool = True) -> list[Result
 
 
 def read_result_or_warn(folder: Path) -> Result | None:
-    """Read the result of the trial in a folder, with its `folder`; None, with a warning, if it is damaged."""
+    """Read the result of the trial in a folder, with its `folder`, and the values of a later measurement if it has one.
+
+    Returns:
+        The result; None, with a warning, if it is damaged, or if there is none.
+    """
     try:
         result = read_result(folder)
     except StoreError as error:
         warnings.warn(f"left out: {error}", MeshfitWarning, stacklevel=2)
         return None
-    return None if result is None else result | {"folder": str(folder)}
+    if result is None:
+        return None
+    try:
+        result = with_measurement(folder, result)
+    except StoreError as error:
+        warnings.warn(f"{error}; values of the fit are used", MeshfitWarning, stacklevel=2)
+    return result | {"folder": str(folder)}
 
 
 def _results_below(folder: Path) -> Iterator[Path]:

@@ -223,12 +223,12 @@ def read_result(folder: Path) -> Result | None:
         result = read_json(path)
     except StoreError as error:
         raise StoreError(f"{str(error).partition('; delete it')[0]}; {_REPEATED}") from None
-    if (problem := _problem(result)) is not None:
+    if (problem := problem_with(result)) is not None:
         raise StoreError(f"{path}: {problem}; {_REPEATED}")
     return result
 
 
-def _problem(result: Result) -> str | None:
+def problem_with(result: Result) -> str | None:
     """Return what is wrong with a result; None if nothing is."""
     for key, kind in _TYPES.items():
         if key not in result and key in _ESSENTIAL:
