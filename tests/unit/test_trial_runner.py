@@ -1,7 +1,11 @@
+import io
 import json
+import shutil
+from contextlib import suppress
 
 import numpy as np
 import pytest
+import torch
 from scipy.spatial.transform import Rotation
 
 from meshfit.config.loading import load_experiment
@@ -9,6 +13,7 @@ from meshfit.errors import MeshfitWarning, StoreError
 from meshfit.experiment.plan import plan
 from meshfit.experiment.running import batch_runner, trial_runner
 from meshfit.experiment.running.batch_runner import run_batch
+from meshfit.experiment.storage.checkpoint import read_checkpoint, write_checkpoint
 from meshfit.experiment.storage.frame import frame_of
 from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.experiment.trial_status import TrialStatus
@@ -246,12 +251,70 @@ def test_an_interrupted_trial_goes_on_and_ends_in_the_same_bytes(tmp_path):
     assert visible(stopping.folder(trial)) == FILES
 
 
-@pytest.mark.parametrize("damage", [b"", b"garbage", b"PK\x03\x04"])
-def test_a_damaged_checkpoint_is_not_trusted_and_the_trial_starts_over(tmp_path, damage):
+def saved(content):
+    buffer = io.BytesIO()
+    torch.save(content, buffer)
+    return buffer.getvalue()
+
+
+def test_a_checkpoint_of_another_trial_is_not_resumed(tmp_path):
+    first, second = plan([experiment(tmp_path, seeds=[0, 1])])
+    alone, mixed = RunDirectory(tmp_path / "alone"), RunDirectory(tmp_path / "mixed")
+    run_trial(first, alone, lambda _: None)
+
+    def stop_at_seven(progress):
+        if progress.step.done == 7:
+            raise Interrupted
+
+    run_trial(second, mixed, stop_at_seven)
+    mixed.folder(first).mkdir()
+    shutil.copy(mixed.folder(second) / "checkpoint.pt", mixed.folder(first))
+    steps = []
+    run_trial(first, mixed, lambda progress: steps.append(progress.step.done))
+    assert steps[:2] == [0, 1]
+    for name in ("result.ply", "trace.csv"):
+        assert (mixed.folder(first) / name).read_bytes() == (alone.folder(first) / name).read_bytes()
+    log = (mixed.folder(first) / "trial.log").read_text()
+    assert "starting over: checkpoint.pt is that of another trial\n" in log
+
+
+@pytest.mark.parametrize("damage", [b"", b"PK\x03\x04", saved([1, 2]), saved({}), saved({"done": 7}), saved(None)])
+def test_a_damaged_checkpoint_is_refused(tmp_path, damage):
     trial, store, folder = prepared(tmp_path)
     folder.mkdir(parents=True)
+    assert read_checkpoint(trial, store) is None
     (folder / "checkpoint.pt").write_bytes(damage)
+    with pytest.raises(StoreError, match=r"checkpoint\.pt is damaged, or of another version"):
+        read_checkpoint(trial, store)
+
+
+def test_no_byte_of_a_checkpoint_can_change_what_is_resumed(tmp_path):
+    trial, store, folder = prepared(tmp_path)
+    folder.mkdir(parents=True)
+    content = {
+        "done": 7,
+        "trace": [(1, 0.1), (2, 1e-300)],
+        "mesh": {"verts": torch.arange(6.0).view(2, 3)},
+        "tool": None,
+    }
+    write_checkpoint(trial, store, content)
+    whole = (folder / "checkpoint.pt").read_bytes()
+    assert repr(read_checkpoint(trial, store)) == repr(content)
+    random = np.random.default_rng(0)
+    for place in random.choice(len(whole), 60, replace=False):
+        damaged = bytearray(whole)
+        damaged[place] ^= int(random.integers(1, 256))
+        (folder / "checkpoint.pt").write_bytes(damaged)
+        with suppress(StoreError):
+            assert repr(read_checkpoint(trial, store)) == repr(content)
+
+
+def test_a_trial_with_a_damaged_checkpoint_starts_over(tmp_path):
+    trial, store, folder = prepared(tmp_path)
+    folder.mkdir(parents=True)
+    (folder / "checkpoint.pt").write_bytes(saved([1, 2]))
     assert run_trial(trial, store, lambda _: None).status is TrialStatus.COMPLETE
+    assert "starting over: checkpoint.pt is damaged" in (folder / "trial.log").read_text()
 
 
 def test_a_checkpoint_is_never_executed(tmp_path):

@@ -11,7 +11,7 @@ import numpy as np
 
 from meshfit.config.experiment import SourceSettings
 from meshfit.config.strict_yaml import dump
-from meshfit.errors import MeshfitWarning
+from meshfit.errors import MeshfitWarning, StoreError
 from meshfit.experiment.guidance import guidance_of, read_landmarks
 from meshfit.experiment.plan import Trial, command_files
 from meshfit.experiment.running.trial_source import prepare_source, warn_of_differences
@@ -341,8 +341,12 @@ class TrialRunner:
         self._log.close("interrupted; the next run resumes it")
 
     def _checkpoint(self) -> Checkpoint | None:
-        """The last checkpoint, unless a snapshot up to it is missing."""
-        checkpoint = read_checkpoint(self.trial, self.store)
+        """The last checkpoint, unless it is not one of this trial, or a snapshot up to it is missing."""
+        checkpoint = None
+        try:
+            checkpoint = read_checkpoint(self.trial, self.store)
+        except StoreError as error:
+            self._log.note(f"starting over: {error}")
         done = 0 if checkpoint is None else int(checkpoint["done"])
         if keep_snapshots(self.trial, self.store, snapshot_steps(self.trial, done)):
             return checkpoint

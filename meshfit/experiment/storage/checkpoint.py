@@ -1,11 +1,13 @@
 """Checkpoints and snapshots of a fit, in the folder of its trial."""
 
+import hashlib
 import io
 import re
 from collections.abc import Collection
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from meshfit.errors import StoreError
 from meshfit.experiment.storage.run_directory import CHECKPOINT, RunDirectory, make_folder
 
 if TYPE_CHECKING:
@@ -13,24 +15,30 @@ if TYPE_CHECKING:
     from meshfit.fitting.problem import Checkpoint
 
 SNAPSHOTS = "snapshots"
+_IDENTITY, _ENGINE, _DIGEST = "identity", "engine", "sha256"
 _SNAPSHOT = re.compile(r"step-(\d+)\.ply")
 
 
 def write_checkpoint(trial: "Trial", store: RunDirectory, checkpoint: "Checkpoint") -> None:
-    """Write a checkpoint in place of the previous one.
+    """Write a checkpoint in place of the previous one, with the identity of its trial and a digest of its content.
 
     Raises:
         StoreError: it cannot be written.
     """
     import torch
 
+    content = checkpoint | {_IDENTITY: trial.identity, _ENGINE: trial.settings.fit.method}
     buffer = io.BytesIO()
-    torch.save(checkpoint, buffer)
+    torch.save(content | {_DIGEST: _digest(content)}, buffer)
     store.write(trial, CHECKPOINT, buffer.getvalue())
 
 
 def read_checkpoint(trial: "Trial", store: RunDirectory) -> "Checkpoint | None":
-    """Read the checkpoint of a trial; None where there is none, or none that can be read."""
+    """Read the checkpoint of a trial; None where there is none.
+
+    Raises:
+        StoreError: it is damaged, or that of another trial or engine.
+    """
     import torch
 
     path = store.folder(trial) / CHECKPOINT
@@ -38,10 +46,44 @@ def read_checkpoint(trial: "Trial", store: RunDirectory) -> "Checkpoint | None":
         return None
     try:
         # weights_only: a checkpoint holds tensors and numbers, and nothing in it is ever executed.
-        checkpoint: Checkpoint = torch.load(path, map_location="cpu", weights_only=True)
-    except Exception:  # noqa: BLE001  a damaged file makes torch raise anything; the trial then starts over
-        return None
+        content = torch.load(path, map_location="cpu", weights_only=True)
+        found = content.pop(_DIGEST)
+        is_whole = found == _digest(content)
+    except Exception:  # noqa: BLE001  a damaged file makes torch raise anything
+        is_whole = False
+    if not is_whole:
+        raise StoreError(f"{CHECKPOINT} is damaged, or of another version of meshfit")
+    if content.pop(_IDENTITY) != trial.identity:
+        raise StoreError(f"{CHECKPOINT} is that of another trial")
+    if (engine := content.pop(_ENGINE)) != trial.settings.fit.method:
+        raise StoreError(f"{CHECKPOINT} is that of engine {engine}")
+    checkpoint: Checkpoint = content
     return checkpoint
+
+
+def _digest(content: object) -> str:
+    """Return the SHA-256 of nested dicts and sequences of tensors and plain values."""
+    digest = hashlib.sha256()
+
+    def update(value: Any) -> None:  # noqa: ANN401  whatever a checkpoint holds
+        if isinstance(value, dict):
+            digest.update(f"dict {len(value)} ".encode())
+            for key, entry in value.items():
+                update(key)
+                update(entry)
+        elif isinstance(value, list | tuple):
+            digest.update(f"sequence {len(value)} ".encode())
+            for entry in value:
+                update(entry)
+        elif hasattr(value, "untyped_storage"):
+            array = value.detach().cpu().contiguous().numpy()
+            digest.update(f"tensor {array.dtype} {array.shape} ".encode())
+            digest.update(array.tobytes())
+        else:
+            digest.update(f"{type(value).__name__} {value!r} ".encode())
+
+    update(content)
+    return digest.hexdigest()
 
 
 def write_snapshot(trial: "Trial", store: RunDirectory, step: int, content: bytes) -> None:
