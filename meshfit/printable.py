@@ -10,6 +10,9 @@ from meshfit.errors import ConfigError
 _CATEGORIES = ("Cc", "Cs", "Zl", "Zp")
 # They change the direction of the text after them.
 _BIDIRECTIONAL = "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
+LONGEST_MESSAGE = 480
+"""The most characters of an error or a warning on the terminal."""
+_ELLIPSIS = " … "
 _LONGEST_VALUE = 60
 _ARRAY_LIBRARIES = ("numpy", "torch", "jax", "jaxlib", "cupy", "tensorflow")
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
@@ -41,6 +44,14 @@ def require_printable(name: str, what: str) -> None:
     """
     if (shown := printable(name)) != name:
         raise ConfigError(f"{what} '{shown}': a name cannot have control characters; remove them")
+
+
+def shortened(message: str, longest: int = LONGEST_MESSAGE) -> str:
+    """Return a message of at most `longest` characters: the middle of a longer one gives way to an ellipsis."""
+    if len(message) <= longest:
+        return message
+    kept = longest - len(_ELLIPSIS)
+    return f"{message[: kept - kept // 2]}{_ELLIPSIS}{message[len(message) - kept // 2 :]}"
 
 
 def csv_cell(value: object) -> str:

@@ -16,6 +16,8 @@ from meshfit.specs import suggest
 KIND_KEY, DEFAULT_KIND = "method", "first-order"
 """The key that selects among several kinds of settings, and the kind of settings without it."""
 
+MOST_PARTS = 16
+"""The most parts of a dotted key."""
 _LONGEST_VALUE = 100
 _MOST_FAULTS = 20
 _LARGEST_EXACT = 2**53
@@ -124,9 +126,20 @@ def apply_changes(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[s
 
 
 def nested(key: str, value: Any) -> dict[str, Any]:  # noqa: ANN401  any YAML value
-    """Return the mapping that sets a dotted key: `fit.steps`, 5 → {"fit": {"steps": 5}}."""
-    first, dot, rest = key.partition(".")
-    return {first: nested(rest, value) if dot else value}
+    """Return the mapping that sets a dotted key: `fit.steps`, 5 → {"fit": {"steps": 5}}.
+
+    Raises:
+        ConfigError: the key has more parts than any setting.
+    """
+    parts = key.split(".")
+    if len(parts) > MOST_PARTS:
+        raise ConfigError(
+            f"{'.'.join(parts[:3])}…: no such key: it has {len(parts):,} parts; settings have {MOST_PARTS} or fewer"
+        )
+    for part in reversed(parts):
+        value = {part: value}
+    result: dict[str, Any] = value
+    return result
 
 
 def takes_list(model: type[BaseModel], key: str) -> bool:

@@ -16,7 +16,7 @@ from rich.segment import Segment
 
 from meshfit.cli.crash_report import EXIT_CRASHED, crash_report
 from meshfit.errors import MeshfitError, MeshfitWarning
-from meshfit.printable import printable
+from meshfit.printable import printable, shortened
 
 EXIT_FAILED = 1
 """A trial failed, or a check fell short."""
@@ -88,12 +88,12 @@ err.push_render_hook(_Escaping())
 
 def print_error(message: str) -> None:
     """Print an error as one line on stderr."""
-    err.print(f"[bold red]error:[/] {escape(' '.join(message.split()))}", soft_wrap=True)
+    err.print(f"[bold red]error:[/] {escape(shortened(' '.join(message.split())))}", soft_wrap=True)
 
 
 def print_warning(message: str) -> None:
     """Print a warning as one line on stderr."""
-    err.print(f"[bold magenta]warning:[/] {escape(message)}", soft_wrap=True)
+    err.print(f"[bold magenta]warning:[/] {escape(shortened(message))}", soft_wrap=True)
 
 
 @contextmanager

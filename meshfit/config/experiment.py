@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections import Counter
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
@@ -61,9 +62,9 @@ _OWN_SCHEMES = {
 
 
 def _unique(values: tuple[object, ...]) -> tuple[object, ...]:
-    duplicates = sorted(str(value) for value in values if values.count(value) > 1)
-    if duplicates:
-        raise ValueError(f"duplicate entry {duplicates[0]}")
+    counts = Counter(values)
+    if len(counts) < len(values):
+        raise ValueError(f"duplicate entry {min(str(value) for value, count in counts.items() if count > 1)}")
     return values
 
 

@@ -14,6 +14,10 @@ import yaml
 from meshfit.errors import ConfigError
 from meshfit.settings import KeyPath
 
+MOST_BYTES = 2_000_000
+"""The largest size of a document."""
+MOST_NODES = 120_000
+"""The most nodes of a document."""
 MOST_COPIES = 10_000
 """The most nodes (values, lists and mappings) that the aliases of a document may add to it."""
 
@@ -29,9 +33,10 @@ class _Loader(yaml.SafeLoader):
     def __init__(self, text: str) -> None:
         super().__init__(text)
         self._open: set[str] = set()
+        self._nodes = 0
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        """Refuse tags, and aliases of the value that they stand in."""
+        """Refuse tags, aliases of the value that they stand in, and a document that is too large."""
         event = self.peek_event()  # type: ignore[no-untyped-call]
         anchor = getattr(event, "anchor", None)
         refused = None
@@ -39,6 +44,9 @@ class _Loader(yaml.SafeLoader):
             refused = f"*{anchor} stands inside &{anchor}, which would never end"
         elif getattr(event, "tag", None) not in (None, "!"):
             refused = "tags (!name) are not allowed; write the value out"
+        self._nodes += 1
+        if self._nodes > MOST_NODES:
+            refused = f"more than {MOST_NODES:,} values; expected fewer"
         if refused is not None:
             raise yaml.composer.ComposerError(problem=refused, problem_mark=event.start_mark)
         if isinstance(event, yaml.AliasEvent) or anchor is None:
@@ -180,7 +188,11 @@ def read_document(path: Path) -> Document:
         ConfigError: the file cannot be read, or is invalid; with the line.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        with path.open("rb") as file:
+            content = file.read(MOST_BYTES + 1)
+        if len(content) > MOST_BYTES:
+            raise ConfigError(f"{path}: larger than {MOST_BYTES // 1_000_000} MB; expected a config, which is smaller")
+        text = content.decode("utf-8")
     except UnicodeDecodeError:
         raise ConfigError(f"{path}: not a text file in UTF-8") from None
     except OSError as error:

@@ -1,6 +1,7 @@
 """Sweeps: settings varied as a grid, in step (`zip`), as named `variants`, by a `sample`, or as their product."""
 
 import json
+import math
 import re
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -10,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from meshfit.config.experiment import NO_EFFECT_ON_RESULTS, ExperimentSettings, canonical_key
-from meshfit.config.sweep_samples import RANGES, SAMPLE, read_ranges, sampled_points
+from meshfit.config.sweep_samples import MOST_POINTS, RANGES, SAMPLE, read_ranges, sampled_points
 from meshfit.errors import ConfigError
 from meshfit.printable import printable, require_printable
 from meshfit.settings import KIND_KEY, apply_changes, build, deep_merge, nested
@@ -18,6 +19,8 @@ from meshfit.settings import KIND_KEY, apply_changes, build, deep_merge, nested
 ZIP, VARIANTS = "zip", "variants"
 _NOT_KEYS = (ZIP, VARIANTS, SAMPLE, RANGES)
 _AXES = ("targets", "schemes", "seeds")
+MOST_TRIALS = 100_000
+"""The most trials of an experiment."""
 _LONGEST_VALUE = 60
 
 
@@ -56,6 +59,7 @@ def variants_of(settings: ExperimentSettings, where: Callable[[], str] = lambda:
         axes = _axes(settings.sweep)
     except ConfigError as error:
         raise ConfigError(f"{where()}{error}") from None
+    _check_number_of_trials(settings, math.prod(map(len, axes)), where)
     variants: dict[str, Variant] = {}
     for points in product(*axes):
         changes = {key: value for point in points for key, value in point.changes.items()}
@@ -114,9 +118,12 @@ def _axes(sweep: Mapping[str, Any]) -> list[list[_Point]]:
         for name, changes in named.items()
     ]
     zipped = _lists(_mapping(sweep.get(ZIP, {}), f"sweep.{ZIP}"))
+    grid = _lists({key: value for key, value in sweep.items() if key not in _NOT_KEYS})
+    _check_size(
+        len(variants) or 1, len(next(iter(zipped.values()), ())) or 1, _num_sampled(sweep), *map(len, grid.values())
+    )
     sampled = sampled_points(sweep.get(SAMPLE), sweep.get(RANGES)) if sweep.keys() & {SAMPLE, RANGES} else []
     ranges = read_ranges(sweep[RANGES]) if sampled else {}
-    grid = _lists({key: value for key, value in sweep.items() if key not in _NOT_KEYS})
     _check_keys([dict.fromkeys(key for point in variants for key in point.changes), zipped, ranges, grid])
     keys = {**zipped, **{key: _listed(values) for key, values in ranges.items()}, **grid}
 
@@ -127,6 +134,28 @@ def _axes(sweep: Mapping[str, Any]) -> list[list[_Point]]:
     lines = [[point({key: value}) for value in values] for key, values in grid.items()]
     samples = [point(changes) for changes in sampled]
     return [axis for axis in (variants, steps, samples, *lines) if axis]
+
+
+def _check_size(*lengths: int) -> None:
+    """Refuse a sweep of more points than can be planned, before any is made."""
+    if (points := math.prod(lengths)) > MOST_POINTS:
+        axes = " × ".join(f"{length:,}" for length in lengths if length > 1)
+        product = f" ({axes})" if axes != f"{points:,}" else ""
+        raise ConfigError(f"sweep: {points:,} points{product}; expected {MOST_POINTS:,} or fewer")
+
+
+def _check_number_of_trials(settings: ExperimentSettings, points: int, where: Callable[[], str]) -> None:
+    """Refuse an experiment of more trials than can be planned, before any is planned."""
+    axes = {axis: len(getattr(settings, axis)) for axis in _AXES} | {"points of the sweep": points}
+    if (trials := math.prod(axes.values())) > MOST_TRIALS:
+        factors = " × ".join(f"{length:,} {axis}" for axis, length in axes.items() if length > 1)
+        raise ConfigError(f"{where()}{trials:,} trials ({factors}); expected {MOST_TRIALS:,} or fewer")
+
+
+def _num_sampled(sweep: Mapping[str, Any]) -> int:
+    sample = sweep.get(SAMPLE)
+    points = sample.get("points") if isinstance(sample, Mapping) else None
+    return points if isinstance(points, int) and points > 0 else 1  # anything else is refused later
 
 
 def _in_step(zipped: Mapping[str, list[Any]]) -> Iterator[tuple[Any, ...]]:

@@ -15,6 +15,8 @@ from meshfit.printable import printable
 from meshfit.settings import DEFAULT_KIND, KIND_KEY, Settings, build
 from meshfit.specs import suggest
 
+MOST_STEPS = 1_000_000_000
+"""The most steps of a fit, or of a part of it."""
 Every = Annotated[int, Field(ge=1)]
 Weight = Annotated[float, Field(ge=0)]
 Fairness = Annotated[float, Field(gt=0)]
@@ -104,8 +106,8 @@ class FirstOrderSettings(Settings):
 
     method: Literal["first-order"] = "first-order"
     """Engine: `first-order` moves the source's vertices along the gradient of the weighted losses."""
-    steps: Annotated[int, Field(ge=0)] = 2000
-    """Number of optimiser steps (0 or more)."""
+    steps: Annotated[int, Field(ge=0, le=MOST_STEPS)] = 2000
+    """Number of optimiser steps (0 to 1,000,000,000)."""
     samples: Annotated[int, Field(ge=1)] = 5000
     """Number of points (1 or more) sampled at every step on each of source and target, uniformly by area."""
     losses: LossWeights = LossWeights()
@@ -168,16 +170,16 @@ class GaussNewtonSettings(Settings):
     before the last steps, which puts vertices where it bends; at most 60,000 vertices, and 1 for no decimation."""
     levels: Annotated[int, Field(ge=0, le=5)] = 1
     """Number of subdivision levels (0 to 5) from coarse to fine, or from the control mesh to the surface."""
-    coarse_steps: Annotated[int, Field(ge=0)] = 40
-    """Number of steps (0 or more) of each search for the rough shape."""
+    coarse_steps: Annotated[int, Field(ge=0, le=MOST_STEPS)] = 40
+    """Number of steps (0 to 1,000,000,000) of each search for the rough shape."""
     tries: Annotated[int, Field(ge=1, le=10)] = 3
     """Largest number of searches (1 to 10) for the rough shape; each restarts from the source, with more vertices, and
     only while parts of the surface stay off the target. A source that is near to the target needs none. Above 1, a fit
     that ends with parts joined which the target has apart is followed by a second one; the nearer is the result."""
-    level_steps: Annotated[int, Field(ge=1)] = 8
-    """Number of steps (1 or more) at each level."""
-    last_steps: Annotated[int, Field(ge=0)] = 5
-    """Number of final steps (0 or more) on the finest level."""
+    level_steps: Annotated[int, Field(ge=1, le=MOST_STEPS)] = 8
+    """Number of steps (1 to 1,000,000,000) at each level."""
+    last_steps: Annotated[int, Field(ge=0, le=MOST_STEPS)] = 5
+    """Number of final steps (0 to 1,000,000,000) on the finest level."""
     start_fairness: Fairness | None = None
     """Weight of smoothness (above 0) at the start of each level; null means 0.2, or 0.05 for a source that is near to
     the target."""

@@ -20,9 +20,10 @@ from meshfit.doors import no_type_check
 from meshfit.errors import MeshError
 from meshfit.mesh.any_mesh import as_path
 from meshfit.mesh.io.json_objects import JsonObject
+from meshfit.mesh.io.text import read_small_file
 from meshfit.mesh.landmarks import Landmark, Landmarks
 from meshfit.mesh.places import Place
-from meshfit.paths import is_pipe, is_regular_file, not_a_file_message, path_text, read_error_message
+from meshfit.paths import path_text
 from meshfit.specs import suggest
 
 LANDMARK_SUFFIXES = (".csv", ".tsv", ".txt", ".fcsv", ".mrk.json", ".json")
@@ -74,12 +75,7 @@ def load_landmarks(path: str | Path, target: str | Path | None = None) -> Landma
 
 def _load(path: Path) -> Landmarks:
     origin = path_text(path)
-    if not (is_regular_file(path) or is_pipe(path)):
-        raise MeshError(f"{origin}: {not_a_file_message(path, LANDMARK_SUFFIXES)}")
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise MeshError(f"{origin}: {read_error_message(error)}") from error
+    content = read_small_file(path, LANDMARK_SUFFIXES)
     try:
         rows = list(_reader(path.name.lower())(content))
     except MeshError as error:

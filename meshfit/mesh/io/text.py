@@ -1,8 +1,9 @@
 """Lines of text files: numbered, split into words, without comments; and the numbers on them."""
 
+import os
 import re
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,8 @@ from meshfit.paths import is_pipe, is_regular_file, not_a_file_message, path_tex
 
 Lines = Iterator[tuple[int, list[bytes]]]
 
+MOST_BYTES = 100_000_000
+"""The largest size of a small text file: a line for each vertex of a large mesh."""
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _INTEGER = re.compile(rb"[-+]?\d+")
 _MOST_DIGITS = 15
@@ -41,20 +44,44 @@ def split_lines(content: bytes) -> Lines:
             yield number, words
 
 
+def read_small_file(path: str | Path, suffixes: Collection[str] = (".txt",)) -> bytes:
+    """Return the content of a small file of the user's, which may be a pipe.
+
+    Args:
+        path: its path.
+        suffixes: those of the files to suggest where there is none.
+
+    Raises:
+        MeshError: it cannot be read, is no file, has more than `MOST_BYTES`, or is a pipe without a writer.
+    """
+    shown = path_text(path)
+    if not (is_regular_file(path) or is_pipe(path)):
+        raise MeshError(f"{shown}: {not_a_file_message(path, suffixes)}")
+    try:
+        # Opening a pipe that nobody writes to would wait for ever.
+        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+        os.set_blocking(descriptor, True)
+        with open(descriptor, "rb") as file:  # noqa: PTH123  a descriptor
+            content = file.read(MOST_BYTES + 1)
+    except OSError as error:
+        raise MeshError(f"{shown}: {read_error_message(error)}") from error
+    if not content and is_pipe(path):
+        raise MeshError(f"{shown}: a pipe that nothing is written to; give the path of a file")
+    if len(content) > MOST_BYTES:
+        raise MeshError(f"{shown}: larger than {MOST_BYTES // 1_000_000} MB; expected a small text file")
+    return content
+
+
 def read_word_lines(path: str | Path) -> Iterator[tuple[int, list[str]]]:
     """Yield the number and the words of each line of a UTF-8 text file that is not empty; `#` begins a comment.
 
     Raises:
         MeshError: the file cannot be read, or is not UTF-8 text.
     """
-    if not (is_regular_file(path) or is_pipe(path)):
-        raise MeshError(f"{path_text(path)}: {not_a_file_message(path, ('.txt',))}")
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
+        text = read_small_file(path).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise MeshError(f"{path}: not a text file in UTF-8") from None
-    except OSError as error:
-        raise MeshError(f"{path_text(path)}: {read_error_message(error)}") from error
     for number, line in enumerate(text.splitlines(), 1):
         if words := line.partition("#")[0].split():
             yield number, words

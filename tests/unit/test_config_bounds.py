@@ -1,0 +1,87 @@
+"""Configs that ask for more than can be planned are refused before anything of that size is made."""
+
+import os
+import re
+
+import pytest
+
+from meshfit.cli.console import print_error
+from meshfit.config import strict_yaml
+from meshfit.config.loading import load_experiment
+from meshfit.errors import ConfigError, MeshError
+from meshfit.mesh.io.text import read_small_file, read_word_lines
+from meshfit.printable import LONGEST_MESSAGE, shortened
+from tests.loops import over
+
+_LONG = "[" + ", ".join(map(str, range(400))) + "]"
+
+
+@over(
+    ("text", "message"),
+    [
+        (
+            f"sweep: {{fit.samples: {_LONG.replace('[0, ', '[')}, fit.steps: {_LONG}}}",
+            "line 1: sweep: 159,600 points (399 × 400); expected 100,000 or fewer",
+        ),
+        (
+            f"seeds: {_LONG}\ntargets: [bunny, cow]\nschemes: [loop]\nsweep: {{fit.steps: {_LONG}}}",
+            "320,000 trials (2 targets × 400 seeds × 400 points of the sweep); expected 100,000 or fewer",
+        ),
+        ("sweep: {sample: {points: 100000}, ranges: {fit.losses.edge: [0, 1]}, fit.steps: [1, 2]}", "200,000 points"),
+        (f"fit: {{steps: {10**30}}}", "line 1: fit.steps: expected a number of 1000000000 or less"),
+        ("# " + "x" * 2_000_000, "larger than 2 MB"),
+    ],
+)
+def test_a_config_that_asks_for_too_much(tmp_path, text, message):
+    (tmp_path / "c.yaml").write_text(text)
+    with pytest.raises(ConfigError, match=re.escape(message)):
+        load_experiment(str(tmp_path / "c.yaml"))
+
+
+def test_a_config_of_too_many_values(tmp_path, monkeypatch):
+    monkeypatch.setattr(strict_yaml, "MOST_NODES", 50)
+    (tmp_path / "c.yaml").write_text(f"seeds: {_LONG}")
+    with pytest.raises(ConfigError, match="line 1: not valid YAML: more than 50 values; expected fewer"):
+        load_experiment(str(tmp_path / "c.yaml"))
+
+
+def test_a_key_of_thousands_of_parts():
+    with pytest.raises(ConfigError, match=r"a\.a\.a…: no such key: it has 3,000 parts; settings have 16 or fewer"):
+        load_experiment("tutorial", [".".join("a" * 3000) + "=1"])
+
+
+def test_duplicates_among_many_seeds_are_found(tmp_path):
+    (tmp_path / "c.yaml").write_text(f"seeds: {_LONG[:-1]}, 7]")
+    with pytest.raises(ConfigError, match="duplicate entry 7"):
+        load_experiment(str(tmp_path / "c.yaml"))
+
+
+def test_a_pipe_without_a_writer_does_not_hang(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(MeshError, match="pipe: a pipe that nothing is written to"):
+        read_small_file(tmp_path / "pipe")
+
+
+def test_a_pipe_with_a_writer_is_read():
+    reader, writer = os.pipe()
+    os.write(writer, b"1 2 # three\n")
+    os.close(writer)
+    assert list(read_word_lines(f"/dev/fd/{reader}")) == [(1, ["1", "2"])]
+    os.close(reader)
+
+
+def test_a_small_file_that_is_too_large(tmp_path):
+    with (tmp_path / "large.txt").open("wb") as file:
+        file.truncate(100_000_001)  # without a byte on the disk
+    with pytest.raises(MeshError, match=r"large\.txt: larger than 100 MB"):
+        read_small_file(tmp_path / "large.txt")
+
+
+@over("length", [0, 5, LONGEST_MESSAGE, LONGEST_MESSAGE + 1, 100_000])
+def test_messages_keep_their_ends(length, capsys):
+    message = ("ab" * length)[:length]
+    short = shortened(message)
+    assert len(short) == min(length, LONGEST_MESSAGE)
+    assert short == message or (message.startswith(short[:200]) and message.endswith(short[-200:]))
+    print_error(message)
+    assert len(capsys.readouterr().err) < 500
