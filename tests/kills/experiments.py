@@ -73,9 +73,9 @@ class Experiment:
         complete = (path.parent for path in self.runs.glob("*/*/*/seed-*/result.json"))
         return {int(folder.name.split("-")[1]): digest(folder, self.folder) for folder in complete}
 
-    def half_written(self) -> list[str]:
-        """The names of the files in folders of trials that writers have left unfinished."""
-        names = (path.name for path in self.runs.glob("*/*/*/seed-*/.*"))
+    def half_written(self, seed: int | str = "*") -> list[str]:
+        """The names of the files in the folder of a trial, or of all, that writers have not finished."""
+        names = (path.name for path in self.runs.glob(f"*/*/*/seed-{seed}-*/.*"))
         return sorted(name for name in names if name != ".lock")
 
 

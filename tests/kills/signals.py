@@ -196,7 +196,7 @@ def check_phase(phase: str, experiment: Experiment, seed: int) -> None:
     assert progress["pid"] == experiment.pause.process or phase in BEFORE, progress
     assert (experiment.trial(seed) / "result.json").is_file() == (phase == "finishing")
     assert (experiment.trial(seed) / "checkpoint.pt").is_file()
-    parts = [name for name in experiment.half_written() if name.startswith(".result") or "checkpoint" in name]
+    parts = [name for name in experiment.half_written(seed) if name.startswith(".result") or "checkpoint" in name]
     assert bool(parts) == (phase in ("checkpoint-writing", "checkpoint-renaming", "writing", "renaming")), parts
 
 

@@ -11,7 +11,7 @@ from contextlib import closing
 
 import pytest
 
-from meshfit.errors import ClusterError, MeshError, TrialError
+from meshfit.errors import ClusterError, MeshError, StoreError, TrialError
 from meshfit.experiment.plan import plan
 from meshfit.experiment.running import backends, process_pool, trial_runner
 from meshfit.experiment.running.backends import CancellationFile, LocalWorkers, Remote
@@ -234,6 +234,16 @@ def test_workers_elsewhere_that_die_are_asked_again_and_their_trials_recorded(tm
     assert (outcomes[0].kind, store.failure(trial)["kind"]) == ("killed", "killed")
     with pytest.raises(ClusterError, match=r"^workers cannot be reached: BrokenProcessPool: a worker died; run"):
         run_trials([trial], store, remote=Remote(Dying(*[1] * 9)))
+
+
+def test_a_run_directory_that_is_moved_during_a_run_is_one_line(tmp_path):
+    (trial,) = plan([experiment(tmp_path)])
+    store = RunDirectory(tmp_path / "runs")
+    with store.lock(trial):
+        store.root.rename(tmp_path / "elsewhere")
+        for write in (store.write, store.append):
+            with pytest.raises(StoreError, match=r"moved or removed during the run; run the same command again$"):
+                write(trial, "a", "text")
 
 
 def test_half_written_files_of_earlier_attempts_are_removed(tmp_path):

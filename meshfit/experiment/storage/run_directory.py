@@ -107,7 +107,11 @@ class RunDirectory:
         Raises:
             StoreError: it cannot be written.
         """
-        write_atomically(self.folder(trial) / name, content, lasting=lasting)
+        try:
+            write_atomically(self.folder(trial) / name, content, lasting=lasting)
+        except StoreError:
+            self._require_folder(trial)
+            raise
 
     def append(self, trial: "Trial", name: str, text: str) -> None:
         """Append to a text file of a trial.
@@ -120,6 +124,7 @@ class RunDirectory:
             with path.open("a", encoding="utf-8") as file:
                 file.write(text)
         except OSError as error:
+            self._require_folder(trial)
             raise StoreError(f"{path}: {write_error_message(path, error)}") from error
 
     def remove(self, trial: "Trial", *names: str) -> None:
@@ -142,6 +147,11 @@ class RunDirectory:
             StoreError: it cannot be removed.
         """
         self.remove(trial, *filter(is_half_written, (path.name for path in self.folder(trial).glob(".*"))))
+
+    def _require_folder(self, trial: "Trial") -> None:
+        folder = self.folder(trial)
+        if not folder.is_dir():
+            raise StoreError(f"{folder}: moved or removed during the run; run the same command again") from None
 
     def _read(self, trial: "Trial", name: str) -> Result | None:
         path = self.folder(trial) / name
