@@ -10,6 +10,7 @@ from jaxtyping import Float64
 from meshfit.errors import ViewError
 from meshfit.images.camera import Camera
 from meshfit.images.silhouettes import Silhouette
+from meshfit.images.tunnels import without_narrow_tunnels
 from meshfit.images.views import View, Views
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.pieces import piece_of_face
@@ -28,6 +29,8 @@ _COARSE, _FREE = 40, 2
 _LONGEST = 20.0
 # Pieces of fewer faces than this share of the largest are specks of the grid.
 _SPECK = 0.005
+# Pixels by which a mask may be off.
+_HALF_PIXEL = 0.5
 # Weight of the origin among the lines of sight, of which there may be one alone.
 _ORIGIN = 1e-6
 
@@ -39,8 +42,9 @@ def visual_hull(
 
     Each voxel gets the least of its signed distances from the contours, in lengths of the world, and the surface of
     level 0 is extracted by marching cubes: it is as smooth as the contours, not as the voxels. What a view does not
-    show, because the object is cut off by its image, is left to the others. Where no mask bounds the hull, as along the
-    lines of sight of a single view, it is as deep as its mask is wide, about the point nearest to the world's origin.
+    show, because the object is cut off by its image, is left to the others. Narrow tunnels that no mask shows by more
+    than half a pixel are filled. Where no mask bounds the hull, as along the lines of sight of a single view, it is as
+    deep as its mask is wide, about the point nearest to the world's origin.
 
     Args:
         views: of one object.
@@ -74,7 +78,9 @@ def visual_hull(
         raise _nothing_in_common(len(views))
     from meshfit.mesh.proximity import zero_surface  # brings libigl, which a plan does not need
 
-    return _without_specks(zero_surface(values, axes))
+    centre = box.mean(axis=0)
+    tolerance = min(_HALF_PIXEL * _pixel_width(silhouette.camera, centre) for silhouette in silhouettes)
+    return _without_specks(zero_surface(without_narrow_tunnels(values, tolerance, cell), axes))
 
 
 @lru_cache(maxsize=2)  # a trial builds its source, describes it, and samples the hull
@@ -210,6 +216,12 @@ def _world_distance(silhouette: Silhouette, points: Float64[np.ndarray, "N 3"]) 
     in_front = depth > 0
     distance = silhouette.distance_at(np.where(in_front[:, None], pixels, 0.0)) * (depth / scale)
     return np.asarray(np.where(in_front, distance, depth - np.linalg.norm(points - camera.position, axis=1)))
+
+
+def _pixel_width(camera: Camera, point: Float64[np.ndarray, "3"]) -> float:
+    """Return the width of a pixel of a camera at a point."""
+    depth = float(camera.project(point[None])[1][0])
+    return (abs(depth) if camera.kind == "pinhole" else 1.0) / float(np.mean(camera.focal))
 
 
 def _without_specks(mesh: Mesh) -> Mesh:

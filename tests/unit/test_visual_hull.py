@@ -10,12 +10,13 @@ from meshfit.images.camera import Camera
 from meshfit.images.rasteriser import rasterise, render_view
 from meshfit.images.silhouettes import Silhouette
 from meshfit.images.sphere_cameras import cameras_around
+from meshfit.images.tunnels import without_narrow_tunnels
 from meshfit.images.views import View
 from meshfit.images.visual_hull import visual_hull
 from meshfit.mesh.any_mesh import as_mesh
 from meshfit.mesh.geometry import signed_volume, unit_vectors, vert_area_vectors
 from meshfit.mesh.manifold import TopologyCounts
-from meshfit.mesh.proximity import winding_numbers
+from meshfit.mesh.proximity import winding_numbers, zero_surface
 from meshfit.mesh.topology import Topology
 from tests.loops import over
 from tests.shapes import torus
@@ -61,6 +62,23 @@ def test_hull_encloses_the_object_shows_its_masks_and_shrinks_with_more_views():
             assert (seen & view.mask).sum() / (seen | view.mask).sum() > 0.95
     assert volumes[0] > volumes[1] > volumes[2] > 0.97 * signed_volume(ring)
     assert TopologyCounts.of(topology).handles >= 1
+
+
+def test_tunnels_are_filled_that_are_narrow_and_that_no_mask_shows_and_nothing_else_changes():
+    x, y, z = np.meshgrid(*[np.arange(-8.0, 9.0)] * 3, indexing="ij")
+    ball, axes = 6.3 - np.sqrt(x**2 + y**2 + z**2), [np.arange(17.0)] * 3
+    groove = np.minimum(ball, np.hypot(x - 6, y) - 1.2)
+
+    def handles(values):
+        return TopologyCounts.of(Topology.of(zero_surface(values, axes))).handles
+
+    for depth, radius, left in ((0.3, 1.5, 0), (0.7, 1.5, 1), (0.3, 3.4, 1)):
+        tunnel = np.where(np.hypot(x, y) < radius, -depth, groove)
+        filled = without_narrow_tunnels(tunnel, 0.5, 1.0)
+        assert (handles(tunnel), handles(filled)) == (1, left)
+        changed = filled != tunnel
+        assert not changed[(tunnel > 0) | (np.hypot(x, y) >= radius)].any()
+        assert changed.any() == (left == 0)
 
 
 @over("kind", ["orthographic", "pinhole"])
