@@ -11,6 +11,8 @@ from meshfit.fitting.gauss_newton import image_rows
 from meshfit.fitting.gauss_newton.correspondences import find_correspondences
 from meshfit.fitting.gauss_newton.fit_state import FitState
 from meshfit.fitting.gauss_newton.image_rows import ImageRows
+from meshfit.fitting.gauss_newton.outline import ImagedSurface
+from meshfit.fitting.gauss_newton.refinement import with_control_mesh
 from meshfit.fitting.gauss_newton.target import TargetCloud
 from meshfit.images.rasteriser import render_view
 from meshfit.images.sphere_cameras import cameras_around
@@ -91,6 +93,19 @@ def test_rims_in_front_of_other_parts_are_not_drawn_to_the_contour():
     normals = unit_vectors(vert_area_vectors(ring))[ring.faces[pairs.face.numpy()]]
     outwards = np.einsum("nk,nck,nc->n", pairs.residuals.numpy(), normals, pairs.corners.numpy())
     assert abs(np.average(outwards, weights=pairs.weights.numpy())) < 0.01 * pixel
+
+
+def test_outlines_of_a_limit_surface_are_where_its_own_normals_turn_away():
+    control = meshfit.subdivide("icosahedron", "loop", levels=1)
+    state = FitState.of(torch.tensor(control.verts, dtype=torch.float64), torch.tensor(control.faces))
+    for levels in (1, 2):
+        shape = with_control_mesh(state, "loop", levels, limit=True).shape
+        fine = meshfit.subdivide(control, "loop", levels=levels)
+        np.testing.assert_allclose(shape.verts.numpy(), meshfit.loop_limit(fine) @ fine.verts, atol=1e-12)
+        np.testing.assert_allclose(shape.smooth_normals.numpy(), meshfit.loop_limit_normals(fine), atol=1e-12)
+        np.testing.assert_allclose(ImagedSurface.of(shape).normals, shape.smooth_normals.numpy())
+    plain = with_control_mesh(state, "loop", 1, limit=False).shape
+    assert plain.smooth_normals is plain.vert_normals
 
 
 def test_silhouettes_give_a_better_surface_than_their_hull_and_normals_show_the_hollow():

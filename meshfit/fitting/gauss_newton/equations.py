@@ -11,10 +11,10 @@ from torch import Tensor
 
 from meshfit.fitting.gauss_newton.correspondences import Correspondences
 from meshfit.fitting.gauss_newton.fairness import Fairness
-from meshfit.fitting.gauss_newton.surface import Connectivity
+from meshfit.fitting.gauss_newton.surface import Connectivity, Shape
 from meshfit.loss.sparse import Sparse, compressed_rows
 from meshfit.mesh.topology import PolygonTopology
-from meshfit.remeshing.triangle_geometry import dot
+from meshfit.remeshing.triangle_geometry import dot, unit
 
 UPPER = tuple(combinations_with_replacement(range(3), 2))
 """Rows and columns of the upper half of a 3 × 3 matrix, in the order in which symmetric matrices are stored."""
@@ -112,12 +112,21 @@ class ControlledSurface:
         operator: (V, C) subdivision matrix S, from the control mesh's positions to the surface's.
         squares: (V, C) squared entries of S.
         polygons: the polygons that the surface was triangulated from, if any.
+        tangents: (V, C) operators to two tangents at each vertex, if they are on the limit surface.
     """
 
     pattern: SparsityPattern
     operator: Sparse
     squares: Sparse
     polygons: PolygonTopology | None = None
+    tangents: tuple[Sparse, Sparse] | None = None
+
+    def shape(self, verts: Float[Tensor, "C 3"]) -> Shape:
+        """Return the surface of a control mesh at these positions."""
+        normals = None
+        if self.tangents is not None:
+            normals = unit(torch.linalg.cross(self.tangents[0] @ verts, self.tangents[1] @ verts))
+        return Shape(self.pattern.connectivity, self.operator @ verts, normals)
 
     def diagonal(self, blocks: Float[Tensor, "V 3 3"]) -> Float[Tensor, "C 3 3"]:
         """Approximate the diagonal blocks of Sᵀ A S from the diagonal blocks of A."""

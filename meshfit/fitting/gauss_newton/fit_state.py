@@ -142,7 +142,7 @@ class FitState:
     def shape(self) -> Shape:
         """The current surface."""
         if self.controlled is not None:
-            return Shape(self.controlled.pattern.connectivity, self.controlled.operator @ self.verts)
+            return self.controlled.shape(self.verts)
         return Shape(self.pattern.connectivity, self.verts)
 
     def step(

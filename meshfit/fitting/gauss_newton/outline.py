@@ -12,7 +12,7 @@ from meshfit.images.camera import Camera
 from meshfit.images.rasteriser import Raster
 from meshfit.images.silhouettes import Silhouette, mask_contour
 from meshfit.images.views import Mask, View
-from meshfit.mesh.geometry import face_areas, face_normals, unit_vectors, vert_area_vectors
+from meshfit.mesh.geometry import face_areas, face_normals, unit_vectors
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.nearest import nearest_point_query
 
@@ -68,7 +68,7 @@ class ImagedSurface:
         shares = np.bincount(mesh.faces.reshape(-1), np.repeat(areas / 3, 3), minlength=mesh.num_verts) / areas.sum()
         return cls(
             mesh,
-            unit_vectors(vert_area_vectors(mesh)),
+            shape.smooth_normals.cpu().double().numpy(),
             face_normals(mesh),
             mesh.verts[mesh.faces].mean(axis=1),
             (edges.tail.cpu().numpy(), edges.head.cpu().numpy(), edges.left.cpu().numpy()),

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 from jaxtyping import Int64
+from scipy.sparse import coo_array
 from torch import Tensor
 
 from meshfit.fitting.gauss_newton.equations import ControlledSurface, SparsityPattern
@@ -15,7 +16,7 @@ from meshfit.loss.sparse import Sparse
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.topology import PolygonTopology, Topology
-from meshfit.subdivision.limit import loop_limit
+from meshfit.subdivision.limit import loop_limit, loop_limit_tangents
 from meshfit.subdivision.polygons.scheme import PolygonScheme
 from meshfit.subdivision.refine import PolygonRefinement, Refinement, linear_scheme, refine
 from meshfit.subdivision.registry import Scheme, resolve
@@ -45,15 +46,22 @@ def with_control_mesh(
     faces, polygons = _finest_triangles(refinement, matrix @ _positions(state))
     if triangles is not None:
         faces = triangles.numpy()
+    dtype, device, tangents = state.verts.dtype, state.verts.device, None
     if limit:
         assert isinstance(masks, TriangleScheme)  # noqa: S101  the engine has checked it
-        matrix = loop_limit(Topology(matrix.shape[0], faces), masks) @ matrix
-    dtype, device = state.verts.dtype, state.verts.device
+        topology = Topology(matrix.shape[0], faces)
+        found = loop_limit_tangents(topology, masks)
+        sectors = np.arange(len(found.vert))  # one at each vertex, as there are no creases
+        at_verts = coo_array((np.ones(len(sectors)), (found.vert, sectors)), shape=(matrix.shape[0], len(sectors)))
+        along, across = (Sparse.of(at_verts @ way @ matrix, dtype, device) for way in (found.along, found.across))
+        tangents = (along, across)
+        matrix = loop_limit(topology, masks) @ matrix
     surface = ControlledSurface(
         SparsityPattern(Connectivity(torch.tensor(faces, device=device), matrix.shape[0], dtype, state.crossing)),
         Sparse.of(matrix, dtype, device),
         Sparse.of(matrix.power(2), dtype, device),
         polygons,
+        tangents,
     )
     return replace(state, on_sphere=None, controlled=surface)
 

@@ -120,10 +120,17 @@ class Connectivity:
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A surface at its current positions, with its areas, normals and lengths."""
+    """A surface at its current positions, with its areas, normals and lengths.
+
+    Attributes:
+        connectivity: its faces.
+        verts: (V, 3) its positions.
+        limit_normals: (V, 3) unit normals of the limit surface that the vertices are on, 0 where it has none; or None.
+    """
 
     connectivity: Connectivity
     verts: Float[Tensor, "V 3"]
+    limit_normals: Float[Tensor, "V 3"] | None = None
 
     @cached_property
     def double_area_vectors(self) -> Float[Tensor, "F 3"]:
@@ -144,6 +151,13 @@ class Shape:
     def vert_normals(self) -> Float[Tensor, "V 3"]:
         """Unit normals at the vertices: area-weighted means of the face normals."""
         return unit(self.connectivity.at_verts(self.double_area_vectors))
+
+    @cached_property
+    def smooth_normals(self) -> Float[Tensor, "V 3"]:
+        """Unit normals at the vertices of the smooth surface that they are on, or that the faces stand for."""
+        if self.limit_normals is None:
+            return self.vert_normals
+        return torch.where(self.limit_normals.any(1, keepdim=True), self.limit_normals, self.vert_normals)
 
     @cached_property
     def corners(self) -> Float[Tensor, "F 3 3"]:
