@@ -9,6 +9,7 @@ import torch
 import meshfit
 from meshfit.fitting.gauss_newton import image_rows
 from meshfit.fitting.gauss_newton.correspondences import find_correspondences
+from meshfit.fitting.gauss_newton.engine import GaussNewton
 from meshfit.fitting.gauss_newton.fit_state import FitState
 from meshfit.fitting.gauss_newton.image_rows import ImageRows
 from meshfit.fitting.gauss_newton.outline import ImagedSurface
@@ -20,6 +21,7 @@ from meshfit.images.views import Views
 from meshfit.images.visual_hull import visual_hull
 from meshfit.mesh.geometry import unit_vectors, vert_area_vectors
 from meshfit.mesh.proximity import point_distances
+from tests.checkpoints import through_a_file
 from tests.loops import over
 from tests.shapes import torus
 
@@ -128,3 +130,22 @@ def test_a_fit_in_a_batch_gives_the_bytes_of_a_single_one():
     (alone,) = meshfit.fit_batch(problems[1:], settings, device="cpu")
     assert together[1].mesh.verts.tobytes() == alone.mesh.verts.tobytes()
     assert together[1].trace.rows == alone.trace.rows
+
+
+@pytest.mark.slow
+@over("chosen", [{}, {"variables": "control", "limit": True}])
+def test_a_fit_to_images_continues_from_a_checkpoint_to_the_same_bytes(chosen):
+    views, settings = _views(4, 32), meshfit.GaussNewtonSettings(verts=100, **_FEW | chosen)
+    hull = visual_hull(views, 10)
+    problem = meshfit.Problem(hull, hull, own=False, images=views)
+    (whole,) = meshfit.fit_batch([problem], settings, device="cpu")
+    engine = GaussNewton([problem], settings, torch.device("cpu"), torch.float32)
+    for done in range(1, engine.steps):
+        engine.step()
+        if done in (2, engine.steps - 1):
+            again = GaussNewton([problem], settings, torch.device("cpu"), torch.float32)
+            again.restore([through_a_file(engine.checkpoint(0))])
+            while again.done < again.steps:
+                again.step()
+            assert again.mesh(0).verts.tobytes() == whole.mesh.verts.tobytes()
+            assert again.traces[0].rows == whole.trace.rows
