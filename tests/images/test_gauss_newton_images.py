@@ -120,6 +120,20 @@ def test_silhouettes_give_a_better_surface_than_their_hull_and_normals_show_the_
         assert not outcome.shortfalls
 
 
+def test_thin_parts_that_a_search_for_the_rough_shape_loses_are_those_of_the_hull():
+    ball = meshfit.subdivide("icosahedron", "loop", levels=4)
+    x, y, z = (ball.verts / np.linalg.norm(ball.verts, axis=1)[:, None]).T
+    ears = np.exp(-((4 * z) ** 2) - ((np.abs(x) - 0.75) / 0.12) ** 2) * (y > 0)
+    animal = ball.with_verts(np.column_stack([x, y + 1.1 * ears, z]))
+    cameras = cameras_around(animal, 6, 64)
+    views = Views([render_view(animal, camera, f"{k}", depth=False, normals=False) for k, camera in enumerate(cameras)])
+    hull, rows, settings = visual_hull(views, 40), ImageRows.of(views), meshfit.GaussNewtonSettings(verts=300, **_FEW)
+    (outcome,) = meshfit.fit_batch([meshfit.Problem(hull, hull, own=False, images=views)], settings, device="cpu")
+    assert rows.loses_parts(ball.with_verts(np.column_stack([x, y, z])), hull)
+    assert not rows.loses_parts(outcome.mesh, hull)
+    assert point_distances(outcome.mesh, animal.verts).max() < 0.2
+
+
 def test_a_fit_in_a_batch_gives_the_bytes_of_a_single_one():
     views, settings = _views(4, 32), meshfit.GaussNewtonSettings(verts=100, **_FEW)
     problems = []

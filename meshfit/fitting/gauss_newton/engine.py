@@ -278,8 +278,13 @@ class GaussNewton(Engine):
         return skins
 
     def _end_search(self, member: int, state: FitState) -> FitState:
-        target = self.problems[member].target
-        return self._restarts[member].end_search(state, lambda: hidden_share(target))
+        problem, restarts, images = self.problems[member], self._restarts[member], self._images[member]
+        near, _ = self._near[member]
+        if images is not None and near and self._only_hull(member) and not restarts.settled:
+            start = self._start(problem, near=True)
+            if images.loses_parts(_mesh_at(state), _mesh_at(start)):
+                restarts.best, restarts.settled = start, True
+        return restarts.end_search(state, lambda: hidden_share(problem.target))
 
     def shortfalls(self, member: int) -> list[str]:
         """Return what the fit did not reach, in words."""

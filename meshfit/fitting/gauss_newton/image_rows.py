@@ -30,10 +30,14 @@ from meshfit.images.camera import Camera
 from meshfit.images.rasteriser import Raster, rasterise
 from meshfit.images.views import View, Views
 from meshfit.mesh.geometry import face_areas, unit_vectors
+from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.nearest import nearest_point_query
 
 # Views that a step looks at, in turn.
 _VIEWS = 32
+# A surface has lost a part if a pixel of a mask is so many times as far from its own mask as from the source's, and
+# farther than so many pixels of a raster.
+_LOST, _LOST_PIXELS = 2.0, 3.0
 # Least cosine between the normals of matched points of contours.
 _FACING = 0.5
 # Vertices farther outside a mask than so many pixels are pulled in.
@@ -106,6 +110,11 @@ class ImageRows:
         if self.have_normals or self.shows_depth:
             return 0.0
         return min(_FAIRNESS / max(len(self.images), 1) * (num_verts / 10_000) ** 2, _MOST_FAIRNESS)
+
+    def loses_parts(self, surface: Mesh, source: Mesh) -> bool:
+        """Return whether a surface leaves a part of a mask uncovered that its source covers."""
+        after, before = (max(image.uncovered(mesh) for image in self.images) for mesh in (surface, source))
+        return after > max(_LOST * before, _LOST_PIXELS)
 
     def adapted(self, pairs: Correspondences, shape: Shape, number: int) -> Correspondences:
         """Return the rows of the images; behind those of the target's points, where these come from depth.

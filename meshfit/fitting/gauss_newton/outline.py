@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
-from scipy.ndimage import maximum_filter
+from scipy.ndimage import distance_transform_edt, maximum_filter
 
 from meshfit.fitting.gauss_newton.surface import Shape
 from meshfit.images.camera import Camera
-from meshfit.images.rasteriser import Raster
+from meshfit.images.rasteriser import Raster, rasterise
 from meshfit.images.silhouettes import Silhouette, mask_contour
 from meshfit.images.views import Mask, View
 from meshfit.mesh.geometry import face_areas, face_normals, unit_vectors
@@ -123,6 +123,13 @@ class ContourImage:
         if camera.kind == "orthographic":
             return np.broadcast_to(-camera.forward, points.shape)
         return unit_vectors(camera.position - points)
+
+    def uncovered(self, mesh: Mesh) -> float:
+        """Return the greatest distance, in pixels of the raster, of a place in the mask from the mask of a mesh."""
+        own = rasterise(mesh, self.camera).face >= 0
+        depth = self.silhouette.distance_at(self.camera.pixel_centres() / self.scale).reshape(own.shape)
+        inside = np.isfinite(depth) & (depth > 0)  # it is infinite beyond an image that cuts the object off
+        return float(distance_transform_edt(~own)[inside].max(initial=0.0))
 
     def cell(self, pixels: Pixels) -> tuple[Indices, Indices]:
         """Return the row and column in the raster of places in pixels; at its border for those beyond."""
