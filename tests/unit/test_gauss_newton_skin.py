@@ -124,6 +124,11 @@ def test_fixed_connectivity_covers_both_sides():
     assert check_covered(half_ball(), connectivity="fixed", levels=1) == 642
 
 
+@pytest.mark.slow
+def test_a_control_mesh_covers_both_sides():
+    assert check_covered(half_ball(), connectivity="fixed", levels=1, variables="control", limit=True) == 642
+
+
 @few_points
 @pytest.mark.parametrize("target", [ball(3), box(1.0, 0.1, 0.1), slabs_of_a_box()], ids=["ball", "bar", "slabs"])
 def test_targets_that_enclose_a_volume_have_no_skin(target):

@@ -27,6 +27,9 @@ _ROBUST, _LAST_ROBUST = 6.0, 3.0
 # Number of steps after decimation, and number of vertices before it beyond which it gains too little for its time.
 _STEPS_DECIMATED, _MOST_FINE = 2, 60_000
 
+# Name of the last stage.
+_LAST = "last"
+
 Weights = tuple[tuple[float, float], ...]
 
 
@@ -78,8 +81,8 @@ class Stage:
 
     @property
     def is_last(self) -> bool:
-        """Whether it follows the levels, on the finest surface."""
-        return self.robust == _LAST_ROBUST or self.change == "control"
+        """Whether the faces are those of the result, and the surface is about to end."""
+        return self.name == _LAST
 
 
 def fairness_of(settings: GaussNewtonSettings, *, near: bool) -> LevelFairness:
@@ -115,13 +118,13 @@ def schedule(settings: GaussNewtonSettings, *, near: bool = False) -> list[Stage
         Stage(name, "refine", 1.0, sized=False, weights=weights, settles=remeshed, robust=_ROBUST) for name in names
     ]
     if not remeshed:
-        return [*stages, Stage("last", "none", 1.0, sized=False, weights=last, robust=_LAST_ROBUST)]
+        return [*stages, Stage(_LAST, "none", 1.0, sized=False, weights=last, robust=_LAST_ROBUST)]
     share = min(settings.decimate_from, max(1.0, _MOST_FINE / settings.verts))
     after = min(_STEPS_DECIMATED, settings.last_steps - 1)
     if share == 1 or after < 1:
         return [
             *stages,
-            Stage("last", "remesh", 1.0, sized=True, weights=last, refined=settings.levels, robust=_LAST_ROBUST),
+            Stage(_LAST, "remesh", 1.0, sized=True, weights=last, refined=settings.levels, robust=_LAST_ROBUST),
         ]
     least = _NEAR.last if settings.last_fairness is None else settings.last_fairness
     last = _weights((fairness.level / 4, _FINE_FACTOR, least), _FINE_POINT, settings.last_steps)
@@ -130,7 +133,7 @@ def schedule(settings: GaussNewtonSettings, *, near: bool = False) -> list[Stage
     )
     return [
         *stages,
-        Stage("last", "decimate", 1.0, sized=True, weights=last[-after:], refined=settings.levels, robust=_LAST_ROBUST),
+        Stage(_LAST, "decimate", 1.0, sized=True, weights=last[-after:], refined=settings.levels, robust=_LAST_ROBUST),
     ]
 
 
