@@ -26,6 +26,7 @@ from meshfit.experiment.storage.run_directory import LOCK, Result, is_half_writt
 from meshfit.experiment.storage.targets import find_carried
 from meshfit.experiment.storage.trial_log import read_progress
 from meshfit.experiment.trial_status import TrialStatus
+from meshfit.images.folders import PACK_SUFFIX
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.tables.grouping import flatten
 from meshfit.report.tables.notes import FRAMES
@@ -141,6 +142,8 @@ def _facts(experiment: ScannedExperiment, trial: ScannedTrial, result: Result | 
         return
     if carried := find_carried(trial.path, result):
         yield "target", str(carried)
+        if (pack := carried.with_suffix(PACK_SUFFIX)).is_file():
+            yield "views", str(pack)
     yield from _frame(result)
     yield from _inputs(result)
     machine, versions = result.get("platform", {}), result.get("versions", {})

@@ -2,26 +2,25 @@
 
 import io
 import json
+import zlib
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
 from meshfit.errors import ViewError
 from meshfit.images.camera import Camera
-from meshfit.images.target import ImageTarget
+from meshfit.images.folders import PACK_SUFFIX
+from meshfit.images.target import ImageTarget, LoadedImages
 from meshfit.images.views import View, Views
 from meshfit.mesh.mesh import Mesh
 from meshfit.paths import path_text
 
 
-def pack_target(target: ImageTarget, sha256: str) -> bytes:
-    """Return a target of images as the content of one file, which is exactly restored.
-
-    Args:
-        target: the images.
-        sha256: over all that it is made from.
-    """
+def pack_target(loaded: LoadedImages) -> bytes:
+    """Return a target of images as the content of one file, which is exactly restored."""
+    target = loaded.target
     arrays: dict[str, Any] = {}
     parts = {"fitted": target.views, "held_out": target.held_out or ()}
     records = {
@@ -30,15 +29,15 @@ def pack_target(target: ImageTarget, sha256: str) -> bytes:
     }
     if target.truth is not None:
         arrays |= {"truth-verts": target.truth.verts, "truth-faces": target.truth.faces}
-    record = {"name": target.name, "sha256": sha256} | records
+    record = {"name": target.name, "sha256": loaded.sha256, "label": loaded.label} | records
     arrays["record"] = np.frombuffer(json.dumps(record).encode(), dtype=np.uint8)
     stream = io.BytesIO()
     np.savez_compressed(stream, **arrays)
     return stream.getvalue()
 
 
-def unpack_target(path: Path) -> tuple[ImageTarget, str]:
-    """Return the target of images that a file holds, and the hash over what it was made from.
+def unpack_target(path: Path) -> LoadedImages:
+    """Return the target of images that a file holds.
 
     Raises:
         ViewError: it cannot be read, or is damaged.
@@ -51,9 +50,22 @@ def unpack_target(path: Path) -> tuple[ImageTarget, str]:
         held_out = [_view(entry, arrays) for entry in record["held_out"]]
         truth = Mesh(arrays["truth-verts"], arrays["truth-faces"]) if "truth-verts" in arrays else None
         target = ImageTarget(Views(views), truth, record["name"], Views(held_out) if held_out else None)
-        return target, str(record["sha256"])
-    except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
+        return LoadedImages(target, str(record["sha256"]), str(record["label"]))
+    except FileNotFoundError:
+        raise ViewError(f"{path_text(path)}: no such file") from None
+    except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile, zlib.error) as error:
         raise ViewError(f"{path_text(path)}: damaged: {error}") from error
+
+
+def packed_names(path: Path) -> tuple[str, str]:
+    """Return the title and the label of the target of images that a file holds; its stem where it cannot be read."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            record = json.loads(archive["record"].tobytes())
+        return str(record["name"]), str(record["label"])
+    except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile, zlib.error):
+        stem = path.name.removesuffix(PACK_SUFFIX)
+        return stem, stem
 
 
 def _record(view: View, key: str, arrays: dict[str, Any]) -> dict[str, Any]:

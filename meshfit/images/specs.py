@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -92,15 +93,26 @@ class ImageFiles:
     @property
     def title(self) -> str:
         """The name of the folder."""
-        return self.label
+        return self._packed[0] if self._packed else self.label
 
     @property
     def label(self) -> str:
         """The name of the folder, with what is not used."""
+        if self._packed:
+            return self._packed[1]
         place = Path(self.images)
         place = place.parent if place.suffix and not place.is_dir() else place
         unused = [f"no-{key}" for key in ("depth", "normals") if not getattr(self, key)]
         return "-".join([place.resolve().name or "images", *unused])
+
+    @cached_property
+    def _packed(self) -> tuple[str, str] | None:
+        """Title and label of the target that a single file holds; None for other files."""
+        if not self.images.endswith(PACK_SUFFIX):
+            return None
+        from meshfit.images.packing import packed_names  # brings numpy
+
+        return packed_names(Path(self.images))
 
 
 ImageSpec = RenderedViews | ImageFiles

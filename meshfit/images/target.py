@@ -82,6 +82,21 @@ class ImageTarget:
         return f"ImageTarget('{self.name}', {self.views!r})"
 
 
+@dataclass(frozen=True, eq=False)
+class LoadedImages:
+    """A target of images that was loaded.
+
+    Attributes:
+        target: the images.
+        sha256: over all that it is made from.
+        label: its short name, for folders.
+    """
+
+    target: ImageTarget
+    sha256: str
+    label: str
+
+
 def depth_cloud(views: Views) -> PointCloud:
     """Return the points of all depth maps, with the normals of the images or else those of neighbouring pixels.
 

@@ -3,7 +3,7 @@
 import hashlib
 import json
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from meshfit.images.packing import unpack_target
 from meshfit.images.rasteriser import render_view
 from meshfit.images.specs import ImageFiles, RenderedViews, image_spec, is_image_target
 from meshfit.images.sphere_cameras import cameras_around, directions_between, sphere_directions
-from meshfit.images.target import ImageTarget
+from meshfit.images.target import ImageTarget, LoadedImages
 from meshfit.images.views import View, Views
 from meshfit.mesh.any_target import require_mesh
 from meshfit.mesh.cleaning import outward
@@ -59,19 +59,6 @@ def content_sha256(target: str) -> str:
     return load_images(target).sha256 if is_image_target(target) else file_sha256(target_path(target))
 
 
-@dataclass(frozen=True, eq=False)
-class LoadedImages:
-    """A target of images.
-
-    Attributes:
-        target: the images.
-        sha256: over all that it is made from.
-    """
-
-    target: ImageTarget
-    sha256: str
-
-
 def load_images(target: str) -> LoadedImages:
     """Load or render a target of images, in its own coordinates.
 
@@ -80,7 +67,7 @@ def load_images(target: str) -> LoadedImages:
         ConfigError: the library of a format is not installed.
     """
     if target.endswith(PACK_SUFFIX):
-        return LoadedImages(*unpack_target(Path(target)))
+        return unpack_target(Path(target))
     spec = image_spec(target)
     return _rendered(spec) if isinstance(spec, RenderedViews) else _loaded(spec)
 
@@ -138,7 +125,7 @@ def _rendered(spec: RenderedViews) -> LoadedImages:
     content = {key: value for key, value in vars(spec).items() if key != "of"}
     content |= {"mesh": file_sha256(target_path(spec.of)), "version": _VERSION}
     digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-    return LoadedImages(ImageTarget(Views(renamed(views, "view-")), mesh, spec.title, held), digest)
+    return LoadedImages(ImageTarget(Views(renamed(views, "view-")), mesh, spec.title, held), digest, spec.label)
 
 
 def _loaded(spec: ImageFiles) -> LoadedImages:
@@ -155,7 +142,7 @@ def _loaded(spec: ImageFiles) -> LoadedImages:
             truth = _truth(spec.truth)
             content |= {"truth": file_sha256(target_path(spec.truth))}
     digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-    return LoadedImages(ImageTarget(fitted, truth, spec.title, held_out), digest)
+    return LoadedImages(ImageTarget(fitted, truth, spec.title, held_out), digest, spec.label)
 
 
 def _truth(name: str) -> Mesh:

@@ -13,8 +13,9 @@ from meshfit.errors import MeshfitWarning, ViewError
 from meshfit.images.files import load_views, renamed, save_views
 from meshfit.images.packing import pack_target
 from meshfit.images.rasteriser import render_view, shading
+from meshfit.images.specs import label_of_target, title_of_target
 from meshfit.images.sphere_cameras import cameras_around
-from meshfit.images.target import ImageTarget
+from meshfit.images.target import ImageTarget, LoadedImages
 from meshfit.images.targets import load_images
 from meshfit.images.views import Views
 from meshfit.measuring.mask_overlap import mask_ious
@@ -73,9 +74,10 @@ def test_a_packed_target_is_exactly_restored(tmp_path):
     views = rendered()
     target = ImageTarget(views, icosahedron(), "solid", Views(views[:1]))
     path = tmp_path / "solid.views.npz"
-    path.write_bytes(pack_target(target, "0123"))
+    path.write_bytes(pack_target(LoadedImages(target, "0123", "a-solid")))
     loaded = load_images(str(path))
-    assert (loaded.sha256, loaded.target.name) == ("0123", "solid")
+    assert (loaded.sha256, loaded.target.name, loaded.label) == ("0123", "solid", "a-solid")
+    assert (title_of_target(str(path)), label_of_target(str(path))) == ("solid", "a-solid")
     assert loaded.target.truth.verts.tobytes() == target.truth.verts.tobytes()
     for one, other in zip(views, loaded.target.views, strict=True):
         assert one.camera == other.camera

@@ -1,6 +1,7 @@
 """Targets of images: their specs, identities, and a whole experiment with them."""
 
 import json
+import shutil
 from dataclasses import replace
 from functools import partial
 
@@ -13,6 +14,7 @@ from meshfit.errors import ConfigError, MeshError, ViewError
 from meshfit.experiment.plan import plan
 from meshfit.experiment.running.worker import pack_inputs, unpack_inputs
 from meshfit.experiment.storage.run_directory import RunDirectory
+from meshfit.experiment.storage.targets import read_images
 from meshfit.fitting.problem import Problem
 from meshfit.images.files import renamed, save_views
 from meshfit.images.hull_source import control_mesh_from
@@ -228,6 +230,25 @@ def test_an_experiment_with_images_runs_whole(photos):
         "show", next((folder / "runs/small/photos-no-depth").rglob("result.json")).parent
     )
     assert "mask IoU" in answered("table", folder / "runs")
+    _check_that_the_run_has_its_images(folder, photos)
+
+
+def _check_that_the_run_has_its_images(folder, photos):
+    """Without the photographs, the run directory has them, and continues with them under the same identities."""
+    loaded = load_images(f"images:images={photos},depth=false")
+    shutil.rmtree(photos)
+    path = next((folder / "runs/small/photos-no-depth").rglob("result.json"))
+    images = read_images(path.parent, json.loads(path.read_text()))
+    for view, kept in zip(loaded.target.views, images.views, strict=True):
+        assert view.camera == kept.camera
+        np.testing.assert_array_equal(view.mask, kept.mask)
+        np.testing.assert_array_equal(view.normals, kept.normals)
+    pack = folder / f"runs/targets/{loaded.sha256}.views.npz"
+    assert pack.name in "".join(answered("show", path.parent).split())
+    assert pack.stat().st_size < 60_000
+    changes = ["--set", f"targets=[{pack}]", "--dry-run"]
+    planned = answered("run", folder / "small.yaml", "--runs", folder / "runs", *changes)
+    assert "1 trial: 1 complete, 0 to run" in planned
 
 
 def test_a_worker_elsewhere_gets_the_images(photos):

@@ -44,7 +44,7 @@ from meshfit.experiment.storage.run_directory import (
     RunDirectory,
     json_text,
 )
-from meshfit.experiment.storage.targets import carried_path, carry, file_numbers
+from meshfit.experiment.storage.targets import carried_path, carry_target, file_numbers
 from meshfit.experiment.storage.trial_log import TrialLog
 from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
 from meshfit.experiment.truth import source_with_faces_of, vertex_counts
@@ -54,7 +54,6 @@ from meshfit.fitting.loop import FitResult
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem, Trace
 from meshfit.fitting.registration.guidance import Guidance
 from meshfit.fitting.settings import ExternalSettings, FirstOrderSettings, GaussNewtonSettings
-from meshfit.images.targets import load_reference
 from meshfit.measuring.correspondence import Correspondence
 from meshfit.measuring.measure import Measurement, measure
 from meshfit.measuring.shortfalls import FAR, FAR_ON_AVERAGE, shortfalls
@@ -112,7 +111,7 @@ class TrialRunner:
             target = load_trial_target(
                 name, inputs.get("target"), settings.normalise, settings.cleaning, settings.target, carried
             )
-            carry(carried, lambda: load_reference(name, settings.cleaning))  # removed since it was loaded
+            carry_target(carried, name, settings.cleaning)  # removed since it was loaded
             self._frame, self._target, self._images = target.frame, target.mesh, target.images
             self._reference = target.mesh if target.reference is None else target.reference
             source_settings = relocated(settings.source, self.trial.current_path)
@@ -163,8 +162,8 @@ class TrialRunner:
 
     def finish(self, fitted: FitResult) -> None:
         """Measure the fit, and write it and the result."""
-        name, cleaning = self.trial.current_path(self.trial.target), self.trial.settings.cleaning
-        carry(carried_path(self.trial, self.store), lambda: load_reference(name, cleaning))  # removed since
+        name = self.trial.current_path(self.trial.target)
+        carry_target(carried_path(self.trial, self.store), name, self.trial.settings.cleaning)  # removed since
         seconds, memory = {"fit": self._seconds()}, peak_memory_mb()
         if fitted.tool is not None:
             seconds, memory = {"fit": fitted.tool.seconds}, fitted.tool.peak_memory_mb

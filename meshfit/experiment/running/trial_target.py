@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from meshfit.config.experiment import TargetSettings
 from meshfit.errors import MeshError, MeshfitWarning
-from meshfit.experiment.storage.targets import carry
+from meshfit.experiment.storage.targets import carry, carry_images
 from meshfit.images.specs import is_image_target
 from meshfit.images.target import ImageTarget
 from meshfit.images.targets import content_sha256, load_images
@@ -93,7 +93,7 @@ def _load_image_target(name: str, sha256: str | None, normalise: Normalisation, 
             raise MeshError(f"{name}: the images have changed since the run began; run the same command again")
         target = loaded.target
         shape = target.shape
-    carry(carried, lambda: target.reference)
+    carry_images(carried, lambda: loaded)
     frame = frame_of(shape.verts, normalise)
     kind = count_text(shape.num_verts, "point") + " of depth maps" if isinstance(shape, PointCloud) else "visual hull"
     note, texts = f"target: {count_text(len(target.views), 'view')}; its shape: {kind}", tuple(warning_texts(caught))

@@ -177,7 +177,7 @@ def pack_inputs(trial: Trial, store: RunDirectory) -> Files:
     for role, name in trial.files.items():
         if role == "target" and is_image_target(name):
             loaded = load_images(name)
-            files[f"{_INPUTS}{role}/{_packed_name(name)}"] = pack_target(loaded.target, loaded.sha256)
+            files[f"{_INPUTS}{role}/{_packed_name(name)}"] = pack_target(loaded)
             continue
         path = Path(name)
         # Of targets, and of tables such as those of creases, no materials are read.

@@ -2,7 +2,8 @@
 
 `targets/HASH.ply` is the target as it was fitted to: cleaned, turned if it was inside out, in its own coordinates and
 double precision; of a cloud, its points with the normals of its file, if it had some; of images, what results are
-compared with. The hash is that of the original file or files, as in the identity of a trial.
+compared with. `targets/HASH.views.npz` holds the images: masks, depth, normals and cameras. The hash is that of the
+original file or files, as in the identity of a trial.
 """
 
 import os
@@ -10,7 +11,7 @@ import re
 import warnings
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,10 +20,12 @@ from filelock import FileLock
 
 from meshfit.errors import MeshError, MeshfitWarning, StoreError
 from meshfit.experiment.storage.run_directory import LOCK, TARGETS, Result, RunDirectory, make_folder, write_atomically
+from meshfit.images.folders import PACK_SUFFIX
 from meshfit.mesh.cleaning_options import CleaningOptions
 
 if TYPE_CHECKING:
     from meshfit.experiment.plan import Trial
+    from meshfit.images.target import ImageTarget, LoadedImages
     from meshfit.mesh.mesh import Mesh, Verts
     from meshfit.mesh.point_cloud import PointCloud
     from meshfit.mesh.polygons import PolygonMesh
@@ -51,22 +54,68 @@ def carry(path: Path | None, load: Callable[[], "Mesh | PointCloud"]) -> None:
     Raises:
         StoreError: it cannot be written.
     """
-    if path is None or path.is_file():
-        return
-    from meshfit.mesh.io.files import encode_mesh
-    from meshfit.mesh.io.point_clouds import encode_point_cloud
-    from meshfit.mesh.point_cloud import PointCloud
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MeshfitWarning)  # the trial reports them
-        target = load()
-        content = encode_point_cloud(target) if isinstance(target, PointCloud) else encode_mesh(target, ".ply")
+    def content() -> bytes:
+        from meshfit.mesh.io.files import encode_mesh
+        from meshfit.mesh.io.point_clouds import encode_point_cloud
+        from meshfit.mesh.point_cloud import PointCloud
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", MeshfitWarning)  # the trial reports them
+            target = load()
+            return encode_point_cloud(target) if isinstance(target, PointCloud) else encode_mesh(target, ".ply")
+
+    if path is not None:
+        _write_once(path, content)
+
+
+def carry_images(path: Path | None, load: "Callable[[], LoadedImages]") -> None:
+    """Write the images of a target, and what results are compared with, as `carry` does.
+
+    Args:
+        path: path from `carried_path`.
+        load: returns the images, in their own coordinates.
+
+    Raises:
+        StoreError: a file cannot be written.
+    """
+    if path is None:
+        return
+    from meshfit.images.packing import pack_target
+
+    def content() -> bytes:
+        return pack_target(load())
+
+    _write_once(path.with_suffix(PACK_SUFFIX), content)
+    carry(path, lambda: load().target.reference)
+
+
+def carry_target(path: Path | None, name: str, cleaning: CleaningOptions) -> None:
+    """Carry the target of a name or path, of any kind, unless all of it is carried already.
+
+    Raises:
+        MeshError: it cannot be loaded.
+        StoreError: a file cannot be written.
+    """
+    from meshfit.images.specs import is_image_target
+    from meshfit.images.targets import load_images, load_reference
+
+    if is_image_target(name):
+        carry_images(path, cache(lambda: load_images(name)))
+    else:
+        carry(path, lambda: load_reference(name, cleaning))
+
+
+def _write_once(path: Path, content: Callable[[], bytes]) -> None:
+    if path.is_file():
+        return
+    data = content()
     make_folder(path.parent)
     with FileLock(path.parent / LOCK):
         for part in path.parent.glob(f".{path.name}.*"):  # left by a killed process
             part.unlink(missing_ok=True)
         if not path.is_file():
-            write_atomically(path, content)
+            write_atomically(path, data)
 
 
 def carry_for_remote(trial: "Trial", store: RunDirectory) -> None:
@@ -75,14 +124,14 @@ def carry_for_remote(trial: "Trial", store: RunDirectory) -> None:
     Raises:
         StoreError: it cannot be written.
     """
-    from meshfit.images.targets import content_sha256, load_reference
+    from meshfit.images.targets import content_sha256
 
     path = carried_path(trial, store)
     if path is None or path.is_file():
         return
     with suppress(MeshError):  # the trial reports it
         if content_sha256(trial.target) == dict(trial.inputs)["target"]:
-            carry(path, lambda: load_reference(trial.target, trial.settings.cleaning))
+            carry_target(path, trial.target, trial.settings.cleaning)
 
 
 def find_carried(folder: Path, record: Result) -> Path | None:
@@ -104,9 +153,9 @@ def unused_targets(root: Path, records: Iterable[Result]) -> list[Path]:
         _name(record.get("inputs", {}).get("target", ""), CleaningOptions.of(record.get("settings", {})))
         for record in records
     }
-    return [
-        path for path in sorted((root / TARGETS).glob("*.ply")) if _CARRIED.match(path.name) and path.name not in used
-    ]
+    used |= {str(Path(name).with_suffix(PACK_SUFFIX)) for name in used}
+    carried = sorted(path for suffix in (".ply", PACK_SUFFIX) for path in (root / TARGETS).glob(f"*{suffix}"))
+    return [path for path in carried if _CARRIED.match(path.name) and path.name not in used]
 
 
 def remove_targets(root: Path, paths: Iterable[Path]) -> None:
@@ -156,6 +205,30 @@ def read_target(folder: Path, record: Result) -> "Mesh | PointCloud":
         raise MeshError(f"{error}; {remedy}") from None
 
 
+def read_images(folder: Path, record: Result) -> "ImageTarget | None":
+    """Read the images that a trial was fitted to, in their own coordinates; None if its target was none of images.
+
+    They are the carried ones, else their files if these have not changed.
+
+    Args:
+        folder: the folder of the trial.
+        record: content of its `result.json`.
+
+    Raises:
+        MeshError: neither can be read.
+    """
+    if "images" not in record:
+        return None
+    from meshfit.images.packing import unpack_target
+    from meshfit.images.targets import load_images
+
+    carried = find_carried(folder, record)
+    if carried is not None and (pack := carried.with_suffix(PACK_SUFFIX)).is_file():
+        return unpack_target(pack).target
+    _require_unchanged(record)
+    return load_images(record["settings"]["targets"][0]).target
+
+
 def _as_fitted(target: "Mesh | PointCloud", record: Result) -> "Mesh | PointCloud":
     from meshfit.mesh.cleaning import outward
     from meshfit.mesh.point_cloud import PointCloud, seen_cloud
@@ -181,15 +254,21 @@ def _read_carried(path: Path) -> "Mesh | PointCloud":
 
 
 def _original(record: Result) -> "Mesh | PointCloud":
+    from meshfit.images.targets import load_reference
+
+    _require_unchanged(record)
+    return load_reference(record["settings"]["targets"][0], CleaningOptions.of(record["settings"]))
+
+
+def _require_unchanged(record: Result) -> None:
     from meshfit.images.specs import is_image_target
-    from meshfit.images.targets import content_sha256, load_reference
+    from meshfit.images.targets import content_sha256
     from meshfit.mesh.targets import target_path
 
     target, expected = record["settings"]["targets"][0], record.get("inputs", {}).get("target")
     if expected is not None and content_sha256(target) != expected:
         place = target if is_image_target(target) else target_path(target)
         raise MeshError(f"{place}: not the file that the trial was fitted to: it has changed since")
-    return load_reference(target, CleaningOptions.of(record["settings"]))
 
 
 def read_written_mesh(path: Path) -> "Mesh | PolygonMesh":
