@@ -118,6 +118,25 @@ def test_a_sweep_of_one_seed_beside_another_experiment(copied):
     assert page.count("data-scene=") == 2
 
 
+def test_results_on_images_are_shown_in_their_views_without_the_photographs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    meshfit("views", "bone", "-o", "photos", "--count", "5", "--size", "32", folder=tmp_path)
+    Path("views.yaml").write_text(
+        "targets: [{images: photos, hold_out: 2, truth: bone}]\nschemes: [loop]\nfit: {steps: 3, samples: 100}\n"
+        "source: {mesh: octahedron, levels: 2}\nmeasure: {samples: 500, points: 500}\n"
+    )
+    meshfit("run", "views.yaml", "-q", folder=tmp_path)
+    _, whole = page_of("runs")
+    shutil.rmtree("photos")
+    _, page = page_of("runs")
+    assert re.findall("<img[^>]*>", page) == re.findall("<img[^>]*>", whole)
+    assert page.count("on the mask of") == 5
+    text = text_of(page)
+    assert len(re.findall(r"view-0\d(?:, held out)? IoU 0\.\d{3} ", text)) == 5
+    assert "true mesh" in text
+    assert "outline of the result; filled where it is outside the mask" in text
+
+
 def test_where_all_have_failed_the_page_says_why(copied):
     for folder in copied.glob("runs/small/*/*/seed-*"):
         if (folder / "result.json").exists():

@@ -12,6 +12,8 @@ MISSING = "#8c8c8c"
 """A missing value."""
 INK = "#22303c"
 """Text, lines and marks."""
+MASK, RESULT = "#1f6fb4", "#d3611b"
+"""Outlines of an image's mask, and of a result in that image."""
 
 # matplotlib's magma, reversed and without its black end: perceptually even, safe for the colour-blind, and light enough
 # all along for shading to stay visible.

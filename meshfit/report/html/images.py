@@ -13,11 +13,12 @@ from meshfit.optional import import_optional
 from meshfit.report.figures.camera import Camera, camera_of, close_up
 from meshfit.report.figures.drawing import Image, draw
 from meshfit.report.figures.trial_meshes import worst_vertex
+from meshfit.report.figures.view_overlay import ShownView, draw_overlay
 from meshfit.report.html.target_section import LoadedTrial, TargetSection
 from meshfit.report.tables.numbers import format_number
 
 _QUALITY = 86
-_WIDTH, _LARGE_WIDTH = 480, 640
+_WIDTH, _LARGE_WIDTH, _VIEW_WIDTH = 480, 640, 360
 _INSET = (300, 300)
 _SMALLEST_ASPECT = 0.8
 
@@ -48,9 +49,10 @@ class Picture:
 
 
 def num_pictures(section: TargetSection) -> int:
-    """Return the number of pictures that `draw_pictures` and `draw_distances` draw."""
+    """Return the number of pictures that `draw_pictures`, `draw_distances` and `draw_views` draw."""
     with_target = section.target is not None
-    return (with_target + len(section.sources) + len(section.trials) * (1 + with_target)) if section.trials else 0
+    per_trial = 1 + with_target + len(section.views)
+    return (with_target + len(section.sources) + len(section.trials) * per_trial) if section.trials else 0
 
 
 def draw_pictures(section: TargetSection) -> Iterator[Picture]:
@@ -61,7 +63,7 @@ def draw_pictures(section: TargetSection) -> Iterator[Picture]:
     size = _WIDTH, round(_WIDTH / aspect)
     if section.drawn_target is not None:
         alt = f"The target, {section.title}: {section.target_size}"
-        yield _picture(section.drawn_target, camera, size, "target", section.title, alt)
+        yield _picture(section.drawn_target, camera, size, section.target_name, section.title, alt)
     for name, mesh in section.sources:
         detail = name if len(section.sources) > 1 else ""
         alt = f"The source of {name} for {section.title}: {mesh.num_faces:,} faces"
@@ -81,6 +83,19 @@ def draw_distances(section: TargetSection) -> Iterator[Picture]:
     for trial in section.trials:
         if trial.distances is not None:
             yield _distance_picture(trial, trial.distances, section, camera, size)
+
+
+def draw_views(section: TargetSection) -> Iterator[tuple[str, Iterator[Picture]]]:
+    """Draw the results of a section on views of a target of images; by the name of the row."""
+    if section.views:
+        for trial in section.trials:
+            yield trial.label, (_view_picture(trial, shown) for shown in section.views)
+
+
+def _view_picture(trial: LoadedTrial, shown: ShownView) -> Picture:
+    image, iou = draw_overlay(trial.mesh, shown.view, _VIEW_WIDTH)
+    alt = f"Outline of the result of {trial.label} on the mask of {shown.title}"
+    return Picture(_data_uri(image), (image.shape[1], image.shape[0]), shown.title, f"IoU {iou:.3f}", alt)
 
 
 def _framed(section: TargetSection) -> tuple[Camera, float]:

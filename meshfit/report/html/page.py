@@ -15,10 +15,10 @@ from meshfit.experiment.storage.plan_file import UpChoice, in_planned_order
 from meshfit.experiment.storage.run_directory import Result
 from meshfit.experiment.tuning.search_file import Search, read_searches
 from meshfit.optional import import_optional
-from meshfit.report.figures.colours import DISTANCES
+from meshfit.report.figures.colours import DISTANCES, MASK, RESULT
 from meshfit.report.html import tables as text
 from meshfit.report.html.charts import draw_curves, draw_histogram, draw_search_chart, read_curves, shares_beyond
-from meshfit.report.html.images import draw_distances, draw_pictures, num_pictures
+from meshfit.report.html.images import draw_distances, draw_pictures, draw_views, num_pictures
 from meshfit.report.html.target_section import TargetSection, read_sections, short_titles
 from meshfit.report.html.viewer import MOST_FACES, compress, viewer_meshes, viewer_scene
 from meshfit.report.tables.grouping import distinguish_definitions
@@ -141,6 +141,7 @@ def render_page(data: ReportData, sections: Sequence[TargetSection], now: dateti
         "machines": text.machines_grid(data.results) if data.results else None,
         "warnings": text.warnings_of(data.results),
         "colours": DISTANCES,
+        "outlines": {"mask": MASK, "result": RESULT},
         "most_faces": MOST_FACES,
         "asset": _asset,
     }
@@ -165,6 +166,7 @@ def _draw_section(section: TargetSection, tick: Callable[[], None]) -> dict[str,
         "section": section,
         "pictures": [ticked(picture) for picture in draw_pictures(section)],
         "distances": [ticked(picture) for picture in draw_distances(section)],
+        "views": [(label, list(map(ticked, pictures))) for label, pictures in draw_views(section)],
         "meshes": meshes,
         "scene": compress(viewer_scene(section, meshes)) if meshes else "",
         "charts": draw_curves(section, curves),

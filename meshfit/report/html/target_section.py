@@ -11,7 +11,7 @@ from meshfit.errors import MeshError, MeshfitError
 from meshfit.experiment.storage.frame import frame_of
 from meshfit.experiment.storage.plan_file import UpChoice, planned_up
 from meshfit.experiment.storage.run_directory import Result
-from meshfit.experiment.storage.targets import read_target
+from meshfit.experiment.storage.targets import read_images, read_target
 from meshfit.fitting.external.tools import works_from_target
 from meshfit.measuring.metrics import METRICS
 from meshfit.mesh.mesh import Mesh
@@ -27,11 +27,15 @@ from meshfit.report.figures.trial_meshes import (
     distinct_meshes,
     read_normalised,
 )
+from meshfit.report.figures.view_overlay import ShownView, shown_views
 from meshfit.report.tables.layout import SHORTFALL, row_titles
 from meshfit.report.tables.notes import FRAMES
 from meshfit.report.tables.numbers import format_number
 from meshfit.report.tables.table import Row, Table
 from meshfit.units import count_text
+
+_TARGET_NAMES = {"truth": "true mesh", "depth": "points of the depth maps", "hull": "visual hull of the masks"}
+"""What the picture of a target of images shows, by what results are compared with."""
 
 TrialsByRow = Mapping[int, Mapping[int, Result]]
 """Results on one target, by index of the table's row, then by seed."""
@@ -79,6 +83,8 @@ class TargetSection:
         left_out: labels of the rows that there is no room for.
         problems: messages about files that could not be read.
         up: the axis that points up.
+        views: views of a target of images to show results in.
+        target_name: what the target's picture shows.
     """
 
     key: str
@@ -93,6 +99,8 @@ class TargetSection:
     left_out: Sequence[str]
     problems: Sequence[str]
     up: UpChoice = "auto"
+    views: Sequence[ShownView] = ()
+    target_name: str = "target"
 
     @cached_property
     def sources(self) -> list[tuple[str, Mesh]]:
@@ -218,6 +226,7 @@ def _read_section(
     problems: list[str] = []
     target_mesh = _read_target(chosen[shown[0]], problems)
     measured_to = None if target_mesh is None else measurable(target_mesh)
+    views = _read_views([chosen[row] for row in shown], problems)
     whole = METRICS[metric].format == "d"
     schemes = {row: table.scheme_title(chosen[row].scheme) for row in shown}
     loaded = [_load(chosen[row], row, (titles[row], schemes[row]), measured_to, problems, whole=whole) for row in shown]
@@ -234,6 +243,8 @@ def _read_section(
         left_out=[titles[row] for row in list(chosen)[most:]],
         problems=problems,
         up=up or planned_up(chosen[shown[0]].folder),
+        views=views,
+        target_name=_TARGET_NAMES.get(chosen[shown[0]].result.get("images", {}).get("compared_with"), "target"),
     )
 
 
@@ -243,6 +254,18 @@ def _read_target(trial: RepresentativeTrial, problems: list[str]) -> Mesh | Poin
     except MeshfitError as error:
         problems.append(f"The target is not shown, and distances to it are not drawn: {error}")
         return None
+
+
+def _read_views(trials: Sequence[RepresentativeTrial], problems: list[str]) -> list[ShownView]:
+    """Read the views to show of a target of images, among them the worst of the first trial; none of other targets."""
+    first = trials[0]
+    try:
+        images = read_images(first.folder, first.result)
+    except MeshfitError as error:
+        problems.append(f"The views are not shown: {error}")
+        return []
+    worst = [trial.result.get("iou", {}).get("worst_view", "") for trial in trials]
+    return [] if images is None else shown_views(images.moved(frame_of(first.result)), worst)
 
 
 def _load(
