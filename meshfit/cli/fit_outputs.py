@@ -129,7 +129,8 @@ def correspondence_files(
 
         make_folder(path)
     if any(map(is_image_target, inputs)):
-        raise ConfigError(f"{option}: images have no faces or points to number; leave it out")
+        fault = "images have no faces or points to pair vertices with"
+        raise ConfigError(f"{option}: {fault}; leave it out, or fit to the mesh that they show")
     tables = [str(path / f"{file_stem(output)}.csv") if many else str(path) for output in outputs]
     taken = {os.path.realpath(name) for name in (*inputs, *outputs)}
     for table in tables:

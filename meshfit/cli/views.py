@@ -61,6 +61,14 @@ def views(
             rich_help_panel=OUTPUT,
         ),
     ] = False,
+    force: Annotated[
+        bool,
+        typer.Option(
+            "--force",
+            help="Replace the images that are in FOLDER; those that its transforms.json lists are removed.",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = False,
     input_format: MeshFormat = None,
     weld: Weld = 0.0,
     repair: RepairMode = "split",
@@ -74,11 +82,12 @@ def views(
 
     Examples:
         meshfit views bunny -o photos --count 12
-        meshfit views scan.stl -o photos --size 512 --kind orthographic
-        meshfit views bunny -o photos --depth exr --normals
+        meshfit views scan.stl -o scanned --size 512 --kind orthographic
+        meshfit views bunny -o photos --depth exr --normals --force  # replaces the images in photos
         meshfit fit photos -o animal.obj
     """
-    from meshfit.images.files import renamed, save_views
+    from meshfit.images.files import listed_files, renamed, save_views
+    from meshfit.images.folders import is_image_folder
     from meshfit.images.formats import require_writer
     from meshfit.images.rasteriser import render_view, shading
     from meshfit.images.sphere_cameras import cameras_around
@@ -90,6 +99,11 @@ def views(
 
     if os.path.lexists(output) and not output.is_dir():
         raise ConfigError(f"-o {path_text(output)}: expected a folder, got a file; give another name")
+    if is_image_folder(output) and not force:
+        raise ConfigError(
+            f"-o {path_text(output)}: has images already; give another name, or replace them with --force"
+        )
+    previous = listed_files(output)
     file_format = depth or "npy"
     require_writer(file_format)
     cleaning = CleaningOptions(weld, repair)
@@ -103,7 +117,9 @@ def views(
     shades = [shading(view) for view in rendered]
     if not normals:
         rendered = Views([view.without_normals() for view in rendered])
-    save_views(output, rendered, shades, file_format)
+    written = save_views(output, rendered, shades, file_format)
+    for path in set(previous) - set(written):
+        path.unlink(missing_ok=True)
     parts = ["masks", *(["depth"] if depth else []), *(["normals"] if normals else [])]
     holding = f"{', '.join(parts)}, {size} × {size} pixels"
     out.print(f"wrote {path_text(output)}: {count_text(count, 'view')}, {holding}", soft_wrap=True, markup=False)

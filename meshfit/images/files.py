@@ -105,6 +105,23 @@ def load_views(cameras: Path, images: Path | None = None) -> LoadedViews:
     return LoadedViews(whole, folder.sha256.hexdigest())
 
 
+def listed_files(folder: Path) -> list[Path]:
+    """Return the files that the `transforms.json` of a folder lists and that are in it; none where it has no such list.
+
+    Raises:
+        ViewError: the list cannot be read.
+    """
+    place = folder / TRANSFORMS
+    if not is_regular_file(place):
+        return []
+    with error_prefix(path_text(place)):
+        listed = parse_transforms(_read_list(place))
+    names = {name for image in listed for name in (image.file, image.mask, image.depth, image.normals) if name}
+    within = folder.resolve()
+    paths = sorted(folder / name for name in names)
+    return [path for path in paths if is_regular_file(path) and path.resolve().is_relative_to(within)]
+
+
 def save_views(
     folder: Path, views: Views, shades: Iterable[Float64[np.ndarray, "H W"]], file_format: MapFormat = "exr"
 ) -> list[Path]:

@@ -125,7 +125,7 @@ def decode_normals(content: bytes, name: str) -> NormalMap:
     """Return (H, W, 3) unit normals, NaN where there is none.
 
     Args:
-        content: of an EXR or NPY file of three channels, or a PNG in which 0 to 255 stands for -1 to 1.
+        content: of an EXR or NPY file of three channels, or a PNG in which 0 to 255, or 65,535, stands for -1 to 1.
         name: of the file.
 
     Raises:
@@ -139,8 +139,7 @@ def decode_normals(content: bytes, name: str) -> NormalMap:
             raise ViewError(f"{path_text(name)}: expected three channels of normals, got {', '.join(planes)}")
         normals = np.stack([planes[_ends(planes, channel)] for channel in found], axis=2)
     else:
-        image = _opened(content, name)
-        normals = np.asarray(image.convert("RGB"), dtype=np.float64) / 127.5 - 1
+        normals = 2 * _colours(content, name) - 1
     length = np.linalg.norm(normals, axis=2, keepdims=True)
     with np.errstate(invalid="ignore", divide="ignore"):
         known = (length > _NORMAL_LENGTHS[0]) & (length < _NORMAL_LENGTHS[1])
@@ -196,7 +195,33 @@ def require_writer(file_format: MapFormat) -> None:
         import_optional("OpenEXR", "EXR files need", _INSTALL)
 
 
-def _opened(content: bytes, name: str) -> Any:  # noqa: ANN401  Pillow is optional
+def _colours(content: bytes, name: str) -> NormalMap:
+    """Return (H, W, 3) red, green and blue from 0 to 1, of a PNG in the precision that it has.
+
+    Raises:
+        ViewError: it cannot be decoded, or has no colours.
+    """
+    opened = _opened(content, name)
+    if opened.mode not in ("RGB", "RGBA", "P"):
+        raise ViewError(f"{path_text(name)}: expected normals in three channels, got {opened.mode} pixels")
+    raw = _raw_mode(content)
+    if raw not in ("RGB;16B", "RGBA;16B"):
+        return np.asarray(opened.convert("RGB"), dtype=np.float64) / 255
+    # Pillow keeps the first byte of each number; taken for little-endian ones, it is the second.
+    high, low = (
+        np.asarray(_opened(content, name, each))[:, :, :3].astype(np.float64) for each in (raw, f"{raw[:-1]}L")
+    )
+    return np.asarray((256 * high + low) / 65535)
+
+
+def _raw_mode(content: bytes) -> str:
+    """Return Pillow's name for the layout of a PNG's bytes, such as `RGB;16B`."""
+    tiles = import_optional("PIL.Image", _PURPOSE, _INSTALL).open(io.BytesIO(content)).tile
+    return str(tiles[0][3]) if tiles else ""
+
+
+def _opened(content: bytes, name: str, raw_mode: str | None = None) -> Any:  # noqa: ANN401  Pillow is optional
+    """Return a decoded image; its bytes are taken for those of a raw mode, if one is given."""
     image = import_optional("PIL.Image", _PURPOSE, _INSTALL)
     with warnings.catch_warnings():
         warnings.simplefilter("error", image.DecompressionBombWarning)
@@ -206,6 +231,8 @@ def _opened(content: bytes, name: str) -> Any:  # noqa: ANN401  Pillow is option
                 raise ViewError(
                     f"{path_text(name)}: {opened.width} × {opened.height} pixels are too many; scale it down"
                 )
+            if raw_mode is not None:
+                opened.tile = [(*tile[:3], raw_mode) for tile in opened.tile]
             opened.load()
         except (image.DecompressionBombWarning, image.DecompressionBombError):
             raise ViewError(f"{path_text(name)}: has too many pixels; scale it down") from None

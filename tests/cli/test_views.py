@@ -1,3 +1,5 @@
+import json
+
 import numpy as np
 import pytest
 
@@ -31,3 +33,24 @@ def test_views_are_refused_without_a_folder_or_a_mesh(tmp_path):
     assert "expected a folder, got a file" in refused("views", "bone", "-o", tmp_path / "file")
     (tmp_path / "points.xyz").write_text("0 0 0\n1 0 0\n0 1 0\n0 0 1\n")
     assert "points" in refused("views", tmp_path / "points.xyz", "-o", tmp_path / "out")
+
+
+def test_images_that_are_there_are_replaced_on_request_and_none_are_left(tmp_path):
+    folder = tmp_path / "photos"
+    answered("views", "bone", "-o", folder, "--count", 4, "--size", 32, "--depth", "npy", "--normals")
+    (folder / "images/mine.png").write_text("not in the list")
+    before = sorted(folder.rglob("*"))
+    message = refused("views", "bone", "-o", folder, "--count", 2, "--size", 32)
+    assert "has images already; give another name, or replace them with --force" in message
+    assert sorted(folder.rglob("*")) == before
+    answered("views", "bone", "-o", folder, "--count", 2, "--size", 32, "--force")
+    left = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+    assert left == ["images/mine.png", "images/view-00.png", "images/view-01.png", "transforms.json"]
+    changed = json.loads((folder / "transforms.json").read_text())
+    changed["frames"][0]["file_path"] = "../kept.png"
+    (folder / "transforms.json").write_text(json.dumps(changed))
+    (tmp_path / "kept.png").write_text("outside")
+    answered("views", "bone", "-o", folder, "--count", 1, "--size", 32, "--force")
+    assert (tmp_path / "kept.png").is_file()
+    (folder / "transforms.json").write_text("{")
+    assert "transforms.json" in refused("views", "bone", "-o", folder, "--count", 1, "--size", 32, "--force")

@@ -3,6 +3,8 @@
 import json
 import math
 import re
+import struct
+import zlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +13,7 @@ import pytest
 
 from meshfit.errors import MeshfitWarning, ViewError
 from meshfit.images.files import load_views, renamed, save_views
+from meshfit.images.formats import decode_normals
 from meshfit.images.packing import pack_target
 from meshfit.images.rasteriser import render_view, shading
 from meshfit.images.specs import label_of_target, title_of_target
@@ -51,6 +54,45 @@ def changed(folder, change):
 def save_image(path, pixels):
     path.parent.mkdir(exist_ok=True, parents=True)
     image.fromarray(np.asarray(pixels, dtype=np.uint8)).save(path)
+
+
+def png_of_16_bits(pixels):
+    """A PNG of (H, W, 3 or 4) whole numbers, whose rows go through all five filters of the format in turn."""
+
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    height, width, channels = pixels.shape
+    rows = np.frombuffer(pixels.astype(">u2").tobytes(), np.uint8).reshape(height, -1).astype(int)
+    size, above, stream = 2 * channels, np.zeros(rows.shape[1], dtype=int), b""
+    for number, row in enumerate(rows):
+        left, corner = (np.concatenate([np.zeros(size, dtype=int), each[:-size]]) for each in (row, above))
+        to_left, to_above, to_corner = abs(above - corner), abs(left - corner), abs(left + above - 2 * corner)
+        nearest = np.where(to_above <= to_corner, above, corner)
+        paeth = np.where((to_left <= to_above) & (to_left <= to_corner), left, nearest)
+        guess = [0, left, above, (left + above) // 2, paeth][number % 5]
+        stream += bytes([number % 5]) + ((row - guess) % 256).astype(np.uint8).tobytes()
+        above = row
+    header = struct.pack(">IIBBBBB", width, height, 16, {3: 2, 4: 6}[channels], 0, 0, 0)
+    parts = (b"IHDR", header), (b"IDAT", zlib.compress(stream)), (b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunk(*part) for part in parts)
+
+
+@over("channels", [3, 4])
+def test_normals_of_16_bits_are_read_in_16_bits(channels):
+    generator = np.random.default_rng(0)
+    normals = generator.normal(size=(11, 7, 3))
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    numbers = np.rint((normals + 1) / 2 * 65535).astype(int)
+    alpha = generator.integers(0, 65536, (11, 7, channels - 3))
+    found = decode_normals(png_of_16_bits(np.concatenate([numbers, alpha], axis=2)), "n.png")
+    assert np.abs(found - normals).max() < 4e-5
+
+
+def test_normals_in_one_channel_are_refused(tmp_path):
+    save_image(tmp_path / "grey.png", np.full((5, 5), 99))
+    with pytest.raises(ViewError, match=r"grey.png: expected normals in three channels, got L pixels"):
+        decode_normals((tmp_path / "grey.png").read_bytes(), "grey.png")
 
 
 @over(
