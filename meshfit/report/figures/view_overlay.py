@@ -115,7 +115,7 @@ def _square_around(mask: Bool[np.ndarray, "H W"]) -> tuple[float, float, float]:
 
 def _outline(mask: Bool[np.ndarray, "H W"]) -> Bool[np.ndarray, "H W"]:
     """Return the inner border of a mask; the border of the image is none."""
-    return mask & ~binary_erosion(mask, iterations=_LINE, border_value=1)
+    return np.asarray(mask & ~binary_erosion(mask, iterations=_LINE, border_value=1))
 
 
 def _averaged(premultiplied: Float64[np.ndarray, "H W 4"]) -> Image:
