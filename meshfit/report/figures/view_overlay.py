@@ -115,7 +115,7 @@ def _square_around(mask: Bool[np.ndarray, "H W"]) -> tuple[float, float, float]:
 
 def _outline(mask: Bool[np.ndarray, "H W"]) -> Bool[np.ndarray, "H W"]:
     """Return the inner border of a mask; the border of the image is none."""
-    return np.asarray(mask & ~binary_erosion(mask, iterations=_LINE, border_value=1))
+    return np.asarray(mask & ~binary_erosion(mask, iterations=_LINE, border_value=1), dtype=bool)
 
 
 def _averaged(premultiplied: Float64[np.ndarray, "H W 4"]) -> Image:
@@ -123,4 +123,4 @@ def _averaged(premultiplied: Float64[np.ndarray, "H W 4"]) -> Image:
     mean = premultiplied.reshape(height, _FINE, width, _FINE, 4).mean(axis=(1, 3))
     alpha = mean[:, :, 3:]
     colour = np.divide(mean[:, :, :3] * 255.0, alpha, out=np.zeros_like(mean[:, :, :3]), where=alpha > 0)
-    return np.rint(np.dstack([colour, alpha])).astype(np.uint8)
+    return np.asarray(np.rint(np.dstack([colour, alpha])).astype(np.uint8))
