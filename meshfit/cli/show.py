@@ -140,10 +140,7 @@ def _facts(experiment: ScannedExperiment, trial: ScannedTrial, result: Result | 
         yield "runs on" if trial.status is TrialStatus.RUNNING else "ran on", f"{progress.host}, process {progress.pid}"
     if result is None:
         return
-    if carried := find_carried(trial.path, result):
-        yield "target", str(carried)
-        if (pack := carried.with_suffix(PACK_SUFFIX)).is_file():
-            yield "views", str(pack)
+    yield from _carried(trial, result)
     yield from _frame(result)
     yield from _inputs(result)
     machine, versions = result.get("platform", {}), result.get("versions", {})
@@ -159,6 +156,14 @@ def _facts(experiment: ScannedExperiment, trial: ScannedTrial, result: Result | 
         yield "memory", size_text(memory * 1e6)
     for text in result.get("warnings", ()):
         yield "warning", str(text)
+
+
+def _carried(trial: ScannedTrial, result: Result) -> Iterator[tuple[str, str]]:
+    """Yield the copies of the target in the run directory."""
+    if carried := find_carried(trial.path, result):
+        yield "target", str(carried)
+        if (pack := carried.with_suffix(PACK_SUFFIX)).is_file():
+            yield "views", str(pack)
 
 
 def _inputs(result: Result) -> Iterator[tuple[str, str]]:
