@@ -5,7 +5,7 @@ A control mesh keeps the pieces, handles, cavities and openings of its target, w
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -62,6 +62,8 @@ _LEAST_ALPHA, _REACHES, _NEIGHBOURS, _OFFSET = 0.01, 2.0, 6, 1 / 30
 # entered through a gap, and lie on both sides of the points. Alpha then rises by this factor, up to this share of the
 # diagonal, until the gap is closed: the wrap is no longer thin, and so many times as thick as the last.
 _ENTERED, _DEVIATIONS, _RISE, _MOST_ALPHA, _CLOSED = 0.5, 4.0, 1.5, 0.25, 2.0
+# Whether that is so is seen from the wrap after so many rises, which takes a tenth of the time of the first one.
+_PROBED = 3
 # Wraps whose distance is at most so many times the least are equally near; a wrap that is thinner than so many offsets
 # has entered through a gap, and lies on both sides. So has one of faces of which this share of the thickness is left.
 _EQUALLY_NEAR, _THIN, _DROPPED = 1.5, 4.0, 0.6
@@ -440,19 +442,40 @@ def _least_alpha(target: Mesh) -> float:
 
 
 def _closing_alpha(target: Mesh, least: float, wrap: Wrap) -> float:
-    """Return the shortest alpha whose wrap of a cloud stays outside; the least one if all or none of its wraps do."""
+    """Return the shortest alpha whose wrap of a cloud stays outside; the least one if all or none of its wraps do.
+
+    A wrap takes time by the inverse square of alpha, and more where it enters: long alphas are tried first, and those
+    shorter than one that enters are not tried.
+    """
     if target.num_faces:
         return least
     content, noise = SameContent(target), _DEVIATIONS * noise_of_points(target.verts)
-    alpha, thickness = least, _thickness(_skin(content, *_lengths(least, wrap)))
     most = _MOST_ALPHA * bounding_box_diagonal(target.verts)
-    if thickness > _ENTERED * least + noise:
+    alphas = [least]
+    while _RISE * alphas[-1] < most:
+        alphas.append(_RISE * alphas[-1])
+
+    @cache
+    def thickness(place: int) -> float:
+        return _thickness(_skin(content, *_lengths(alphas[place], wrap)))
+
+    def stays_outside(place: int) -> bool:
+        return thickness(place) > _ENTERED * alphas[place] + noise
+
+    probe = min(_PROBED, len(alphas) - 1)
+    if stays_outside(probe) and stays_outside(0):
         return least
-    while (alpha := _RISE * alpha) < most:
-        before, thickness = thickness, _thickness(_skin(content, *_lengths(alpha, wrap)))
-        if thickness > max(_CLOSED * before, _ENTERED * alpha + noise):
-            return alpha
-    return least
+    tried = list[int]()
+    for place in range(len(alphas) - 1, -1, -1):
+        if place == probe - 1 and not any(map(stays_outside, tried)) and stays_outside(0):
+            return least  # a thin body, whose longer wraps are thin for their alpha
+        tried.insert(0, place)
+        if len(tried) > 1 and stays_outside(tried[1]) and not stays_outside(place):
+            break
+    closing = (
+        place for place in tried[1:] if stays_outside(place) and thickness(place) > _CLOSED * thickness(place - 1)
+    )
+    return alphas[next(closing, 0)]
 
 
 def _thickness(surface: Mesh) -> float:
@@ -460,6 +483,6 @@ def _thickness(surface: Mesh) -> float:
     return 2 * signed_volume(surface) / float(face_areas(surface).sum())
 
 
-@lru_cache(maxsize=2)  # the wrap that shows whether alpha is long enough is one of those to choose from
+@lru_cache(maxsize=4)  # the wrap that shows whether alpha is long enough is one of those to choose from
 def _skin(content: SameContent, alpha: float, offset: float) -> Mesh:
     return manifold_pieces(alpha_wrap(content.mesh, alpha, offset))

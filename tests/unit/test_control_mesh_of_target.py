@@ -12,12 +12,14 @@ from meshfit.errors import ConfigError, MeshError, MeshfitWarning
 from meshfit.experiment.source import build_source, describe_source, stand_in
 from meshfit.fitting.fit import fit
 from meshfit.measuring.distance import surface_distances
+from meshfit.mesh import control_mesh
 from meshfit.mesh.control_mesh import Wrap, control_mesh_of
 from meshfit.mesh.enclosure import enclosed_volume
-from meshfit.mesh.geometry import signed_volume
+from meshfit.mesh.geometry import bounding_box_diagonal, signed_volume
 from meshfit.mesh.manifold import describe_topology, require_manifold
-from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.mesh import Mesh, SameContent
 from meshfit.mesh.meshlab import decimate
+from meshfit.mesh.noise import noise_of_points
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.proximity import point_distances
 from meshfit.mesh.sampling import sample_surface
@@ -233,6 +235,32 @@ def test_a_wrap_has_the_lengths_that_are_set_and_closes_gaps_below_alpha():
     assert topology(made.mesh) == "1 piece, closed, genus 0"
     plugged = control_mesh_of(torus(24, 16), "wrap", wrap=Wrap(6.0)).mesh
     assert topology(plugged) == "1 piece, closed, genus 0"
+
+
+def shortest_closing_alpha(target, least):
+    """The shortest alpha whose wrap of a cloud stays outside, by trying all of them in rising order."""
+    content, noise = SameContent(target), control_mesh._DEVIATIONS * noise_of_points(target.verts)
+
+    def thickness(alpha):
+        return control_mesh._thickness(control_mesh._skin(content, *control_mesh._lengths(alpha, Wrap())))
+
+    alpha, now = least, thickness(least)
+    if now > control_mesh._ENTERED * least + noise:
+        return least
+    while (alpha := control_mesh._RISE * alpha) < control_mesh._MOST_ALPHA * bounding_box_diagonal(target.verts):
+        before, now = now, thickness(alpha)
+        if now > max(control_mesh._CLOSED * before, control_mesh._ENTERED * alpha + noise):
+            return alpha
+    return least
+
+
+@over("gap, squashed", [(0.0, 1.0), (0.3, 1.0), (0.6, 1.0), (0.0, 0.05), (0.6, 0.05)])
+def test_the_alpha_that_closes_the_gaps_of_a_cloud_is_the_shortest(gap, squashed):
+    points = ball(4).verts
+    points = points[np.linalg.norm(points - points[0], axis=1) >= gap] * (1.0, 1.0, squashed)
+    target = Mesh(points, [])
+    least = control_mesh._least_alpha(target) / 2
+    assert control_mesh._closing_alpha(target, least, Wrap()) == shortest_closing_alpha(target, least)
 
 
 def test_a_cloud_has_no_faces_to_decimate():
