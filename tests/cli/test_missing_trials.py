@@ -38,14 +38,22 @@ def test_a_table_counts_and_names_trials_without_a_result(runs):
     assert "‡ over fewer runs than planned" in out
     flat = " ".join(out.split())
     for text in (
-        "Missing, diverged: 1 run, loop on the bunny (seed 2); the fit diverged at step 7",
-        "Missing, killed: 1 run, loop on the cow (seed 0); the process that ran it was killed",
+        "Missing, diverged: 1 run, loop on the bunny (seed 2); the fit diverged at step 7; log: ",
+        "Missing, killed: 1 run, loop on the cow (seed 0); the process that ran it was killed; log: ",
         "Missing, damaged: 1 run, loop on the cow (seed 1); not valid JSON",
         "Missing, not run: 1 run, loop on the cow (seed 2)",
     ):
         assert text in flat
+    assert str(runs / place(seed=2) / "trial.log") in "".join(out.split())
     assert "--partial" in err
     assert table(runs, "--partial")[0] == 0
+
+
+def test_an_export_counts_the_trials_that_it_leaves_out(runs, tmp_path):
+    code, out, _ = invoke("export", runs, "-o", tmp_path / "all.csv")
+    assert code == 0
+    assert "all.csv: 4 trials" in " ".join(out.split())
+    assert "left out, without a result: 1 not run, 1 damaged\n" in out
 
 
 def test_every_format_accounts_for_them(runs):

@@ -1,5 +1,6 @@
 """Planned trials without a result: each as a record like that of a result, which says why it has none."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
@@ -10,7 +11,7 @@ from meshfit.experiment.status.scan import ScannedExperiment, ScannedTrial
 from meshfit.experiment.storage.failure import UNREADABLE, FailureKind, read_failure
 from meshfit.experiment.storage.measurement import AGAIN
 from meshfit.experiment.storage.result import read_settings
-from meshfit.experiment.storage.run_directory import RESULT, Result, damage
+from meshfit.experiment.storage.run_directory import LOG, RESULT, Result, damage
 from meshfit.experiment.trial_status import TrialStatus
 
 _FAILURES: Mapping[str, str] = MappingProxyType(
@@ -20,7 +21,7 @@ _FAILURES: Mapping[str, str] = MappingProxyType(
         FailureKind.KILLED: "killed",
         FailureKind.TOOL: "tool failed",
         FailureKind.TIME_LIMIT: "timed out",
-        FailureKind.MEMORY_LIMIT: "over its memory limit",
+        FailureKind.MEMORY_LIMIT: "over the memory limit",
         FailureKind.INPUT: "input unusable",
         FailureKind.ERROR: "crashed",
         UNREADABLE: "failed",
@@ -40,7 +41,8 @@ def missing_results(experiments: Sequence[ScannedExperiment], results: Sequence[
     """Return a record of each planned trial that is not complete, in the order of the plans.
 
     A record has the names and the settings of a result, and in place of its numbers `missing`: the `state` of the trial
-    in a word or two, and a `message`. Without a plan, trials that have begun are the planned ones.
+    in a word or two, a `message`, and the path of its `log`. Without a plan, trials that have begun are the planned
+    ones.
 
     Args:
         experiments: scanned experiments.
@@ -53,6 +55,12 @@ def missing_results(experiments: Sequence[ScannedExperiment], results: Sequence[
         if trial.status is not TrialStatus.COMPLETE and (trial.planned is not None or experiment.plan is None)
         for record in _record(experiment, trial, results)
     ]
+
+
+def count_unfinished(experiments: Sequence[ScannedExperiment]) -> dict[str, int]:
+    """Return how many trials have neither a result nor a failure, by their state in a word or two."""
+    states = Counter(trial.status for experiment in experiments for trial in experiment.trials)
+    return {text: states[status] for status, text in _STATUSES.items() if states[status]}
 
 
 def _record(experiment: ScannedExperiment, trial: ScannedTrial, results: Sequence[Result]) -> Iterator[Result]:
@@ -71,7 +79,7 @@ def _record(experiment: ScannedExperiment, trial: ScannedTrial, results: Sequenc
         "seed": trial.seed,
         "variant": trial.variant,
         "folder": str(trial.path),
-        "missing": _reason(trial),
+        "missing": _reason(trial) | {"log": str(log) if (log := trial.path / LOG).is_file() else ""},
     }
 
 

@@ -40,10 +40,12 @@ class Missing:
     Attributes:
         state: in a word or two, such as `diverged`.
         message: the reason; empty where there is nothing to add.
+        log: path of the trial's log; empty if it has none.
     """
 
     state: str
     message: str
+    log: str = ""
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Any
 
 from meshfit.config.experiment import MADE_FROM_TARGET
 from meshfit.measuring.metrics import METRICS
-from meshfit.report.tables.grouping import numbers_in, without_numbers
+from meshfit.report.tables.grouping import Missing, numbers_in, without_numbers
 from meshfit.report.tables.layout import FEWER, NOT_SIGNIFICANT, SHORTFALL, columns_of, row_titles
 from meshfit.report.tables.numbers import format_difference
 from meshfit.report.tables.paper_numbers import LIKELIER, OTHER, PAPER_METRIC, paper_value
@@ -364,14 +364,15 @@ def fewer_note(table: Table) -> str:
 
 def _missing_runs(table: Table) -> Iterator[str]:
     """Name the planned trials without a result, one line for each state and message."""
-    found: dict[tuple[str, str], dict[tuple[str, Row], dict[int, str]]] = {}
+    found: dict[tuple[str, str], dict[tuple[str, Row], dict[int, Missing]]] = {}
     for target, row in product(table.targets, table.rows):
         for seed, missing in table.missing(target, row).items():
             cells = found.setdefault((missing.state, without_numbers(missing.message)), {})
-            cells.setdefault((target, row), {})[seed] = missing.message
+            cells.setdefault((target, row), {})[seed] = missing
     for (state, _), cells in sorted(found.items(), key=lambda case: list(table.counts).index(case[0][0])):
-        messages = list(dict.fromkeys(message for by_seed in cells.values() for message in by_seed.values()))
-        runs = sum(map(len, cells.values()))
+        every = [missing for by_seed in cells.values() for missing in by_seed.values()]
+        messages = list(dict.fromkeys(missing.message for missing in every))
+        runs = len(every)
         by_row: dict[tuple[Row, tuple[int, ...]], list[str]] = {}
         for (target, row), by_seed in cells.items():
             by_row.setdefault((row, tuple(sorted(by_seed))), []).append(target)
@@ -380,6 +381,7 @@ def _missing_runs(table: Table) -> Iterator[str]:
         places = places[:_MOST_PLACES] + ([f"and {more} more"] if more > 0 else [])
         reason = f"; {messages[0].rstrip('.')}" if messages[0] else ""
         reason += " in the first" if len(messages) > 1 else ""
+        reason += f"; {'log' if runs == 1 else 'log of the first'}: {every[0].log}" if every[0].log else ""
         yield f"Missing, {state}: {count_text(runs, 'run')}, {'; '.join(places)}{reason}"
 
 
