@@ -158,6 +158,11 @@ def warn_once(text: str) -> None:
     _warnings.show(text)
 
 
+def flush_warnings() -> None:
+    """Print warnings that are held for others of their file."""
+    _warnings.flush()
+
+
 @contextmanager
 def show_warnings() -> Iterator[None]:
     """Show meshfit's own warnings, each once and those of a file on one line, and ignore all others."""

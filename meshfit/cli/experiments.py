@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -12,6 +12,7 @@ import typer
 from rich.markup import escape
 
 from meshfit.cli.console import EXIT_FAILED, err, out, print_warning, warn_once, working
+from meshfit.cli.early_warnings import EarlyWarnings
 from meshfit.cli.options import RunOptions
 from meshfit.cli.progress import show_progress
 from meshfit.cli.table import check_display, show_tables
@@ -61,12 +62,13 @@ def run_and_report(trials: Sequence[Trial], options: RunOptions) -> int:
     if not options.force:
         _copy_complete(trials, store, quiet=options.quiet)
         _warn_of_missing_snapshots(trials, store)
-    outcomes = _run_missing(trials, store, options)
+    early = EarlyWarnings(trials, store)
+    outcomes = _run_missing(trials, store, options, None if options.as_json else early)
     results = _results_of(trials, store)
     if options.as_json:
         typer.echo(json.dumps(_plain_results(results), indent=2))
     elif results:
-        _show_warnings(results)
+        _show_warnings(results, early.shown)
         records = [*results, *_missing(trials, results, store)]
         records = distinguish_definitions(in_planned_order(records))
         show_tables(records, options.metrics, baseline=options.baseline)
@@ -149,10 +151,12 @@ def _warn_of_missing_snapshots(trials: Sequence[Trial], store: RunDirectory) -> 
         print_warning(f"{trials_have} none of the requested snapshots; --force reruns them and takes snapshots")
 
 
-def _run_missing(trials: Sequence[Trial], store: RunDirectory, options: RunOptions) -> dict[int, Outcome]:
+def _run_missing(
+    trials: Sequence[Trial], store: RunDirectory, options: RunOptions, early: EarlyWarnings | None
+) -> dict[int, Outcome]:
     make_folder(options.runs)
     with show_progress(trials, quiet=options.quiet) as watch:
-        return run_trials_of(trials, store, options, watch)
+        return run_trials_of(trials, store, options, watch if early is None else early.watching(watch))
 
 
 def run_trials_of(
@@ -208,16 +212,20 @@ def _missing(trials: Sequence[Trial], results: Sequence[Result], store: RunDirec
     return [record for record in missing_results(scanned, results) if record["folder"] in folders]
 
 
-def _show_warnings(results: Sequence[Result]) -> None:
+def _show_warnings(results: Sequence[Result], shown: Set[tuple[str, str]]) -> None:
     """Show the warnings of trials, each once; those that differ in numbers alone are the same one.
 
     Shortfalls are left to the notes of the table.
+
+    Args:
+        results: of the trials.
+        shown: the target and the text, without numbers, of warnings that have been shown.
     """
     trials = Counter(result["target"] for result in results)
     alike: dict[str, list[tuple[str, str]]] = {}
     for result in results:
         for text in dict.fromkeys(result.get("warnings", ())):
-            if text in result.get("shortfalls", ()):
+            if text in result.get("shortfalls", ()) or (result["target"], without_numbers(text)) in shown:
                 continue
             if file_stem(text.partition(": ")[0]) == result["target"]:
                 warn_once(text)  # it names the target's file

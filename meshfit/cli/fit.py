@@ -21,7 +21,7 @@ from meshfit.cli.fit_outputs import (
     correspondence_files,
     outputs_of_many,
 )
-from meshfit.cli.fit_plan import FitOptions, check_options, parse_noise, parse_position
+from meshfit.cli.fit_plan import FitOptions, check_options, parse_keep, parse_noise, parse_position
 from meshfit.cli.options import (
     EXECUTION,
     OUTPUT,
@@ -257,6 +257,16 @@ def fit(
             rich_help_panel=_FIT,
         ),
     ] = "all",
+    keep_pieces: Annotated[
+        str,
+        typer.Option(
+            "--keep-pieces",
+            help="Pieces of the target that count: all; largest, without the floaters of a scan; or those of at least "
+            "a share of the largest, such as 0.1.",
+            metavar="all|largest|SHARE",
+            rich_help_panel=SCANS,
+        ),
+    ] = "all",
     seed: Annotated[
         int, typer.Option("--seed", min=0, max=2**32 - 1, help="Seed.", metavar="N", rich_help_panel=_FIT)
     ] = 0,
@@ -363,6 +373,7 @@ def fit(
         source=source,
         register=register,
         surface=surface,
+        keep_pieces=parse_keep(keep_pieces),
         seed=seed,
         device=device,
         sensor=None if sensor is None else parse_position("--sensor", sensor),

@@ -87,6 +87,7 @@ class FitJobs:
 
     def run(self, jobs: Sequence[FitJob], *, many: bool) -> list[tuple["Verdict", dict[str, object]]]:
         """Run the fits; write and judge each as soon as it is complete."""
+        from meshfit.cli.early_warnings import EarlyWarnings
         from meshfit.cli.experiments import run_trials_of
         from meshfit.cli.fit_progress import show_fit
         from meshfit.cli.progress import show_progress
@@ -123,7 +124,8 @@ class FitJobs:
                 if many:
                     settle(outcomes)
 
-            outcomes = run_trials_of(trials, store, self.run_options, watch_and_settle)
+            watching = EarlyWarnings(trials, store).watching(watch_and_settle)
+            outcomes = run_trials_of(trials, store, self.run_options, watching)
         settle(outcomes)
         return [verdicts[k] for k in sorted(verdicts)]
 

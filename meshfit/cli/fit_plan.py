@@ -13,7 +13,7 @@ from meshfit.paths import is_regular_file, looks_like_path
 if TYPE_CHECKING:
     from meshfit.config.loading import Experiment
     from meshfit.experiment.plan import Trial
-    from meshfit.mesh.cleaning_options import CleaningOptions
+    from meshfit.mesh.cleaning_options import CleaningOptions, Keep
 
 _NAME, _ANY_TARGET = "fit", "bunny"
 _FIXED_VERTS = 10242
@@ -32,6 +32,7 @@ class FitOptions:
     source: str
     register: Literal["auto", "rigid", "near-rigid", "soft", "off"] | None
     surface: Literal["all", "outer"]
+    keep_pieces: "Keep"
     seed: int
     device: str | None
     sensor: tuple[float, float, float] | None
@@ -81,6 +82,23 @@ def parse_noise(text: str) -> Literal["auto"] | float:
         value = math.nan
     if not 0 <= value < math.inf:
         raise ConfigError(f"--noise {text}: expected auto, or a length of 0 or more in the unit of the target's file")
+    return value
+
+
+def parse_keep(text: str) -> "Keep":
+    """Return the value of `--keep-pieces`.
+
+    Raises:
+        ConfigError: neither all, largest nor a share.
+    """
+    if text in ("all", "largest"):
+        return None if text == "all" else "largest"
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value <= 1:
+        raise ConfigError(f"--keep-pieces {text}: expected all, largest, or a share above 0 and up to 1")
     return value
 
 
@@ -177,6 +195,8 @@ def _of_template(options: FitOptions) -> Iterator[str]:
 
 def _of_scan(options: FitOptions) -> Iterator[str]:
     """Settings of scans; a noise that is a length follows once the frame is known."""
+    if options.keep_pieces is not None:
+        yield _setting("target.keep", options.keep_pieces)
     if options.sensor is not None:
         yield _setting("target.sensor", list(options.sensor))
     if options.noise == "auto":
@@ -195,35 +215,30 @@ def _scale(target: str, options: FitOptions, experiment: "Experiment") -> float:
     """The length of the target's file that is 1 in the normalised frame."""
     from meshfit.images.targets import load_shape
     from meshfit.mesh.normalisation import frame_of
+    from meshfit.mesh.separate_pieces import kept_pieces
 
-    return frame_of(load_shape(target, options.cleaning).verts, experiment.settings.normalise).scale
+    shape = kept_pieces(load_shape(target, options.cleaning), experiment.settings.target.keep)
+    return frame_of(shape.verts, experiment.settings.normalise).scale
 
 
 def _placed(target: str, options: FitOptions, experiment: "Experiment") -> Iterator[str]:
     """Settings of a control mesh from a file, which keeps its place relative to the target."""
-    import numpy as np
-
     from meshfit.images.targets import load_shape
     from meshfit.mesh.any_target import require_mesh
     from meshfit.mesh.mismatch import describe_mismatch
-    from meshfit.mesh.normalisation import frame_of
+    from meshfit.mesh.separate_pieces import kept_pieces
     from meshfit.mesh.targets import load_target
 
-    target_mesh = load_shape(target, options.cleaning)
+    target_mesh = kept_pieces(load_shape(target, options.cleaning), experiment.settings.target.keep)
     with error_prefix("--source"):
         control = require_mesh(load_target(options.source), options.source)
-    frame = frame_of(target_mesh.verts, experiment.settings.normalise)
     yield _setting("source.mesh", _absolute(options.source))
     yield _setting("source.levels", 0)
     yield _setting("source.project", "none")
+    yield _setting("source.frame", "target")
     yield from _guidance(options)
     if not options.registers and describe_mismatch(control, target_mesh):
         yield _setting("source.align", "pca")
-        return
-    placed = frame.normalise(control)
-    mean = placed.verts.mean(axis=0)
-    yield _setting("source.radius", float(np.linalg.norm(placed.verts - mean, axis=1).max()))
-    yield _setting("source.centre", [float(value) for value in mean])
 
 
 def _guidance(options: FitOptions) -> Iterator[str]:

@@ -24,7 +24,7 @@ from meshfit.errors import SchemeError, ViewError
 from meshfit.fitting.settings import METHODS, Dtype, FirstOrderSettings, FitSettings, default_fit
 from meshfit.images.specs import image_spec, spec_of_mapping
 from meshfit.measuring.settings import MeasureSettings
-from meshfit.mesh.cleaning_options import CleaningOptions, Repair, Surface
+from meshfit.mesh.cleaning_options import CleaningOptions, Keep, Repair, Surface
 from meshfit.mesh.placing_options import Alignment, Normalisation
 from meshfit.settings import DEFAULT_KIND, KIND_KEY, Settings
 from meshfit.subdivision.registry import SURFACES, Definitions, canonical, entry_of, registry_with, schemes_on, spec_of
@@ -102,6 +102,15 @@ def _canonical_target(value: Any) -> Any:  # noqa: ANN401  any YAML value
     return value
 
 
+def _canonical_keep(value: Any) -> Any:  # noqa: ANN401  any YAML value
+    """Return the pieces to keep, with null for all."""
+    if value in ("all", None):
+        return None
+    if value == "largest" or (isinstance(value, int | float) and not isinstance(value, bool) and 0 < value <= 1):
+        return value
+    raise ValueError(f"expected all, largest, or a share above 0 and up to 1, got {json.dumps(value, default=str)}")
+
+
 def _require_one(settings: Settings, first: str, second: str) -> None:
     given = [name for name in (first, second) if getattr(settings, name) is not None]
     if len(given) != 1:
@@ -132,6 +141,12 @@ _TARGET_SCHEMA = {
         {"type": "string"},
         _mapping_schema({"views": _mapping_schema(_VIEW_KEYS, "of")}, "views"),
         _mapping_schema(_IMAGE_KEYS, "images"),
+    ]
+}
+_KEEP_SCHEMA = {
+    "anyOf": [
+        {"enum": ["all", "largest", None]},
+        {"type": "number", "exclusiveMinimum": 0, "maximum": 1},
     ]
 }
 Target = Annotated[str, BeforeValidator(_canonical_target), WithJsonSchema(_TARGET_SCHEMA)]
@@ -250,6 +265,10 @@ class SourceSettings(Settings):
     centre: tuple[float, float, float] | None = (0.0, 0.0, 0.0)
     """Position of the mean of the control mesh's vertices in the normalised frame; null keeps its place, as all sources
     made from the target do. Also accepted as `center`."""
+    frame: Literal["target"] | None = None
+    """Frame of a control mesh from a file: `target` if it is in the coordinates and the unit of the target's file, as
+    meshes that were aligned in another program are: it is normalised together with the target, and keeps its place and
+    its size, as `radius` and `centre` are null then. null takes its coordinates for normalised ones."""
     align: Align = "none"
     """Alignment of the refined source with the target: `none`; `center` or `centre`, by centroids; `box`, by bounding
     boxes, each axis by its own scale; `pca`, by the best of the pose as given and the turns of principal axes onto
@@ -293,6 +312,8 @@ class SourceSettings(Settings):
             data = {**data, "landmarks": {"file": data["landmarks"]}}
         mesh = data.get("mesh")
         defaults = _SOURCE_DEFAULTS.get(mesh, {}) if isinstance(mesh, str) else {}
+        if data.get("frame") is not None:
+            defaults = {**defaults, "radius": None, "centre": None}
         if data.get("decimate") is not None:
             defaults = {key: value for key, value in defaults.items() if key != "wanted_verts"}
         return {**defaults, **data}
@@ -302,6 +323,17 @@ class SourceSettings(Settings):
         if self.radius_of is not None and (self.is_made_from_target or self.radius is None):
             why = f"mesh: {self.mesh}" if self.is_made_from_target else "radius: null"
             raise ValueError(f"radius_of: has no effect with {why}; remove it")
+        return self
+
+    @model_validator(mode="after")
+    def _frame_keeps_the_place(self) -> "SourceSettings":
+        if self.frame is None:
+            return self
+        if self.is_made_from_target or self.mesh == "sphere":
+            raise ValueError(f"frame: has no effect with mesh: {self.mesh}; set mesh to a file, or remove it")
+        for key in ("radius", "centre"):
+            if getattr(self, key) is not None:
+                raise ValueError(f"frame: target keeps place and size; remove {key}, or frame")
         return self
 
     @model_validator(mode="after")
@@ -317,6 +349,10 @@ class TargetSettings(Settings):
     surface: Surface = "all"
     """Part of a target's surface that is fitted to and measured from: `all`, or what can be seen of it from outside,
     `outer`: then parts that lie inside others are left out, and a source made from the target is one skin."""
+    keep: Annotated[Keep, BeforeValidator(_canonical_keep), WithJsonSchema(_KEEP_SCHEMA)] = None
+    """Pieces of a target that are fitted to and measured from: `all` or null; `largest`, that of the largest area;
+    or a share (above 0, up to 1) for those of at least this share of it. Parts nearer to each other than 1 % of the
+    extent are one piece, in meshes, soups and clouds. The frame is that of the pieces that are kept."""
     sensor: tuple[float, float, float] | None = None
     """Position that a scan was taken from, in the coordinates and the unit of the target's file, towards which the
     normals of its points are oriented where the file has none; null orients them from neighbour to neighbour, outwards.

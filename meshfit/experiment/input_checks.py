@@ -239,6 +239,8 @@ def _check_images(name: str, checked: CheckedTarget, settings: ExperimentSetting
         raise ConfigError(f"{name}: not given by images, whose masks have a visual hull; use source.mesh: auto")
     if checked.views and settings.target.surface == "outer":
         raise ConfigError(f"{name}: images show the outside alone; remove target.surface: outer")
+    if checked.views and settings.target.keep is not None:
+        raise ConfigError(f"{name}: images have no pieces to choose from before the fit; remove target.keep")
     if settings.target.sensor is not None and (checked.views or not checked.points):
         known = "its cameras are known" if checked.views else "its faces tell the outside"
         raise ConfigError(f"{name}: {known}, so target.sensor has no effect; remove it")

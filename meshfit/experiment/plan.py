@@ -39,7 +39,8 @@ from meshfit.subdivision.registry import NamedScheme
 # Increased whenever these alignments give other numbers; other trials keep their identities.
 _ALIGNMENT_VERSION, _SEARCHED = 2, ("pca", "icp")
 _OMITTED_IF_NULL = (
-    *(("source", key) for key in (*KEYS_WITH_FILES, "wanted_verts", "wrap", "radius_of")),
+    *(("source", key) for key in (*KEYS_WITH_FILES, "wanted_verts", "wrap", "radius_of", "frame")),
+    ("target", "keep"),
     ("fit", "views"),
     *(("fit", "losses", term) for term in VIEW_TERMS),
 )

@@ -18,7 +18,7 @@ from meshfit.mesh.geometry import face_areas, signed_volume
 from meshfit.mesh.io.vertex_values import read_vertex_property, read_vertex_values
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.meshlab import decimate
-from meshfit.mesh.normalisation import placed
+from meshfit.mesh.normalisation import IDENTITY, Frame, placed
 from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.solids import POLYGON_SOLIDS, SOLIDS
@@ -54,6 +54,7 @@ def build_source(
     *,
     surface: Surface = "all",
     images: Views | None = None,
+    frame: Frame = IDENTITY,
 ) -> AnyMesh:
     """Build the mesh that a fit starts from: polygons if the scheme refines polygons, else triangles.
 
@@ -67,6 +68,7 @@ def build_source(
         target: the trial's target in its normalised frame, which some control meshes are made from.
         surface: the part of the target's surface that this is.
         images: views of the target, in the same frame, if it is given by images.
+        frame: of the target, for a control mesh in the coordinates of the target's file.
 
     Raises:
         ConfigError: the control mesh is neither built in, nor a target, nor a file; or it is decimated or made from the
@@ -77,7 +79,8 @@ def build_source(
     if isinstance(scheme, str):
         name = scheme
     scheme = resolve(scheme)
-    mesh, vertex_map = _control_mesh(settings, target, surface, images, polygons=isinstance(scheme, PolygonScheme))
+    polygons = isinstance(scheme, PolygonScheme)
+    mesh, vertex_map = _control_mesh(settings, target, surface, images, frame, polygons=polygons)
     creases = _creases(settings, scheme, name, mesh, vertex_map)
     scheme = _with_alphas(settings, scheme, name, vertex_map)
     try:
@@ -147,7 +150,7 @@ def control_verts(settings: SourceSettings, scheme: Scheme) -> tuple[int, Vertex
 
     The second is the vertices that those of its file became; None if it was decimated.
     """
-    mesh, vertex_map = _control_mesh(settings, None, "all", None, polygons=isinstance(scheme, PolygonScheme))
+    mesh, vertex_map = _control_mesh(settings, None, "all", None, IDENTITY, polygons=isinstance(scheme, PolygonScheme))
     return mesh.num_verts, vertex_map
 
 
@@ -174,6 +177,7 @@ def _control_mesh(
     target: Mesh | PointCloud | None,
     surface: Surface,
     images: Views | None,
+    frame: Frame,
     *,
     polygons: bool,
 ) -> tuple[AnyMesh, VertexMap | None]:
@@ -191,6 +195,8 @@ def _control_mesh(
         assert made is not None  # noqa: S101  as it is made from the target
         return PolygonMesh.of(made.mesh) if polygons else made.mesh, None
     mesh, vertex_map = own_control_mesh(settings, polygons=polygons)
+    if settings.frame == "target":
+        mesh = frame.normalise(mesh)
     return mesh.with_verts(_placed(mesh.verts, settings)), vertex_map
 
 

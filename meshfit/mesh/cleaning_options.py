@@ -8,6 +8,9 @@ Repair = Literal["split", "refuse"]
 Surface = Literal["all", "outer"]
 """The part of a mesh that counts: all of it, or what can be seen from outside."""
 
+Keep = Literal["largest"] | float | None
+"""The pieces of a target that count: the largest, those of at least a share of its size, or with None all."""
+
 
 @dataclass(frozen=True)
 class CleaningOptions:

@@ -253,3 +253,19 @@ def test_every_fault_is_reported_on_a_line_of_its_own(tmp_path, config):
     ]
     copied = pickle.loads(pickle.dumps(caught.value))
     assert copied.faults == caught.value.faults
+
+
+def test_a_source_in_the_frame_of_the_target_keeps_place_and_size_or_is_refused(tmp_path):
+    def loaded(source):
+        (tmp_path / "c.yaml").write_text(f"source: {{frame: target, {source}}}\n", encoding="utf-8")
+        return load_experiment(tmp_path / "c.yaml").settings.source
+
+    source = loaded("mesh: bone")
+    assert (source.radius, source.centre) == (None, None)
+    for settings, fault in (
+        ("mesh: bone, radius: 2", "keeps place and size; remove radius"),
+        ("mesh: bone, centre: [0, 0, 1]", "keeps place and size; remove centre"),
+        ("mesh: auto", "has no effect with mesh: auto"),
+    ):
+        with pytest.raises(ConfigError, match=fault):
+            loaded(settings)

@@ -1,6 +1,8 @@
 import io
+import itertools
 import json
 import shutil
+import warnings
 from contextlib import suppress
 
 import numpy as np
@@ -8,6 +10,8 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
+from meshfit.cli.console import show_warnings
+from meshfit.cli.early_warnings import EarlyWarnings
 from meshfit.config.loading import load_experiment
 from meshfit.errors import MeshfitWarning, StoreError
 from meshfit.experiment.plan import plan
@@ -16,7 +20,8 @@ from meshfit.experiment.running.batch_runner import run_batch
 from meshfit.experiment.storage.checkpoint import read_checkpoint, write_checkpoint
 from meshfit.experiment.storage.frame import frame_of
 from meshfit.experiment.storage.run_directory import RunDirectory
-from meshfit.experiment.trial_status import TrialStatus
+from meshfit.experiment.storage.targets import read_target
+from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
 from meshfit.fitting import loop as run
 from meshfit.fitting.callbacks import Interrupted
 from meshfit.measuring.measure import measure
@@ -28,6 +33,7 @@ from tests.small import ellipsoid, experiment
 
 pytestmark = pytest.mark.usefixtures("without_shape_checks")
 
+IN_TARGET_FRAME = {"frame": "target", "radius": None, "centre": None}
 FILES = ["config.yaml", "result.json", "result.ply", "source.ply", "times.csv", "trace.csv", "trial.log"]
 
 
@@ -72,6 +78,69 @@ def test_a_difference_in_topology_is_warned_of_in_words(tmp_path):
         "Euler number 1); the fit keeps that of the source"
     )
     assert shortfall == "topology not matched: the target has 1 opening (0 in the result)"
+
+
+def test_warnings_of_loading_are_printed_while_trials_run_once_per_target_and_source(tmp_path, capsys):
+    closed = load_mesh(ellipsoid(tmp_path, "closed.ply"))
+    save_mesh(Mesh(closed.verts, closed.faces[1:]), tmp_path / "open.ply")
+    changes = {"targets": [str(tmp_path / "open.ply")], "seeds": [0, 1], "source": {"centre": [9.0, 0.0, 0.0]}}
+    with pytest.warns(MeshfitWarning):
+        trials = plan([experiment(tmp_path, **changes)])
+    store = RunDirectory(tmp_path / "runs")
+    early = EarlyWarnings(trials, store, clock=itertools.count().__next__)
+    printed = []
+
+    def on_progress(index, progress):
+        running = {index: progress, 1 - index: Progress(TrialStatus.WAITING)}
+        early.update(running, {})
+        if progress.step.done == 1:  # all is said before the second step
+            printed.append(capsys.readouterr().err)
+
+    with show_warnings():
+        for index, trial in enumerate(trials):
+            run_batch([trial], store, lambda _, progress, index=index: on_progress(index, progress))
+        early.update({}, dict.fromkeys(range(2), Outcome(TrialStatus.COMPLETE)))
+    first, second = printed
+    for text in ("do not overlap", "differ in topology", "the target is open (1 opening)", "the surface is open"):
+        assert first.count(text) == 1, text
+    assert second == capsys.readouterr().err == ""
+    assert all("do not overlap" in (store.folder(trial) / "trial.log").read_text("utf-8") for trial in trials)
+
+
+def test_a_source_in_the_frame_of_the_target_keeps_its_place_and_size(tmp_path):
+    """A head in millimetres that another program has aligned: it starts where it is, and so does its result."""
+    target = load_mesh(ellipsoid(tmp_path, "target.ply"))
+    head = target.with_verts(target.verts * 105 + [300.0, -40.0, 1200.0])
+    save_mesh(head, tmp_path / "head.ply")
+    template = head.with_verts(head.verts + np.array([2.0, 0.0, 1.0]))
+    save_mesh(template, tmp_path / "template.ply")
+    source = {"mesh": str(tmp_path / "template.ply"), "levels": 0} | IN_TARGET_FRAME
+    trial, store, folder = prepared(tmp_path, targets=[str(tmp_path / "head.ply")], source=source)
+    assert run_trial(trial, store, lambda _: None).status is TrialStatus.COMPLETE
+    np.testing.assert_allclose(load_mesh(folder / "source.ply").verts, template.verts, atol=1e-9)
+    assert not [text for text in store.result(trial)["warnings"] if "source.align" in text]
+
+
+def test_floaters_are_warned_of_and_left_out_of_the_frame_the_fit_and_the_measurement(tmp_path):
+    whole = load_mesh(ellipsoid(tmp_path, "whole.ply"))
+    far = whole.verts * 0.02 + [7.0, 0.0, 0.0]
+    faces = np.concatenate([whole.faces, whole.faces + whole.num_verts])
+    save_mesh(Mesh(np.concatenate([whole.verts, far]), faces), tmp_path / "scan.ply")
+    results = []
+    for name, keep in (("scan.ply", None), ("scan.ply", "largest"), ("whole.ply", None)):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", MeshfitWarning)
+            trial, store, folder = prepared(tmp_path, targets=[str(tmp_path / name)], target={"keep": keep})
+        assert run_trial(trial, store, lambda _: None).status is TrialStatus.COMPLETE
+        results.append((store.result(trial), folder))
+    (everything, _), (kept, folder), (clean, _) = results
+    (floaters,) = [text for text in everything["warnings"] if "small piece" in text]
+    assert "scan.ply: 1 small piece far off the others (0.04 % of the area" in floaters
+    assert "target.keep: largest" in floaters
+    assert not any("small piece" in text for text in kept["warnings"])
+    assert kept["frame"]["scale"] == clean["frame"]["scale"]
+    assert kept["hausdorff"] == clean["hausdorff"]
+    assert read_target(folder, kept).num_verts == whole.num_verts
 
 
 def test_an_alignment_is_in_the_log_the_result_and_what_is_shown(tmp_path):

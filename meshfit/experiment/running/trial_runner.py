@@ -124,7 +124,7 @@ class TrialRunner:
             if source_settings.is_made_from_target:
                 self._report(TrialStatus.PREPARING)
             views = None if self._images is None else self._images.views
-            source = prepare_source(source_settings, scheme, self._target, settings.target.surface, views)
+            source = prepare_source(source_settings, scheme, target, settings.target.surface)
             self._source, self._built, self._source_record = source.mesh, source.built, source.record
             fills = source_settings.mesh == "closed"
             warn_of_differences(self._source, self._target, settings.fit, settings.target.surface, fills=fills)

@@ -20,7 +20,9 @@ from meshfit.mesh.normalisation import Frame, frame_of
 from meshfit.mesh.outer_surface import outer_surface
 from meshfit.mesh.placing_options import Normalisation
 from meshfit.mesh.point_cloud import MOST_HIDDEN, PointCloud, Position, hidden_from_sensor, seen_cloud
+from meshfit.mesh.separate_pieces import describe_floaters, kept_pieces
 from meshfit.mesh.targets import load_target
+from meshfit.paths import path_text
 from meshfit.units import count_text
 
 
@@ -70,8 +72,14 @@ def load_trial_target(
     if turned is not mesh:  # fits match normals, and would turn the source inside out
         texts = with_turning(texts, "fit")
     carry(carried, lambda: turned)
-    frame = frame_of(mesh.verts, normalise)
-    fitted, note = turned, ""
+    parts, note = kept_pieces(turned, settings.keep), ""
+    if settings.keep is not None:
+        note = _dropped_share(turned, parts)
+    elif floaters := describe_floaters(turned):
+        remedy = "set target.keep: largest, or meshfit fit --keep-pieces largest, if they are no part of the shape"
+        texts = [*texts, f"{path_text(name)}: {floaters} draw the fit to them; {remedy}"]
+    frame = frame_of(mesh.verts if parts is turned else parts.verts, normalise)
+    fitted = turned = parts
     if isinstance(turned, PointCloud):
         fitted = seen_cloud(turned, settings.sensor)
         if settings.sensor is not None and turned.normals is None:
@@ -109,6 +117,12 @@ def _doubts_of_sensor(cloud: PointCloud, sensor: Position) -> list[str]:
     place = ", ".join(f"{number:g}" for number in sensor)
     text = f"target.sensor: from ({place}), {100 * hidden:.0f} % of the points are hidden behind others"
     return [f"{text}, and their normals face inwards; give the place they were seen from, or none"]
+
+
+def _dropped_share(whole: Mesh | PointCloud, kept: Mesh | PointCloud) -> str:
+    if isinstance(whole, Mesh) and isinstance(kept, Mesh):
+        return f"target.keep: {kept.num_faces:,} of {count_text(whole.num_faces, 'face')}"
+    return f"target.keep: {kept.num_verts:,} of {count_text(whole.num_verts, 'point')}"
 
 
 def _hidden_share(whole: Mesh, outer: Mesh) -> str:

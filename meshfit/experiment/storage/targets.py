@@ -180,8 +180,8 @@ def remove_targets(root: Path, paths: Iterable[Path]) -> None:
 def read_target(folder: Path, record: Result) -> "Mesh | PointCloud":
     """Read the target of a trial in its own coordinates: the carried one, else its file if that has not changed.
 
-    A mesh is as it was for the fit: turned if it is inside out, and its outer surface alone where the settings say so;
-    points that a sensor saw have normals towards it.
+    It is as it was for the fit: a mesh is turned if it is inside out, of its pieces or its surface only that is left
+    which the settings keep, and points that a sensor saw have normals towards it.
 
     Args:
         folder: the folder of the trial.
@@ -232,12 +232,13 @@ def read_images(folder: Path, record: Result) -> "ImageTarget | None":
 def _as_fitted(target: "Mesh | PointCloud", record: Result) -> "Mesh | PointCloud":
     from meshfit.mesh.cleaning import outward
     from meshfit.mesh.point_cloud import PointCloud, seen_cloud
+    from meshfit.mesh.separate_pieces import kept_pieces
 
     settings = record.get("settings", {}).get("target", {})
-    sensor = settings.get("sensor")
+    target = kept_pieces(outward(target), settings.get("keep"))
     if isinstance(target, PointCloud):
-        return seen_cloud(target, sensor)
-    mesh: Mesh = outward(target)
+        return seen_cloud(target, settings.get("sensor"))
+    mesh: Mesh = target
     if settings.get("surface", "all") == "all":
         return mesh
     from meshfit.mesh.outer_surface import outer_surface
