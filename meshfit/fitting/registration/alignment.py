@@ -198,7 +198,7 @@ def _is_clearly_better(distance: float, other: float) -> bool:
     return other > _CLEARLY * distance and other > distance + _LEAST
 
 
-def _starts(source: Verts, target: Verts) -> list[Pose]:
+def _starts(source: Verts, target: Float64[np.ndarray, "N 3"]) -> list[Pose]:
     """Return poses with coinciding centroids and equal sizes: as given, and the turns of principal axes."""
     centre, goal = source.mean(axis=0), target.mean(axis=0)
     scale = float(np.sqrt((target - goal).var(0).sum() / (source - centre).var(0).sum()))
@@ -206,17 +206,17 @@ def _starts(source: Verts, target: Verts) -> list[Pose]:
     return [Pose(rotation, goal - scale * rotation @ centre, scale) for rotation in rotations]
 
 
-def _distances(surface: Mesh | PointCloud, points: Verts) -> Float64[np.ndarray, " N"]:
+def _distances(surface: Mesh | PointCloud, points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
     if isinstance(surface, PointCloud):
         return _point_distances(surface.verts, points)
     return np.asarray(point_distances(surface, points))
 
 
-def _point_distances(points: Verts, queries: Verts) -> Float64[np.ndarray, " N"]:
+def _point_distances(points: Verts, queries: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
     return np.asarray(np.linalg.norm(queries - points[nearest_point_query(points)(queries)], axis=1))
 
 
-def _into_box(verts: Verts, goal: Verts) -> tuple[Verts, float]:
+def _into_box(verts: Verts, goal: Float64[np.ndarray, "N 3"]) -> tuple[Verts, float]:
     (low, high), (goal_low, goal_high) = bounding_box(verts), bounding_box(goal)
     if not (high - low).max() > 0:
         raise MeshError("source: a surface without extent cannot be aligned")

@@ -224,7 +224,7 @@ class PoseSearch:
         return Pose(turn @ pose.rotation, translation, pose.scale * growth), float(change)
 
 
-def principal_turns(source: Verts, target: Verts) -> list[Float64[np.ndarray, "3 3"]]:
+def principal_turns(source: Verts, target: Float64[np.ndarray, "N 3"]) -> list[Float64[np.ndarray, "3 3"]]:
     """Return the 24 rotations that take principal axes of some points to principal axes of others."""
     own, other = _principal_axes(source), _principal_axes(target)
     return [other @ turn @ own.T for turn in Rotation.create_group("O").as_matrix()]
