@@ -32,7 +32,7 @@ from tests.benchmarks import images_page
 
 PIXELS = 256
 COUNTS = (1, 2, 4, 8, 16, 32)
-TARGETS = ("bunny", "mousehead", "cow")
+TARGETS = ("bunny", "mousehead", "cow", "bone")
 _HELD_OUT, _SAMPLES = 6, 50_000
 _SETTINGS = meshfit.GaussNewtonSettings(verts=5000)
 
