@@ -1,8 +1,11 @@
 """Notes of tables about the source."""
 
+from dataclasses import replace
+
 import pytest
 
-from meshfit.report.tables.notes import setting_lines
+from meshfit.report.tables.notes import notes, setting_lines
+from meshfit.report.tables.style import Style
 from meshfit.report.tables.table import build_tables, merge_tables
 from meshfit.settings import deep_merge
 from tests.runs import result_of
@@ -46,3 +49,32 @@ def test_outer_surfaces_are_named():
     fit = setting_lines(table)[1]
     assert ", to the outer surface of each target; measured on" in fit
     assert fit.endswith("samples of the outer surfaces, without what they hide")
+
+
+def pooled(*results, style="full"):
+    (table,) = build_tables(results)
+    lines = notes(replace(table, style=Style(notes=style)))
+    return [line for line in lines if line.startswith(("Trials of", "Measured again"))]
+
+
+@pytest.mark.parametrize("style", ["full", "short"])
+def test_trials_of_several_versions_or_devices_are_not_pooled_without_a_note(style):
+    def run(seed, device="cpu", **versions):
+        one = result_of(seed=seed)
+        return one | {"versions": one["versions"] | versions, "fit": one["fit"] | {"device": device}}
+
+    same = [run(0, "cuda:0", torch="2.1"), run(1, "cuda:1", torch="2.1")]
+    assert pooled(*same, style=style) == []
+    assert pooled(*same, run(2, torch="2.2"), run(3, "cuda", meshfit="0.2.0", torch="2.2"), style=style) == [
+        "Trials of several versions of meshfit, which may give other numbers: 0.1.0 (3 runs), 0.2.0 (1 run)",
+        "Trials of several versions of torch, which may give other numbers: 2.1 (2 runs), 2.2 (2 runs)",
+        "Trials of several devices, which may give other numbers: cpu (1 run), cuda (3 runs)",
+    ]
+    assert pooled(run(0), {key: value for key, value in run(1).items() if key != "versions"}) == []
+
+
+def test_results_that_were_measured_again_are_counted():
+    again = result_of(seed=1) | {"measured_again": {}}
+    assert pooled(result_of(seed=0), again) == [
+        "Measured again after the fit: 1 of 2 runs; result.json has the values of the fit"
+    ]

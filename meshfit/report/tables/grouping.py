@@ -16,6 +16,7 @@ from meshfit.experiment.storage.plan_file import ROLES_OF_TARGETS
 from meshfit.experiment.storage.run_directory import Result
 from meshfit.paths import file_stem
 from meshfit.report.tables.paper_numbers import PAPER_TARGETS
+from meshfit.report.tables.provenance import Provenance
 from meshfit.settings import build
 from meshfit.statistics import BySeed
 from meshfit.subdivision.registry import SCHEMES, UserSchemes, canonical, registry_with, spec_of
@@ -69,6 +70,7 @@ class Variation:
         images: number of views and of those held out, and what distances are to, of the targets that are images.
         complete: seeds of the complete trials, by target and scheme.
         missing: planned trials without a result, by target and scheme, then by seed; only where there are some.
+        provenance: versions and devices of the complete trials.
     """
 
     title: str
@@ -86,6 +88,7 @@ class Variation:
     images: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     complete: Mapping[tuple[str, str], frozenset[int]] = field(default_factory=dict)
     missing: Mapping[tuple[str, str], Mapping[int, Missing]] = field(default_factory=dict)
+    provenance: Provenance = field(default_factory=Provenance)
 
 
 def group_results(
@@ -146,6 +149,7 @@ def group_results(
                 images={target_key(result): result["images"] for result in group if "images" in result},
                 complete=_complete(group),
                 missing=_missing(group),
+                provenance=Provenance.of(group),
             )
         )
     return variations

@@ -11,6 +11,7 @@ from meshfit.report.tables.grouping import Missing, numbers_in, without_numbers
 from meshfit.report.tables.layout import FEWER, NOT_SIGNIFICANT, SHORTFALL, columns_of, row_titles
 from meshfit.report.tables.numbers import format_difference
 from meshfit.report.tables.paper_numbers import LIKELIER, OTHER, PAPER_METRIC, paper_value
+from meshfit.report.tables.provenance import provenance_notes
 from meshfit.report.tables.table import VARIED, Comparison, Row, Table
 from meshfit.statistics import MOST_SEEDS
 from meshfit.units import count_text
@@ -413,10 +414,11 @@ def notes(table: Table) -> list[str]:
     """Return what a reader has to know to interpret the numbers; the short notes leave out what all tables share."""
     if table.style.notes == "none":
         return []
+    origin = provenance_notes(variation.provenance for variation in table.variations)
+    first = [*_missing_runs(table), *origin, *_few_seeds(table)]
     if table.style.notes == "short":
-        return [*_missing_runs(table), *_few_seeds(table), *_significance(table), *_about_targets(table)]
-    about_targets = _about_targets(table)
-    return [*_missing_runs(table), *_few_seeds(table), *_about_comparisons(table), *about_targets, *_about_paper(table)]
+        return [*first, *_significance(table), *_about_targets(table)]
+    return [*first, *_about_comparisons(table), *_about_targets(table), *_about_paper(table)]
 
 
 def _few_seeds(table: Table) -> Iterator[str]:
