@@ -32,6 +32,18 @@ def printable(text: str, keep: str = "") -> str:
     )
 
 
+def printable_json(content: object) -> str:
+    r"""Return the text of a JSON file, readable outside ASCII, with control characters as escapes such as `\u202e`.
+
+    Raises:
+        ValueError: a number is NaN or infinite, which JSON does not have.
+    """
+    text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return "".join(
+        f"\\u{ord(character):04x}" if character != "\n" and _is_control(character) else character for character in text
+    )
+
+
 def require_printable(name: str, what: str) -> None:
     """Refuse a name with control characters.
 

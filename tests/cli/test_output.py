@@ -8,11 +8,16 @@ import subprocess
 import sys
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib.figure import Figure
 
 from meshfit.cli.completions import limits, listed_measured, listed_metrics
 from meshfit.errors import ConfigError
 from meshfit.measuring.metrics import METRICS, metric_named
-from meshfit.printable import csv_cell, printable, require_printable
+from meshfit.printable import csv_cell, printable, printable_json, require_printable
+from meshfit.report.figures.layout import write_drawing
+from meshfit.report.html.environment import template_environment
 from tests.cli import answered, invoke, refused
 from tests.cli.processes import ENVIRONMENT
 from tests.loops import over
@@ -151,3 +156,30 @@ def test_completion_offers_metrics_and_no_settings():
     assert [name for name, _ in listed_measured("a,seconds")] == []
     assert [name for name, _ in limits("hausdorff.s")] == ["hausdorff.symmetric="]
     assert {metric_named(name.partition(".")[0]) for name in METRICS} > {"hausdorff.symmetric", "edges.f1"}
+
+
+@given(
+    st.recursive(
+        st.none() | st.integers() | st.text(), lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner)
+    )
+)
+def test_json_keeps_every_text_and_has_no_control_characters(content):
+    text = printable_json(content)
+    assert json.loads(text) == content
+    assert printable(text, keep="\n") == text
+
+
+@given(st.text(alphabet=st.sampled_from("a<&\x1b\x07\x9b\u202e\ud800\n é")))
+def test_pages_have_no_control_characters(text):
+    page = template_environment().from_string("<p title='{{ text }}'>{{ text }}").render(text=text)
+    assert printable(page, keep="\n\t") == page
+    assert page.count("<") == 1
+
+
+@pytest.mark.filterwarnings("ignore:Glyph")
+def test_drawings_have_no_control_characters(tmp_path):
+    figure = Figure()
+    figure.text(0.5, 0.5, ESCAPE)
+    write_drawing(figure, tmp_path / "a.svg", 100)
+    drawn = (tmp_path / "a.svg").read_text(encoding="utf-8")
+    assert printable(drawn, keep="\n\t") == drawn

@@ -79,6 +79,11 @@ def test_results_are_found_at_any_depth_in_the_order_of_their_paths(tmp_path):
         ({"settings": {"targets": []}}, "not the result of a trial: no settings.targets"),
         ({"distance": {"mean": math.nan}}, "distance.mean is NaN, expected a finite number"),
         ({"distance": {"mean": "0.1"}}, 'distance.mean is "0.1", expected a finite number'),
+        ({"distance": {"mean": 10**400}}, "distance.mean is …, expected a finite number"),
+        ({"distance": {"mean": -0.5}}, "distance.mean is -0.5, which is impossible"),
+        ({"seed": ["long"] * 10**5}, 'not the result of a trial: seed is ["long", '),
+        ("[" * 200_000, "not valid JSON: nested too deeply"),
+        ('{"a":' * 100_000, "not valid JSON: nested too deeply"),
     ],
 )
 def test_a_damaged_result_takes_only_its_own_trial_out(tmp_path, changes, message):
@@ -93,6 +98,7 @@ def test_a_damaged_result_takes_only_its_own_trial_out(tmp_path, changes, messag
     (text,) = (str(warning.message) for warning in caught)
     assert text.startswith(f"left out: {path}: {message}")
     assert text.endswith("; the next `meshfit run` repeats the trial")
+    assert len(text) < 300 + len(str(path))
     with (
         pytest.warns(MeshfitWarning),
         pytest.raises(StoreError, match=r"no complete trial under .*; damaged: 1 result"),

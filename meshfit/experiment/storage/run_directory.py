@@ -1,10 +1,11 @@
 """The run directory: one folder per trial, whose files are written whole or not at all."""
 
 import json
-import math
 import os
 import re
+import sys
 import tempfile
+import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -39,6 +40,7 @@ Result = dict[str, Any]
 # The temporary names that `write_atomically` uses.
 _HALF_WRITTEN = re.compile(r"\..+\.[a-z0-9_]{8}")
 
+_LONGEST_VALUE = 60
 _REPEATED = "the next `meshfit run` repeats the trial"
 # The entries of a result that tables cannot do without, and their types.
 _ESSENTIAL = {
@@ -213,8 +215,9 @@ def read_json(path: Path) -> Result:
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise StoreError(f"{path}: cannot be read: {error.strerror}") from error
-    except ValueError as error:
-        raise StoreError(f"{path}: not valid JSON: {error}; delete it to have the trial run again") from None
+    except (ValueError, RecursionError) as error:
+        reason = "nested too deeply" if isinstance(error, RecursionError) else error
+        raise StoreError(f"{path}: not valid JSON: {reason}; delete it to have the trial run again") from None
     if not isinstance(content, dict):
         raise StoreError(f"{path}: expected a JSON object, got a {type(content).__name__}")
     return content
@@ -244,7 +247,7 @@ def problem_with(result: Result) -> str | None:
         if key not in result and key in _ESSENTIAL:
             return f"not the result of a trial: no {key}"
         if key in result and not isinstance(result[key], kind):
-            return f"not the result of a trial: {key} is {json.dumps(result[key])}"
+            return f"not the result of a trial: {key} is {_shortened(result[key])}"
     targets = result["settings"].get("targets")
     if not (isinstance(targets, list) and targets and isinstance(targets[0], str)):
         return "not the result of a trial: no settings.targets"
@@ -258,10 +261,14 @@ def problem_with(result: Result) -> str | None:
 
 
 def _impossible(name: str, value: object) -> str | None:
-    if not (isinstance(value, int | float) and math.isfinite(value)):
-        return f"{name} is {json.dumps(value)}, expected a finite number"
+    if not (isinstance(value, int | float) and abs(value) <= sys.float_info.max):
+        return f"{name} is {_shortened(value)}, expected a finite number"
     least, largest = possible_range(name)
-    return None if least <= value <= largest else f"{name} is {json.dumps(value)}, which is impossible"
+    return None if least <= value <= largest else f"{name} is {_shortened(value)}, which is impossible"
+
+
+def _shortened(value: object) -> str:
+    return textwrap.shorten(json.dumps(value), _LONGEST_VALUE, placeholder=" …")
 
 
 def damage(path: Path) -> str | None:

@@ -14,6 +14,7 @@ from jaxtyping import Float64
 from meshfit.errors import ConfigError
 from meshfit.mesh.mesh import Mesh
 from meshfit.optional import import_optional
+from meshfit.printable import printable
 from meshfit.report.figures.camera import Camera, is_visible
 from meshfit.report.figures.colours import DISTANCES, INK, rgb
 from meshfit.report.figures.drawing import Image, draw
@@ -227,8 +228,11 @@ def write_drawing(figure: Any, path: Path, dpi: int) -> None:  # noqa: ANN401  m
     """
     content, suffix = io.BytesIO(), path.suffix.lower()
     figure.savefig(content, format=suffix[1:], dpi=dpi, metadata=_UNDATED[suffix])
+    data = content.getvalue()
+    if suffix == ".svg":
+        data = printable(data.decode(), keep="\n\t").encode()
     try:
-        path.write_bytes(content.getvalue())
+        path.write_bytes(data)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written: {error.strerror}") from error
 

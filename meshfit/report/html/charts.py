@@ -22,6 +22,7 @@ from meshfit.experiment.storage.run_directory import TIMES, TRACE, Result
 from meshfit.experiment.tuning.search_file import Search
 from meshfit.mesh.mesh import Mesh
 from meshfit.optional import import_optional
+from meshfit.printable import printable
 from meshfit.report.figures.layout import set_log_ticks
 from meshfit.report.figures.search import SearchStyle, draw_search, search_height
 from meshfit.report.html.target_section import TargetSection, TrialsByRow
@@ -354,7 +355,7 @@ def _svg_of(draw: Callable[[Any], None], name: str, key: str, size: tuple[int, i
         draw(figure)
         content = io.StringIO()
         figure.savefig(content, format="svg", metadata={"Date": None})
-    return _for_page(content.getvalue(), name, re.sub(r"\W+", "-", key), size)
+    return _for_page(printable(content.getvalue(), keep="\n\t"), name, re.sub(r"\W+", "-", key), size)
 
 
 def _set_style(axes: Any, label: str) -> None:  # noqa: ANN401  matplotlib is optional

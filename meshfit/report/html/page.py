@@ -18,6 +18,7 @@ from meshfit.optional import import_optional
 from meshfit.report.figures.colours import DISTANCES, MASK, RESULT
 from meshfit.report.html import tables as text
 from meshfit.report.html.charts import draw_curves, draw_histogram, draw_search_chart, read_curves, shares_beyond
+from meshfit.report.html.environment import template_environment
 from meshfit.report.html.images import draw_distances, draw_pictures, draw_views, num_pictures
 from meshfit.report.html.target_section import TargetSection, read_sections, short_titles
 from meshfit.report.html.viewer import MOST_FACES, compress, viewer_meshes, viewer_scene
@@ -116,14 +117,6 @@ def render_page(data: ReportData, sections: Sequence[TargetSection], now: dateti
         done += 1
         progress("drawing", done, count)
 
-    jinja2 = import_optional("jinja2")
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("meshfit.report.html", "templates"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
     context = {
         "title": " + ".join(experiment.name for experiment in data.experiments),
         "made": f"{now:%Y-%m-%d %H:%M} UTC",
@@ -145,7 +138,7 @@ def render_page(data: ReportData, sections: Sequence[TargetSection], now: dateti
         "most_faces": MOST_FACES,
         "asset": _asset,
     }
-    return str(environment.get_template("page.html").render(context))
+    return str(template_environment().get_template("page.html").render(context))
 
 
 def _num_drawn(section: TargetSection) -> int:

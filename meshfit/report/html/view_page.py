@@ -11,12 +11,12 @@ import numpy as np
 from meshfit.experiment.storage.plan_file import UpChoice
 from meshfit.experiment.storage.run_directory import RESULT
 from meshfit.mesh.geometry import bounding_box
-from meshfit.optional import import_optional
 from meshfit.paths import is_folder
 from meshfit.report.figures.camera import camera_of, is_turned
 from meshfit.report.figures.colours import DISTANCES, shared_limit
 from meshfit.report.figures.render import RenderedMesh, collect_meshes, same_mesh
 from meshfit.report.figures.trial_meshes import distances_to
+from meshfit.report.html.environment import template_environment
 from meshfit.report.html.page import MOST_TRIALS, read_report
 from meshfit.report.html.target_section import read_sections
 from meshfit.report.html.viewer import (
@@ -115,14 +115,6 @@ def render_view(scenes: Sequence[Scene], title: str) -> str:
     Raises:
         ConfigError: jinja2 is not installed.
     """
-    jinja2 = import_optional("jinja2")
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("meshfit.report.html", "templates"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
     targets = [
         {
             "section": {"key": f"scene-{place}", "title": scene.title},
@@ -140,4 +132,4 @@ def render_view(scenes: Sequence[Scene], title: str) -> str:
         "most_faces": MOST_FACES,
         "asset": lambda name: (assets / name).read_text(encoding="utf-8"),
     }
-    return str(environment.get_template("view.html").render(context))
+    return str(template_environment().get_template("view.html").render(context))

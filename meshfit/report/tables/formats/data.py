@@ -1,7 +1,6 @@
 """Tables as data at full precision: tidy CSV, and JSON with the value of each seed."""
 
 import csv
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from io import StringIO
@@ -9,7 +8,7 @@ from itertools import chain
 from typing import Any
 
 from meshfit.measuring.metrics import METRICS, Metric
-from meshfit.printable import csv_cell
+from meshfit.printable import csv_cell, printable_json
 from meshfit.report.tables.notes import notes
 from meshfit.report.tables.paper_numbers import OTHER, READINGS, paper_value, published_value
 from meshfit.report.tables.style import Style
@@ -133,7 +132,7 @@ def _csv_comparison(comparison: Comparison | None) -> dict[str, object]:
 def to_json(tables: Sequence[Table]) -> str:
     """Write an object whose `tables` has one object for each variation and metric."""
     content = {"schema_version": _FORMAT_VERSION, "tables": [_json_table(part) for part in _split(tables)]}
-    return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return printable_json(content)
 
 
 def _json_table(table: Table) -> dict[str, Any]:
