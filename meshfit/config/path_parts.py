@@ -10,6 +10,7 @@ from meshfit.printable import printable
 TRIAL_FOLDER = re.compile(r"seed-(\d+)-([0-9a-f]{10})")
 """Name of the folder of a trial, with its seed and the first digits of its identity."""
 
+_RESERVED = re.compile(r"(con|prn|aux|nul|com[1-9]|lpt[1-9])(\..*)?", re.IGNORECASE)
 _LONGEST = 255
 """Bytes of the longest name that common file systems allow."""
 
@@ -23,8 +24,8 @@ def path_part(name: str, what: str, remedy: str = "choose another name") -> str:
         remedy: what to do, for the message.
 
     Raises:
-        ConfigError: it is empty, is or leads to another folder, has control characters, is too long, or has the form
-            of the folder of a trial.
+        ConfigError: it is empty, is or leads to another folder, has control characters, is too long, reserved on
+            Windows, or has the form of the folder of a trial.
     """
     if not name or name in {os.curdir, os.pardir}:
         reason = "is no name of a folder"
@@ -32,6 +33,8 @@ def path_part(name: str, what: str, remedy: str = "choose another name") -> str:
         reason = "has a separator of paths"
     elif printable(name) != name:
         reason = "has control characters"
+    elif _RESERVED.fullmatch(name):
+        reason = "is reserved on Windows"
     elif TRIAL_FOLDER.fullmatch(name):
         reason = "has the form seed-N-HASH, which is that of the folders of trials"
     elif len(os.fsencode(name)) > _LONGEST:

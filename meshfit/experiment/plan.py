@@ -235,6 +235,9 @@ def plan(experiments: Sequence[Experiment], *, remote: bool = False) -> list[Tri
                 label = labels.get(target) or target_label(target)
                 with faults.collected():
                     path_part(label, f"target {quoted_path(target)}: its name", "rename the file")
+            for scheme in dict.fromkeys(scheme for variant in variants for scheme in variant.settings.schemes):
+                with faults.collected():
+                    path_part(spec_folder(scheme), f"scheme {quoted_path(scheme)}: its folder", "rename the scheme")
             equal: dict[str, dict[str, None]] = {}
             for variant in variants:
                 if not remote:
