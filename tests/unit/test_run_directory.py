@@ -80,6 +80,8 @@ def test_results_are_found_at_any_depth_in_the_order_of_their_paths(tmp_path):
         ({"distance": {"mean": math.nan}}, "distance.mean is NaN, expected a finite number"),
         ({"distance": {"mean": "0.1"}}, 'distance.mean is "0.1", expected a finite number'),
         ({"distance": {"mean": 10**400}}, "distance.mean is …, expected a finite number"),
+        ({"settings": {"targets": ["a"], "schemes": []}}, "not the result of a trial: no settings.schemes"),
+        ({"quality": {"components": 3.7}}, "quality.components is 3.7, expected a whole number"),
         ({"distance": {"mean": -0.5}}, "distance.mean is -0.5, which is impossible"),
         ({"seed": ["long"] * 10**5}, 'not the result of a trial: seed is ["long", '),
         ("[" * 200_000, "not valid JSON: nested too deeply"),

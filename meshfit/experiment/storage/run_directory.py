@@ -248,9 +248,10 @@ def problem_with(result: Result) -> str | None:
             return f"not the result of a trial: no {key}"
         if key in result and not isinstance(result[key], kind):
             return f"not the result of a trial: {key} is {_shortened(result[key])}"
-    targets = result["settings"].get("targets")
-    if not (isinstance(targets, list) and targets and isinstance(targets[0], str)):
-        return "not the result of a trial: no settings.targets"
+    for key, otherwise in (("targets", None), ("schemes", [""])):
+        names = result["settings"].get(key, otherwise)
+        if not (isinstance(names, list) and names and isinstance(names[0], str)):
+            return f"not the result of a trial: no settings.{key}"
     for name in METRICS:
         value: Any = result
         for key in name.split("."):
@@ -263,6 +264,8 @@ def problem_with(result: Result) -> str | None:
 def _impossible(name: str, value: object) -> str | None:
     if not (isinstance(value, int | float) and abs(value) <= sys.float_info.max):
         return f"{name} is {_shortened(value)}, expected a finite number"
+    if METRICS[name].format == "d" and value != int(value):
+        return f"{name} is {_shortened(value)}, expected a whole number"
     least, largest = possible_range(name)
     return None if least <= value <= largest else f"{name} is {_shortened(value)}, which is impossible"
 
