@@ -22,7 +22,14 @@ def run_directories(benchmarks: Iterable[str]) -> Iterator[None]:
     with tempfile.TemporaryDirectory() as folder:
         os.environ[_RUNS] = folder
         for option in {option for name, option in _DIRECTORIES.items() if any(name in each for each in benchmarks)}:
-            make = [sys.executable, "-m", "tests.benchmarks.synthetic", str(Path(folder, option)), "--trials", option]
+            make = [
+                sys.executable,
+                "-m",
+                "tests.benchmarks.synthetic",
+                str(Path(folder, option)),
+                "--trials",
+                *option.split(),
+            ]
             subprocess.run(make, check=True)
         yield
 
@@ -39,11 +46,12 @@ def _on_runs(command: str, trials: str, *options: str, limit: float = 2.0, repea
     return _command(command, str(folder / trials), *output, limit=limit, repeat=repeat, clock="cpu")
 
 
-_DIRECTORIES = {"3,000 trials": "3000"}
+_DIRECTORIES = {"3,000 trials": "3000", "500 targets": "500 --apart"}
 COMMANDS: dict[str, Callable[[], Benchmark]] = {
     "meshfit --help": lambda: _command("--help"),
     "meshfit schemes": lambda: _command("schemes"),
     "meshfit status, 3,000 trials": lambda: _on_runs("status", "3000"),
     "meshfit table, 3,000 trials": lambda: _on_runs("table", "3000"),
     "meshfit export, 3,000 trials": lambda: _on_runs("export", "3000", "--output"),
+    "meshfit report, 500 targets": lambda: _on_runs("report", "500 --apart", "--output", limit=60, repeat=1),
 }

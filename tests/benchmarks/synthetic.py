@@ -58,10 +58,13 @@ _WORK: Result = {
 }
 
 
-def write_runs(root: Path, trials: int = 3000) -> None:
-    """Write a run directory of some trials, a multiple of 150: five targets, six schemes and five seeds of a sweep."""
+def write_runs(root: Path, trials: int = 3000, *, apart: bool = False) -> None:
+    """Write a run directory of some trials, a multiple of 150: five targets, six schemes and five seeds of a sweep.
+
+    If they are `apart`, each trial has a target of its own, an ellipsoid.
+    """
     generator = np.random.default_rng(0)
-    planned = plan([_experiment(trials)])
+    planned = plan([_apart(root.parent / f"{root.name}-targets", trials, generator) if apart else _experiment(trials)])
     store = RunDirectory(root)
     write_plan(planned, store, workers=2)
     for trial in planned:
@@ -79,6 +82,17 @@ def _experiment(trials: int) -> Experiment:
         "fit.steps": str(_STEPS),
         "sweep.fit.losses.edge": str(weights),
     }
+    return load_experiment("tutorial", [f"{key}={value}" for key, value in changes.items()])
+
+
+def _apart(folder: Path, trials: int, generator: np.random.Generator) -> Experiment:
+    make_folder(folder)
+    sphere = subdivide(icosahedron(), "loop", 1)
+    paths = [folder / f"shape-{number}.ply" for number in range(trials)]
+    for path in paths:
+        verts = sphere.verts * generator.uniform(0.5, 1.5, 3)
+        path.write_bytes(encode_mesh(Mesh(verts, sphere.faces), ".ply"))
+    changes = {"targets": f"[{', '.join(map(str, paths))}]", "schemes": "[loop]", "source.levels": "1"}
     return load_experiment("tutorial", [f"{key}={value}" for key, value in changes.items()])
 
 
@@ -135,8 +149,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("root", type=Path, help="the run directory to write")
     parser.add_argument("--trials", type=int, default=3000)
+    parser.add_argument("--apart", action="store_true", help="a target for each trial")
     options = parser.parse_args()
-    write_runs(options.root, options.trials)
+    write_runs(options.root, options.trials, apart=options.apart)
 
 
 if __name__ == "__main__":

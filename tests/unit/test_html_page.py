@@ -28,7 +28,14 @@ from meshfit.report.html.charts import (
     vertex_areas,
 )
 from meshfit.report.html.tables import whiskers
-from meshfit.report.html.target_section import TargetSection, read_sections, shares_of, trials_by_row
+from meshfit.report.html.target_section import (
+    MOST_SECTIONS,
+    TargetSection,
+    _spread,
+    read_sections,
+    shares_of,
+    trials_by_row,
+)
 from meshfit.report.html.viewer import compress, pack_scene, quantise
 from meshfit.report.tables.table import build_tables, merge_tables
 from meshfit.statistics import PairedDifference
@@ -258,3 +265,14 @@ def test_a_close_up_has_its_vert_is_visible(vert):
     assert is_visible(mesh, vert, found.camera)
     assert found.hidden == (not is_visible(mesh, vert, camera))
     assert found.camera.project(mesh.verts[[vert]])[0] == pytest.approx([0, 0, 0], abs=1e-9)
+
+
+def test_of_many_targets_some_in_even_steps_are_drawn():
+    values = np.random.default_rng(0).permutation(500).astype(float)
+    places = _spread(values)
+    assert places == sorted(places)
+    drawn = np.sort(values[places])
+    assert len(drawn) == MOST_SECTIONS
+    assert (drawn[0], drawn[-1]) == (0, 499)
+    assert set(np.diff(drawn)) <= {26, 27}
+    assert _spread([3.0, 1.0, np.inf]) == [0, 1, 2]

@@ -20,7 +20,7 @@ from meshfit.report.html import tables as text
 from meshfit.report.html.charts import draw_curves, draw_histogram, draw_search_chart, read_curves, shares_beyond
 from meshfit.report.html.environment import template_environment
 from meshfit.report.html.images import draw_distances, draw_pictures, draw_views, num_pictures
-from meshfit.report.html.target_section import TargetSection, read_sections, short_titles
+from meshfit.report.html.target_section import TargetSection, num_left_out, read_sections, short_titles
 from meshfit.report.html.viewer import MOST_FACES, compress, viewer_meshes, viewer_scene
 from meshfit.report.tables.grouping import distinguish_definitions
 from meshfit.report.tables.search import results_of_best, titled_searches
@@ -126,6 +126,7 @@ def render_page(data: ReportData, sections: Sequence[TargetSection], now: dateti
         "states": text.states_grid(data.experiments),
         "tables": [text.result_table(*titled) for titled in zip(data.tables, short_titles(data.tables), strict=True)],
         "targets": [_draw_section(section, tick) for section in sections],
+        "left_out": num_left_out(data.tables, data.results),
         "differing": text.differing_settings(data.tables),
         "shared": text.shared_by_all(data.tables),
         "definitions": text.definitions_grid(data.results),

@@ -34,6 +34,8 @@ from meshfit.report.tables.numbers import format_number
 from meshfit.report.tables.table import Row, Table
 from meshfit.units import count_text
 
+MOST_SECTIONS = 20
+"""Largest number of targets with pictures, 3D views, curves and histograms; the tables have all."""
 _TARGET_NAMES = {"truth": "true mesh", "depth": "points of the depth maps", "hull": "visual hull of the masks"}
 """What the picture of a target of images shows, by what results are compared with."""
 
@@ -163,7 +165,9 @@ def read_sections(
     progress: Callable[[int, int], None],
     up: UpChoice | None = None,
 ) -> list[TargetSection]:
-    """Read the sections of all targets of all tables; files that cannot be read become problems of their section.
+    """Read the sections of the targets of all tables; files that cannot be read become problems of their section.
+
+    Of more than `MOST_SECTIONS` targets, those in even steps from the smallest to the largest mean of the first metric.
 
     Args:
         tables: tables of these results.
@@ -172,13 +176,8 @@ def read_sections(
         progress: called with the number of sections read, and of all.
         up: the axis that points up; by default that of each experiment.
     """
-    index = TrialIndex(results)
-    targets = [
-        (table, title, target, trials)
-        for table, title in zip(tables, short_titles(tables), strict=True)
-        for target in table.targets
-        if (trials := trials_by_row(table, target, index))
-    ]
+    every = _targets_of(tables, results)
+    targets = [every[place] for place in _spread([_mean_value(table, target) for table, _, target, _ in every])]
     room = shares_of([len(trials) for *_, trials in targets], most)
     sections = []
     for place, ((table, title, target, trials), rows) in enumerate(zip(targets, room, strict=True)):
@@ -186,6 +185,39 @@ def read_sections(
         name = table.targets[target] if len(tables) == 1 else f"{table.targets[target]} · {title}"
         sections.append(_read_section(f"target-{place}", name, table, target, trials, rows, up))
     return sections
+
+
+def num_left_out(tables: Sequence[Table], results: Sequence[Result]) -> int:
+    """Return how many targets with results `read_sections` leaves out."""
+    return max(0, len(_targets_of(tables, results)) - MOST_SECTIONS)
+
+
+def _targets_of(
+    tables: Sequence[Table], results: Sequence[Result]
+) -> list[tuple[Table, str, str, dict[int, dict[int, Result]]]]:
+    """List every target that has results: its table, the table's title, the target and its trials by row."""
+    index = TrialIndex(results)
+    return [
+        (table, title, target, trials)
+        for table, title in zip(tables, short_titles(tables), strict=True)
+        for target in table.targets
+        if (trials := trials_by_row(table, target, index))
+    ]
+
+
+def _mean_value(table: Table, target: str) -> float:
+    """The mean of the first metric over all trials of a target; infinite without a value."""
+    samples = (table.samples.get((table.metrics[0], target, row), {}) for row in table.rows)
+    values = [value for by_seed in samples for value in by_seed.values()]
+    return float(np.mean(values)) if values else np.inf
+
+
+def _spread(values: Sequence[float], most: int = MOST_SECTIONS) -> list[int]:
+    """Return the places of at most so many values, in even steps from the smallest to the largest, in their order."""
+    if len(values) <= most:
+        return list(range(len(values)))
+    ranked = sorted(range(len(values)), key=lambda place: values[place])
+    return sorted(ranked[round(step * (len(ranked) - 1) / (most - 1))] for step in range(most))
 
 
 def short_titles(tables: Sequence[Table]) -> list[str]:
