@@ -120,12 +120,14 @@ class TrialLines:
             self._print([], self._summary(progress, outcomes))
 
     def _print_ended(self, ended: Sequence[int], outcomes: Mapping[int, Outcome]) -> None:
+        if not ended:
+            return
         allowed = self._lines.allowed
         if len(ended) <= allowed:
             for i in ended:
                 self._print([i], f"{self._trials[i].label}: {outcomes[i].status}")
         elif allowed >= 1 or len(outcomes) == len(self._trials):
-            self._print(ended, f"{len(ended)} more are complete")
+            self._print(ended, "1 more is complete" if len(ended) == 1 else f"{len(ended)} more are complete")
 
     def _print(self, ended: Sequence[int], text: str) -> None:
         self._reported |= set(ended)

@@ -15,6 +15,7 @@ from meshfit.fitting.registration.guidance import NO_GUIDANCE
 from meshfit.fitting.settings import ExternalSettings, FirstOrderSettings, FitSettings, GaussNewtonSettings
 from meshfit.images.specs import is_image_target, label_of_target
 from meshfit.images.targets import load_images, load_shape
+from meshfit.mesh.cleaning import with_turning
 from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.places import Numbering
 from meshfit.mesh.targets import file_sha256, target_path
@@ -227,7 +228,11 @@ def checked_target(target: str, cleaning: CleaningOptions) -> CheckedTarget:
         faces = 0 if points else _HULL_FACES
         views = images.target.views
         return CheckedTarget(images.sha256, faces, points, fault, len(views), views.maps)
-    loaded = load_shape(target, cleaning)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", MeshfitWarning)
+        loaded = load_shape(target, cleaning)
+    for warning in caught:  # in the words of the trials, so that each is shown once
+        warnings.warn(with_turning([str(warning.message)], "fit")[0], warning.category, stacklevel=2)
     points = 0 if loaded.num_faces else loaded.num_verts
     fault = no_closed_surface(loaded) if isinstance(loaded, PointCloud) else ""
     return CheckedTarget(file_sha256(target_path(target)), loaded.num_faces, points, fault)

@@ -8,7 +8,8 @@ import pytest
 
 from meshfit.cli.console import show_warnings
 from meshfit.errors import MeshfitWarning
-from meshfit.mesh.io.files import save_mesh
+from meshfit.mesh.io.files import load_mesh, save_mesh
+from meshfit.mesh.mesh import Mesh
 from tests.cli import answered, invoke, trials_in_this_process
 from tests.shapes import torus
 from tests.small import config_file
@@ -52,6 +53,15 @@ def test_each_warning_is_shown_once_and_those_of_a_file_on_one_line(folder):
     assert run() == [line]
     meshes = invoke("measure", "twice.obj", "ellipsoid.ply")
     assert meshes.err == "warning: twice.obj: dropped 1 duplicate face; dropped 1 unreferenced vertex\n"
+
+
+def test_a_target_that_is_inside_out_is_named_once(folder):
+    ball = load_mesh("ellipsoid.ply")
+    save_mesh(Mesh(ball.verts, ball.faces[:, ::-1]), "inverted.ply")
+    (line,) = [text for text in run("--targets", "inverted.ply") if "inside out" in text]
+    assert line.endswith(
+        "inverted.ply: the surface is inside out: closed, with a negative volume; its faces are turned for the fit"
+    )
 
 
 def test_a_fit_that_ended_farther_off_than_it_began_says_so(folder):

@@ -65,6 +65,8 @@ def test_trials_that_end_fast_are_counted_and_failures_still_named(watched, caps
     named = sum(line.endswith(": complete") for line in text)
     counted = sum(int(found[1]) for line in text if (found := re.search(r"(\d+) more are complete", line)))
     assert named + counted == 299
+    look()
+    assert not capsys.readouterr().err
 
 
 def test_what_was_complete_before_is_one_line(watched, capsys):
