@@ -84,14 +84,17 @@ def test_the_truth_of_each_target_is_a_metric_and_the_table_shows_it(fit, tmp_pa
         assert "vertex_error.rms" in answered("export", "runs/c", "-o", "all.csv") + Path("all.csv").read_text()
 
 
-def test_a_truth_for_other_vertices_is_refused_before_any_fit():
+def test_a_truth_for_other_vertices_fails_its_target_before_any_fit():
     np.savetxt("known/b.xyz", np.zeros((5, 3)))
-    line = refused("run", config(), "--runs", "runs")
+    line = refused("run", config("b.ply"), "--runs", "runs")
     assert "target.truth" in line
     assert "b.xyz: 5 vertices; expected 18 or 66" in line
-    Path("known/b.xyz").unlink()
-    assert "b.xyz" in refused("run", config(), "--runs", "runs")
     assert not list(Path().rglob("result.json"))
+    Path("known/b.xyz").unlink()
+    ran = invoke("run", config(), "--runs", "runs")
+    assert ran.code == 1
+    assert "b.xyz" in ran.err
+    assert [record["target"] for record in records().values()] == ["a"]
     text = refused("run", config(), "--set", "target.truth='{place}.xyz'")
     assert "{place} stands for nothing; allowed: {target}, {scheme}" in text
     for change, remedy in (
