@@ -6,7 +6,7 @@ import pytest
 from meshfit.config.experiment import SourceSettings
 from meshfit.config.loading import load_experiment
 from meshfit.errors import ConfigError, MeshError, MeshfitError, SchemeError
-from meshfit.experiment import plan as plan_module
+from meshfit.experiment import input_checks
 from meshfit.experiment.plan import plan
 from meshfit.experiment.running.batch_runner import run_batch
 from meshfit.experiment.running.worker import pack_inputs, unpack_inputs
@@ -260,5 +260,5 @@ def test_results_share_a_table_by_what_is_in_their_files_not_by_where_these_lie(
     assert here["source.creases.file"] == "edges"
     assert here["source.creases.sha256"] == inputs["creases"][:12]
     moved.write_text("0 3\n")
-    plan_module._check_source.cache_clear()
+    input_checks._check_source.cache_clear()
     assert shared(moved)[0] != here
