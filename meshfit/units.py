@@ -1,6 +1,5 @@
 """Counts, durations and file sizes in words, and tables of text for notebooks."""
 
-import os
 from collections.abc import Iterable
 from html import escape
 
@@ -35,14 +34,6 @@ def size_text(count: float) -> str:
         count, power = count / 1000, power + 1
     decimals = 1 if power and count < 9.95 else 0
     return f"{count:.{decimals}f} {_SIZES[power]}"
-
-
-def free_memory() -> float | None:
-    """Return the bytes of memory that are free on this machine; None where the system does not say."""
-    try:
-        return float(os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
-    except (AttributeError, OSError, ValueError):  # not on Windows and macOS
-        return None
 
 
 def html_table(columns: Iterable[str], rows: Iterable[Iterable[str]], caption: str = "") -> str:

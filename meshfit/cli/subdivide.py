@@ -11,6 +11,7 @@ from meshfit.cli import completions
 from meshfit.cli.console import err, out
 from meshfit.cli.options import MeshFormat, OutputFormat, RepairMode, SchemeConfig, Weld, suggest_option
 from meshfit.errors import ConfigError, DomainError
+from meshfit.memory import available_memory
 from meshfit.paths import (
     STDOUT_PATHS,
     is_pipe,
@@ -20,7 +21,7 @@ from meshfit.paths import (
     path_text,
     quoted_path,
 )
-from meshfit.units import count_text, free_memory, size_text
+from meshfit.units import count_text, size_text
 
 if TYPE_CHECKING:
     from meshfit.mesh.cleaning import VertexMap
@@ -133,7 +134,7 @@ def _check_size(mesh: "Mesh | PolygonMesh", scheme: "Scheme", levels: int, *, ye
     if count <= _MOST_FACES:
         return
     memory = count * (_BYTES_PER_TRIANGLE if isinstance(mesh, Mesh) else _BYTES_PER_POLYGON)
-    free = free_memory()
+    free = available_memory()
     of_free = "" if free is None else f" (free: {size_text(free)})"
     needs = f"{count_text(levels, 'level')}: about {count:,} faces, {size_text(memory)} of memory{of_free}"
     if not yes:

@@ -20,6 +20,7 @@ from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.places import Numbering
 from meshfit.mesh.targets import file_sha256, target_path
 from meshfit.paths import looks_like_path, path_text
+from meshfit.subdivision.refine import require_memory_for_levels
 from meshfit.subdivision.registry import NamedScheme
 from meshfit.units import count_text
 
@@ -286,6 +287,10 @@ def _check_source(settings: SourceSettings, schemes: tuple[NamedScheme, ...]) ->
     """
     files = source_files(settings)
     for scheme in schemes:
-        short = settings.model_copy(update={"levels": min(settings.levels, 1), "wanted_verts": None})
-        build_source(stand_in(short), scheme.resolve(), scheme.spec)
+        short = stand_in(settings.model_copy(update={"levels": 0, "wanted_verts": None}))
+        control = build_source(short, scheme.resolve(), scheme.spec)
+        with error_prefix("source.levels"):
+            require_memory_for_levels(control, scheme.resolve(), settings.levels)
+        if settings.levels:
+            build_source(short.model_copy(update={"levels": 1}), scheme.resolve(), scheme.spec)
     return tuple((role, file_sha256(target_path(name))) for role, name in files.items())

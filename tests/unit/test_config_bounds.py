@@ -2,16 +2,23 @@
 
 import os
 import re
+import subprocess
+import sys
 
 import pytest
 
 from meshfit.cli.console import print_error
 from meshfit.config import strict_yaml
 from meshfit.config.loading import load_experiment
-from meshfit.errors import ConfigError, MeshError
+from meshfit.errors import ConfigError, MeshError, MeshfitError
+from meshfit.experiment.plan import plan
+from meshfit.memory import available_memory
 from meshfit.mesh.io.text import read_small_file, read_word_lines
+from meshfit.mesh.solids import octahedron
 from meshfit.printable import LONGEST_MESSAGE, shortened
+from meshfit.subdivision.refine import subdivide
 from tests.loops import over
+from tests.small import experiment
 
 _LONG = "[" + ", ".join(map(str, range(400))) + "]"
 
@@ -85,3 +92,27 @@ def test_messages_keep_their_ends(length, capsys):
     assert short == message or (message.startswith(short[:200]) and message.endswith(short[-200:]))
     print_error(message)
     assert len(capsys.readouterr().err) < 500
+
+
+def test_levels_that_memory_has_no_room_for_are_refused_before_they_are_made(tmp_path, monkeypatch):
+    monkeypatch.setattr("meshfit.memory.available_memory", lambda: 1_000_000)
+    assert subdivide(octahedron(), "loop", 3).num_faces == 512
+    for scheme, levels, faces, size in (
+        ("loop", 5, "8,192", "1.6"),
+        ("sqrt3", 6, "5,832", "1.2"),
+        ("catmull-clark", 6, "24,576", "12"),
+    ):
+        makes = f"^{levels} levels make about {faces} faces, about {size} MB of memory, and 1.0 MB are available; take"
+        with pytest.raises(MeshError, match=makes):
+            subdivide(octahedron(), scheme, levels)
+    with pytest.raises(MeshfitError, match=r"^source.levels: 8 levels make about 524,288 faces, about 105 MB"):
+        plan([experiment(tmp_path, source={"mesh": "octahedron", "levels": 8})])
+
+
+def test_available_memory_is_that_of_the_system_or_of_the_limit_of_the_process():
+    available = available_memory()
+    assert available is None or 10**7 < available < 10**14
+    limit = "import resource as r; r.setrlimit(r.RLIMIT_AS, (2**31,) * 2)"
+    code = f"{limit}; import meshfit.memory as m; print(m.available_memory())"
+    limited = int(subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, text=True).stdout)
+    assert 0 < limited < 2**31
