@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from meshfit.experiment.storage.run_directory import RunDirectory
 
 _INPUTS, _DIGITS = "inputs", 12
-"""Folder of what came through pipes, and digits of the hash by which its files are told apart."""
+"""Folder of what came through pipes, and digits of the hash in the names of its files."""
 
 
 @dataclass(frozen=True)

@@ -128,7 +128,7 @@ def _refine_surface(files: _Files, scheme: "Scheme", levels: int, options: _Surf
 def _check_size(mesh: "Mesh | PolygonMesh", scheme: "Scheme", levels: int, *, yes: bool) -> None:
     """Say how many faces, and how much memory, a very fine mesh takes, and refuse to make it without `--yes`."""
     from meshfit.mesh.mesh import Mesh
-    from meshfit.subdivision.refine import num_faces_after
+    from meshfit.subdivision.growth import num_faces_after
 
     count = num_faces_after(mesh, scheme, levels)
     if count <= _MOST_FACES:

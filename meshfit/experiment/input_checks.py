@@ -20,7 +20,7 @@ from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.places import Numbering
 from meshfit.mesh.targets import file_sha256, target_path
 from meshfit.paths import looks_like_path, path_text
-from meshfit.subdivision.refine import require_memory_for_levels
+from meshfit.subdivision.growth import require_memory_for_levels
 from meshfit.subdivision.registry import NamedScheme
 from meshfit.units import count_text
 

@@ -27,11 +27,11 @@ from meshfit.mesh.topology import PolygonTopology, Topology
 from meshfit.paths import STREAM, is_regular_file, looks_like_path
 from meshfit.specs import parse_spec, suggest
 from meshfit.subdivision.creases import Creases, creases_by_angle, read_creases
+from meshfit.subdivision.growth import growth
 from meshfit.subdivision.polygons.scheme import PolygonScheme
 from meshfit.subdivision.refine import (
     PolygonRefinement,
     Refinement,
-    growth,
     refine,
     refined_mesh,
     require_takes_creases,

@@ -12,7 +12,7 @@ from meshfit.fitting.callbacks import Step
 from meshfit.fitting.gauss_newton.schedule import rough_verts, schedule
 from meshfit.fitting.registration.plan import planned_steps
 from meshfit.fitting.settings import FitSettings, GaussNewtonSettings
-from meshfit.subdivision.refine import growth
+from meshfit.subdivision.growth import growth
 from meshfit.subdivision.registry import Scheme, resolve
 from meshfit.units import duration_text
 

@@ -140,7 +140,7 @@ class Views(Sequence[View]):
 
     @property
     def maps(self) -> tuple[str, ...]:
-        """What every view has besides its mask: of `depth` and `normals`."""
+        """The maps that every view has besides its mask, of `depth` and `normals`."""
         return tuple(name for name, have in (("depth", self.have_depth), ("normals", self.have_normals)) if have)
 
     @property

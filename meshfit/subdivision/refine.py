@@ -16,7 +16,6 @@ from scipy.sparse import coo_array, csr_array, eye_array
 
 from meshfit.doors import no_type_check
 from meshfit.errors import MeshError, SchemeError
-from meshfit.memory import require_memory
 from meshfit.mesh.any_mesh import MeshLike, as_mesh, as_topology
 from meshfit.mesh.curves import Chains, Curves, require_chains
 from meshfit.mesh.manifold import require_manifold
@@ -30,8 +29,9 @@ from meshfit.subdivision.creases import Creases, require_creases, require_matchi
 from meshfit.subdivision.curves.assemble import assemble_curves
 from meshfit.subdivision.curves.assemble import linear_carry as linear_carry_on_curves
 from meshfit.subdivision.curves.scheme import CurveScheme
+from meshfit.subdivision.growth import require_memory_for_levels
 from meshfit.subdivision.polygons.assemble import assemble_polygons
-from meshfit.subdivision.polygons.scheme import LINEAR_SCHEMES, PolygonScheme, PolygonSplit
+from meshfit.subdivision.polygons.scheme import LINEAR_SCHEMES, PolygonScheme
 from meshfit.subdivision.polygons.splits import divide_polygons
 from meshfit.subdivision.push_back import carry_alpha
 from meshfit.subdivision.registry import Scheme, resolve, wrong_domain
@@ -45,19 +45,6 @@ if TYPE_CHECKING:
 
 ParameterValue = Value | NDArray[Any]
 Values = TypeVar("Values", np.ndarray, "torch.Tensor")
-
-# Vertices for each old one on a large closed triangle mesh, which has three edges and two faces for each vertex: after
-# the first level, and after each later one, on the polygons that the first leaves.
-_GROWTH_ON_TRIANGLES: dict[PolygonSplit, tuple[float, float]] = {
-    PolygonSplit.QUADS: (6.0, 4.0),
-    PolygonSplit.SQRT2: (3.0, 2.0),
-    PolygonSplit.TERNARY: (13.0, 9.0),
-    PolygonSplit.DUAL: (6.0, 4.0),
-}
-
-
-# The peak while refining is at least so much; measured on a million faces and more, 220 to 360 and 510 to 540.
-_LEAST_BYTES_PER_TRIANGLE, _LEAST_BYTES_PER_POLYGON = 200, 500
 
 
 def _sparse_tensor(operator: csr_array, dtype: "torch.dtype", device: "torch.device | str") -> "torch.Tensor":
@@ -283,25 +270,6 @@ def _refine_surface(
     return _refine_triangles(topology, scheme, levels, creases)
 
 
-def require_memory_for_levels(
-    mesh: Mesh | PolygonMesh | Topology | PolygonTopology, scheme: Scheme, levels: int
-) -> None:
-    """Refuse levels that surely need more memory than is available.
-
-    Args:
-        mesh: triangles for a scheme on triangles, polygons for a scheme on polygons.
-        scheme: a scheme on surfaces.
-        levels: 0 or more.
-
-    Raises:
-        MeshError: with the number of faces that they make.
-    """
-    count = num_faces_after(mesh, scheme, levels)
-    each = _LEAST_BYTES_PER_POLYGON if isinstance(scheme, PolygonScheme) else _LEAST_BYTES_PER_TRIANGLE
-    makes = "1 level makes" if levels == 1 else f"{levels} levels make"
-    require_memory(each * count, f"{makes} about {count_text(count, 'face')}", "take fewer levels")
-
-
 def _refine_triangles(topology: Topology, scheme: TriangleScheme, levels: int, creases: Creases | None) -> Refinement:
     num_coarse, operators = topology.num_verts, list[csr_array]()
     for step in range(levels):
@@ -496,37 +464,3 @@ def linear_scheme(scheme: Scheme) -> Scheme | None:
     if isinstance(scheme, PolygonScheme):
         return LINEAR_SCHEMES.get(scheme.split)
     return MIDPOINT if scheme.split is Split.QUADRISECT else None
-
-
-def num_faces_after(mesh: Mesh | PolygonMesh | Topology | PolygonTopology, scheme: Scheme, levels: int) -> int:
-    """Return the number of faces after some levels: exact on closed meshes for most splits, else within a few percent.
-
-    Args:
-        mesh: triangles for a scheme on triangles, polygons for a scheme on polygons.
-        scheme: a scheme on surfaces.
-        levels: 0 or more.
-    """
-    if levels == 0:
-        return mesh.num_faces
-    if isinstance(mesh, Mesh | Topology) or not isinstance(scheme, PolygonScheme):
-        per_level = 4 if isinstance(scheme, TriangleScheme) and scheme.split is Split.QUADRISECT else 3
-        return int(mesh.num_faces * per_level**levels)
-    corners = len(mesh.corners)
-    first, later = {
-        PolygonSplit.QUADS: (corners, 4),
-        PolygonSplit.DUAL: (corners, 4),
-        PolygonSplit.SQRT2: (corners // 2, 2),
-        PolygonSplit.TERNARY: (2 * corners + mesh.num_faces, 9),
-    }[scheme.split]
-    return int(first * later ** (levels - 1))
-
-
-def growth(scheme: Scheme, levels: int) -> float:
-    """Return about how many vertices replace each one after some levels on triangles.
-
-    For schemes on triangles it is 4 for each level, an upper bound for √3.
-    """
-    if not isinstance(scheme, PolygonScheme):
-        return 4.0**levels
-    first, later = _GROWTH_ON_TRIANGLES[scheme.split]
-    return first * later ** (levels - 1) if levels else 1.0

@@ -26,7 +26,7 @@ def start(*arguments: object, folder: Path, environment: Mapping[str, str] | Non
 
 
 def _heed_signals() -> None:
-    """Whoever runs the tests in the background may ignore some, and what is started here would inherit that."""
+    """A shell that runs the tests in the background may ignore some, and processes started here would inherit that."""
     for name in ("SIGINT", "SIGHUP", "SIGQUIT"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_DFL)

@@ -12,8 +12,9 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, octahedron
 from meshfit.mesh.topology import Topology
 from meshfit.subdivision.creases import Creases, creases_by_angle
+from meshfit.subdivision.growth import num_faces_after
 from meshfit.subdivision.limit import loop_limit, loop_limit_normals
-from meshfit.subdivision.refine import num_faces_after, subdivide
+from meshfit.subdivision.refine import subdivide
 from meshfit.subdivision.registry import SCHEMES, SURFACES, resolve
 from tests.cli import answered, invoke, refused
 from tests.loops import over

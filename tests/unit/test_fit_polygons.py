@@ -25,8 +25,9 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh, face_rows
 from meshfit.mesh.solids import cube, icosahedron
 from meshfit.mesh.topology import PolygonTopology
+from meshfit.subdivision.growth import growth
 from meshfit.subdivision.polygons.table import POLYGON_SCHEMES
-from meshfit.subdivision.refine import growth, subdivide
+from meshfit.subdivision.refine import subdivide
 from meshfit.subdivision.registry import resolve
 from tests.checkpoints import through_a_file
 from tests.fits import fit

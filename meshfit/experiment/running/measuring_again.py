@@ -23,7 +23,7 @@ or masks, it does not depend on settings of the measurement, and stays as it is.
 
 
 class MeasuredAgain(NamedTuple):
-    """What became of a trial that was to be measured again; `error` in one line, empty unless it is `failed`."""
+    """Outcome of measuring a trial again; `error` is one line, empty unless it is `failed`."""
 
     folder: Path
     state: Literal["measured", "kept", "failed"]

@@ -230,7 +230,7 @@ def _pace_key(trial: "Trial") -> str:
 
 def _work(trial: "Trial") -> float:
     """The work of a fit, to which its time is proportional; the same for all runs of another tool."""
-    from meshfit.subdivision.refine import growth
+    from meshfit.subdivision.growth import growth
 
     fit = trial.settings.fit
     if isinstance(fit, ExternalSettings):

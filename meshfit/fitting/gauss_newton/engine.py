@@ -35,8 +35,8 @@ from meshfit.mesh.pieces import crossing_faces, piece_of_face
 from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.topology import PolygonTopology, Topology
+from meshfit.subdivision.growth import growth
 from meshfit.subdivision.limit import has_loop_limit
-from meshfit.subdivision.refine import growth
 from meshfit.subdivision.registry import resolve
 from meshfit.units import count_text
 

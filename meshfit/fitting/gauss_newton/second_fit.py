@@ -12,7 +12,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.pieces import crossing_faces
 from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.topology import Topology
-from meshfit.subdivision.refine import growth
+from meshfit.subdivision.growth import growth
 from meshfit.subdivision.registry import resolve
 
 # Share of matched points from which on nothing is bridged.

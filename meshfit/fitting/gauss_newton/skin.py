@@ -114,7 +114,7 @@ class Skin:
 
     @property
     def note(self) -> str:
-        """What a fit to it does, in words."""
+        """Note on a fit to it, for the verdict."""
         what = "thin" if self.rim is None else "open"
         apart = f"at least {200 * _LAST:.1g} % of the diagonal apart"
         return f"the target is {what}: the result, which is closed, covers both of its sides, {apart}"

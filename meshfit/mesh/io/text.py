@@ -58,7 +58,7 @@ def read_small_file(path: str | Path, suffixes: Collection[str] = (".txt",)) -> 
     if not (is_regular_file(path) or is_pipe(path)):
         raise MeshError(f"{shown}: {not_a_file_message(path, suffixes)}")
     try:
-        # Opening a pipe that nobody writes to would wait for ever.
+        # Opening a pipe without a writer would never return.
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
         os.set_blocking(descriptor, True)
         with open(descriptor, "rb") as file:  # noqa: PTH123  a descriptor

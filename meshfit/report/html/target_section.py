@@ -37,7 +37,7 @@ from meshfit.units import count_text
 MOST_SECTIONS = 20
 """Largest number of targets with pictures, 3D views, curves and histograms; the tables have all."""
 _TARGET_NAMES = {"truth": "true mesh", "depth": "points of the depth maps", "hull": "visual hull of the masks"}
-"""What the picture of a target of images shows, by what results are compared with."""
+"""Content of the picture of a target of images, by the reference of its results."""
 
 TrialsByRow = Mapping[int, Mapping[int, Result]]
 """Results on one target, by index of the table's row, then by seed."""
