@@ -31,7 +31,7 @@ class MeasuredAgain(NamedTuple):
 
 
 def measure_trials_again(folders: Sequence[Path], changes: Mapping[str, Any], jobs: int) -> Iterator[MeasuredAgain]:
-    """Measure complete trials again, and yield what became of each as soon as it is known.
+    """Measure complete trials again, and yield each outcome as soon as it is known.
 
     The values do not depend on the number of processes. A trial that already has the measurement is kept, so that the
     same call continues one that was stopped.
