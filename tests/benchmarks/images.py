@@ -71,7 +71,7 @@ def main() -> int:
         if (options.runs / f"{case.file}.json").exists()
     }
     drawn = images_page.draw(options.runs, options.picture, results, truth, rendered)
-    write_atomically(options.page, images_page.text(results, options.picture.name if drawn else None).encode())
+    write_atomically(options.page, images_page.text(results, options.picture.name if drawn else None, truth).encode())
     return 0
 
 

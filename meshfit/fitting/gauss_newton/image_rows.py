@@ -38,6 +38,8 @@ _VIEWS = 32
 # A surface has lost a part if a pixel of a mask is so many times as far from its own mask as from the source's, and
 # farther than so many pixels of a raster.
 _LOST, _LOST_PIXELS = 2.0, 3.0
+# Hulls of fewer views have parts that no mask excludes. The search loses these rightly, and the parts around them.
+_ENOUGH_VIEWS = 6
 # Least cosine between the normals of matched points of contours.
 _FACING = 0.5
 # Vertices farther outside a mask than so many pixels are pulled in.
@@ -112,7 +114,9 @@ class ImageRows:
         return min(_FAIRNESS / max(len(self.images), 1) * (num_verts / 10_000) ** 2, _MOST_FAIRNESS)
 
     def loses_parts(self, surface: Mesh, source: Mesh) -> bool:
-        """Return whether a surface leaves a part of a mask uncovered that its source covers."""
+        """Return whether a surface leaves a part of a mask uncovered that its source covers; False for few views."""
+        if len(self.images) < _ENOUGH_VIEWS:
+            return False
         after, before = (max(image.uncovered(mesh) for image in self.images) for mesh in (surface, source))
         return after > max(_LOST * before, _LOST_PIXELS)
 
