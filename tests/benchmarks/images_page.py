@@ -72,9 +72,9 @@ def _continuous_remeshing(results: Mapping[Any, dict[str, Any]], truth: Callable
         listed = ", ".join(f"{target} {share:.2f} %" for target, share in shares.items())
         mean = np.mean(list(shares.values()))
         yield (
-            "Continuous remeshing (Palfinger 2022), which also fits to rendered images, states an rms of 0.145 % of the\n"
-            "radius of a sphere around the target after 3 s on a GPU, as the mean of five meshes. In this unit, fits to\n"
-            f"{_VIEWS_COMPARED} views with normals are at: {listed}; {mean:.2f} % in the mean,\n"
+            "Continuous remeshing (Palfinger 2022), which also fits to rendered images, states an rms of 0.145 % of\n"
+            "the radius of a sphere around the target after 3 s on a GPU, as the mean of five meshes. In this unit,\n"
+            f"fits to {_VIEWS_COMPARED} views with normals are at: {listed}; {mean:.2f} % in the mean,\n"
             f"after {min(seconds):.0f} to {max(seconds):.0f} s on one CPU core.\n"
         )
 
