@@ -33,7 +33,8 @@ and compared with the mesh itself, which the fit never sees.
 - **CPU s** are seconds of the whole call on one thread, with the hull or the points of the depth maps, which the fit
   starts from.
 
-Weights and thresholds of the fit were chosen on the bunny, the mousehead and the cow; the bone took no part in that.
+Weights and thresholds of the fit were chosen on the bunny, the mousehead and the cow; the bone took no part in that,
+except for the number of views, 6, from which thin parts of the hull are kept.
 
 A single view does not tell how far away an object is, nor how deep: the source is as deep as it is wide, at the world's
 origin. Concave parts appear in no silhouette, however many there are; they do in normals.
