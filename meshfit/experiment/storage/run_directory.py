@@ -255,7 +255,7 @@ def problem_with(result: Result) -> str | None:
     for name in METRICS:
         value: Any = result
         for key in name.split("."):
-            value = value.get(key) if isinstance(value, Mapping) else None
+            value = value.get(key) if isinstance(value, dict) else None
         if value is not None and (problem := _impossible(name, value)) is not None:
             return problem
     return None
