@@ -62,8 +62,8 @@ def test_other_targets_run_and_a_rerun_tries_again(folder):
     assert len(list(folder.glob("runs/small/broken/*/*"))) == 2, "the failures are gone"
     assert json.loads(next(folder.glob("runs/small/gone/*/*/failure.json")).read_text())["attempts"] == 2
     shutil.copy("ellipsoid.ply", "gone.ply")
-    mended = run("--set", "targets=ellipsoid.ply,broken.ply", "--name", "small")
-    assert (mended.code, mended.err) == (0, "")
+    repaired = run("--set", "targets=ellipsoid.ply,broken.ply", "--name", "small")
+    assert (repaired.code, repaired.err) == (0, "")
 
 
 def test_a_dry_run_names_them_and_runs_nothing(folder):
