@@ -1,10 +1,10 @@
 from .errors import MeshfitError as MeshfitError
 from .errors import MeshfitWarning as MeshfitWarning
+from .fitting.batch import fit_batch as fit_batch
 from .fitting.callbacks import Interrupted as Interrupted
 from .fitting.callbacks import Step as Step
 from .fitting.external.tools import ToolError as ToolError
 from .fitting.fit import fit as fit
-from .fitting.fit import fit_batch as fit_batch
 from .fitting.loop import FitResult as FitResult
 from .fitting.problem import Diverged as Diverged
 from .fitting.problem import Problem as Problem

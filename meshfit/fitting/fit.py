@@ -1,93 +1,48 @@
-"""Fit sources to targets: one problem, or many in batches that fit in memory."""
+"""Fit a source to a target: normalised and aligned, in the target's own coordinates again."""
 
-import os
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, TypeVar, Unpack, get_args
+from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
-import torch
 from numpy.typing import ArrayLike
 
 from meshfit.doors import no_type_check
-from meshfit.errors import ConfigError, DeviceError, MeshError, MeshfitWarning
+from meshfit.errors import ConfigError, MeshfitWarning
+from meshfit.fitting.arguments import require_closable, require_one_of, require_surface, require_whole, settings_of
+from meshfit.fitting.batch import fit_batch
 from meshfit.fitting.callbacks import Step
-from meshfit.fitting.device import resolve_device, single_thread
-from meshfit.fitting.external.engine import External
-from meshfit.fitting.first_order import FirstOrder
-from meshfit.fitting.gauss_newton.engine import GaussNewton
 from meshfit.fitting.keywords import FitKeys, Losses, OptimizerKeys, ViewKeys
-from meshfit.fitting.loop import Engine, FitResult, run
-from meshfit.fitting.nearest_neighbours import search_threads
+from meshfit.fitting.loop import FitResult
+from meshfit.fitting.placement import Placement, placed_source
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem
 from meshfit.fitting.progress import shown_progress
-from meshfit.fitting.registration.alignment import align as aligned
-from meshfit.fitting.registration.engine import RegistrationEngine
-from meshfit.fitting.registration.guidance import Guidance
-from meshfit.fitting.settings import (
-    METHODS,
-    Dtype,
-    ExternalSettings,
-    FirstOrderSettings,
-    FitSettings,
-    GaussNewtonSettings,
-    LossWeights,
-    OptimizerSettings,
-    ViewSettings,
-)
-from meshfit.images.hull_source import ANY_ORIGIN, AnyOrigin, control_mesh_from
+from meshfit.fitting.registration.guidance_arguments import guidance_of, placed_landmarks
+from meshfit.fitting.settings import FitSettings, LossWeights, OptimizerSettings, ViewSettings
+from meshfit.images.hull_source import ANY_ORIGIN
 from meshfit.images.target import ImageTarget
 from meshfit.images.targets import as_image_target
 from meshfit.images.views import Views
-from meshfit.mesh.any_mesh import MeshLike, as_mesh
+from meshfit.mesh.any_mesh import MeshLike
 from meshfit.mesh.any_target import as_mesh_or_points
 from meshfit.mesh.cleaning import outward
 from meshfit.mesh.cleaning_options import Surface
-from meshfit.mesh.control_mesh import USUAL_VERTS
-from meshfit.mesh.geometry import bounding_box_diagonal, face_areas
-from meshfit.mesh.io.landmark_files import load_landmarks
-from meshfit.mesh.landmarks import Landmarks, PlacedLandmarks
+from meshfit.mesh.landmarks import Landmarks
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.mismatch import boxes_are_disjoint
-from meshfit.mesh.normalisation import Frame, frame_of, placed
+from meshfit.mesh.normalisation import Frame, frame_of
 from meshfit.mesh.outer_surface import outer_surface
-from meshfit.mesh.places import Numbering
 from meshfit.mesh.placing_options import Normalisation
-from meshfit.mesh.point_cloud import PointCloud, no_closed_surface
+from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.polygons import PolygonMesh
 from meshfit.mesh.solids import SOLIDS
-from meshfit.mesh.targets import load_target_with_vertex_map
-from meshfit.printable import described, option_text, value_text
-from meshfit.settings import Settings, build, override
-from meshfit.specs import suggest
-from meshfit.subdivision.curves.scheme import CurveScheme
-from meshfit.subdivision.polygons.scheme import PolygonScheme
-from meshfit.subdivision.registry import Scheme, resolve, wrong_domain
-from meshfit.subdivision.sphere import icosphere, refined_sphere
+from meshfit.printable import described
+from meshfit.subdivision.registry import Scheme, resolve
 
 _AnyMesh = TypeVar("_AnyMesh", Mesh, PolygonMesh, Mesh | PolygonMesh)
 
-# Memory per face, vertex and sample: twice that of the CPU, as other allocators leave gaps.
-_BYTES_PER_ROW = 600
-# Enough for the overhead of a step's calls to be small compared with its arithmetic.
-_CPU_BYTES = 200e6
-_MPS_BYTES = 2e9
-_SHARE_OF_DEVICE = 0.5
-
-Placement = Literal["auto", "none", "sphere", "center", "box", "pca", "icp"]
-_LARGEST_RATIO = 10.0
-# Radius of a source in the target's tutorial frame: around it, or inside it as the search for the rough shape needs.
-_RADIUS = {"first-order": 1.0, "gauss-newton": 0.3, "external": 1.0}
-_ROUNDING = 1e-12
-
-ENGINES: dict[str, Callable[..., Engine]] = {
-    "first-order": FirstOrder,
-    "gauss-newton": GaussNewton,
-    "external": External,
-}
 ENGINE_KEYS = frozenset(FitKeys.__annotations__)
 """Keywords of `fit` that are keys of the settings."""
 
@@ -247,8 +202,8 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
             is farther from the target than its source.
     """
     given = {key: value for key, value in locals().items() if key in ENGINE_KEYS and value is not None} | unknown
-    settings = _settings(settings, given)
-    _require_whole("seed", seed, 0)
+    settings = settings_of(settings, given)
+    require_whole("seed", seed, 0)
     if not isinstance(progress, bool | np.bool_):
         raise ConfigError(f"progress: expected True or False, got {described(progress)}")
     for key, function in (("on_step", on_step), ("save", save), ("on_snapshot", on_snapshot)):
@@ -260,20 +215,20 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     images = as_image_target(target)
     goal_given: Any = target if images is None else images.shape
     target_mesh = as_mesh_or_points(goal_given)
-    _require_surface(target_mesh, "target")
-    frame = frame_of(target_mesh.verts, _require_one_of("normalise", normalise, get_args(Normalisation)))
+    require_surface(target_mesh, "target")
+    frame = frame_of(target_mesh.verts, require_one_of("normalise", normalise, get_args(Normalisation)))
     goal = outward(frame.normalise(target_mesh))
-    if _require_one_of("surface", surface, get_args(Surface)) == "outer":
+    if require_one_of("surface", surface, get_args(Surface)) == "outer":
         if isinstance(target_mesh, PointCloud):
             raise ConfigError("surface: outer: a cloud of points has no faces, so none are hidden; remove it")
         goal = frame.normalise(outer_surface(outward(target_mesh)))
-    _require_one_of("align", align, get_args(Placement))
+    require_one_of("align", align, get_args(Placement))
     own = not (isinstance(source, str) and (source in ("sphere", *ANY_ORIGIN) or source in SOLIDS))
-    _require_closable(target_mesh, own=own)
+    require_closable(target_mesh, own=own)
     image_views = None if images is None else images.views.moved(frame)
-    start = _placed_source(source, frame, goal, settings, scheme, align, surface, image_views)
-    known = None if landmarks is None else _landmarks(landmarks, source, goal_given, target_mesh, frame, settings)
-    guidance = _guidance(known, {"weights": weights, "fixed": fixed, "rigid": rigid}, start.num_verts, settings)
+    start = placed_source(source, frame, goal, settings, scheme, align, surface, image_views)
+    known = None if landmarks is None else placed_landmarks(landmarks, source, goal_given, target_mesh, frame, settings)
+    guidance = guidance_of(known, {"weights": weights, "fixed": fixed, "rigid": rigid}, start.num_verts, settings)
     restored = _Restored(None if normalise == "none" else frame, on_snapshot)
     shown = shown_progress(settings, on_step, source_verts=start.num_verts, scheme=scheme)
     with shown if progress else nullcontext(on_step) as step_made:
@@ -308,283 +263,6 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     return replace(in_place, frame=frame, target=target_mesh)
 
 
-@no_type_check
-def fit_batch(
-    problems: Sequence[Problem],
-    settings: FitSettings | None = None,
-    *,
-    device: str = "auto",
-    dtype: str = "float32",
-    threads: int = 1,
-    allow_commands: bool = False,
-    **overrides: Unpack[FitKeys],
-) -> list[FitResult | Diverged]:
-    """Fit many problems of any sizes with the same settings, as many side by side as the device has memory for.
-
-    Nothing is normalised or aligned: lengths in the settings are in the unit of the vertices, so that targets, and
-    sources with them, must be in a normalised frame; see `frame_of`. `fit` does all of this for one problem.
-
-    On the CPU, each result is byte-identical regardless of the rest of the batch; elsewhere it agrees up to rounding.
-
-    Args:
-        problems: pairs of source and target.
-        settings: settings of all fits.
-        device: as in `fit`.
-        dtype: as in `fit`.
-        threads: as in `fit`.
-        allow_commands: as in `fit`.
-        **overrides: keys of the settings to replace, such as `steps=500, losses={"edge": 0.5}`, or
-            `method="gauss-newton", connectivity="fixed"`.
-
-    Returns:
-        The result of each problem, or why it diverged.
-
-    Example:
-        >>> import meshfit
-        >>> problems = [meshfit.Problem("icosahedron", "octahedron", seed) for seed in range(3)]
-        >>> outcomes = meshfit.fit_batch(problems, steps=5, samples=100)
-        >>> [outcome.mesh.num_verts for outcome in outcomes]
-        [12, 12, 12]
-
-    Raises:
-        ConfigError, DeviceError, MeshError: as `fit`, before the first step.
-    """
-    settings = _settings(settings, overrides)
-    if isinstance(settings, ExternalSettings) and settings.command is not None and not allow_commands:
-        raise ConfigError(f"fit.command: {settings.name} is run only with allow_commands=True")
-    _require_one_of("dtype", dtype, get_args(Dtype))
-    _require_whole("threads", threads, 1)
-    if not isinstance(device, str):
-        raise ConfigError(f"device: expected the name of one, such as 'cpu', got {value_text(device)}")
-    problems = _checked_problems(problems)
-    for number, problem in enumerate(problems):
-        prefix = f"problem {number}: " if len(problems) > 1 else ""
-        _require_surface(problem.source, f"{prefix}source")
-        _require_surface(problem.target, f"{prefix}target")
-    torch_device = resolve_device(device, dtype)
-    if settings.method == "gauss-newton" and torch_device.type == "mps":
-        raise DeviceError("device: 'mps' has no float64, which method: gauss-newton needs; use device: cpu")
-    outcomes: dict[Problem, FitResult | Diverged] = {}
-    # Gradients are computed here, even if the caller is in inference mode.
-    with single_thread(), torch.inference_mode(mode=False), search_threads(threads) as pool:
-        groups = batches(problems, settings, torch_device)
-        for group in groups:
-            batch = [problems[i] for i in group]
-            engine = _engine_for(settings)(batch, settings, torch_device, getattr(torch, dtype), pool)
-            if steps_done(batch[0]):
-                engine.restore([problem.resume for problem in batch if problem.resume is not None])
-            outcomes |= run(engine, save_end=group is not groups[-1], snapshots=settings.snapshots)
-    return [outcomes[problem] for problem in problems]
-
-
-@no_type_check
-def _guidance(
-    landmarks: PlacedLandmarks | None, given: Mapping[str, "ArrayLike | None"], num_verts: int, settings: FitSettings
-) -> Guidance | None:
-    """Return what is known of the source, checked; None if nothing is."""
-    arrays = {}
-    for name, values in given.items():
-        if values is None:
-            continue
-        if not (isinstance(settings, GaussNewtonSettings) and settings.prior is not None):
-            raise ConfigError(f"{name}: only a fit with register='rigid' or 'near-rigid' uses them")
-        try:
-            array = np.asarray(values, dtype={"weights": np.float64, "fixed": bool, "rigid": np.int64}[name])
-        except (TypeError, ValueError):
-            raise ConfigError(f"{name}: expected a number for each vertex, got {described(values)}") from None
-        arrays[name] = array
-    if landmarks is None and not arrays:
-        return None
-    guidance = Guidance(landmarks, **arrays)
-    guidance.require_size(num_verts)
-    return guidance
-
-
-@no_type_check
-def _landmarks(
-    given: "Landmarks | str | Path",
-    source: MeshLike,
-    target: "MeshLike | PointCloud",
-    target_mesh: Mesh | PointCloud,
-    frame: Frame,
-    settings: FitSettings,
-) -> PlacedLandmarks:
-    """Return landmarks on the source, with their goals in the normalised frame."""
-    if isinstance(given, str | Path):
-        given = load_landmarks(given)
-    if not isinstance(given, Landmarks):
-        remedy = "Landmarks.of(places, goals), or the path of a file"
-        raise ConfigError(f"landmarks: expected Landmarks, got {described(given)}; give {remedy}")
-    if isinstance(source, str) and source in (*ANY_ORIGIN, "sphere"):
-        raise ConfigError(f"landmarks: the source '{source}' has no places of its own; give a mesh")
-    if any(given.used) and not (isinstance(settings, GaussNewtonSettings) and settings.prior is not None):
-        raise ConfigError("landmarks: only a fit with register='rigid', 'near-rigid' or 'soft' uses them")
-    goals = given.goal_positions(target_mesh, _numbering(target, target_mesh))
-    mesh = as_mesh(source, "source", triangles=True)
-    placed_landmarks = given.placed(mesh, _numbering(source, mesh), goals)
-    if any(given.used):
-        placed_landmarks.require_enough()
-    return placed_landmarks.in_frame(frame.centre, frame.scale)
-
-
-def _numbering(thing: Any, mesh: Mesh | PointCloud) -> Numbering:  # noqa: ANN401  anything that `fit` takes
-    """Return what numbers of vertices and faces refer to: a file, or the mesh itself."""
-    if isinstance(thing, str | os.PathLike) and os.fspath(thing) not in SOLIDS:
-        name = os.fspath(thing)
-        if isinstance(mesh, PointCloud):
-            return Numbering.of_file(name)
-        return Numbering.of_file(name, load_target_with_vertex_map(name, polygons=True, attributes=False)[1])
-    return Numbering.of(mesh if isinstance(mesh, PointCloud) else as_mesh(thing))
-
-
-def _engine_for(settings: FitSettings) -> Callable[..., Engine]:
-    if isinstance(settings, GaussNewtonSettings) and settings.prior is not None:
-        return RegistrationEngine
-    return ENGINES[settings.method]
-
-
-@no_type_check
-def _checked_problems(problems: Sequence[Problem]) -> list[Problem]:
-    remedy = "give a list, such as [Problem(source, target, seed)]"
-    if not isinstance(problems, Iterable) or isinstance(problems, str | bytes | Mapping):
-        raise ConfigError(f"problems: expected a list of Problem, got {described(problems)}; {remedy}")
-    try:
-        listed = list(problems)
-    except Exception as error:
-        raise ConfigError(f"problems: expected a list of Problem, got {described(problems)}; {remedy}") from error
-    for number, problem in enumerate(listed):
-        if not isinstance(problem, Problem):
-            raise ConfigError(f"problem {number}: expected a Problem, got {described(problem)}; {remedy}")
-    return listed
-
-
-@no_type_check
-def _settings(settings: FitSettings | None, overrides: Mapping[str, Any]) -> FitSettings:
-    changes = {key: _plain(value) for key, value in overrides.items() if value is not None}
-    if settings is not None and not isinstance(settings, tuple(METHODS.values())):
-        names = "FirstOrderSettings, GaussNewtonSettings or ExternalSettings"
-        raise ConfigError(f"settings: expected {names}, got {value_text(settings)}")
-    method = changes.get("method", "first-order" if settings is None else settings.method)
-    if not isinstance(method, str) or method not in METHODS:
-        raise ConfigError(f"method: got {option_text(method)}; {suggest(str(method), METHODS)}")
-    _require_keys(changes, method)
-    if settings is None or settings.method != method:
-        return build(METHODS[method], changes)
-    return override(settings, changes)
-
-
-def _plain(value: Any) -> Any:  # noqa: ANN401  any value of a setting
-    return value.model_dump() if isinstance(value, Settings) else value
-
-
-def _require_keys(changes: Mapping[str, Any], method: str) -> None:
-    """Refuse keys that only the other engine has, and name it."""
-    allowed = METHODS[method].model_fields
-    for key in changes:
-        engine = next((name for name, model in METHODS.items() if key in model.model_fields), None)
-        if key not in allowed and engine is not None:
-            text = f"no such key: it is one of method='{engine}', and this is '{method}'"
-            raise ConfigError(f"{key}: {text}; allowed: {', '.join(allowed)}")
-
-
-@no_type_check
-def _require_one_of(key: str, value: str, allowed: Sequence[str]) -> Any:  # noqa: ANN401  one of several literals
-    if not isinstance(value, str) or value not in allowed:
-        raise ConfigError(f"{key}: got {option_text(value)}; {suggest(str(value), allowed)}")
-    return value
-
-
-@no_type_check
-def _require_whole(key: str, value: int, least: int) -> None:
-    if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < least:
-        raise ConfigError(f"{key}: expected a whole number of at least {least}, got {value_text(value)}")
-
-
-@no_type_check
-def _require_closable(target: Mesh | PointCloud, *, own: bool) -> None:
-    """Refuse points without a closed surface, unless a source of the caller's own may be open."""
-    if isinstance(target, PointCloud) and not own and (fault := no_closed_surface(target)):
-        raise MeshError(f"target: {fault}")
-
-
-@no_type_check
-def _placed_source(  # noqa: PLR0913, PLR0917  as the caller has them
-    source: "MeshLike",
-    frame: Frame,
-    goal: Mesh | PointCloud,
-    settings: FitSettings,
-    scheme: str | Scheme,
-    how: Placement,
-    surface: Surface,
-    images: Views | None = None,
-) -> Mesh | PolygonMesh:
-    """Return the source in the normalised frame, aligned with the target."""
-    if isinstance(source, str) and source == "sphere":
-        return _around(goal, _sphere(settings, scheme))
-    if isinstance(source, str) and source in ANY_ORIGIN:
-        return _from_target(goal, source, settings, scheme, surface, images)
-    mesh = as_mesh(source, "source")
-    _require_surface(as_mesh(mesh, "source", triangles=True), "source")
-    mesh = mesh.with_verts((mesh.verts - frame.centre) / frame.scale)
-    registered = isinstance(settings, GaussNewtonSettings) and settings.prior is not None
-    if how == "auto" and (registered or _has_same_place(mesh, goal)):
-        return mesh
-    if how == "auto":
-        sizes = " and ".join(
-            " × ".join(f"{length:.3g}" for length in np.ptp(verts, axis=0) * frame.scale)
-            for verts in (mesh.verts, goal.verts)
-        )
-        text = f"the source was moved and scaled to the target, which it is far from (boxes {sizes})"
-        warnings.warn(f"{text}; align='none' keeps it in place", MeshfitWarning, stacklevel=3)
-    if how == "auto" or how == "sphere":  # noqa: PLR1714  the others remain, for the type checker
-        return _around(goal, mesh.with_verts(placed(mesh.verts, _RADIUS[settings.method])))
-    triangles = as_mesh(mesh, "source", triangles=True)
-    found = aligned(triangles, goal, how)
-    if found.doubt:
-        warnings.warn(f"align='{how}': {found.doubt}; check the result", MeshfitWarning, stacklevel=3)
-    return mesh.with_verts(found.mesh.verts)
-
-
-def _sphere(settings: FitSettings, scheme: str | Scheme) -> Mesh | PolygonMesh:
-    """Return the source of the bundled configs: of `tutorial` for the first-order engine, else of `accurate`."""
-    if settings.method == "first-order":
-        return icosphere(4)
-    declared = resolve(scheme)
-    if isinstance(declared, CurveScheme):
-        raise wrong_domain(declared, "triangles")
-    return refined_sphere(declared, 3, _RADIUS[settings.method])
-
-
-def _from_target(
-    goal: Mesh | PointCloud,
-    origin: AnyOrigin,
-    settings: FitSettings,
-    scheme: str | Scheme,
-    surface: Surface,
-    images: Views | None,
-) -> Mesh | PolygonMesh:
-    """Return the source of the bundled config `accurate`: a control mesh made from the target."""
-    verts = USUAL_VERTS
-    if isinstance(settings, GaussNewtonSettings) and settings.connectivity == "fixed":
-        verts = max(12, int((settings.verts - 2) / 4**settings.levels) + 2)
-    mesh = control_mesh_from(goal, images, origin, verts=verts, surface=surface).mesh
-    return PolygonMesh.of(mesh) if isinstance(resolve(scheme), PolygonScheme) else mesh
-
-
-def _around(goal: Mesh | PointCloud, mesh: Mesh | PolygonMesh) -> Mesh | PolygonMesh:
-    """Move a mesh from the tutorial's frame of the target to the frame that the target is in."""
-    frame = frame_of(goal.verts, "tutorial")
-    if np.allclose(frame.centre, 0.0, atol=_ROUNDING) and abs(frame.scale - 1.0) < _ROUNDING:
-        return mesh
-    return frame.restore(mesh)
-
-
-def _has_same_place(source: Mesh | PolygonMesh, target: Mesh | PointCloud) -> bool:
-    """Return whether bounding boxes overlap, and differ in size by less than ten times."""
-    ratio = bounding_box_diagonal(source.verts) / bounding_box_diagonal(target.verts)
-    return 1 / _LARGEST_RATIO < ratio < _LARGEST_RATIO and not boxes_are_disjoint(source, target)
-
-
 class _Restored:
     """Meshes of a fit, brought back to the target's own coordinates; unchanged without a frame."""
 
@@ -599,55 +277,3 @@ class _Restored:
         """Hand a snapshot to the caller."""
         if self._on_snapshot is not None:
             self._on_snapshot(step, self.mesh(mesh))
-
-
-def _require_surface(mesh: Mesh | PointCloud, name: str) -> None:
-    finite = np.isfinite(mesh.verts).all(axis=1)
-    if not finite.all():
-        raise MeshError(f"{name}: vertex {int(np.flatnonzero(~finite)[0])} has a coordinate that is not finite")
-    if isinstance(mesh, PointCloud):
-        return
-    if not mesh.num_faces or not face_areas(mesh).sum() > 0:
-        raise MeshError(f"{name}: the mesh has no area")
-
-
-def batches(problems: Sequence[Problem], settings: FitSettings, device: torch.device) -> list[list[int]]:
-    """Split problems into batches that are stepped together, as large as the device has memory for.
-
-    All problems of a batch have made the same number of steps; those that continue from checkpoints may differ.
-
-    Returns:
-        Indices into `problems`, batch by batch.
-    """
-    if isinstance(
-        settings, GaussNewtonSettings | ExternalSettings
-    ):  # steps its problems one after the other in any case
-        return [[index] for index in range(len(problems))]
-    room, groups = _room(device), list[list[int]]()
-    filled, last = room, -1
-    for index in sorted(range(len(problems)), key=lambda i: steps_done(problems[i])):
-        size, done = _size(problems[index], settings), steps_done(problems[index])
-        if filled + size > room or done != last:
-            groups.append([])
-            filled, last = 0, done
-        groups[-1].append(index)
-        filled += size
-    return groups
-
-
-def steps_done(problem: Problem) -> int:
-    """Return the number of steps in the problem's checkpoint."""
-    return 0 if problem.resume is None else int(problem.resume["done"])
-
-
-def _size(problem: Problem, settings: FirstOrderSettings) -> int:
-    """Return the estimated memory of a problem, in bytes."""
-    meshes = problem.source.num_verts + problem.source.num_faces + problem.target.num_faces
-    return _BYTES_PER_ROW * (meshes + 2 * settings.samples)
-
-
-def _room(device: torch.device) -> float:
-    """Return the memory for a batch, in bytes."""
-    if device.type == "cuda":
-        return _SHARE_OF_DEVICE * torch.cuda.mem_get_info(device)[0]
-    return _MPS_BYTES if device.type == "mps" else _CPU_BYTES

@@ -14,8 +14,8 @@ from meshfit.experiment.plan import Trial, plan
 from meshfit.experiment.running.batch_runner import run_batch
 from meshfit.experiment.running.scheduler import run_trials
 from meshfit.experiment.storage.run_directory import RunDirectory
+from meshfit.fitting.batch import fit_batch
 from meshfit.fitting.first_order import FirstOrder
-from meshfit.fitting.fit import fit_batch
 from meshfit.fitting.nearest_neighbours import match_nearest
 from meshfit.fitting.problem import Problem
 from meshfit.fitting.settings import FirstOrderSettings

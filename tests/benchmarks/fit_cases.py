@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from functools import partial
 
-from meshfit.fitting.fit import fit_batch
+from meshfit.fitting.batch import fit_batch
 from meshfit.fitting.loop import FitResult
 from meshfit.fitting.problem import Problem
 from meshfit.mesh.control_mesh import control_mesh_of

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from meshfit.errors import MeshError
-from meshfit.fitting import fit as fitting
+from meshfit.fitting import batch as fitting
+from meshfit.fitting.batch import fit_batch
 from meshfit.fitting.first_order import FirstOrder
-from meshfit.fitting.fit import fit_batch
 from meshfit.fitting.problem import Problem
 from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.mesh.mesh import Mesh

@@ -8,8 +8,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from meshfit.fitting import fit as fitting
-from meshfit.fitting.fit import batches, steps_done
+from meshfit.fitting import batch as fitting
+from meshfit.fitting.batch import batches, steps_done
 from meshfit.fitting.problem import Problem
 from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.mesh.mesh import Mesh

@@ -4,10 +4,10 @@ from functools import cache
 
 import pytest
 
-from meshfit.fitting import fit as fitting
+from meshfit.fitting import batch as fitting
 from meshfit.fitting import loop as running
+from meshfit.fitting.batch import fit_batch
 from meshfit.fitting.callbacks import Interrupted
-from meshfit.fitting.fit import fit_batch
 from meshfit.fitting.problem import Problem
 from tests.checkpoints import through_a_file
 from tests.ragged import LATE, PROBLEMS, SHAKY, alone, bytes_of

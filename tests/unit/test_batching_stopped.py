@@ -3,9 +3,9 @@
 import pytest
 import torch
 
+from meshfit.fitting import batch as fitting
 from meshfit.fitting import first_order
-from meshfit.fitting import fit as fitting
-from meshfit.fitting.fit import fit_batch
+from meshfit.fitting.batch import fit_batch
 from meshfit.fitting.problem import Diverged
 from tests.loops import over
 from tests.ragged import FAR, LATE, OUTSIDE, PROBLEMS, SHAKY, alone, bytes_of

@@ -10,10 +10,11 @@ import pytest
 
 from meshfit.errors import ConfigError
 from meshfit.experiment.storage.failure import RETRIED, failure_kind
+from meshfit.fitting.batch import fit_batch
 from meshfit.fitting.callbacks import Interrupted
 from meshfit.fitting.external.engine import External, run_external
 from meshfit.fitting.external.tools import ToolError
-from meshfit.fitting.fit import fit, fit_batch
+from meshfit.fitting.fit import fit
 from meshfit.fitting.problem import Problem
 from meshfit.fitting.settings import ExternalSettings
 from meshfit.mesh.solids import icosahedron, octahedron

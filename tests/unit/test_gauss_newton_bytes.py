@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
+from meshfit.fitting.batch import fit_batch
 from meshfit.fitting.callbacks import Interrupted
-from meshfit.fitting.fit import fit_batch
 from meshfit.fitting.gauss_newton import engine as gauss_newton
 from meshfit.fitting.gauss_newton import target
 from meshfit.fitting.gauss_newton.engine import GaussNewton

@@ -14,8 +14,8 @@ from meshfit.experiment.plan import Trial
 from meshfit.experiment.running.trial_runner import TrialRunner, recorded_warnings
 from meshfit.experiment.storage.run_directory import CHECKPOINT, RESULT, RunDirectory
 from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
+from meshfit.fitting.batch import fit_batch
 from meshfit.fitting.callbacks import Interrupted
-from meshfit.fitting.fit import fit_batch
 from meshfit.fitting.loop import FitResult
 from meshfit.fitting.problem import Diverged, Problem
 
