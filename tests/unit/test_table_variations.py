@@ -2,7 +2,7 @@
 
 import pytest
 
-from meshfit.report.tables.grouping import differing_keys, natural_order, variation_names
+from meshfit.report.tables.grouping import differing_keys, natural_order, telling_keys, title_of, variation_names
 
 
 def test_only_what_differs_is_named_and_keys_are_short_where_that_is_clear():
@@ -22,7 +22,7 @@ def test_keys_that_end_alike_are_written_out():
 
 def test_a_setting_that_a_variation_has_not_is_left_out_of_its_name():
     settings = [{"fit.method": "first-order", "fit.samples": 100}, {"fit.method": "gauss-newton"}]
-    assert variation_names(settings, ["", ""]) == ["method=first-order, samples=100", "method=gauss-newton"]
+    assert variation_names(settings, ["", ""]) == ["method=first-order", "method=gauss-newton"]
 
 
 def test_a_variant_is_the_name_unless_it_does_not_tell_them_apart():
@@ -50,3 +50,17 @@ def test_values_are_ordered_naturally(ordered):
 def test_the_first_setting_that_differs_counts_first():
     settings = [{"a": 2, "b": 1}, {"a": 1, "b": 2}, {"a": 1, "b": 1}]
     assert natural_order(settings) == [2, 1, 0]
+
+
+def test_the_keys_of_one_engine_alone_are_not_named_unless_nothing_else_tells_settings_apart():
+    settings = [{"fit.method": "first-order", "fit.steps": 5, "fit.laplacian": None}, {"fit.method": "gauss-newton"}]
+    assert telling_keys(settings) == ["fit.method"]
+    assert [title_of("a", each, telling_keys(settings)) for each in settings] == [
+        "a · fit.method=first-order",
+        "a · fit.method=gauss-newton",
+    ]
+    more = [*settings, {"fit.method": "gauss-newton", "fit.noise": 0.1}]
+    assert [title_of("a", each, telling_keys(more)) for each in more][1:] == [
+        "a · fit.method=gauss-newton",
+        "a · fit.method=gauss-newton, fit.noise=0.1",
+    ]

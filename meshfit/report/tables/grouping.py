@@ -123,7 +123,7 @@ def group_results(
         key = json.dumps(settings, sort_keys=True)
         shared.setdefault(key, settings)
         groups.setdefault(key, []).append(result)
-    differing = differing_keys(list(shared.values()))
+    telling = telling_keys(list(shared.values()))
     experiments = list(dict.fromkeys(result["experiment"] for result in results))
     variations = []
     for key, group in groups.items():
@@ -135,7 +135,7 @@ def group_results(
         rows = sorted(by_scheme, key=_rank(schemes, by_scheme, list(SCHEMES)))
         variations.append(
             Variation(
-                title=title_of(experiment, shared[key], differing),
+                title=title_of(experiment, shared[key], telling),
                 experiment=experiment,
                 variant=variants.pop() if len(variants) == 1 else "",
                 settings=shared[key],
@@ -309,7 +309,7 @@ def flatten(nested: Mapping[str, Any], above: str = "") -> dict[str, Any]:
 
 def title_of(experiment: str, settings: Settings, keys: Sequence[str]) -> str:
     """Return an experiment's name with the values of some settings: `table1 · fit.steps=100`."""
-    values = ", ".join(f"{key}={setting_text(settings.get(key))}" for key in keys)
+    values = ", ".join(f"{key}={setting_text(settings[key])}" for key in keys if key in settings)
     return f"{experiment} · {values}" if values else experiment
 
 
@@ -317,6 +317,22 @@ def differing_keys(settings: Sequence[Settings]) -> list[str]:
     """Return the keys whose values are not the same in all settings, in the order of the settings."""
     keys = dict.fromkeys(key for each in settings for key in each)
     return [key for key in keys if len({json.dumps(each.get(key)) for each in settings}) > 1]
+
+
+def telling_keys(settings: Sequence[Settings]) -> list[str]:
+    """Return the keys that tell settings apart: without those that only some have, and that are the same in these.
+
+    An engine's keys come with `fit.method`, which says enough. All differing keys are returned where settings would
+    be alike without them.
+    """
+    differing = differing_keys(settings)
+    values = {key: {json.dumps(each[key]) for each in settings if key in each} for key in differing}
+    telling = [key for key in differing if len(values[key]) > 1]
+
+    def number_of_kinds(keys: Sequence[str]) -> int:
+        return len({json.dumps([(key, each[key]) for key in keys if key in each]) for each in settings})
+
+    return telling if number_of_kinds(telling) == number_of_kinds(differing) else differing
 
 
 def variation_names(settings: Sequence[Settings], variants: Sequence[str]) -> list[str]:
@@ -328,7 +344,7 @@ def variation_names(settings: Sequence[Settings], variants: Sequence[str]) -> li
         settings: all different.
         variants: for each of them, the name under which it was run; empty if it had none.
     """
-    keys = differing_keys(settings)
+    keys = telling_keys(settings)
     last = {key: key.rpartition(".")[2] for key in keys}
     short = {key: name if list(last.values()).count(name) == 1 else key for key, name in last.items()}
     by_settings = [

@@ -18,6 +18,7 @@ from meshfit.report.tables.grouping import (
     group_results,
     natural_order,
     resolve_scheme,
+    telling_keys,
     title_of,
     variation_names,
 )
@@ -318,8 +319,8 @@ def merge_tables(tables: Sequence[Table]) -> list[Table]:
     for table in tables:
         measured = {key: value for key, value in table.settings.items() if key.startswith(_MEASURED_BY)}
         groups.setdefault(json.dumps([table.experiment, measured], sort_keys=True), []).append(table)
-    differing = differing_keys([table.settings for table in tables])
-    return [_merged(group, differing) for group in groups.values()]
+    telling = telling_keys([table.settings for table in tables])
+    return [_merged(group, telling) for group in groups.values()]
 
 
 def styled(tables: Sequence[Table], style: Style, labels: Iterable[str] = ()) -> list[Table]:
@@ -342,7 +343,7 @@ def styled(tables: Sequence[Table], style: Style, labels: Iterable[str] = ()) ->
     return [replace(table, style=style) for table in tables]
 
 
-def _merged(tables: Sequence[Table], differing: Sequence[str]) -> Table:
+def _merged(tables: Sequence[Table], telling: Sequence[str]) -> Table:
     naturally = [tables[number] for number in natural_order([table.settings for table in tables])]
     tables = sorted(naturally, key=lambda table: table.variations[0].place)
     settings = [table.settings for table in tables]
@@ -350,7 +351,7 @@ def _merged(tables: Sequence[Table], differing: Sequence[str]) -> Table:
     variations = [variation for table in tables for variation in table.variations]
     names = variation_names(settings, [variation.variant for variation in variations]) if swept else [""]
     return Table(
-        title=title_of(tables[0].experiment, settings[0], [key for key in differing if key not in swept]),
+        title=title_of(tables[0].experiment, settings[0], [key for key in telling if key not in swept]),
         metrics=tables[0].metrics,
         variations=tuple(replace(variation, name=name) for variation, name in zip(variations, names, strict=True)),
     )
