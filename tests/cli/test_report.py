@@ -38,12 +38,12 @@ def copied(ran, tmp_path, monkeypatch):
     return tmp_path
 
 
-def page_of(*runs, options=()):
+def page_of(*runs, options=(), output="page", page="page/index.html"):
     """The text of the page, its one file having been told of."""
-    done = invoke("report", *runs, "-o", "page", "--partial", *options)
+    done = invoke("report", *runs, "-o", output, "--partial", *options)
     assert done.code == 0, done.err
-    assert re.fullmatch(r"wrote page/index\.html: [\d.]+ [kM]B\n", done.out)
-    return done, Path("page/index.html").read_text(encoding="utf-8")
+    assert re.fullmatch(rf"wrote {re.escape(page)}: [\d.]+ [kM]B\n", done.out)
+    return done, Path(page).read_text(encoding="utf-8")
 
 
 def text_of(page):
@@ -82,7 +82,7 @@ def test_what_users_name_is_not_taken_for_markup(copied):
     config = (copied / "small.yaml").read_text().replace("ellipsoid.ply", "'<i>&x.ply'").replace("[0, 1]", "[0]")
     (copied / "odd.yaml").write_text(config)
     meshfit("run", "odd.yaml", "-q", "--set", "schemes=[loop]", "--name", "odd", folder=copied)
-    _, page = page_of("runs/odd")
+    _, page = page_of("runs/odd", output="one/odd.html", page="one/odd.html")
     assert "<i>" not in page
     assert "&lt;i&gt;&amp;x" in page
 
