@@ -29,7 +29,7 @@ from meshfit.experiment.trial_status import TrialStatus
 from meshfit.images.folders import PACK_SUFFIX
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.tables.grouping import flatten
-from meshfit.report.tables.notes import FRAMES
+from meshfit.report.tables.heads import FRAMES
 from meshfit.units import count_text, size_text
 
 _FILES = {

@@ -102,7 +102,7 @@ def table(
 
 def exit_code_of(tables: Sequence["Table"]) -> int:
     """Return the exit code of a command that shows tables, and report planned trials without a result."""
-    from meshfit.report.tables.notes import trial_line
+    from meshfit.report.tables.heads import trial_line
 
     for line in filter(None, map(trial_line, tables)):
         remedy = "`meshfit run` runs the others; --partial accepts the table without them"

@@ -8,7 +8,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import icosahedron
 from meshfit.report.figures.camera import MARGIN
 from meshfit.report.figures.render import cameras_of, collect_meshes
-from meshfit.report.tables.notes import FRAMES
+from meshfit.report.tables.heads import FRAMES
 
 BALL = icosahedron()
 LARGE = Mesh(3.0 * BALL.verts, BALL.faces)

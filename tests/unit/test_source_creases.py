@@ -18,7 +18,7 @@ from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.solids import cube, octahedron
 from meshfit.mesh.topology import Topology
 from meshfit.report.tables.grouping import shared_settings
-from meshfit.report.tables.notes import _creases_and_alphas
+from meshfit.report.tables.heads import _creases_and_alphas
 from meshfit.settings import build
 from meshfit.subdivision.creases import Creases, creases_by_angle
 from meshfit.subdivision.refine import subdivide

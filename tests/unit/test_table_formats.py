@@ -14,12 +14,12 @@ from rich.console import Console
 
 from meshfit.errors import ConfigError
 from meshfit.measuring.metrics import DEFAULT_METRIC
+from meshfit.report.tables.comparison_text import comparison_lines
 from meshfit.report.tables.formats import FORMATS
 from meshfit.report.tables.formats.data import FIELDS
 from meshfit.report.tables.formats.latex import to_latex
 from meshfit.report.tables.formats.markdown import to_markdown
 from meshfit.report.tables.formats.terminal import TablesView, to_text
-from meshfit.report.tables.notes import comparison_lines
 from meshfit.report.tables.style import Style, parse_labels
 from meshfit.report.tables.table import Row, build_tables, merge_tables, styled
 from tests.loops import over

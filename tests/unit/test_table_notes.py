@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from meshfit.report.tables.notes import notes, setting_lines
+from meshfit.report.tables.heads import setting_lines
+from meshfit.report.tables.notes import notes
 from meshfit.report.tables.style import Style
 from meshfit.report.tables.table import build_tables, merge_tables
 from meshfit.settings import deep_merge

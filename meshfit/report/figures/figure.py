@@ -19,8 +19,8 @@ from meshfit.report.figures.layout import DPI, ColourBar, Panel, distance_panel,
 from meshfit.report.figures.representative_trial import RepresentativeTrial, TargetTrials
 from meshfit.report.figures.trial_meshes import TrialMeshes, distances_to, distinct_meshes, read_trial_meshes
 from meshfit.report.tables.formats.latex import escape
+from meshfit.report.tables.heads import FRAMES
 from meshfit.report.tables.layout import SHORTFALL
-from meshfit.report.tables.notes import FRAMES
 from meshfit.report.tables.numbers import format_number
 from meshfit.units import count_text
 

@@ -20,7 +20,7 @@ from meshfit.report.figures.cloud_surfels import drawn, measurable
 from meshfit.report.figures.colours import shared_limit
 from meshfit.report.figures.layout import DPI, ColourBar, PanelRow, distance_panel, mesh_panel, write_rows
 from meshfit.report.figures.trial_meshes import distances_to, read_trial_meshes
-from meshfit.report.tables.notes import FRAMES
+from meshfit.report.tables.heads import FRAMES
 
 _PANEL = 2.6
 _MOST_COLUMNS = 4

@@ -12,21 +12,11 @@ from meshfit.experiment.tuning.search_file import Search
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.figures.representative_trial import TrialIndex
 from meshfit.report.html.target_section import row_title, short_titles, trials_by_row
+from meshfit.report.tables.comparison_text import Section, comparison_lines, sections_of, without_intervals
 from meshfit.report.tables.grouping import describe_definitions, differing_keys, setting_text
+from meshfit.report.tables.heads import head_lines, setting_lines
 from meshfit.report.tables.layout import columns_of, row_groups, row_names
-from meshfit.report.tables.notes import (
-    Section,
-    best_note,
-    comparison_lines,
-    fewer_note,
-    head_lines,
-    not_significant_note,
-    notes,
-    sections_of,
-    setting_lines,
-    shortfall_note,
-    without_intervals,
-)
+from meshfit.report.tables.notes import best_note, fewer_note, not_significant_note, notes, shortfall_note
 from meshfit.report.tables.numbers import format_number
 from meshfit.report.tables.search import search_heads, search_notes, search_rows, search_title
 from meshfit.report.tables.table import VARIED, Row, Table

@@ -28,8 +28,8 @@ from meshfit.report.figures.trial_meshes import (
     read_normalised,
 )
 from meshfit.report.figures.view_overlay import ShownView, shown_views
+from meshfit.report.tables.heads import FRAMES
 from meshfit.report.tables.layout import SHORTFALL, row_titles
-from meshfit.report.tables.notes import FRAMES
 from meshfit.report.tables.numbers import format_number
 from meshfit.report.tables.table import Row, Table
 from meshfit.units import count_text

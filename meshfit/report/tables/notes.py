@@ -1,29 +1,16 @@
-"""The sentences of a table: its head, its comparisons, and notes on how to read its numbers."""
+"""Notes below a table: how to read its numbers."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import groupby, product
-from typing import Any
+from collections.abc import Iterator, Sequence
+from itertools import product
 
-from meshfit.config.experiment import MADE_FROM_TARGET
-from meshfit.measuring.metrics import METRICS
 from meshfit.report.tables.grouping import Missing, numbers_in, without_numbers
+from meshfit.report.tables.heads import seeds_text
 from meshfit.report.tables.layout import FEWER, NOT_SIGNIFICANT, SHORTFALL, columns_of, row_titles
-from meshfit.report.tables.numbers import format_difference
 from meshfit.report.tables.paper_numbers import LIKELIER, OTHER, PAPER_METRIC, paper_value
 from meshfit.report.tables.provenance import provenance_notes
-from meshfit.report.tables.table import VARIED, Comparison, Row, Table
-from meshfit.statistics import MOST_SEEDS
+from meshfit.report.tables.table import Row, Table
 from meshfit.units import count_text
 
-FRAMES = {
-    "tutorial": "the target's tutorial frame (vertex mean 0, largest |coordinate| 1)",
-    "box": "the box frame (centre of the target's bounding box 0, its diagonal 1)",
-    "sphere": "the sphere frame (vertex mean 0, farthest vertex of the target at distance 1)",
-    "cube": "the cube frame (centre of the target's bounding box 0, its longest side 1)",
-    "none": "the unit of the target's file",
-}
-"""The frame that lengths are stated in, by the setting `normalise`."""
 _STAND_IN = "stand-in"
 _OF_DISTANCE = ("hausdorff.", "distance.", "chamfer.", "f_score.", "normal_", "edges.")
 _COMPARED_WITH = {
@@ -32,263 +19,6 @@ _COMPARED_WITH = {
     "hull": "distances are to the visual hull of the masks, which a good result need not follow; see iou.mean",
 }
 _MOST_SHORTFALLS, _MOST_ROWS, _MOST_PLACES = 6, 3, 6
-_CELLS = {
-    "mean": "mean",
-    "mean-sd": "mean ± standard deviation",
-    "mean-ci": "mean [95 % confidence interval of the mean]",
-    "full": "mean (median) [95 % confidence interval of the mean]",
-}
-
-
-# The head of a table.
-
-
-def metric_line(table: Table) -> str:
-    """Name the metrics and the better direction: `Hausdorff distance (smaller is better); Components`."""
-    direction = {True: " (smaller is better)", False: " (larger is better)", None: ""}
-    return "; ".join(
-        f"{_capitalised(table.metric_title(name))}{direction[METRICS[name].smaller_is_better]}"
-        for name in table.metrics
-    )
-
-
-def cell_line(table: Table) -> str:
-    """Explain the numbers of a cell."""
-    seeds = table.seeds
-    if len(seeds) == 1:
-        return f"Cells: one run with seed {seeds[0]}"
-    return f"Cells: {_CELLS[table.style.cells]} over {len(seeds)} seeds ({_listed(seeds)})"
-
-
-def trial_line(table: Table) -> str:
-    """Count the planned trials by state: `Trials: 4 of 6 complete, 2 diverged`; empty if all are complete."""
-    if not table.num_missing:
-        return ""
-    planned, (complete, *others) = sum(table.counts.values()), table.counts.items()
-    return f"Trials: {complete[1]} of {planned} complete, {', '.join(f'{count} {state}' for state, count in others)}"
-
-
-def head_lines(table: Table) -> list[str]:
-    """Return the lines above a table, without its settings."""
-    return list(filter(None, (metric_line(table), cell_line(table), trial_line(table))))
-
-
-def setting_lines(table: Table) -> list[str]:
-    """State the frame of lengths, the fit, the measurement and the source; empty unless the notes are full."""
-    if table.style.notes != "full":
-        return []
-    settings = table.settings
-
-    def get(key: str) -> str:
-        value = settings.get(key)
-        return "?" if value is None else str(value)
-
-    measured = f"measured on {get('measure.samples')} samples{_measured_surface(settings)}"
-    scheme = f"; scheme {table.scheme_title(table.schemes[0])}" if _one_scheme(table) else ""
-    return [
-        f"Lengths in {FRAMES.get(get('normalise'), get('normalise'))}",
-        f"Fit: {_fit(get)}{_fitted_surface(settings)}; {measured}",
-        f"Source: {', '.join(_source(settings, get))}{scheme}",
-    ]
-
-
-def _one_scheme(table: Table) -> bool:
-    """Return whether variations of a single scheme are compared."""
-    return len(table.variations) > 1 and len(table.schemes) == 1
-
-
-def _fitted_surface(settings: Mapping[str, Any]) -> str:
-    surface = settings.get("target.surface", "all")
-    if surface == VARIED:
-        return ", to surfaces that vary"
-    return ", to the outer surface of each target" if surface == "outer" else ""
-
-
-def _measured_surface(settings: Mapping[str, Any]) -> str:
-    surface = settings.get("measure.surface", "all")
-    if surface == VARIED:
-        return " of surfaces that vary"
-    return " of the outer surfaces, without what they hide" if surface == "outer" else ""
-
-
-def _fit(get: Callable[[str], str]) -> str:
-    if get("fit.method") == VARIED:
-        return "by several methods"
-    if get("fit.method") == "gauss-newton":
-        return f"gauss-newton, {count_text(get('fit.levels'), 'level')}, connectivity {get('fit.connectivity')}"
-    if get("fit.method") == "external":
-        return _tool(get)
-    return f"{count_text(get('fit.steps'), 'step')} of {get('fit.optimizer.name')}, {get('fit.samples')} samples a step"
-
-
-def _tool(get: Callable[[str], str]) -> str:
-    if VARIED in (get("fit.tool"), get("fit.command")):
-        return "by several tools"
-    command = get("fit.command")
-    return get("fit.tool") if command == "?" else f"by the command {command}"
-
-
-def _source(settings: Mapping[str, Any], get: Callable[[str], str]) -> Iterator[str]:
-    mesh = get("source.mesh")
-    yield f"made from each target ({mesh})" if mesh in MADE_FROM_TARGET else mesh
-    if settings.get("source.decimate"):
-        yield f"decimated to {get('source.decimate')} faces"
-    vertices = settings.get("source.wanted_verts")
-    yield count_text(get("source.levels"), "level") if vertices is None else f"refined to about {vertices} vertices"
-    project = settings.get("source.project", "none")
-    if project != "none":
-        yield f"projection {VARIED}" if project == VARIED else f"projected to the {project}"
-    yield from _creases_and_alphas(settings)
-
-
-def _creases_and_alphas(settings: Mapping[str, Any]) -> Iterator[str]:
-    angle, file, sharpness = (settings.get(f"source.creases.{key}") for key in ("angle", "file", "sharpness"))
-    if angle is not None or file is not None:
-        varied = VARIED in (angle, file)
-        where = f"creases {VARIED}" if varied else f"creases of {file}" if file else f"creases above {angle:g} degrees"
-        yield where if sharpness is None else f"{where} of sharpness {sharpness}"
-    alpha = settings.get("source.alpha.file") or settings.get("source.alpha.attribute")
-    if alpha is not None:
-        yield f"alpha {VARIED}" if alpha == VARIED else f"alpha of each vertex from {alpha}"
-
-
-# Comparisons.
-
-
-@dataclass(frozen=True)
-class ComparisonText:
-    """A comparison in words.
-
-    Attributes:
-        label: names the rows, as far as this is not clear from the context.
-        difference: the difference and its interval.
-        verdict: whether it is significant, and for how many seeds if not all.
-        improvement: probability of improvement, `0.92`; empty for single runs, or if neither direction is better.
-        seeds_needed: `3`, or `> 10,000`; empty without an interval or a difference.
-        comparison: the comparison itself.
-    """
-
-    label: str
-    difference: str
-    verdict: str
-    improvement: str
-    seeds_needed: str
-    comparison: Comparison
-
-
-@dataclass(frozen=True)
-class Section:
-    """Comparisons with the same row, or the same kind of row.
-
-    Attributes:
-        title: states what is compared, and with what.
-        places: comparisons by place: each target, and all targets together.
-    """
-
-    title: str
-    places: dict[str, list[ComparisonText]]
-
-
-def without_intervals(table: Table) -> bool:
-    """Return whether there are several comparisons, and none has an interval."""
-    return len(table.comparisons) > 1 and not any(comparison.difference.interval for comparison in table.comparisons)
-
-
-def comparison_lines(table: Table) -> list[str]:
-    """Return one line for each comparison, or a single line if none has an interval; none unless notes are full."""
-    if table.style.notes != "full":
-        return []
-    if without_intervals(table):
-        return ["Differences: one seed only, so no intervals; run several seeds to compare"]
-    lines = []
-    for comparison in table.comparisons:
-        metric = f"{table.metric_title(comparison.metric)}: " if len(table.metrics) > 1 else ""
-        place = _place(table, comparison) if comparison.target is None else f"on {_place(table, comparison)}"
-        text = _in_words(table, comparison, _versus(table, comparison))
-        seeds = text.seeds_needed.replace("> ", "more than ")
-        parts = [text.difference, text.verdict]
-        parts += [f"P(better) {text.improvement}"] * bool(text.improvement) + [f"{seeds} seeds needed"] * bool(seeds)
-        lines.append(f"{metric}{text.label} {place}: {', '.join(parts)}")
-    return lines
-
-
-def sections_of(table: Table) -> list[Section]:
-    """Arrange the comparisons in sections: for each metric, schemes with the baseline, then variations."""
-    if table.style.notes != "full":
-        return []
-    sections = []
-    for metric, of_metric in groupby(table.comparisons, key=lambda comparison: comparison.metric):
-        prefix = f"{_capitalised(table.metric_title(metric))}: difference" if len(table.metrics) > 1 else "Difference"
-        comparisons = list(of_metric)
-        for across in (False, True):
-            of_kind = [comparison for comparison in comparisons if comparison.across_variations is across]
-            if of_kind:
-                ending, label = _ending_and_labels(table, of_kind)
-                places: dict[str, list[ComparisonText]] = {}
-                for comparison in of_kind:
-                    text = _in_words(table, comparison, label(comparison))
-                    places.setdefault(_place(table, comparison), []).append(text)
-                sections.append(Section(prefix + ending, places))
-    return sections
-
-
-def _in_words(table: Table, comparison: Comparison, label: str) -> ComparisonText:
-    difference = comparison.difference
-    single, better, seeds = difference.interval is None, difference.improvement, difference.seeds_needed
-    verdict = {None: "one seed: no interval", True: "significant", False: "not significant"}[difference.significant]
-    if not single and difference.count < len(table.seeds):
-        verdict += f" ({difference.count} seeds)"
-    return ComparisonText(
-        label,
-        format_difference(difference),
-        verdict,
-        improvement="" if single or better is None else f"{better:.2f}",
-        seeds_needed="" if single or difference.mean == 0 else f"> {MOST_SEEDS:,}" if seeds is None else f"{seeds:,}",
-        comparison=comparison,
-    )
-
-
-def _versus(table: Table, comparison: Comparison) -> str:
-    """Name both rows: `interp-loop vs loop`, `edge=0.2 vs edge=0.1 with loop`."""
-    first, second = comparison.row, comparison.against
-    names = [table.variation_title(row) for row in (first, second)]
-    if comparison.across_variations:
-        scheme = "" if _one_scheme(table) else f" with {table.scheme_title(first.scheme)}"
-        return f"{names[0]} vs {names[1]}{scheme}"
-    return f"{table.scheme_title(first.scheme)} vs {table.scheme_title(second.scheme)}" + (
-        f" at {names[0]}" if names[0] else ""
-    )
-
-
-def _place(table: Table, comparison: Comparison) -> str:
-    """Return a target's title, `over 5 targets`, or `over 4 of 5 targets`."""
-    if comparison.target is not None:
-        return table.targets[comparison.target]
-    every, compared = len(table.targets), comparison.difference.targets
-    return f"over {every} targets" if compared == every else f"over {compared} of {every} targets"
-
-
-def _ending_and_labels(table: Table, comparisons: Sequence[Comparison]) -> tuple[str, Callable[[Comparison], str]]:
-    """Return the end of a section's title, and a function that labels each comparison by the rest."""
-    first = comparisons[0]
-    if first.across_variations:
-        scheme = f" of {table.scheme_title(first.row.scheme)}" if len(table.schemes) > 1 else ""
-        return f"{scheme} from {table.variation_title(first.against)}", lambda each: _variation(table, each)
-    if len({each.against.scheme for each in comparisons}) > 1:
-        return " from the baseline", lambda each: _versus(table, each)
-    if len(table.variations) == 1:
-        return f" from {table.scheme_title(first.against.scheme)}", lambda each: table.scheme_title(each.row.scheme)
-    ending = f" from {table.scheme_title(first.against.scheme)} at the same settings"
-    if len({each.row.scheme for each in comparisons}) == 1:
-        return f" of {table.scheme_title(first.row.scheme)}{ending}", lambda each: _variation(table, each)
-    return ending, lambda each: f"{_variation(table, each)} · {table.scheme_title(each.row.scheme)}"
-
-
-def _variation(table: Table, comparison: Comparison) -> str:
-    return table.variation_title(comparison.row)
-
-
-# Notes below a table.
 
 
 def best_note(table: Table) -> str:
@@ -392,7 +122,7 @@ def _place_of_runs(table: Table, row: Row, seeds: Sequence[int], targets: Sequen
     named = "every target" if len(targets) == len(table.targets) > 1 else ", ".join(titles)
     named += f" and {more} more" if more > 0 and named != "every target" else ""
     noun = "seed" if len(seeds) == 1 else "seeds"
-    return f"{' · '.join(row_titles(table, row))} on {named} ({noun} {_listed(seeds)})"
+    return f"{' · '.join(row_titles(table, row))} on {named} ({noun} {seeds_text(seeds)})"
 
 
 def legend(table: Table, best: str) -> list[tuple[str, str]]:
@@ -434,7 +164,7 @@ def _few_seeds(table: Table) -> Iterator[str]:
                 seeds = sorted(table.samples.get((metric, target, row), {}))
                 if seeds and len({*seeds, *table.missing(target, row)}) < len(table.seeds):
                     name = f"{scheme} at {variation}" if variation else scheme
-                    few[f"{name} on {title}: {count_text(len(seeds), 'seed')} ({_listed(seeds)})"] = None
+                    few[f"{name} on {title}: {count_text(len(seeds), 'seed')} ({seeds_text(seeds)})"] = None
     if few:
         yield f"Fewer seeds: {'; '.join(few)}"
     if once and len(table.seeds) > 1:
@@ -536,13 +266,3 @@ def _about_paper(table: Table) -> Iterator[str]:
             "The paper's numbers are those of its Table 1, one run each, settings not all known. Its columns can be "
             f"read in two ways: {LIKELIER}, the likelier: {shown}; {OTHER}: {other}"
         )
-
-
-def _listed(seeds: Sequence[int]) -> str:
-    if len(seeds) > 2 and seeds[-1] - seeds[0] == len(seeds) - 1:
-        return f"{seeds[0]}–{seeds[-1]}"
-    return ", ".join(map(str, seeds))
-
-
-def _capitalised(text: str) -> str:
-    return text[:1].upper() + text[1:]

@@ -6,14 +6,10 @@ from itertools import groupby
 from textwrap import wrap
 
 from meshfit.printable import printable
+from meshfit.report.tables.comparison_text import comparison_lines
+from meshfit.report.tables.heads import head_lines, setting_lines
 from meshfit.report.tables.layout import FEWER, NOT_SIGNIFICANT, SHORTFALL, Block, Label, TextCell, blocks_of
-from meshfit.report.tables.notes import (
-    comparison_lines,
-    head_lines,
-    legend,
-    notes,
-    setting_lines,
-)
+from meshfit.report.tables.notes import legend, notes
 from meshfit.report.tables.numbers import MINUS
 from meshfit.report.tables.table import Table
 

@@ -4,14 +4,10 @@ import re
 from collections.abc import Sequence
 
 from meshfit.printable import printable
+from meshfit.report.tables.comparison_text import comparison_lines
+from meshfit.report.tables.heads import head_lines, setting_lines
 from meshfit.report.tables.layout import TextCell, columns_of, row_labels, row_names
-from meshfit.report.tables.notes import (
-    comparison_lines,
-    head_lines,
-    legend,
-    notes,
-    setting_lines,
-)
+from meshfit.report.tables.notes import legend, notes
 from meshfit.report.tables.table import Table
 
 _SPECIAL = re.compile(r"([\\`*_\[\]<>|~#])")

@@ -8,18 +8,16 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from meshfit.report.tables.layout import GAP, Block, Column, blocks_of
-from meshfit.report.tables.notes import (
+from meshfit.report.tables.comparison_text import (
     ComparisonText,
     Section,
     comparison_lines,
-    head_lines,
-    legend,
-    notes,
     sections_of,
-    setting_lines,
     without_intervals,
 )
+from meshfit.report.tables.heads import head_lines, setting_lines
+from meshfit.report.tables.layout import GAP, Block, Column, blocks_of
+from meshfit.report.tables.notes import legend, notes
 from meshfit.report.tables.table import Table
 
 _BEST = "*"
