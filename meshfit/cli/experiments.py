@@ -21,6 +21,7 @@ from meshfit.experiment.plan import Trial
 from meshfit.experiment.running.backends import LocalWorkers
 from meshfit.experiment.running.scheduler import Watcher, require_runnable, run_trials
 from meshfit.experiment.status.eta import Estimate, estimate
+from meshfit.experiment.status.measured_otherwise import find_measured_otherwise
 from meshfit.experiment.status.missing import missing_results
 from meshfit.experiment.status.scan import scan_experiments
 from meshfit.experiment.storage.checkpoint import snapshots_in
@@ -52,6 +53,8 @@ def run_and_report(trials: Sequence[Trial], options: RunOptions) -> int:
     check_display(trials, options.metrics, options.baseline)
     _warn_of_damage(trials, store)
     _warn_of_unusable(trials)
+    if not options.force:
+        _name_complete_fits(trials, store, options)
     if options.dry_run:
         _print_plan(trials, store, options)
         return 0
@@ -86,6 +89,17 @@ def _copy_complete(trials: Sequence[Trial], store: RunDirectory, *, quiet: bool)
     for name, count in sorted(Counter(names).items()):
         if not quiet:
             err.print(f"copied {count_text(count, 'complete trial')} of {name}", soft_wrap=True, markup=False)
+
+
+def _name_complete_fits(trials: Sequence[Trial], store: RunDirectory, options: RunOptions) -> None:
+    """Name trials that other settings of the measurement make new ones, and the command that measures them instead."""
+    for experiment, changes, count in find_measured_otherwise(trials, store) if not options.quiet else ():
+        listed = ", ".join(f"measure.{key} was {json.dumps(before)}" for key, before, _ in changes)
+        settings = " ".join(f"--set measure.{key}={value}" for key, _, value in changes)
+        again = f"meshfit measure --again {shell_path(store.root / experiment)} {settings}"
+        new = "is a new trial" if count == 1 else "are new trials"
+        text = f"{count_text(count, 'trial')} with a complete fit {new}, as {listed}; to keep the fits: {again}"
+        err.print(text, soft_wrap=True, markup=False)
 
 
 def _print_plan(trials: Sequence[Trial], store: RunDirectory, options: RunOptions) -> None:

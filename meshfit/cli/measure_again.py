@@ -92,8 +92,10 @@ def measure_again(
             print_error(outcome.error if named else f"{outcome.folder}: {outcome.error}")
     states = [outcome.state for outcome in outcomes]
     kept = f", {states.count('kept')} measured with these settings before" if "kept" in states else ""
-    text = f"measured {states.count('measured')} of {count_text(len(folders), 'trial')} again{kept}"
-    out.print(f"{text}; `meshfit table` shows the new values, and measurement.json holds them", soft_wrap=True)
+    restored = f", {states.count('restored')} have the values of the fit again" if "restored" in states else ""
+    text = f"measured {states.count('measured')} of {count_text(len(folders), 'trial')} again{kept}{restored}"
+    where = "; `meshfit table` shows the new values, and measurement.json holds them" if "measured" in states else ""
+    out.print(f"{text}{where}", soft_wrap=True)
     return EXIT_FAILED if "failed" in states else 0
 
 

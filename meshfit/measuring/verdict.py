@@ -27,6 +27,8 @@ FARTHER, FARTHER_FROM = 1.1, 0.005
 diagonal."""
 _LEAST_VOLUME = 1e-4
 """Least volume, in cubes of the diagonal, that has a sign worth checking; thin targets have less."""
+OF_FIT = "engine"
+"""Name of a check that the fit itself, or the overlap of masks, did not pass."""
 _SHORTFALLS = {"topology": "topology", "not reached": "reached", "off the target": "on target"}
 
 
@@ -167,4 +169,4 @@ def _at_most(name: str, value: float, threshold: float, text: str) -> Check:
 
 
 def _name_of(text: str) -> str:
-    return next((name for start, name in _SHORTFALLS.items() if text.startswith(start)), "engine")
+    return next((name for start, name in _SHORTFALLS.items() if text.startswith(start)), OF_FIT)

@@ -61,15 +61,17 @@ def outer_surface(mesh: "MeshLike") -> Mesh:
     given = as_mesh(mesh, "mesh", triangles=True)
     if not given.num_faces:
         raise MeshError("a mesh without faces has no outer surface")
-    return _outer_surface(SameContent(given))
+    found = _outer_surface(SameContent(given))
+    return given if found is None else found
 
 
 @lru_cache(maxsize=2)  # many results are measured against one target
-def _outer_surface(content: SameContent) -> Mesh:
+def _outer_surface(content: SameContent) -> Mesh | None:
+    """Return the outer surface; None if it is all of the mesh."""
     given = content.mesh
     pieces = manifold_pieces(_without_copies(given))
     if not pieces.num_faces:
-        return given
+        return None
     closed, opened = _closed_and_open(pieces)
     solids, unsolved = _solids(closed)
     union = _union(solids)
@@ -77,10 +79,10 @@ def _outer_surface(content: SameContent) -> Mesh:
     none_dropped = pieces.num_faces == given.num_faces
     none_hidden = none_dropped and union.num_faces == closed.num_faces and _equal_areas(union, closed)
     if not rest.num_faces:
-        return given if none_hidden else union
+        return None if none_hidden else union
     visible = _visible(union, rest)
     if visible is None:
-        return given if none_hidden else _joined([union, rest])
+        return None if none_hidden else _joined([union, rest])
     return visible
 
 

@@ -2,12 +2,22 @@
 
 import json
 import shutil
+from functools import partial
 
+import numpy as np
 import pytest
 
+from meshfit.experiment.running.measuring_again import measure_trial_again
+from meshfit.experiment.storage.result import read_result_or_warn
+from meshfit.experiment.trial_status import TrialStatus
+from meshfit.images.visual_hull import visual_hull
+from meshfit.mesh.io.files import load_mesh, save_mesh
+from meshfit.mesh.mesh import Mesh
 from tests.cli import answered, invoke, refused
 from tests.cli.processes import contents
 from tests.loops import over
+from tests.small import ellipsoid
+from tests.unit.test_trial_runner import prepared, run_trial
 
 NAMES = (
     "hausdorff.symmetric",
@@ -43,12 +53,68 @@ def values(results):
 
 
 def test_the_settings_of_the_fit_give_its_values_again(runs):
-    before = values(shown(runs))
-    assert again().startswith("measured 4 of 4 trials again;")
-    results = shown(runs)
-    assert all("measured_again" in result for result in results)
-    for new, old in zip(values(results), before, strict=True):
-        assert new == pytest.approx(old, rel=1e-9)
+    before = shown(runs)
+    again("--samples", 700)
+    part = next(runs.rglob("measurement.json")).with_name(".measurement.json.0123abcd")
+    part.touch()  # left by a killed process
+    assert values(shown(runs)) != values(before)
+    assert again() == "measured 0 of 4 trials again, 4 have the values of the fit again\n"
+    assert shown(runs) == before
+    assert not [*runs.rglob("*measurement.json*")]
+
+
+TINY = {"method": "gauss-newton", "connectivity": "fixed", "levels": 1, "tries": 1}
+TINY |= dict.fromkeys(("coarse_steps", "level_steps", "last_steps"), 1)
+OUTER = {"surface": "outer", "samples": 700, "points": 500}
+KINDS = {
+    "nested": ({"steps": 15}, OUTER),
+    "cloud": (TINY, {"samples": 700, "points": 500}),
+    "images": (TINY, {"samples": 700, "points": 500}),
+    "template": ({"steps": 15}, OUTER),
+}
+
+
+def kind_of_target(kind, folder):
+    """A target, and what a config needs for it."""
+    path = ellipsoid(folder, "source.ply")
+    mesh = load_mesh(path)
+    changes = {}
+    if kind == "template":
+        changes |= {"source": {"mesh": str(path), "radius": None, "centre": None}}
+        changes |= {"target": {"truth": str(folder / "truth.ply")}}
+    if kind == "images":
+        return f"views:of={path},count=3,size=32", changes
+    if kind == "cloud":
+        np.savetxt(folder / "cloud.xyz", mesh.verts)
+        return str(folder / "cloud.xyz"), changes
+    inner = Mesh(mesh.verts * 0.2, mesh.faces)
+    both = Mesh(np.vstack([mesh.verts, inner.verts]), np.vstack([mesh.faces, inner.faces + mesh.num_verts]))
+    save_mesh(both, folder / "nested.ply")
+    save_mesh(mesh, folder / "truth.ply")
+    return str(folder / "nested.ply"), changes
+
+
+@pytest.mark.filterwarnings("ignore::meshfit.errors.MeshfitWarning")
+@pytest.mark.parametrize("kind", KINDS)
+def test_all_that_depends_on_the_measurement_is_as_in_a_fit_with_its_settings(kind, tmp_path, monkeypatch):
+    """Verdict, findings and warnings, too, from the files of the run directory alone."""
+    monkeypatch.setattr("meshfit.images.visual_hull.visual_hull", partial(visual_hull, resolution=24))
+    fit, settings = KINDS[kind]
+    target, known = kind_of_target(kind, tmp_path)
+    changes = {"targets": [target], **known, "fit": fit, "write_frame": "normalised"}
+    folders = []
+    for measure in ({"measure": {"samples": 500, "points": 500}}, {"measure": settings}):
+        trial, store, folder = prepared(tmp_path, **changes, **measure)
+        assert run_trial(trial, store, lambda _: None).status is TrialStatus.COMPLETE
+        folders.append(folder)
+    for path in tmp_path.glob("*.*"):
+        path.unlink()
+    first, wanted = map(read_result_or_warn, folders)
+    assert measure_trial_again(folders[0], settings).error == ""
+    found = read_result_or_warn(folders[0])
+    for key in wanted.keys() - {"seconds", "peak_memory_mb", "finished", "folder", "identity"}:
+        assert found[key] == wanted[key], key
+    assert (found["verdict"] == first["verdict"]) == (kind == "cloud")
 
 
 def test_new_values_are_those_of_a_run_with_these_settings_and_the_old_ones_stay(runs):
@@ -94,6 +160,16 @@ def test_a_trial_that_cannot_be_measured_is_named_and_the_others_are_measured(ru
     assert ran.code == 1
     assert f"{first.relative_to(runs.parent)}: cannot be read as PLY" in ran.err
     assert "measured 3 of 4 trials again" in ran.out
+
+
+def test_a_run_with_other_settings_of_the_measurement_names_the_fits_that_are_complete(small_run, runs, monkeypatch):
+    monkeypatch.setattr("meshfit.cli.experiments.estimated", lambda *_, **__: None)
+    config = small_run[0] / "small.yaml"
+    options = ("--runs", runs, "--dry-run", "--set", "measure.samples=700", "--seeds", 1)
+    line = "2 trials with a complete fit are new trials, as measure.samples was 500; to keep the fits: "
+    assert invoke("run", config, *options).err.count(f"{line}meshfit measure --again {runs}/small ") == 1
+    for other in ("fit.steps=21", "measure.samples=500"):
+        assert "complete fit" not in invoke("run", config, *options, "--set", other).err
 
 
 @over(

@@ -38,7 +38,9 @@ def share_kept(outer, part):
 def test_sound_meshes_are_returned_as_they_are():
     apart = joined(ball(level=1), ball((3.0, 0.0, 0.0), level=1))
     for mesh in (box((0, 0, 0), (1, 1, 1)), torus(), patch(), apart, ball(level=1)):
+        equal = Mesh(mesh.verts.copy(), mesh.faces.copy())
         assert outer_surface(mesh) is mesh
+        assert outer_surface(equal) is equal
 
 
 def test_crossing_balls_are_united():

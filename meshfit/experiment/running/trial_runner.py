@@ -3,11 +3,9 @@
 import platform
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
-
-import numpy as np
 
 from meshfit.config.experiment import SourceSettings
 from meshfit.config.strict_yaml import dump
@@ -16,6 +14,7 @@ from meshfit.experiment.guidance import guidance_of, read_landmarks
 from meshfit.experiment.plan import Trial, command_files
 from meshfit.experiment.running.trial_source import prepare_source, warn_of_differences
 from meshfit.experiment.running.trial_target import TrialTarget, check_unchanged, load_trial_target, warning_texts
+from meshfit.experiment.running.trial_verdict import judge
 from meshfit.experiment.source import (
     is_own_mesh,
     relocated,
@@ -49,30 +48,20 @@ from meshfit.experiment.storage.trial_log import TrialLog
 from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
 from meshfit.experiment.truth import source_with_faces_of, vertex_counts
 from meshfit.fitting.callbacks import Step
-from meshfit.fitting.external.tools import ToolError, ToolRun, works_from_target
+from meshfit.fitting.external.tools import ToolError, ToolRun
 from meshfit.fitting.loop import FitResult
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem, Trace
 from meshfit.fitting.registration.guidance import Guidance
-from meshfit.fitting.settings import ExternalSettings, FirstOrderSettings, GaussNewtonSettings
+from meshfit.fitting.settings import GaussNewtonSettings
 from meshfit.measuring.correspondence import Correspondence
 from meshfit.measuring.measure import Measurement, measure
-from meshfit.measuring.shortfalls import FAR, FAR_ON_AVERAGE, shortfalls
-from meshfit.measuring.verdict import FARTHER, Facts, Verdict, verdict_on
 from meshfit.measuring.vertex_error import Truth
-from meshfit.mesh.cleaning_options import Surface
 from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.io.files import encode_mesh
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.nearest import nearest_point_query
 from meshfit.mesh.normalisation import Frame
-from meshfit.mesh.offset import lifted
-from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.polygons import PolygonMesh
-from meshfit.mesh.proximity import point_distances
-from meshfit.mesh.sampling import sample_surface
 from meshfit.subdivision.registry import Scheme
-
-_POINTS = 5000
 
 
 class TrialRunner:
@@ -178,22 +167,17 @@ class TrialRunner:
             self._log.note(fitted.registered.line)
         self._report(TrialStatus.MEASURING)
         start = time.perf_counter()
-        filled = self._source if self.trial.settings.source.mesh == "closed" else None
         with self.warnings_recorded():
             measured = self._measured(fitted)
-            offset = getattr(self.trial.settings.fit, "offset", 0.0)
             self._write_correspondence(fitted)
-        short = list(fitted.shortfalls)
-        far = FAR_ON_AVERAGE if isinstance(self.trial.settings.fit, FirstOrderSettings) else FAR
-        settings = self.trial.settings
-        surface: Surface = "outer" if "outer" in (settings.target.surface, settings.measure.surface) else "all"
-        wanted = lifted(self._reference, offset) if offset else self._reference
-        if not self._is_guess:
-            short += shortfalls(fitted.mesh, wanted, far, surface=surface, filled=filled)
-        if measured.iou is not None:
-            short += measured.iou.shortfalls
-        verdict = self._verdict(fitted, measured, short, counts=filled is None and not offset and not self._is_guess)
-        short = list(dict.fromkeys([*verdict.findings, *short]))
+        short, verdict = judge(
+            (fitted.mesh, self._source, self._reference),
+            self.trial.settings,
+            measured.distance,
+            measured.iou,
+            of_fit=fitted.shortfalls,
+            compared_with="" if self._images is None else self._images.compared_with,
+        )
         for text in (*fitted.notes, *short):
             self.warn(text)
         seconds["measure"] = time.perf_counter() - start
@@ -208,32 +192,6 @@ class TrialRunner:
         self.store.remove(self.trial, CHECKPOINT, FAILURE, LAST_GOOD)
         self._log.close(f"complete: {seconds['fit']:.1f} s of fitting, {seconds['measure']:.1f} s of measuring")
         self.outcome = Outcome(TrialStatus.COMPLETE)
-
-    def _verdict(self, fitted: FitResult, measured: Measurement, short: Sequence[str], *, counts: bool) -> Verdict:
-        """Check a result; `counts` is false where a good one may be far from what it is compared with."""
-        settings, fit = self.trial.settings, self.trial.settings.fit
-        asked = settings.source.wanted_verts
-        if isinstance(fit, GaussNewtonSettings):
-            asked = fit.verts if fit.connectivity == "remeshed" else None
-        before, after = (_mean_distance(mesh, self._reference) for mesh in (self._source, fitted.mesh))
-        if after > FARTHER * before:  # to samples, so that what is nearer than their spacing is not seen
-            before, after = (_mean_distance(mesh, self._reference, exact=True) for mesh in (self._source, fitted.mesh))
-        tool = fit.tool if isinstance(fit, ExternalSettings) else None
-        first_order = isinstance(fit, FirstOrderSettings)
-        facts = Facts(
-            distance=measured.distance if counts else None,
-            mean_distances=(before, after) if counts else None,
-            asked_verts=None if isinstance(fit, ExternalSettings) else asked,
-            is_placed=works_from_target(tool) or (isinstance(fit, GaussNewtonSettings) and fit.prior is not None),
-            remedy="; raise fit.samples, or lower fit.optimizer.lr" if first_order else "",
-            shortfalls=short,
-        )
-        return verdict_on(fitted.mesh, self._source, self._reference, facts)
-
-    @property
-    def _is_guess(self) -> bool:
-        """Whether results are compared with the visual hull, for want of a truth: a good one is off it."""
-        return self._images is not None and self._images.compared_with == "hull"
 
     def _measured(self, fitted: FitResult) -> Measurement:
         """Measure a result against its target, and if it has the faces of the source, against that too."""
@@ -396,22 +354,6 @@ def recorded_warnings() -> Iterator[list[str]]:
         warnings.simplefilter("always", MeshfitWarning)
         yield texts
     texts += warning_texts(caught)
-
-
-def _mean_distance(mesh: Mesh, target: Mesh | PointCloud, *, exact: bool = False) -> float:
-    """Return the mean distance of samples of two surfaces, both ways, from each other, or exactly from the surfaces.
-
-    Of a cloud, it is the distance of its points from the surface.
-    """
-    if isinstance(target, PointCloud):
-        some = target.verts[:: max(1, target.num_verts // _POINTS)]
-        return float(point_distances(mesh, some).mean())
-    generator = np.random.default_rng(0)
-    first, second = (sample_surface(each, _POINTS, generator).points for each in (mesh, target))
-    if exact:
-        return float(np.mean([point_distances(target, first).mean(), point_distances(mesh, second).mean()]))
-    ways = ((first, second), (second, first))
-    return float(np.mean([np.linalg.norm(p - q[nearest_point_query(q)(p)], axis=1).mean() for p, q in ways]))
 
 
 def peak_memory_mb(*, of_children: bool = False) -> float | None:

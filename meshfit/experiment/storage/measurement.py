@@ -1,11 +1,24 @@
 """`measurement.json`: a later measurement of a complete trial, whose values are read in place of those of its fit."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from filelock import FileLock
+
 from meshfit.errors import StoreError
-from meshfit.experiment.storage.run_directory import Result, json_text, now, problem_with, read_json, write_atomically
+from meshfit.experiment.storage.run_directory import (
+    LOCK,
+    Result,
+    is_half_written,
+    json_text,
+    now,
+    problem_with,
+    read_json,
+    write_atomically,
+)
+from meshfit.paths import write_error_message
 
 MEASUREMENT = "measurement.json"
 AGAIN = "measured_again"
@@ -21,7 +34,7 @@ def write_measurement(
     Args:
         folder: the folder of the trial.
         result: content of its `result.json`.
-        values: groups of metrics that depend on the settings of the measurement.
+        values: entries of its result that depend on the settings of the measurement.
         settings: the settings of the measurement.
         versions: versions of the packages that measured.
 
@@ -30,7 +43,38 @@ def write_measurement(
     """
     origin = {key: result.get(key) for key in _ORIGIN}
     record = {"of": origin, "settings": dict(settings), "values": dict(values), "finished": now()}
-    write_atomically(folder / MEASUREMENT, json_text(record | {"versions": dict(versions)}))
+    with _locked(folder):
+        write_atomically(folder / MEASUREMENT, json_text(record | {"versions": dict(versions)}))
+
+
+def remove_measurement(folder: Path) -> bool:
+    """Remove the later measurement of a trial, so that it has the values of its fit; return whether there was one.
+
+    Raises:
+        StoreError: it cannot be removed.
+    """
+    path = folder / MEASUREMENT
+    if not path.is_file():
+        return False
+    with _locked(folder):
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            raise StoreError(f"{path}: cannot be removed: {error.strerror}") from error
+    return True
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Hold the lock of a trial, and remove what a killed process was writing of its measurement."""
+    try:
+        with FileLock(folder / LOCK):
+            for path in folder.glob(f".{MEASUREMENT}.*"):
+                if is_half_written(path.name):
+                    path.unlink(missing_ok=True)
+            yield
+    except OSError as error:
+        raise StoreError(f"{folder}: {write_error_message(folder, error)}") from error
 
 
 def with_measurement(folder: Path, result: Result) -> Result:
