@@ -5,8 +5,9 @@ import pytest
 import torch
 
 from meshfit.fitting.gauss_newton import engine as gauss_newton
-from meshfit.fitting.gauss_newton.engine import GaussNewton, Restarts
+from meshfit.fitting.gauss_newton.engine import GaussNewton
 from meshfit.fitting.gauss_newton.fit_state import FitState
+from meshfit.fitting.gauss_newton.restarts import Restarts
 from meshfit.fitting.problem import Problem
 from meshfit.fitting.settings import GaussNewtonSettings
 from meshfit.mesh.mesh import Mesh

@@ -8,9 +8,10 @@ import numpy as np
 import torch
 
 from meshfit.fitting.gauss_newton.correspondences import Correspondences
-from meshfit.fitting.gauss_newton.engine import GaussNewton, Restarts, restarts_for
+from meshfit.fitting.gauss_newton.engine import GaussNewton
 from meshfit.fitting.gauss_newton.fit_state import FitState
 from meshfit.fitting.gauss_newton.refinement import refine_state
+from meshfit.fitting.gauss_newton.restarts import Restarts, restarts_for
 from meshfit.fitting.gauss_newton.schedule import Stage
 from meshfit.fitting.gauss_newton.surface import Shape
 from meshfit.fitting.gauss_newton.target import TargetCloud
