@@ -8,8 +8,7 @@ import torch
 
 from meshfit.fitting.batch import fit_batch
 from meshfit.fitting.callbacks import Interrupted
-from meshfit.fitting.gauss_newton import engine as gauss_newton
-from meshfit.fitting.gauss_newton import target
+from meshfit.fitting.gauss_newton import restarts, target
 from meshfit.fitting.gauss_newton.engine import GaussNewton
 from meshfit.fitting.loop import run
 from meshfit.fitting.problem import Diverged, Problem
@@ -41,7 +40,7 @@ RESTORED = (0, 6, 11, 12, 14, 15)
 @pytest.fixture(autouse=True)
 def fewer_points(monkeypatch):
     monkeypatch.setattr(target, "_POINTS", 5000)
-    monkeypatch.setattr(gauss_newton, "_ENOUGH", 2.0)
+    monkeypatch.setattr(restarts, "_ENOUGH", 2.0)
 
 
 @pytest.fixture

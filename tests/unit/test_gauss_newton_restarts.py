@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from meshfit.fitting.gauss_newton import engine as gauss_newton
+from meshfit.fitting.gauss_newton import restarts
 from meshfit.fitting.gauss_newton.engine import GaussNewton
 from meshfit.fitting.gauss_newton.fit_state import FitState
 from meshfit.fitting.gauss_newton.restarts import Restarts
@@ -72,7 +72,7 @@ def taken_to_the_end(fit):
 
 @pytest.mark.slow
 def test_unnecessary_restarts_take_no_step_and_change_nothing(monkeypatch):
-    monkeypatch.setattr(gauss_newton, "_ENOUGH", 0.5)
+    monkeypatch.setattr(restarts, "_ENOUGH", 0.5)
     (once, _, _), (thrice, steps, distances) = taken_to_the_end(engine(1)), taken_to_the_end(engine(3))
     np.testing.assert_array_equal(once.verts, thrice.verts)
     assert steps == [*range(8), *range(24, 27)]
@@ -80,7 +80,7 @@ def test_unnecessary_restarts_take_no_step_and_change_nothing(monkeypatch):
 
 
 def test_restarts_begin_from_the_source(monkeypatch):
-    monkeypatch.setattr(gauss_newton, "_ENOUGH", 2.0)
+    monkeypatch.setattr(restarts, "_ENOUGH", 2.0)
     _, steps, distances = taken_to_the_end(engine(2))
     assert steps == list(range(19))
     # Both begin as far off as the source is, and draw other points.
