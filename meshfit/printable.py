@@ -44,18 +44,19 @@ def printable_json(content: object) -> str:
     )
 
 
-def require_printable(name: str, what: str) -> None:
+def require_printable(name: str, what: str, remedy: str = "remove them") -> None:
     """Refuse a name with control characters.
 
     Args:
         name: the name.
         what: it names, for the message.
+        remedy: what to do, for the message.
 
     Raises:
         ConfigError: it has control characters.
     """
     if (shown := printable(name)) != name:
-        raise ConfigError(f"{what} '{shown}': a name cannot have control characters; remove them")
+        raise ConfigError(f"{what} '{shown}' has control characters; {remedy}")
 
 
 def shortened(message: str, longest: int = LONGEST_MESSAGE) -> str:

@@ -2,6 +2,11 @@
 
 import jaxtyping
 import pytest
+from hypothesis import HealthCheck, settings
+
+# Whether an example is made in time says how busy the machine is.
+settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("untimed")
 
 
 @pytest.fixture

@@ -26,6 +26,7 @@ from meshfit.experiment.status.missing import missing_results
 from meshfit.experiment.status.scan import scan_experiments
 from meshfit.experiment.storage.checkpoint import snapshots_in
 from meshfit.experiment.storage.copying import copy_complete, find_complete
+from meshfit.experiment.storage.folder_checks import check_folders
 from meshfit.experiment.storage.plan_file import in_planned_order
 from meshfit.experiment.storage.result import read_result_or_warn
 from meshfit.experiment.storage.run_directory import FAILURE, RESULT, Result, RunDirectory, damage, make_folder
@@ -51,6 +52,7 @@ def run_and_report(trials: Sequence[Trial], options: RunOptions) -> int:
     """
     store = RunDirectory(options.runs)
     check_display(trials, options.metrics, options.baseline)
+    check_folders(trials, store)
     _warn_of_damage(trials, store)
     _warn_of_unusable(trials)
     if not options.force:

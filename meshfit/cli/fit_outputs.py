@@ -8,6 +8,7 @@ from tempfile import TemporaryFile, mkdtemp
 from typing import TYPE_CHECKING
 
 from meshfit.cli.fit_plan import FitOptions
+from meshfit.config.path_parts import folder_key
 from meshfit.errors import ConfigError, MeshError
 from meshfit.images.specs import is_image_target, label_of_target
 from meshfit.paths import (
@@ -91,11 +92,10 @@ def outputs_of_many(targets: Sequence[str], output: str, output_format: str | No
     taken, outputs = set[str](), []
     for stem in stems:
         name, number = stem, 1
-        # Some file systems do not tell upper from lower case.
-        while name.lower() in taken or (number > 1 and name.lower() in {each.lower() for each in stems}):
+        while folder_key(name) in taken or (number > 1 and folder_key(name) in set(map(folder_key, stems))):
             number += 1
             name = f"{stem}-{number}"
-        taken.add(name.lower())
+        taken.add(folder_key(name))
         outputs.append(str(folder / f"{name}{suffix}"))
     make_folder(folder)
     for path in outputs:

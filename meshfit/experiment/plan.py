@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,19 +17,20 @@ from meshfit.config.experiment import (
     TargetSettings,
 )
 from meshfit.config.loading import Experiment
-from meshfit.config.path_parts import path_part
+from meshfit.config.path_parts import OWN_IN_EXPERIMENT, OWN_IN_RUNS, path_part, require_distinct
 from meshfit.config.sweeps import Variant, variants_of
 from meshfit.errors import ConfigError, Faults, MeshfitWarning
 from meshfit.experiment.guidance import landmarks_path
 from meshfit.experiment.input_checks import Errors, check_inputs
 from meshfit.experiment.results_version import RESULTS_VERSION
+from meshfit.experiment.target_labels import distinct_labels, target_label
 from meshfit.experiment.truth import truth_path
 from meshfit.fitting.settings import (
     VIEW_TERMS,
     ExternalSettings,
     FitSettings,
 )
-from meshfit.images.specs import is_image_target, label_of_target, title_of_target
+from meshfit.images.specs import is_image_target, title_of_target
 from meshfit.mesh.targets import NAMED_TARGETS, file_sha256
 from meshfit.paths import is_regular_file, quoted_path
 from meshfit.specs import spec_folder
@@ -38,6 +38,7 @@ from meshfit.subdivision.registry import NamedScheme
 
 # Increased whenever these alignments give other numbers; other trials keep their identities.
 _ALIGNMENT_VERSION, _SEARCHED = 2, ("pca", "icp")
+_RENAME_EXPERIMENT = "rename its config, or give --name"
 _OMITTED_IF_NULL = (
     *(("source", key) for key in (*KEYS_WITH_FILES, "wanted_verts", "wrap", "radius_of", "frame")),
     ("target", "keep"),
@@ -177,37 +178,6 @@ class Trial:
         return Path(self.experiment, self.target_label, scheme, f"seed-{self.seed}-{self.identity[:10]}")
 
 
-def target_label(target: str) -> str:
-    """The short name of a target: that of a named one, the stem of a file, or of images such as `bunny-12-views`."""
-    return label_of_target(target)
-
-
-def distinct_labels(targets: Iterable[str]) -> dict[str, str]:
-    """Return longer labels of the files among targets whose short names are equal, such as `1a04-model_normalized`.
-
-    The suffix is added first, then the nearest folders in which the files differ.
-    """
-    files = [name for name in dict.fromkeys(targets) if not is_image_target(name) and name not in NAMED_TARGETS]
-    others = [target_label(name) for name in dict.fromkeys(targets) if name not in files]
-    groups: dict[str, list[str]] = {}
-    for name in files:
-        groups.setdefault(target_label(name), []).append(name)
-    lengthened: dict[str, str] = {}
-    for label, names in groups.items():
-        if len(names) + others.count(label) == 1:
-            continue
-        labels = {name: Path(name).name for name in names}
-        if len(set(labels.values())) < len(names):
-            labels = dict.fromkeys(names, label) if len(set(labels.values())) == 1 else labels
-            parents = {name: Path(os.path.abspath(name)).parts[-2::-1] for name in names}  # noqa: PTH100
-            for depth in range(max(map(len, parents.values()))):
-                parts = {name: folders[depth] if depth < len(folders) else "" for name, folders in parents.items()}
-                if len({(labels[name], parts[name]) for name in names}) > len(set(labels.values())):
-                    labels = {name: f"{parts[name]}-{labels[name]}" for name in names}
-        lengthened |= labels
-    return lengthened
-
-
 def plan(experiments: Sequence[Experiment], *, remote: bool = False) -> list[Trial]:
     """List the trials of each experiment: variants × targets × schemes × seeds, in this order.
 
@@ -225,19 +195,27 @@ def plan(experiments: Sequence[Experiment], *, remote: bool = False) -> list[Tri
     trials: dict[Path, Trial] = {}
     faults = Faults()
     errors_in_loading: Errors = {}
+    with faults.collected():
+        names = {experiment.name: experiment.name for experiment in experiments}
+        require_distinct(names, "experiments", _RENAME_EXPERIMENT)
     for experiment in experiments:
         with faults.collected(f"{experiment.name}: " if len(experiments) > 1 else ""):
-            path_part(experiment.name, "experiment", "rename its config, or give --name")
+            path_part(experiment.name, "experiment", _RENAME_EXPERIMENT, own=OWN_IN_RUNS)
             variants = variants_of(experiment.settings)
             targets = dict.fromkeys(target for variant in variants for target in variant.settings.targets)
             labels = distinct_labels(targets)
-            for target in targets:
-                label = labels.get(target) or target_label(target)
+            folders = {target: labels.get(target) or target_label(target) for target in targets}
+            for target, label in folders.items():
                 with faults.collected():
-                    path_part(label, f"target {quoted_path(target)}: its name", "rename the file")
-            for scheme in dict.fromkeys(scheme for variant in variants for scheme in variant.settings.schemes):
+                    what = f"target {quoted_path(target)}: its name"
+                    path_part(label, what, "rename the file", own=OWN_IN_EXPERIMENT)
+            schemes = dict.fromkeys(scheme for variant in variants for scheme in variant.settings.schemes)
+            for scheme in schemes:
                 with faults.collected():
                     path_part(spec_folder(scheme), f"scheme {quoted_path(scheme)}: its folder", "rename the scheme")
+            with faults.collected():
+                require_distinct(folders, "targets", "rename one, or give each an experiment of its own")
+                require_distinct({scheme: spec_folder(scheme) for scheme in schemes}, "schemes", "rename one")
             equal: dict[str, dict[str, None]] = {}
             for variant in variants:
                 if not remote:

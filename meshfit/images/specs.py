@@ -194,6 +194,12 @@ def label_of_target(target: str) -> str:
     return target if target in NAMED_TARGETS else file_stem(target)
 
 
+def path_of_images(target: str) -> str:
+    """Return the path of the images of a target, or the name or path of the mesh that they show."""
+    spec = image_spec(target)
+    return spec.of if isinstance(spec, RenderedViews) else spec.images
+
+
 def _value(kind: str, key: str, value: Any, type_of: type) -> Any:  # noqa: ANN401  any YAML value
     place = f"{kind}.{key}"
     if key == "kind":

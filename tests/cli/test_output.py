@@ -72,14 +72,14 @@ def test_names_with_control_characters_are_refused(tmp_path):
     config = tmp_path / "my.yaml"
     config.write_text('targets: [bone]\nschemes: [loop]\nsweep: {variants: {"a\\eb": {fit.steps: 1}}}\n')
     message = refused("run", config, "--dry-run")
-    assert message.endswith(r"variant 'a\x1bb': a name cannot have control characters; remove them")
+    assert message.endswith(r"variant 'a\x1bb' has control characters; remove them")
     config.write_text("targets: [bone]\nschemes: [loop]\n")
     config.rename(tmp_path / "a\x1bb.yaml")
     assert refused("run", tmp_path / "a\x1bb.yaml", "--dry-run") == (
         r"error: experiment 'a\x1bb' has control characters; rename its config, or give --name"
     )
     require_printable("Lochmüller – ∂Ω ✓", "label")
-    with pytest.raises(ConfigError, match=r"label 'a\\nb': a name cannot have control characters"):
+    with pytest.raises(ConfigError, match=r"label 'a\\nb' has control characters"):
         require_printable("a\nb", "label")
 
 

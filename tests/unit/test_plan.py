@@ -8,9 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from meshfit.config.loading import Experiment
-from meshfit.config.path_parts import path_part
-from meshfit.errors import ConfigError, MeshError, MeshfitWarning
-from meshfit.experiment.plan import distinct_labels, plan
+from meshfit.config.path_parts import folder_key, path_part
+from meshfit.errors import ConfigError, MeshError, MeshfitWarning, StoreError
+from meshfit.experiment.plan import plan
+from meshfit.experiment.storage.folder_checks import check_folders
+from meshfit.experiment.storage.run_directory import RunDirectory
+from meshfit.experiment.target_labels import distinct_labels
 from meshfit.settings import override
 from tests.small import ellipsoid, experiment
 
@@ -85,11 +88,13 @@ def test_no_name_leads_out_of_the_run_directory_or_looks_like_the_folder_of_a_tr
         ("Nul", "is reserved on Windows"),
         ("COM1.old", "is reserved on Windows"),
         ("seed-3-0123456789", "has the form seed-N-HASH, which is that of the folders of trials"),
+        ("é" * 130, "has 260 bytes, more than the 255 of a file's name"),
     ):
-        copied = tmp_path / f"{stem}.ply"
-        copied.write_bytes(good.read_bytes())
-        with pytest.raises(ConfigError, match=words):
-            plan([experiment(tmp_path, targets=[str(good), str(copied)])])
+        if len(stem) < 100:
+            copied = tmp_path / f"{stem}.ply"
+            copied.write_bytes(good.read_bytes())
+            with pytest.raises(ConfigError, match=words):
+                plan([experiment(tmp_path, targets=[str(good), str(copied)])])
         with pytest.raises(ConfigError, match=r"^experiment .*; rename its config, or give --name"):
             plan([replace(experiment(tmp_path), name=stem)])
 
@@ -114,6 +119,59 @@ def test_targets_of_one_file_name_get_longer_labels():
     deep = distinct_labels(["a/p/m.obj", "a/q/m.obj", "b/p/m.obj"])
     assert len(set(deep.values())) == 3
     assert distinct_labels(["a/m.obj", "b/n.obj", "bunny"]) == {}
+    views = ["views:of=a/m.obj,count=4", "views:of=b/m.obj,count=4"]
+    assert list(distinct_labels(views).values()) == ["a-m-4-views", "b-m-4-views"]
+
+
+COMPOSED, DECOMPOSED = "caf\u00e9", "cafe\u0301"
+
+
+def test_targets_that_share_a_folder_on_some_systems_get_longer_labels_or_are_refused(tmp_path):
+    """macOS and Windows do not tell case or the form of accents apart, and Windows drops dots at the end."""
+    assert distinct_labels(["a/Cow.obj", "b/cow.obj", "Bunny.ply", "bunny"]) == {
+        "a/Cow.obj": "a-Cow",
+        "b/cow.obj": "b-cow",
+        "Bunny.ply": "Bunny.ply",
+    }
+    for first, second in (("Cow", "cow"), (COMPOSED, DECOMPOSED), ("a..", "a"), ("straße", "STRASSE")):
+        assert folder_key(first) == folder_key(second)
+        names = [str(ellipsoid(tmp_path, f"{name}.ply")) for name in (first, second)]
+        if first != "a..":  # with its suffix, it is another name
+            with pytest.raises(ConfigError, match=r"^targets '.*' and '.*': their folders .* are the same on macOS"):
+                plan([experiment(tmp_path, targets=names)])
+        with pytest.raises(ConfigError, match=r"^experiments '.*' and '.*': their folders .*, or give --name$"):
+            plan([replace(experiment(tmp_path), name=name) for name in (first, second)])
+    assert len({folder_key(name) for name in ("cow", "cows", "c\u00f4w", ".cow")}) == 4
+
+
+def test_names_of_the_run_directory_itself_are_no_names_of_experiments_and_targets(tmp_path):
+    for name in ("targets", "Targets"):
+        with pytest.raises(ConfigError, match=r"^experiment '.*' is a name that the run directory uses itself; rename"):
+            plan([replace(experiment(tmp_path), name=name)])
+    for name in ("plan.json", "search-0a1b.json"):
+        with pytest.raises(ConfigError, match=rf"its name '{name}' is a name that the run directory uses itself"):
+            plan([experiment(tmp_path, targets=[str(ellipsoid(tmp_path, f"{name}.ply"))])])
+
+
+def test_folders_of_trials_lie_in_the_run_directory_and_are_their_own(tmp_path):
+    (trial,) = plan([experiment(tmp_path)])
+    store = RunDirectory(tmp_path / "runs")
+    check_folders([trial], store)
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "runs").symlink_to(tmp_path / "elsewhere")  # a run directory may be a link
+    check_folders([trial], store)
+    with pytest.raises(StoreError, match="outside the run directory"):
+        check_folders([replace(trial, experiment="../small")], store)
+    (tmp_path / "other").mkdir()
+    (tmp_path / "runs/small").symlink_to(tmp_path / "other")
+    with pytest.raises(StoreError, match=r"outside the run directory, in .*other/ellipsoid/loop; remove the link"):
+        check_folders([trial], store)
+    (tmp_path / "runs/small").unlink()
+    (tmp_path / "runs/Small").mkdir()
+    with pytest.raises(StoreError, match=r"runs/Small and .*runs/small: .*; give another name, or another run dir"):
+        check_folders([trial], store)
+    (tmp_path / "runs/small").mkdir()  # of an earlier version
+    check_folders([trial], store)
 
 
 def test_names_of_files_do_not_change_what_a_trial_is(tmp_path):

@@ -22,6 +22,7 @@ from meshfit.experiment.running.process_pool import MOST_DEATHS, ONE_THREAD, env
 from meshfit.experiment.running.unusable_targets import record_unusable, remove_outdated_failures
 from meshfit.experiment.running.worker import JobResult, store_outputs
 from meshfit.experiment.storage.failure import RETRIED, failed_attempts, killed_record
+from meshfit.experiment.storage.folder_checks import check_folders
 from meshfit.experiment.storage.plan_file import update_order, write_plan
 from meshfit.experiment.storage.run_directory import FAILURE, LOG, RunDirectory, json_text, now
 from meshfit.experiment.trial_status import Outcome, TrialStatus
@@ -65,11 +66,12 @@ def run_trials(  # noqa: PLR0913  all but two have a default, and each can be se
     Raises:
         ConfigError: a trial has a command, and these are not allowed, or a tool that is not installed here.
         KeyboardInterrupt: after every running trial has written a checkpoint.
-        StoreError: the run directory cannot be written to.
+        StoreError: the run directory cannot be written to, or the folder of a trial is not in it.
         DeviceError: no worker has the device of a trial.
         ClusterError: remote workers cannot be reached.
         TrialError: workers die before they start a trial.
     """
+    check_folders(trials, store)
     outcomes: dict[int, Outcome] = {}
     if not force:
         complete = (i for i, trial in enumerate(trials) if store.is_complete(trial))

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from meshfit.config.path_parts import TARGETS
 from meshfit.errors import StoreError
 from meshfit.experiment.status.scan import (
     ScannedExperiment,
@@ -24,7 +25,6 @@ from meshfit.experiment.status.scan import (
 )
 from meshfit.experiment.storage.run_directory import (
     LOCK,
-    TARGETS,
     Result,
     is_half_written,
     read_result,

@@ -10,11 +10,11 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from meshfit.config.path_parts import TRIAL_FOLDER
+from meshfit.config.path_parts import PLAN, TRIAL_FOLDER
 from meshfit.errors import ConfigError, StoreError
 from meshfit.experiment.storage.failure import Failure, read_failure
 from meshfit.experiment.storage.plan_file import PlanFile, PlannedTrial, read_plan
-from meshfit.experiment.storage.run_directory import FAILURE, LOCK, PLAN, RESULT, damage
+from meshfit.experiment.storage.run_directory import FAILURE, LOCK, RESULT, damage
 from meshfit.experiment.storage.trial_log import read_progress, this_host
 from meshfit.experiment.trial_status import TrialStatus
 

@@ -9,10 +9,10 @@ from functools import cached_property
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
+from meshfit.config.path_parts import PLAN
 from meshfit.errors import StoreError
 from meshfit.experiment.results_version import RESULTS_VERSION
 from meshfit.experiment.storage.run_directory import (
-    PLAN,
     Result,
     RunDirectory,
     json_text,

@@ -26,15 +26,12 @@ FAILURE = "failure.json"
 CHECKPOINT = "checkpoint.pt"
 LOG = "trial.log"
 PROGRESS = "progress.json"
-PLAN = "plan.json"
 CONFIG = "config.yaml"
 TRACE = "trace.csv"
 TIMES = "times.csv"
 """Seconds of fitting until each row of the trace; the only file of a trial's numbers that differs from run to run."""
 CORRESPONDENCE = "correspondence.csv"
 LOCK = ".lock"
-TARGETS = "targets"
-"""Folder of the run directory with the targets of its trials."""
 Result = dict[str, Any]
 
 # The temporary names that `write_atomically` uses.

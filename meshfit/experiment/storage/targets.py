@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from filelock import FileLock
 
+from meshfit.config.path_parts import TARGETS
 from meshfit.errors import MeshError, MeshfitWarning, StoreError
-from meshfit.experiment.storage.run_directory import LOCK, TARGETS, Result, RunDirectory, make_folder, write_atomically
+from meshfit.experiment.storage.run_directory import LOCK, Result, RunDirectory, make_folder, write_atomically
 from meshfit.images.folders import PACK_SUFFIX
 from meshfit.mesh.cleaning_options import CleaningOptions
 

@@ -11,10 +11,11 @@ from meshfit.config.loading import Experiment
 from meshfit.config.sweep_samples import SampleSettings
 from meshfit.config.sweeps import point_name
 from meshfit.errors import ConfigError, MeshfitError
-from meshfit.experiment.plan import Trial, plan, require_usable, target_label
+from meshfit.experiment.plan import Trial, plan, require_usable
 from meshfit.experiment.storage.failure import RETRIED, read_failure
 from meshfit.experiment.storage.plan_file import write_plan
 from meshfit.experiment.storage.run_directory import FAILURE, RunDirectory, read_result
+from meshfit.experiment.target_labels import target_label
 from meshfit.experiment.trial_status import Outcome, TrialStatus
 from meshfit.experiment.tuning.objectives import Objective, score
 from meshfit.experiment.tuning.sampler import BATCH, FIRST, ask, import_optuna
