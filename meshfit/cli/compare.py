@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from meshfit.cli import completions
-from meshfit.cli.console import working
+from meshfit.cli.console import reading
 from meshfit.cli.options import SELECTION, ExperimentName, RunOptions, Seeds, Targets, takes_run_options
 from meshfit.errors import ConfigError
 
@@ -55,6 +55,6 @@ def compare(
     experiment = load_experiment(config, options.overrides or ())
     changed = with_axes(experiment, targets=targets, schemes=schemes, seeds=seeds)
     changed = renamed(changed, name, compared=True)
-    with working("reading the targets", quiet=options.quiet):
+    with reading(changed.settings.targets, quiet=options.quiet):
         trials = plan([changed], remote=options.cluster is not None)
     return run_and_report(trials, options)

@@ -3,10 +3,11 @@
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from threading import Timer
 from typing import TextIO
 
@@ -16,7 +17,9 @@ from rich.segment import Segment
 
 from meshfit.cli.crash_report import EXIT_CRASHED, crash_report
 from meshfit.errors import MeshfitError, MeshfitWarning
+from meshfit.paths import is_regular_file
 from meshfit.printable import printable, shortened
+from meshfit.units import size_text
 
 EXIT_FAILED = 1
 """A trial failed, or a check fell short."""
@@ -26,6 +29,7 @@ EXIT_INTERRUPTED = 130
 
 
 _SECONDS_UNTIL_SAID = 10.0
+_LARGE_FILES = 50_000_000
 
 
 @dataclass(frozen=True)
@@ -112,6 +116,22 @@ def working(text: str, *, quiet: bool = False) -> Iterator[None]:
             yield
         finally:
             timer.cancel()
+
+
+@contextmanager
+def reading(targets: Iterable[str], *, quiet: bool = False) -> Iterator[None]:
+    """Say on stderr that targets are read within the block: at once where their files are large, else as `working`."""
+    size = sum(path.stat().st_size for path in map(Path, dict.fromkeys(targets)) if is_regular_file(path))
+    if size < _LARGE_FILES:
+        with working("reading the targets", quiet=quiet):
+            yield
+        return
+    text = f"reading the targets, {size_text(size)}"
+    if not quiet and (not err.is_terminal or err.is_dumb_terminal):
+        err.print(text, soft_wrap=True, markup=False)
+        quiet = True
+    with working(text, quiet=quiet):
+        yield
 
 
 class _Warnings:

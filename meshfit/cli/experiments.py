@@ -130,9 +130,9 @@ def _print_plan(trials: Sequence[Trial], store: RunDirectory, options: RunOption
     out.print(f"{count_text(len(trials), 'trial')}: {sum(complete)} complete, {len(to_run)} to run{targets}")
     if time is not None:
         workers = count_text(time.workers, "worker")
-        runs = count_text(time.unknown, "run")
-        unknown = f"; {runs} of other tools not counted: their time is known after the first" if time.unknown else ""
-        out.print(f"about {duration_text(time.seconds)} on {workers}, estimated from {time.basis}{unknown}")
+        known = None if time.seconds is None else f"about {duration_text(time.seconds)} on {workers}"
+        parts = [f"{known}, estimated from {time.basis}" if known else "time not estimated", time.left_out]
+        out.print("; ".join(filter(None, parts)))
 
 
 def estimated(

@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from meshfit.cli import completions
-from meshfit.cli.console import working
+from meshfit.cli.console import reading
 from meshfit.cli.fit_command import fit_command, is_mesh_name
 from meshfit.cli.options import ExperimentName, RunOptions, Schemes, Seeds, Targets, takes_run_options
 from meshfit.errors import ConfigError, Faults
@@ -56,7 +56,8 @@ def run(
         with faults.collected():
             loaded = load_experiment(config, options.overrides or ())
             experiments.append(renamed(with_axes(loaded, targets=targets, schemes=listed_schemes, seeds=seeds), name))
-    with faults.collected(), working("reading the targets", quiet=options.quiet):
+    targets_to_read = [target for experiment in experiments for target in experiment.settings.targets]
+    with faults.collected(), reading(targets_to_read, quiet=options.quiet):
         trials = plan(experiments, remote=options.cluster is not None)
     faults.raise_any()
     return run_and_report(trials, options)

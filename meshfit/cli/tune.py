@@ -228,7 +228,8 @@ def _print_plan(problem: "Problem", search: "Search", total: int, store: "RunDir
         if options.cluster is not None or not trials or not fits
         else estimated(trials, trials, store, options.jobs)
     )
-    seconds = None if time is None else time.seconds / len(trials) * fits
+    known = None if time is None else time.seconds
+    seconds = None if time is None or known is None else known / (len(trials) - time.unknown) * fits
     if options.as_json:
         import json
 

@@ -25,7 +25,7 @@ from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
 from meshfit.mesh.topology import NONE, Indices, Mask, PolygonTopology, Topology
 from meshfit.mesh.triangulation import triangle_corners, triangulate
-from meshfit.mesh.welding import coincident, first_equal, nearly_coincident, stitch
+from meshfit.mesh.welding import Stitched, coincident, first_equal, nearly_coincident, stitch
 from meshfit.units import count_text
 
 INSIDE_OUT = "the surface is inside out: closed, with a negative volume"
@@ -118,12 +118,12 @@ def clean(
     raw = PolygonMesh(soup.verts, soup.corners, soup.sizes, origins)
     given = PolygonTopology.of(raw)
     place = coincident(given, raw.verts, options.weld)
-    mesh, repeated = _without_repeated_corners(raw, place)
+    mesh, repeated = _without_repeated_corners(raw, given, place)
     counts = {"degenerate face": raw.num_faces - mesh.num_faces}
     bridged = _with_place_twice(mesh, place)
     mesh = _triangulated(mesh, place, np.full(mesh.num_faces, fill_value=True) if triangles else bridged)
     if bridged.any():
-        mesh, _ = _without_repeated_corners(mesh, place)
+        mesh, _ = _without_repeated_corners(mesh, PolygonTopology.of(mesh), place)
     welded = _topology(mesh, place[mesh.corners], given)
     duplicate = _duplicates(mesh, welded)
     mesh, welded = _selected(mesh, welded, ~duplicate)
@@ -132,7 +132,7 @@ def clean(
     if not mesh.num_faces:
         raise MeshError(f"{origin}: no face has an area ({count_text(raw.num_faces, 'face')})")
     stitched = stitch(mesh.verts, _topology(mesh, mesh.corners, given), welded, split=options.repair == "split")
-    result = PolygonMesh(raw.verts[stitched.origins], stitched.corners, mesh.sizes)
+    result = _stitched_mesh(stitched, mesh)
     counts["degenerate face"] += int(flat.sum())
     counts |= {"duplicate face": int(duplicate.sum()), "repeated corner": repeated}
     counts["unreferenced vertex"] = int((~_marked(raw.corners, raw.num_verts)).sum())
@@ -142,9 +142,19 @@ def clean(
     if stitched.num_split:
         where = "where separate fans of faces, or more than two faces at an edge, meet"
         _warn(f"{origin}: split {count_text(stitched.num_split, 'vertex')} {where}")
-    _warn_of_shape(result, _topology(result, result.corners, given), origin, is_manifold=stitched.is_manifold)
+    topology = _topology(result, result.corners, given)
+    del given, welded  # which hold hundreds of bytes per face
     vertex_map = _vertex_map(mesh.corners, stitched.corners, place)
+    _warn_of_shape(result, topology, origin, is_manifold=stitched.is_manifold)
     return result.with_attributes(_carried(soup, mesh, result)) if soup.attributes else result, vertex_map
+
+
+def _stitched_mesh(stitched: Stitched, mesh: PolygonMesh) -> PolygonMesh:
+    """Return the mesh whose corners are stitched, without attributes; it shares the arrays that are the same."""
+    same = np.array_equal(stitched.origins, np.arange(mesh.num_verts))
+    verts = mesh.verts if same else mesh.verts[stitched.origins]
+    corners = mesh.corners if np.array_equal(stitched.corners, mesh.corners) else stitched.corners
+    return PolygonMesh(verts, corners, mesh.sizes)
 
 
 def _carried(soup: PolygonSoup, kept: PolygonMesh, result: PolygonMesh) -> Attributes:
@@ -221,9 +231,8 @@ def _topology(mesh: PolygonMesh, corners: Indices, known: PolygonTopology) -> Po
     return PolygonTopology(mesh.num_verts, corners, mesh.sizes)
 
 
-def _without_repeated_corners(mesh: PolygonMesh, place: Indices) -> tuple[PolygonMesh, int]:
+def _without_repeated_corners(mesh: PolygonMesh, topology: PolygonTopology, place: Indices) -> tuple[PolygonMesh, int]:
     """Drop corners at the place of the next one, then faces of fewer than three; count those of the other faces."""
-    topology = PolygonTopology.of(mesh)
     differs = place[topology.tail] != place[topology.head]
     if differs.all():
         return mesh, 0

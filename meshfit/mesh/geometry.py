@@ -8,6 +8,7 @@ from jaxtyping import Float64
 from meshfit.mesh.mesh import Mesh, Verts
 
 _SAME_SIZE = 1.5
+_BLOCK = 1 << 20
 
 
 def area_vectors(mesh: Mesh) -> Float64[np.ndarray, "F 3"]:
@@ -46,10 +47,13 @@ def unit_vectors(vectors: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, "N 
 def signed_volume(mesh: Mesh) -> float:
     """Return the enclosed volume of a closed mesh; it is negative where normals point inwards."""
     # By the divergence theorem, the flux of the field (0, 0, z).
-    a, b, c = mesh.faces.T
     x, y, z = (mesh.verts - mesh.verts.mean(axis=0)).T.copy()
-    area = (x[b] - x[a]) * (y[c] - y[a]) - (x[c] - x[a]) * (y[b] - y[a])
-    return float((area * (z[a] + z[b] + z[c])).sum() / 6.0)
+    flux = np.empty(mesh.num_faces)
+    for start in range(0, mesh.num_faces, _BLOCK):  # in blocks, as there may be many millions
+        a, b, c = mesh.faces[start : start + _BLOCK].T
+        area = (x[b] - x[a]) * (y[c] - y[a]) - (x[c] - x[a]) * (y[b] - y[a])
+        flux[start : start + _BLOCK] = area * (z[a] + z[b] + z[c])
+    return float(flux.sum() / 6.0)
 
 
 def face_normals(mesh: Mesh) -> Float64[np.ndarray, "F 3"]:

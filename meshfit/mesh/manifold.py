@@ -158,38 +158,53 @@ def vertex_fans(topology: HalfEdges) -> tuple[int, Indices]:
 
 def nonmanifold_verts(topology: HalfEdges) -> Indices:
     """Return the vertices whose faces form more than one fan, such as the tip that two cones share."""
-    if not len(topology.misoriented_edges) and (several := _verts_not_walked_around(topology)) is not None:
-        return several
+    if not len(topology.misoriented_edges):
+        return _verts_not_walked_around(topology)
     count, fan = vertex_fans(topology)
+    return _owners_of_several(fan, count, topology.tail, topology.num_verts)
+
+
+def _owners_of_several(fan: Indices, count: int, tail: Indices, num_verts: int) -> Indices:
+    """Return the vertices with more than one of the fans; the corners of `fan` are at the vertices `tail`."""
     owner = np.empty(count, dtype=np.int64)
-    owner[fan] = topology.tail
-    return np.flatnonzero(np.bincount(owner, minlength=topology.num_verts) > 1)
+    owner[fan] = tail
+    return np.flatnonzero(np.bincount(owner, minlength=num_verts) > 1)
 
 
-def _verts_not_walked_around(topology: HalfEdges) -> Indices | None:
-    """Return the vertices of which a walk around them misses corners; None where a walk would be long.
+def _verts_not_walked_around(topology: HalfEdges) -> Indices:
+    """Return the vertices of which a walk around them misses corners.
 
-    Faster than `vertex_fans`, for consistent orientation.
+    Faster than `vertex_fans`, for consistent orientation; vertices of many faces take the fans of their own corners.
     """
-    corners = np.arange(len(topology.tail))
-    following, num_corners = (
-        topology.next_around_tail(corners),
-        np.bincount(topology.tail, minlength=topology.num_verts),
-    )
+    num_corners = np.bincount(topology.tail, minlength=topology.num_verts)
     start = np.full(topology.num_verts, NONE)
-    start[topology.tail] = corners
+    start[topology.tail] = np.arange(len(topology.tail))
     first = np.flatnonzero(topology.twin == NONE)
     start[topology.tail[first]] = first
     verts = np.flatnonzero(num_corners)
     at, reached = start[verts], np.zeros(topology.num_verts, dtype=np.int64)
     for _ in range(_LONGEST_WALK):
         if not len(verts):
-            return np.flatnonzero(reached < num_corners)
+            break
         reached[verts] += 1
-        at = following[at]
+        at = topology.next_around_tail(at)
         inside = (at != NONE) & (at != start[verts])
         verts, at = verts[inside], at[inside]
-    return None
+    reached[verts] = num_corners[verts]
+    return np.union1d(np.flatnonzero(reached < num_corners), _with_several_fans(topology, verts))
+
+
+def _with_several_fans(topology: HalfEdges, verts: Indices) -> Indices:
+    """Return which of some vertices have several fans of faces, for consistent orientation."""
+    if not len(verts):
+        return verts
+    chosen = np.zeros(topology.num_verts, dtype=bool)
+    chosen[verts] = True
+    corners = np.flatnonzero(chosen[topology.tail])
+    after = topology.next_around_tail(corners)
+    joined = np.flatnonzero(after != NONE)
+    count, fan = graph_components(joined, np.searchsorted(corners, after[joined]), len(corners))
+    return _owners_of_several(fan, count, topology.tail[corners], topology.num_verts)
 
 
 def duplicate_triangles(topology: HalfEdges) -> Int64[np.ndarray, "D 2"]:

@@ -2,10 +2,11 @@
 
 import hashlib
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64, Int64
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from meshfit.errors import MeshError
 from meshfit.mesh.attributes import NO_ATTRIBUTES, Attributes
@@ -18,7 +19,7 @@ Faces = Int64[np.ndarray, "F 3"]
 
 @dataclass(frozen=True, eq=False, init=False)
 class Mesh(Showable):
-    """A triangle mesh. Both arrays are read-only copies.
+    """A triangle mesh. Both arrays are read-only.
 
     Attributes:
         verts: (V, 3) float64, positions.
@@ -44,12 +45,11 @@ class Mesh(Showable):
 
     def __init__(self, verts: ArrayLike, faces: ArrayLike, attributes: Attributes = NO_ATTRIBUTES) -> None:
         for name, values, dtype in (("verts", verts, np.float64), ("faces", faces, np.int64)):
-            array = np.array(values, dtype=dtype)
+            array = frozen(values, dtype)
             if array.size == 0:
                 array = array.reshape(0, 3)
             if array.ndim != 2 or array.shape[1] != 3:
                 raise MeshError(f"{name}: expected rows of three numbers, got an array of shape {array.shape}")
-            array.setflags(write=False)
             object.__setattr__(self, name, array)
         attributes.require_sizes(len(self.verts), len(self.faces), 3 * len(self.faces))
         object.__setattr__(self, "attributes", attributes)
@@ -90,6 +90,29 @@ class SameContent:
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, SameContent) and self.digest == other.digest
+
+
+def frozen(values: ArrayLike, dtype: type[np.generic]) -> NDArray[Any]:
+    """Return values as a read-only array of their own: a copy, except of a whole array that is read-only already."""
+    if isinstance(values, np.ndarray) and values.dtype == dtype and _is_whole_and_frozen(values):
+        return values
+    array = np.array(values, dtype=dtype)
+    array.setflags(write=False)
+    return array
+
+
+def _is_whole_and_frozen(array: NDArray[Any]) -> bool:
+    owner = array if array.base is None else array.base
+    if not isinstance(owner, np.ndarray) or array.flags.writeable or owner.flags.writeable:
+        return False
+    return owner.flags.owndata and owner.size == array.size and array.flags.c_contiguous
+
+
+def freeze(array: NDArray[Any]) -> None:
+    """Make an array read-only for good, with the array that it is a view of."""
+    array.setflags(write=False)
+    if isinstance(array.base, np.ndarray):
+        array.base.setflags(write=False)
 
 
 def box_text(verts: Verts) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meshfit.errors import MeshError
 from meshfit.mesh.attributes import NO_ATTRIBUTES, Attributes
-from meshfit.mesh.mesh import Mesh, Verts, box_text
+from meshfit.mesh.mesh import Mesh, Verts, box_text, frozen
 from meshfit.mesh.showable import Showable
 from meshfit.mesh.triangulation import triangle_corners, triangulate
 from meshfit.units import count_text
@@ -47,7 +47,7 @@ class PolygonSoup(NamedTuple):
 
 @dataclass(frozen=True, eq=False, init=False)
 class PolygonMesh(Showable):
-    """A mesh whose faces have any number of corners. All arrays are read-only copies.
+    """A mesh whose faces have any number of corners. All arrays are read-only.
 
     Attributes:
         verts: (V, 3) float64, positions.
@@ -77,14 +77,13 @@ class PolygonMesh(Showable):
         self, verts: ArrayLike, corners: ArrayLike, sizes: ArrayLike, attributes: Attributes = NO_ATTRIBUTES
     ) -> None:
         points = Mesh(verts, []).verts
-        flat, counts = np.array(corners, dtype=np.int64), np.array(sizes, dtype=np.int64)
+        flat, counts = frozen(corners, np.int64), frozen(sizes, np.int64)
         if flat.ndim != 1 or counts.ndim != 1 or counts.sum() != len(flat):
             raise MeshError(f"{flat.size} corners do not match the sizes of {counts.size} faces")
         if (counts < 3).any():
             face = int(np.flatnonzero(counts < 3)[0])
             raise MeshError(f"face {face}: expected 3 or more corners, got {counts[face]}")
         for name, array in (("verts", points), ("corners", flat), ("sizes", counts)):
-            array.setflags(write=False)
             object.__setattr__(self, name, array)
         attributes.require_sizes(len(points), len(counts), len(flat))
         object.__setattr__(self, "attributes", attributes)

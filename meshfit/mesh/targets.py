@@ -268,7 +268,8 @@ def file_sha256(path: Path) -> str:
     of a trial, which refers to them by their place in the source's file.
     """
     try:
-        sha256 = hashlib.sha256(path.read_bytes())
+        with path.open("rb") as stream:
+            sha256 = hashlib.file_digest(stream, "sha256")
         for buffer in companion_files(path):
             sha256.update(buffer.read_bytes())
     except OSError as error:

@@ -3,6 +3,7 @@
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -78,7 +79,9 @@ class HalfEdges:
     @cached_property
     def directed_edges(self) -> csr_array:
         """(V, V) matrix with 1 + the half-edge from row to column; numbers of equal half-edges are added up."""
-        numbers = np.arange(1, len(self.tail) + 1)
+        # Half of the memory; sums that overflow are those of equal half-edges, which nobody reads.
+        small = len(self.tail) < np.iinfo(np.int32).max
+        numbers: NDArray[Any] = np.arange(1, len(self.tail) + 1, dtype=np.int32 if small else np.int64)
         return coo_array((numbers, (self.tail, self.head)), shape=(self.num_verts, self.num_verts)).tocsr()
 
     @cached_property
@@ -179,6 +182,8 @@ class HalfEdges:
     @cached_property
     def boundary_verts(self) -> Mask:
         """(V,) which vertices lie on a boundary edge."""
+        if len(self.tail) == self.num_verts and np.array_equal(self.tail, np.arange(self.num_verts)):
+            return np.ones(self.num_verts, dtype=bool)  # separate faces, as in STL files
         on_boundary = np.zeros(self.num_verts, dtype=bool)
         if not self.is_watertight:
             on_boundary[self.edges[self.boundary_edges].reshape(-1)] = True
@@ -308,6 +313,11 @@ class PolygonTopology(HalfEdges):
         return len(self.sizes)
 
     @cached_property
+    def _has_triangles_only(self) -> bool:
+        """Whether neighbours in a face follow from the number of a half-edge, as in a `Topology`."""
+        return bool((self.sizes == 3).all())
+
+    @cached_property
     def starts(self) -> Indices:
         """(F,) first half-edge of each face."""
         return np.asarray(np.cumsum(self.sizes) - self.sizes)
@@ -320,6 +330,8 @@ class PolygonTopology(HalfEdges):
     @cached_property
     def head(self) -> Indices:
         """(C,) vertex at which each half-edge ends."""
+        if self._has_triangles_only:
+            return np.roll(self.corners.reshape(-1, 3), -1, axis=1).reshape(-1)
         return np.asarray(self.corners[self._following])
 
     @cached_property
@@ -344,27 +356,27 @@ class PolygonTopology(HalfEdges):
         """Faces of which all edges have the same face on their other side."""
         first, second = self.twin[self.starts], self.twin[self.starts + 1]
         shared = np.flatnonzero((first != NONE) & (second != NONE))
-        faces = shared[self.face[first[shared]] == self.face[second[shared]]]
+        faces = shared[self.face_of(first[shared]) == self.face_of(second[shared])]
         if not len(faces):
             return np.empty(0, dtype=np.int64)
         sizes = self.sizes[faces]
         starts = np.cumsum(sizes) - sizes
         across = self.twin[np.repeat(self.starts[faces] - starts, sizes) + np.arange(int(sizes.sum()))]
-        same = (across != NONE) & (self.face[across] == np.repeat(self.face[first[faces]], sizes))
+        same = (across != NONE) & (self.face_of(across) == np.repeat(self.face_of(first[faces]), sizes))
         alone: Mask = np.logical_and.reduceat(same, starts)
         return np.asarray(faces[alone])
 
     def following(self, halfedge: Indices) -> Indices:
         """Return the next half-edge in the same face."""
-        return np.asarray(self._following[halfedge])
+        return next_in_face(halfedge) if self._has_triangles_only else np.asarray(self._following[halfedge])
 
     def preceding(self, halfedge: Indices) -> Indices:
         """Return the previous half-edge in the same face."""
-        return np.asarray(self._preceding[halfedge])
+        return previous_in_face(halfedge) if self._has_triangles_only else np.asarray(self._preceding[halfedge])
 
     def face_of(self, halfedge: Indices) -> Indices:
         """Return the face of each half-edge."""
-        return np.asarray(self.face[halfedge])
+        return np.asarray(halfedge // 3 if self._has_triangles_only else self.face[halfedge])
 
     @property
     def has_vert_twice(self) -> Mask:

@@ -21,6 +21,8 @@ _HASH_FACTOR = np.uint64(0x9E3779B97F4A7C15)
 _MOST_FACES_PER_EDGE = 64
 # Two faces at a smaller angle, in radians, lie on each other.
 _FOLDED = 1e-4
+# Half-edges that are compared at a time.
+_BLOCK = 1 << 20
 
 _Pairs = Int64[np.ndarray, "_ 2"]
 
@@ -50,17 +52,24 @@ def first_equal(rows: NDArray[Any]) -> Indices:
         hashes = (hashes ^ column) * _HASH_FACTOR
         hashes ^= hashes >> np.uint64(29)
     order = stable_order(hashes, 64)
-    ordered = rows[order]
     starts = np.ones(len(rows), dtype=bool)
-    starts[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+    starts[1:] = _differ_from_previous(rows, order)
     by_hash = hashes[order]
     if (starts[1:] & (by_hash[1:] == by_hash[:-1])).any():  # different rows with one hash may alternate
         order = np.lexsort(rows.T)
-        ordered = rows[order]
-        starts[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+        starts[1:] = _differ_from_previous(rows, order)
     first = np.empty(len(rows), dtype=np.int64)
     first[order] = order[np.flatnonzero(starts)][np.cumsum(starts) - 1]
     return first
+
+
+def _differ_from_previous(rows: NDArray[Any], order: Indices) -> Mask:
+    """Return (N - 1,) whether each row but the first differs from the one before it in an order."""
+    differ = np.zeros(max(len(order) - 1, 0), dtype=bool)
+    for column in rows.T:  # in turn, as there may be many millions
+        ordered = column[order]
+        differ |= ordered[1:] != ordered[:-1]
+    return differ
 
 
 def coincident(topology: HalfEdges, verts: Verts, distance: float = 0.0) -> Indices:
@@ -79,13 +88,21 @@ def coincident(topology: HalfEdges, verts: Verts, distance: float = 0.0) -> Indi
     else:
         place[seam] = seam[first_equal(verts[seam])]
     tail, head = topology.tail, topology.head
-    short = np.arange(len(tail))
-    for coordinate in verts.T.copy():
+    short = _flat_along_x(tail, head, verts)
+    for coordinate in verts.T[1:].copy():
         short = short[coordinate[tail[short]] == coordinate[head[short]]]
     short = short[place[tail[short]] != place[head[short]]]
     if len(short):
         place = place[_first_of_component(place[tail[short]], place[head[short]], topology.num_verts)][place]
     return place
+
+
+def _flat_along_x(tail: Indices, head: Indices, verts: Verts) -> Indices:
+    """Return the half-edges whose ends have the same x, found in blocks, as they may be many millions."""
+    x = verts[:, 0].copy()
+    blocks = (slice(start, start + _BLOCK) for start in range(0, len(tail), _BLOCK))
+    flat = [block.start + np.flatnonzero(x[tail[block]] == x[head[block]]) for block in blocks]
+    return np.concatenate([np.empty(0, dtype=np.int64), *flat])
 
 
 def nearly_coincident(topology: HalfEdges, verts: Verts) -> tuple[int, float]:

@@ -5,6 +5,7 @@ import pytest
 from meshfit.errors import TrialError
 from meshfit.experiment.plan import plan
 from meshfit.experiment.running.process_pool import ProcessPool
+from meshfit.experiment.status import eta
 from meshfit.experiment.status.eta import _work, estimate
 from tests.inline import Inline
 from tests.small import experiment
@@ -63,3 +64,13 @@ def test_a_probe_that_fails_says_so(tmp_path, monkeypatch):
     monkeypatch.setattr(ProcessPool, "submit", lambda _pool, _device, fn, *arguments: Inline().submit(fn, *arguments))
     with pytest.raises(TrialError, match="seed 0: diverged"):
         estimate(plan([experiment(tmp_path, fit={"optimizer": {"lr": 1e30}})]), [])
+
+
+def test_targets_too_large_to_probe_are_left_out(tmp_path, monkeypatch):
+    monkeypatch.setattr(eta, "_MOST_FACES_PROBED", 7)  # one less than those of an octahedron
+    monkeypatch.setattr(ProcessPool, "submit", lambda *_: pytest.fail("a trial was probed"))
+    trials = plan([experiment(tmp_path, seeds=[0, 1])])
+    found = estimate(trials, [])
+    assert (found.seconds, found.unknown) == (None, 2)
+    assert found.left_out == "2 runs with targets of more than 7 faces not counted: their time is known after the first"
+    assert estimate(trials[1:], taking(trials[:1], fit=2.0)).unknown == 0

@@ -1,6 +1,7 @@
 """Cleaning: dropped elements, warnings, and their counts."""
 
 import re
+import tracemalloc
 import warnings
 
 import numpy as np
@@ -11,8 +12,9 @@ from meshfit.mesh.cleaning import clean
 from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.io.files import load_mesh, save_mesh
 from meshfit.mesh.mesh import Mesh
-from meshfit.mesh.polygons import PolygonSoup
+from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
 from meshfit.mesh.solids import icosahedron, octahedron
+from meshfit.subdivision.sphere import icosphere
 from tests.loops import over
 from tests.shapes import CLOSED, mixed_open, patch
 
@@ -162,3 +164,31 @@ def test_vertices_that_no_face_uses_may_have_any_coordinates(number):
     found, said = cleaned(np.concatenate([SOLID.verts, [[number, 0, 0]]]), SOLID.faces)
     assert said == ["dropped 1 unreferenced vertex"]
     assert np.array_equal(found.verts, SOLID.verts)
+
+
+@pytest.mark.parametrize(("suffix", "most"), [(".ply", 320), (".stl", 620)])
+def test_the_memory_of_loading_is_a_few_hundred_bytes_per_face(tmp_path, suffix, most):
+    path = tmp_path / f"sphere{suffix}"
+    save_mesh(icosphere(6), path)
+    tracemalloc.start()
+    faces = load_mesh(path, attributes=False).num_faces
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert faces == 20 * 4**6
+    assert peak / faces < most
+
+
+def test_meshes_share_arrays_that_nobody_can_write_to():
+    verts, faces = np.array(octahedron().verts), np.array(octahedron().faces)
+    mesh = Mesh(verts, faces)
+    assert not np.shares_memory(mesh.verts, verts)
+    verts[:], faces[:] = 0.0, 0
+    assert mesh.verts.any()
+    assert mesh.faces.any()
+    view = verts.view()
+    view.setflags(write=False)  # its base can still be written to
+    assert not np.shares_memory(Mesh(view, faces).verts, verts)
+    assert mesh.with_verts(mesh.verts).verts is mesh.verts
+    assert np.shares_memory(PolygonMesh.of(mesh).triangulated().faces, mesh.faces)
+    part = Mesh(mesh.verts, mesh.faces[:4]).faces  # which would keep the whole alive
+    assert not np.shares_memory(part, mesh.faces)

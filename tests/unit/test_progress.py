@@ -6,7 +6,7 @@ import time
 import pytest
 
 from meshfit.cli import console
-from meshfit.cli.console import working
+from meshfit.cli.console import reading, working
 from meshfit.cli.fit_progress import FitProgress
 from meshfit.cli.progress import TrialLines, show_parts
 from meshfit.experiment.plan import plan
@@ -129,3 +129,16 @@ def test_work_that_takes_seconds_is_named_once(monkeypatch, capsys):
         with working("reading a mesh", quiet=quiet):
             time.sleep(0.1)
         assert capsys.readouterr().err == said
+
+
+def test_large_targets_are_named_before_they_are_read(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "scan.ply"
+    path.write_bytes(b"ply\n" * 500)
+    monkeypatch.setattr(console, "_LARGE_FILES", 2000)
+    for targets, quiet, said in (
+        ([str(path), str(path)], False, "reading the targets, 2.0 kB\n"),
+        ([str(path)], True, ""),
+        (["bunny", "/dev/zero", "missing.ply"], False, ""),
+    ):
+        with reading(targets, quiet=quiet):
+            assert capsys.readouterr().err == said

@@ -173,6 +173,16 @@ def test_two_cones_at_one_tip_are_no_manifold():
     assert nonmanifold_verts(topology).tolist() == [0]
 
 
+@pytest.mark.parametrize(("around", "closed"), [(300, True), (300, False), (10, True)])
+def test_a_hub_of_many_faces_in_two_fans_is_no_manifold(around, closed):
+    last = around if closed else around - 1
+    rim = np.stack([np.arange(last), (np.arange(last) + 1) % around], axis=1)
+    one, other = 2 + rim, 2 + around + rim
+    fans = [np.insert(one, 0, 0, axis=1), np.insert(other, 0, 0, axis=1), np.insert(one[:, ::-1], 0, 1, axis=1)]
+    assert nonmanifold_verts(Topology(2 + 2 * around, np.concatenate(fans))).tolist() == [0]
+    assert nonmanifold_verts(Topology(2 + 2 * around, np.concatenate(fans[::2]))).tolist() == []
+
+
 @every_shape
 def test_manifolds_are_let_through(shape):
     topology = topology_of(shape)

@@ -31,6 +31,7 @@ _ANY: _Key = (_ANYWHERE, "", 0)
 _PROBE_SECONDS = {"first-order": 2.0, "gauss-newton": 8.0}
 _WARM_UP_STEPS = 3
 _SPHERE_LEVEL, _MOST_FACES = 5, 200_000
+_MOST_FACES_PROBED = 1_000_000
 _START_SECONDS = 3.0
 _VERTS_PER_SAMPLE = 4  # in a step, a vertex costs about a quarter of a sample: see the table of `make bench`
 
@@ -149,16 +150,18 @@ class Estimate:
     """The estimated time of a run.
 
     Attributes:
-        seconds: until all trials are done.
+        seconds: until all trials are done, except those that it leaves out; None if it leaves out all.
         workers: the number of trials that run side by side.
         basis: the basis of the estimate, such as `12 complete trials` or `a probe of 1 trial`.
-        unknown: the number of trials that it leaves out: runs of other tools, whose time no probe can tell.
+        unknown: the number of trials that it leaves out.
+        left_out: which trials these are, in words.
     """
 
-    seconds: float
+    seconds: float | None
     workers: int
     basis: str
     unknown: int = 0
+    left_out: str = ""
 
 
 @dataclass(frozen=True)
@@ -180,7 +183,8 @@ def estimate(
         jobs: the number of processes; None takes it from the settings.
 
     Returns:
-        The estimate; None where there is nothing to run or nothing known, or a trial may run on a GPU.
+        The estimate; None where there is nothing to run, or a trial may run on a GPU. Without results of their method,
+        it leaves out runs of other tools, whose time no probe can tell, and trials with very large targets.
 
     Raises:
         TrialError: the probed trial fails.
@@ -191,10 +195,19 @@ def estimate(
         return None
     workers, threads = workers_and_threads(trials, jobs)
     paces = _paces_of(results)
-    known = [trial for trial in trials if trial.settings.fit.method != "external" or _pace_key(trial) in paces]
-    unknown, trials = len(trials) - len(known), known
+    known, of_tools, large = list["Trial"](), 0, 0
+    for trial in trials:
+        if _pace_key(trial) in paces:
+            known.append(trial)
+        elif isinstance(trial.settings.fit, ExternalSettings):
+            of_tools += 1
+        elif _is_large(trial):
+            large += 1
+        else:
+            known.append(trial)
+    trials, left_out = known, _left_out(of_tools, large)
     if not trials:
-        return None
+        return Estimate(None, workers, "", of_tools + large, left_out)
     missing = dict.fromkeys(_pace_key(trial) for trial in trials if _pace_key(trial) not in paces)
     for method in missing:
         by_work = sorted((trial for trial in trials if _pace_key(trial) == method), key=_work)
@@ -207,7 +220,22 @@ def estimate(
     total = max(sum(seconds) / workers, *seconds) + _START_SECONDS
     basis = [count_text(len(results), "complete trial")] if results else []
     basis += [f"a probe of {count_text(len(missing), 'trial')}"] if missing else []
-    return Estimate(total, workers, " and ".join(basis), unknown)
+    return Estimate(total, workers, " and ".join(basis), of_tools + large, left_out)
+
+
+def _is_large(trial: "Trial") -> bool:
+    """Whether a target is so large that a probe takes minutes and gigabytes."""
+    from meshfit.experiment.input_checks import checked_target
+
+    checked = checked_target(trial.target, trial.settings.cleaning)
+    return max(checked.faces, checked.points) > _MOST_FACES_PROBED
+
+
+def _left_out(of_tools: int, large: int) -> str:
+    """Return in words which trials an estimate leaves out, and why."""
+    parts = [f"{count_text(of_tools, 'run')} of other tools"] if of_tools else []
+    parts += [f"{count_text(large, 'run')} with targets of more than {_MOST_FACES_PROBED:,} faces"] if large else []
+    return f"{' and '.join(parts)} not counted: their time is known after the first" if parts else ""
 
 
 def _paces_of(results: Sequence[tuple["Trial", Result]]) -> dict[str, _Pace]:

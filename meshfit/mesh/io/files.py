@@ -35,7 +35,7 @@ from meshfit.mesh.io.mesh_file import (
 from meshfit.mesh.io.mtl import has_look, library_beside
 from meshfit.mesh.io.raw_points import RawPoints
 from meshfit.mesh.io.recognition import format_name
-from meshfit.mesh.mesh import Mesh, Verts
+from meshfit.mesh.mesh import Mesh, Verts, freeze
 from meshfit.mesh.polygons import PolygonMesh, PolygonSoup
 from meshfit.paths import STDOUT_PATHS, compression_suffix, file_stem, format_suffix, is_regular_file, path_text
 from meshfit.printable import described
@@ -435,6 +435,8 @@ def read_soup(file: MeshFile, *, attributes: bool = False) -> PolygonSoup:
     options: dict[str, Any] = {"folder": file.folder} if form.folder else {}
     options |= {"attributes": attributes} if form.attributes else {}
     soup = parse_file(file, partial(form.read, **options), READABLE_FORMATS)
+    for array in (soup.verts, soup.corners, soup.sizes):  # so that meshes share them, rather than copy them
+        freeze(array)
     if not len(soup.verts):
         raise _unreadable(file, "no vertices in it; another format, or cut short", READABLE_FORMATS)
     if attributes and form.unread:
