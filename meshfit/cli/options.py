@@ -13,7 +13,7 @@ import typer
 from meshfit.cli import completions
 from meshfit.cli.console import err
 from meshfit.errors import ConfigError, FormatError, MeshError
-from meshfit.measuring.metrics import DEFAULT_METRIC, DEFAULT_METRIC_OF_CLOUDS, metric_named
+from meshfit.measuring.metrics import DEFAULT_METRIC, DEFAULT_METRIC_OF_CLOUDS, DEFAULT_METRIC_OF_IMAGES, metric_named
 
 SELECTION, EXECUTION, OUTPUT = "Selection", "Execution", "Output"
 FORMATS, CLEANING = "File formats", "Cleaning of mesh files"
@@ -119,7 +119,7 @@ def _one_metric(text: str | None) -> str | None:
     return metric_named(text.strip())
 
 
-_DEFAULT_METRICS = f"{DEFAULT_METRIC}; {DEFAULT_METRIC_OF_CLOUDS} for points"
+_DEFAULT_METRICS = f"{DEFAULT_METRIC}; {DEFAULT_METRIC_OF_CLOUDS} for points; {DEFAULT_METRIC_OF_IMAGES} for masks"
 
 Metrics = Annotated[
     list[str] | None,

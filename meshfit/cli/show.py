@@ -27,6 +27,7 @@ from meshfit.experiment.storage.targets import find_carried
 from meshfit.experiment.storage.trial_log import read_progress
 from meshfit.experiment.trial_status import TrialStatus
 from meshfit.images.folders import PACK_SUFFIX
+from meshfit.images.target import IMAGE_REFERENCES
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.tables.grouping import flatten
 from meshfit.report.tables.heads import FRAMES
@@ -52,11 +53,6 @@ _FILES = {
     "progress.json": "the latest progress",
 }
 _HALF_WRITTEN = "half-written, left by a killed process"
-_COMPARED_WITH = {
-    "truth": "true mesh",
-    "depth": "points of the depth maps",
-    "hull": "visual hull, for want of depth or a true mesh",
-}
 
 
 def show(
@@ -180,7 +176,7 @@ def _inputs(result: Result) -> Iterator[tuple[str, str]]:
         yield "aligned", f"{align['method']}: {turn}"
     if images := result.get("images"):
         counts = f"{count_text(images['views'], 'view')}, {images['held_out']:,} held out"
-        yield "images", f"{counts}; distances are to the {_COMPARED_WITH[images['compared_with']]}"
+        yield "images", f"{counts}; distances are to the {IMAGE_REFERENCES[images['compared_with']]}"
     if cloud := result.get("cloud"):
         normals = "its own normals" if cloud["normals"] == "own" else "estimated normals"
         yield "points", f"{cloud['points']:,}, about {cloud['spacing']:.3g} apart, {normals}"

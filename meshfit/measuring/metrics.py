@@ -163,6 +163,9 @@ DEFAULT_METRIC_OF_CLOUDS = "distance.backward_rms"
 """The metric of tables of fits to points: distances to points are too large by a share of their spacing, and a scan
 that shows only a part is no measure of what a result adds to it."""
 
+DEFAULT_METRIC_OF_IMAGES = "iou.mean"
+"""The metric of tables of fits to masks alone, of which no true shape is known."""
+
 NO_SIDE = "the target is a cloud of points without normals; estimated ones have no side"
 """Why a signed normal consistency is missing."""
 

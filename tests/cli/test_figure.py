@@ -18,6 +18,7 @@ from meshfit.report.figures.figure import (
 )
 from meshfit.report.figures.layout import DPI
 from meshfit.report.figures.representative_trial import RepresentativeTrial, TargetTrials
+from meshfit.report.tables.table import default_metric
 from tests.cli import answered, refused
 from tests.runs import complete, result_of
 
@@ -154,6 +155,16 @@ def test_a_result_that_falls_short_is_marked_and_the_caption_says_how():
     assert r"\dag{} falls short" in latex_figure([target], metric, "figure.pdf", style)
     sound = SimpleNamespace(meshes=[], selected=TargetTrials("cow", "the cow", {}, trials[1:]))
     assert "†" not in " ".join([plain_caption([sound], metric, style), *details([sound], metric, style)])
+
+
+def test_of_images_the_figure_names_what_stands_for_their_shape_and_masks_are_the_metric_without_one():
+    masks = result_of("cow") | {"images": {"views": 4, "held_out": 0, "compared_with": "hull"}}
+    selected = TargetTrials("cow", "the cow", {"normalise": "box"}, (RepresentativeTrial(masks, 0.9, 1),))
+    lines = details([SimpleNamespace(meshes=[], selected=selected)], "iou.mean", FigureStyle())
+    assert any("what distances are to, is the visual hull of the masks" in line for line in lines)
+    known = masks | {"images": {**masks["images"], "compared_with": "truth"}}
+    assert [default_metric([each]) for each in (masks, known)] == ["iou.mean", "hausdorff.symmetric"]
+    assert default_metric([masks, known]) == "hausdorff.symmetric"
 
 
 def test_no_source_is_shown_for_tools_that_work_from_the_target_alone():

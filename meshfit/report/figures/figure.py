@@ -9,6 +9,7 @@ from meshfit.config.experiment import MADE_FROM_TARGET
 from meshfit.errors import ConfigError
 from meshfit.experiment.storage.plan_file import UpChoice, planned_up
 from meshfit.fitting.external.tools import works_from_target
+from meshfit.images.target import IMAGE_REFERENCES
 from meshfit.measuring.metrics import METRICS
 from meshfit.mesh.mesh import Mesh
 from meshfit.printable import printable
@@ -209,7 +210,8 @@ def _rows(
         for meshes, values in zip(target.meshes, distances, strict=True)
     ]
     bar = ColourBar(limit, "", more=any(values.max(initial=0.0) > limit for values in distances))
-    first = mesh_panel(target.meshes[0].target, camera, size, _title(target, style))
+    shape = _shape_of_images(target)
+    first = mesh_panel(target.meshes[0].target, camera, size, _title(target, style), *([shape] if shape else []))
     drawn = [
         (places, mesh_panel(mesh, camera.centred_on(mesh, aspect), size, _SOURCE)) for places, mesh in target.sources
     ]
@@ -236,6 +238,12 @@ def result_lines(trial: RepresentativeTrial, metric: str, style: FigureStyle) ->
 
 def _title(target: FigureTarget, style: FigureStyle) -> str:
     return style.labels.get(target.selected.target, target.selected.title)
+
+
+def _shape_of_images(target: FigureTarget) -> str:
+    """Name what is drawn and measured in place of images; empty for other targets."""
+    images = target.selected.trials[0].result.get("images")
+    return IMAGE_REFERENCES[images["compared_with"]] if images else ""
 
 
 def plain_caption(targets: Sequence[FigureTarget], metric: str, style: FigureStyle) -> str:
@@ -265,6 +273,11 @@ def details(targets: Sequence[FigureTarget], metric: str, style: FigureStyle) ->
             if trial.shortfalls
         ),
         "A colour scale ends where 99 % of the vertices of each result are nearer",
+    ]
+    sentences += [
+        f"{_title(target, style)}: images; what is drawn, and what distances are to, is the {shape}"
+        for target in targets
+        if (shape := _shape_of_images(target))
     ]
     if any(meshes.cloud is not None for target in targets for meshes in target.meshes):
         sentences.append("Points are drawn as discs; distances to them are to discs as wide as points are apart")

@@ -13,6 +13,7 @@ from meshfit.experiment.storage.plan_file import UpChoice, planned_up
 from meshfit.experiment.storage.run_directory import Result
 from meshfit.experiment.storage.targets import read_images, read_target
 from meshfit.fitting.external.tools import works_from_target
+from meshfit.images.target import IMAGE_REFERENCES
 from meshfit.measuring.metrics import METRICS
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.point_cloud import PointCloud
@@ -36,8 +37,6 @@ from meshfit.units import count_text
 
 MOST_SECTIONS = 20
 """Largest number of targets with pictures, 3D views, curves and histograms; the tables have all."""
-_TARGET_NAMES = {"truth": "true mesh", "depth": "points of the depth maps", "hull": "visual hull of the masks"}
-"""Content of the picture of a target of images, by the reference of its results."""
 
 TrialsByRow = Mapping[int, Mapping[int, Result]]
 """Results on one target, by index of the table's row, then by seed."""
@@ -276,7 +275,7 @@ def _read_section(
         problems=problems,
         up=up or planned_up(chosen[shown[0]].folder),
         views=views,
-        target_name=_TARGET_NAMES.get(chosen[shown[0]].result.get("images", {}).get("compared_with"), "target"),
+        target_name=IMAGE_REFERENCES.get(chosen[shown[0]].result.get("images", {}).get("compared_with"), "target"),
     )
 
 

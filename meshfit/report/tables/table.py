@@ -10,7 +10,13 @@ from typing import Any
 
 from meshfit.errors import ConfigError
 from meshfit.experiment.storage.run_directory import Result
-from meshfit.measuring.metrics import DEFAULT_METRIC, DEFAULT_METRIC_OF_CLOUDS, METRICS, require_metric
+from meshfit.measuring.metrics import (
+    DEFAULT_METRIC,
+    DEFAULT_METRIC_OF_CLOUDS,
+    DEFAULT_METRIC_OF_IMAGES,
+    METRICS,
+    require_metric,
+)
 from meshfit.report.tables.grouping import (
     Missing,
     Variation,
@@ -244,9 +250,14 @@ def _best(samples: Mapping[Row, BySeed], *, smaller_is_better: bool | None) -> R
 def default_metric(results: Iterable[Result]) -> str:
     """Return the metric of results if none is chosen: from the target to the result, where a target is points.
 
+    Results of images alone whose only shape is the visual hull are judged by their masks.
+
     Open meshes keep the symmetric distance: it is to their surface, without the spacing of points in it, and an open
     sheet that is fitted by a sheet is to be matched both ways.
     """
+    results = list(results)
+    if results and all(result.get("images", {}).get("compared_with") == "hull" for result in results):
+        return DEFAULT_METRIC_OF_IMAGES
     return DEFAULT_METRIC_OF_CLOUDS if any("cloud" in result for result in results) else DEFAULT_METRIC
 
 
