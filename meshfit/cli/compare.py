@@ -49,6 +49,7 @@ def compare(
     from meshfit.cli.experiments import run_and_report
     from meshfit.config.loading import load_experiment, renamed, with_axes
     from meshfit.experiment.plan import plan
+    from meshfit.experiment.storage.copies import copies_in
 
     if len(schemes) < 2:
         raise ConfigError(f"expected two or more schemes to compare, got one: {schemes[0]}")
@@ -56,5 +57,5 @@ def compare(
     changed = with_axes(experiment, targets=targets, schemes=schemes, seeds=seeds)
     changed = renamed(changed, name, compared=True)
     with reading(changed.settings.targets, quiet=options.quiet):
-        trials = plan([changed], remote=options.cluster is not None)
+        trials = plan([changed], remote=options.cluster is not None, copy_of=copies_in(options.runs))
     return run_and_report(trials, options)

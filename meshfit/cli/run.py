@@ -44,6 +44,7 @@ def run(
     from meshfit.cli.experiments import run_and_report
     from meshfit.config.loading import Experiment, load_experiment, renamed, with_axes
     from meshfit.experiment.plan import plan
+    from meshfit.experiment.storage.copies import copies_in
     from meshfit.specs import listed
 
     if meshes := [config for config in configs if is_mesh_name(config)]:
@@ -58,6 +59,6 @@ def run(
             experiments.append(renamed(with_axes(loaded, targets=targets, schemes=listed_schemes, seeds=seeds), name))
     targets_to_read = [target for experiment in experiments for target in experiment.settings.targets]
     with faults.collected(), reading(targets_to_read, quiet=options.quiet):
-        trials = plan(experiments, remote=options.cluster is not None)
+        trials = plan(experiments, remote=options.cluster is not None, copy_of=copies_in(options.runs))
     faults.raise_any()
     return run_and_report(trials, options)

@@ -113,6 +113,7 @@ def tune(
     from meshfit.config.loading import load_experiment, renamed, with_axes
     from meshfit.config.sweep_samples import RANGES, SAMPLE, SampleSettings, read_ranges, sample_settings
     from meshfit.experiment.running.scheduler import require_runnable
+    from meshfit.experiment.storage.copies import copies_in
     from meshfit.experiment.storage.run_directory import RunDirectory
     from meshfit.experiment.tuning.objectives import objectives_of
     from meshfit.experiment.tuning.search import Problem, start_search
@@ -130,7 +131,8 @@ def tune(
     experiment = renamed(named, name or f"{renamed(named, None).name}-tune")
     sweep = loaded.settings.sweep
     sample = sample_settings(sweep[SAMPLE]) if SAMPLE in sweep else SampleSettings(points=1)
-    problem = Problem(experiment, read_ranges(sweep[RANGES]), objectives, sample, options.cluster is not None)
+    ranges, copy_of = read_ranges(sweep[RANGES]), copies_in(options.runs)
+    problem = Problem(experiment, ranges, objectives, sample, options.cluster is not None, copy_of)
     search = start_search(problem, options.runs, new=options.force)
     store = RunDirectory(options.runs)
     if options.dry_run:

@@ -2,7 +2,10 @@
 
 import os
 import warnings
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import cache
+from pathlib import Path
 from typing import NamedTuple
 
 from meshfit.config.experiment import ExperimentSettings, SourceSettings
@@ -13,19 +16,38 @@ from meshfit.experiment.truth import truth_path, vertex_counts
 from meshfit.fitting.external.tools import TOOLS
 from meshfit.fitting.registration.guidance import NO_GUIDANCE
 from meshfit.fitting.settings import ExternalSettings, FirstOrderSettings, FitSettings, GaussNewtonSettings
-from meshfit.images.specs import is_image_target, label_of_target
+from meshfit.images.specs import RenderedViews, image_spec, is_image_target, label_of_target
 from meshfit.images.targets import load_images, load_shape
 from meshfit.mesh.cleaning import with_turning
 from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.places import Numbering
 from meshfit.mesh.targets import file_sha256, target_path
-from meshfit.paths import looks_like_path, path_text
+from meshfit.paths import is_folder, looks_like_path, path_text
 from meshfit.subdivision.growth import require_memory_for_levels
 from meshfit.subdivision.registry import NamedScheme
 from meshfit.units import count_text
 
 # About the faces of a visual hull, for estimates of time before it has been carved.
 _HULL_FACES = 60_000
+
+
+class TargetCopy(NamedTuple):
+    """A copy of a target in a run directory.
+
+    Attributes:
+        name: the target, as its trials record it; of images, the path of the copy.
+        path: path of the copy.
+        sha256: of the file or files that it was made from.
+    """
+
+    name: str
+    path: Path
+    sha256: str
+
+
+CopyFinder = Callable[[str, str, str, CleaningOptions], TargetCopy | None]
+"""Function that finds the copy of a target whose file is missing, by the name of the experiment, the target as the
+config names it, its short name, and the cleaning of its file."""
 
 
 class CheckedInputs(NamedTuple):
@@ -35,11 +57,13 @@ class CheckedInputs(NamedTuple):
         source: SHA-256 of the files of the source, by role.
         targets: SHA-256 of each target that can be used.
         faults: why each other target cannot be used, in one line.
+        copies: copies of targets whose files are missing.
     """
 
     source: tuple[tuple[str, str], ...]
     targets: dict[str, str]
     faults: dict[str, str]
+    copies: dict[str, TargetCopy]
 
 
 Errors = dict[tuple[str, CleaningOptions], MeshfitError]
@@ -47,7 +71,10 @@ Errors = dict[tuple[str, CleaningOptions], MeshfitError]
 
 
 def check_inputs(
-    settings: ExperimentSettings, schemes: tuple[NamedScheme, ...], errors_in_loading: Errors
+    settings: ExperimentSettings,
+    schemes: tuple[NamedScheme, ...],
+    errors_in_loading: Errors,
+    copies: Mapping[str, TargetCopy],
 ) -> CheckedInputs:
     """Load the source and each target once, and read what is known of both.
 
@@ -56,6 +83,7 @@ def check_inputs(
         schemes: the schemes, with their definitions.
         errors_in_loading: those that are known, to which further ones are added, so that a damaged file is read once
             for all points of a sweep.
+        copies: copies of targets whose files are missing.
 
     Raises:
         MeshfitError: the source cannot be used, or none of the targets, or one is neither the path of a file nor a name
@@ -64,13 +92,14 @@ def check_inputs(
     source: tuple[tuple[str, str], ...] = ()
     faults = Faults()
     with faults.collected():
-        source = _check_source(settings.source, schemes)
-        _check_symmetry(settings.source, schemes, settings.fit)
+        files = _state(*source_files(settings.source).values())
+        source = _check_source(settings.source, schemes, files)
+        _check_symmetry(settings.source, schemes, settings.fit, files)
         if settings.target.truth is not None:
             _check_vertices_stay(settings)
     is_sound = not faults
     checked = {
-        target: _checked(target, settings, schemes if is_sound else (), errors_in_loading)
+        target: _checked(target, settings, schemes if is_sound else (), errors_in_loading, copies.get(target))
         for target in settings.targets
     }
     errors = {target: error for target, error in checked.items() if isinstance(error, MeshfitError)}
@@ -80,7 +109,12 @@ def check_inputs(
                 raise error
         faults.raise_any()
     targets = {target: sha256 for target, sha256 in checked.items() if isinstance(sha256, str)}
-    return CheckedInputs(source, targets, {target: "; ".join(error.faults) for target, error in errors.items()})
+    used = {target: copy for target, copy in copies.items() if target in targets}
+    for target, copy in used.items():
+        text = f"{path_text(target)}: no such file; its copy in the run directory is used: {copy.path}"
+        warnings.warn(text, MeshfitWarning, stacklevel=2)
+    texts = {target: "; ".join(error.faults) for target, error in errors.items()}
+    return CheckedInputs(source, targets, texts, used)
 
 
 def _is_misspelt(target: str) -> bool:
@@ -89,14 +123,18 @@ def _is_misspelt(target: str) -> bool:
 
 
 def _checked(
-    target: str, settings: ExperimentSettings, schemes: tuple[NamedScheme, ...], errors_in_loading: Errors
+    target: str,
+    settings: ExperimentSettings,
+    schemes: tuple[NamedScheme, ...],
+    errors_in_loading: Errors,
+    copy: TargetCopy | None,
 ) -> str | MeshfitError:
     """Return the SHA-256 of a target, or why it cannot be used; with schemes, read its landmarks and truth, too."""
     key = target, settings.cleaning
     if key in errors_in_loading:
         return errors_in_loading[key]
     try:
-        checked = checked_target(target, settings.cleaning)
+        checked = checked_target(target, settings.cleaning) if copy is None else _checked_copy(copy, settings.cleaning)
     except MeshfitError as error:
         errors_in_loading[key] = error
         return error
@@ -116,7 +154,9 @@ def _check_what_is_known(target: str, settings: ExperimentSettings, schemes: tup
         MeshfitError: they cannot be read, or do not go with the source or the target.
     """
     label = label_of_target(target)
-    _check_guidance(settings.source, schemes, landmarks_path(settings, label), target, settings.cleaning)
+    places = landmarks_path(settings, label)
+    files = _state(*source_files(settings.source).values(), places, target)
+    _check_guidance(settings.source, schemes, places, target, settings.cleaning, files)
     for scheme in schemes if settings.target.truth is not None else ():
         _check_truth(settings, label, scheme)
 
@@ -151,6 +191,19 @@ def _check_truth(settings: ExperimentSettings, target: str, scheme: NamedScheme)
     vertex_counts(settings.source, scheme, settings.fit).truth(path, path)
 
 
+def _state(*names: str | None) -> tuple[object, ...]:
+    """Return what changes when files do, so that what was read of them is not taken for what they hold now."""
+    found = list[object]()
+    for name in filter(None, names):
+        place = Path(name)
+        paths = sorted(place.rglob("*")) if is_folder(place) else [place]
+        for path in paths:
+            with suppress(OSError):
+                status = path.stat()
+                found.append((str(path), status.st_mtime_ns, status.st_size, status.st_ino))
+    return tuple(found)
+
+
 @cache
 def _check_guidance(
     source: SourceSettings,
@@ -158,6 +211,7 @@ def _check_guidance(
     target_landmarks: str | None,
     target: str,
     cleaning: CleaningOptions,
+    _files: tuple[object, ...],
 ) -> None:
     """Read the landmarks and the values of vertices.
 
@@ -173,7 +227,9 @@ def _check_guidance(
 
 
 @cache
-def _check_symmetry(source: SourceSettings, schemes: tuple[NamedScheme, ...], fit: FitSettings) -> None:
+def _check_symmetry(
+    source: SourceSettings, schemes: tuple[NamedScheme, ...], fit: FitSettings, _files: tuple[object, ...]
+) -> None:
     """Check that a source, or its first level, is symmetric where the fit is to keep it so.
 
     Raises:
@@ -216,9 +272,21 @@ class CheckedTarget(NamedTuple):
     maps: tuple[str, ...] = ()
 
 
-@cache
 def checked_target(target: str, cleaning: CleaningOptions) -> CheckedTarget:
-    """Load a target, once in this process, and return what a plan needs to know of it."""
+    """Load a target, once in this process unless its files change, and return what a plan needs to know of it."""
+    return _checked_target(target, cleaning, _state(*_files_of(target)))
+
+
+def _files_of(target: str) -> tuple[str, ...]:
+    """Return the files and folders that a target is read from."""
+    if not is_image_target(target):
+        return (target,)
+    spec = image_spec(target)
+    return (spec.of,) if isinstance(spec, RenderedViews) else (spec.images, spec.cameras, spec.truth)
+
+
+@cache
+def _checked_target(target: str, cleaning: CleaningOptions, _files: tuple[object, ...]) -> CheckedTarget:
     from meshfit.mesh.point_cloud import PointCloud, no_closed_surface
 
     if is_image_target(target):
@@ -237,6 +305,12 @@ def checked_target(target: str, cleaning: CleaningOptions) -> CheckedTarget:
     points = 0 if loaded.num_faces else loaded.num_verts
     fault = no_closed_surface(loaded) if isinstance(loaded, PointCloud) else ""
     return CheckedTarget(file_sha256(target_path(target)), loaded.num_faces, points, fault)
+
+
+def _checked_copy(copy: TargetCopy, cleaning: CleaningOptions) -> CheckedTarget:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MeshfitWarning)  # those of its file were given when that was read
+        return checked_target(str(copy.path), cleaning)._replace(sha256=copy.sha256)
 
 
 def _check_images(name: str, checked: CheckedTarget, settings: ExperimentSettings) -> None:
@@ -280,7 +354,9 @@ def _check_kind(target: str, checked: CheckedTarget, settings: ExperimentSetting
 
 
 @cache
-def _check_source(settings: SourceSettings, schemes: tuple[NamedScheme, ...]) -> tuple[tuple[str, str], ...]:
+def _check_source(
+    settings: SourceSettings, schemes: tuple[NamedScheme, ...], _files: tuple[object, ...]
+) -> tuple[tuple[str, str], ...]:
     """Build the first level of a source with each scheme, and return the SHA-256 of its files, by role.
 
     A control mesh that will be made from a target is not made yet, as this takes seconds for each.

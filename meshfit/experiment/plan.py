@@ -21,7 +21,7 @@ from meshfit.config.path_parts import OWN_IN_EXPERIMENT, OWN_IN_RUNS, path_part,
 from meshfit.config.sweeps import Variant, variants_of
 from meshfit.errors import ConfigError, Faults, MeshfitWarning
 from meshfit.experiment.guidance import landmarks_path
-from meshfit.experiment.input_checks import Errors, check_inputs
+from meshfit.experiment.input_checks import CopyFinder, Errors, TargetCopy, check_inputs
 from meshfit.experiment.results_version import RESULTS_VERSION
 from meshfit.experiment.target_labels import distinct_labels, target_label
 from meshfit.experiment.truth import truth_path
@@ -178,7 +178,7 @@ class Trial:
         return Path(self.experiment, self.target_label, scheme, f"seed-{self.seed}-{self.identity[:10]}")
 
 
-def plan(experiments: Sequence[Experiment], *, remote: bool = False) -> list[Trial]:
+def plan(experiments: Sequence[Experiment], *, remote: bool = False, copy_of: CopyFinder | None = None) -> list[Trial]:
     """List the trials of each experiment: variants × targets × schemes × seeds, in this order.
 
     Every target and every source is loaded once. The trials of a target that cannot be used have a `fault`; other bad
@@ -187,6 +187,7 @@ def plan(experiments: Sequence[Experiment], *, remote: bool = False) -> list[Tri
     Args:
         experiments: the experiments.
         remote: whether they will run on other machines, so that this one need not have their device.
+        copy_of: finds the copy of a target whose file is missing, such as `copies_in(runs)`; None for no copies.
 
     Raises:
         MeshfitError: a sweep, a source, the device or all targets cannot be used, or a target is neither a file nor the
@@ -221,7 +222,8 @@ def plan(experiments: Sequence[Experiment], *, remote: bool = False) -> list[Tri
                 if not remote:
                     _check_device(variant.settings)
                 firsts = set()
-                for trial in _trials_of(experiment.name, variant, labels, errors_in_loading):
+                copies = _copies(copy_of, experiment.name, variant.settings, labels)
+                for trial in _trials_of(experiment.name, variant, labels, errors_in_loading, copies):
                     firsts.add(trials.setdefault(trial.folder, trial).variant)
                 if len(firsts) == 1 and variant.name not in firsts:  # schemes that a point does not affect are no news
                     equal.setdefault(firsts.pop(), {})[variant.name] = None
@@ -247,25 +249,45 @@ def _warn_of_equal(experiment: str, names: Sequence[str]) -> None:
     warnings.warn(text, MeshfitWarning, stacklevel=3)
 
 
+def _copies(
+    copy_of: CopyFinder | None, experiment: str, settings: ExperimentSettings, labels: Mapping[str, str]
+) -> dict[str, TargetCopy]:
+    """Return the copies of the targets whose files are missing."""
+    if copy_of is None:
+        return {}
+    found = {
+        target: copy_of(experiment, target, labels.get(target) or target_label(target), settings.cleaning)
+        for target in settings.targets
+    }
+    return {target: copy for target, copy in found.items() if copy is not None}
+
+
 def _trials_of(
-    experiment: str, variant: Variant, labels: Mapping[str, str], errors_in_loading: Errors
+    experiment: str,
+    variant: Variant,
+    labels: Mapping[str, str],
+    errors_in_loading: Errors,
+    copies: Mapping[str, TargetCopy],
 ) -> Iterator[Trial]:
     settings = variant.settings
     schemes = tuple(NamedScheme.of(scheme, settings.define) for scheme in settings.schemes)
-    checked = check_inputs(settings, schemes, errors_in_loading)
+    checked = check_inputs(settings, schemes, errors_in_loading, copies)
     for target in settings.targets:
         fault = checked.faults.get(target, "")
         inputs = (*checked.source, *_command_inputs(settings.fit))
         if not fault:
             inputs = (("target", checked.targets[target]), *inputs)
+        copy = checked.copies.get(target)
+        name = target if copy is None else copy.name
         for scheme, seed in product(schemes, _seeds_with_effect(settings)):
-            narrowed = {"targets": (target,), "schemes": (scheme.spec,), "seeds": (seed,), "define": dict(scheme.own)}
+            narrowed = {"targets": (name,), "schemes": (scheme.spec,), "seeds": (seed,), "define": dict(scheme.own)}
             known = () if fault else _known_inputs(settings, target, scheme)
             yield Trial(
                 experiment,
                 settings.model_copy(update=narrowed),
                 (*inputs, *known),
                 variant.name,
+                () if copy is None else ((name, str(copy.path)),),
                 lengthened=labels.get(target, ""),
                 fault=fault,
             )

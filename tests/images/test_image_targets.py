@@ -243,6 +243,9 @@ def _check_that_the_run_has_its_images(folder, photos):
         assert view.camera == kept.camera
         np.testing.assert_array_equal(view.mask, kept.mask)
         np.testing.assert_array_equal(view.normals, kept.normals)
+    ran = invoke("run", folder / "small.yaml", "--runs", folder / "runs", "--dry-run")
+    assert "2 trials: 2 complete, 0 to run" in ran.out
+    assert "photos,depth=false: no such file; its copy in the run directory is used" in ran.err
     pack = folder / f"runs/targets/{loaded.sha256}.views.npz"
     assert pack.name in "".join(answered("show", path.parent).split())
     assert pack.stat().st_size < 60_000

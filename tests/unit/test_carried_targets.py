@@ -4,18 +4,20 @@ import json
 import shutil
 from dataclasses import replace
 from datetime import UTC, datetime
+from pathlib import Path
 
 import numpy as np
 import pytest
 from filelock import FileLock
 
-from meshfit.errors import MeshError
+from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.experiment.plan import plan
 from meshfit.experiment.running.backends import Remote
 from meshfit.experiment.running.batch_runner import run_batch
 from meshfit.experiment.running.scheduler import run_trials
 from meshfit.experiment.status.cleaning import clean
 from meshfit.experiment.status.scan import scan_experiments
+from meshfit.experiment.storage.copies import copies_in
 from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.experiment.storage.targets import carry, find_carried, read_target
 from meshfit.experiment.trial_status import TrialStatus
@@ -185,3 +187,44 @@ def test_the_options_of_cleaning_in_a_record_are_those_of_the_trial(tmp_path):
     run_trial(trial, store, lambda _: None)
     record = json.loads((folder / "result.json").read_text())
     assert CleaningOptions.of(record["settings"]) == trial.settings.cleaning
+
+
+def outcomes(store, trials, **options):
+    return [outcome.status for outcome in run_trials(trials, store, remote=Remote(Inline(), **options)).values()]
+
+
+@pytest.mark.parametrize("transfer", ["shared", "returned"])
+def test_copies_stand_in_for_targets_whose_files_are_missing(tmp_path, transfer):
+    """Complete trials stay, and others give the bytes that they give with the files."""
+    changes = {"seeds": [0, 1], "fit": {"steps": 2}}
+    config, store, other = experiment(tmp_path, **changes), *(RunDirectory(tmp_path / name) for name in ("a", "b"))
+    first, second = trials = plan([config])
+    assert outcomes(other, trials, transfer="shared") == [TrialStatus.COMPLETE] * 2
+    run_trials([first], store, remote=Remote(Inline(), transfer="shared"))
+    kept = (store.folder(first) / "result.json").read_bytes()
+    Path(first.target).unlink()
+    with pytest.raises(MeshError, match="no such file"):
+        plan([config])
+    for damaged in (False, True):  # its results name the target, too
+        if damaged:
+            (store.root / "small/plan.json").unlink()
+        with pytest.warns(MeshfitWarning, match=r"ellipsoid\.ply: no such file; its copy in the run directory is used"):
+            found = plan([config], copy_of=copies_in(store.root))
+        assert [(trial.folder, trial.settings) for trial in found] == [(each.folder, each.settings) for each in trials]
+    assert outcomes(store, found, transfer=transfer) == [TrialStatus.COMPLETE] * 2
+    assert (store.folder(first) / "result.json").read_bytes() == kept
+    for name in ("result.ply", "source.ply", "trace.csv"):
+        assert (store.folder(second) / name).read_bytes() == (other.folder(second) / name).read_bytes()
+    assert store.result(second)["hausdorff"] == other.result(second)["hausdorff"]
+    shutil.rmtree(store.root / "targets")
+    with pytest.raises(MeshError, match="no such file"):
+        plan([config], copy_of=copies_in(store.root))
+
+
+def test_another_content_of_a_file_is_seen_by_the_next_plan(tmp_path):
+    config = experiment(tmp_path, source={"mesh": str(ellipsoid(tmp_path, "source.ply"))})
+    before = plan([config])[0]
+    for name, role in (("ellipsoid.ply", "target"), ("source.ply", "source")):
+        save_mesh(subdivide(octahedron(), "loop", 1), tmp_path / name)
+        after = plan([config])[0]
+        assert dict(after.inputs)[role] == file_sha256(tmp_path / name) != dict(before.inputs)[role]

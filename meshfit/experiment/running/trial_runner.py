@@ -118,7 +118,8 @@ class TrialRunner:
             fills = source_settings.mesh == "closed"
             warn_of_differences(self._source, self._target, settings.fit, settings.target.surface, fills=fills)
         self._warnings = [*target.warnings, *warning_texts(caught)]
-        for line in (target.note, *source.notes):
+        copy = name if name != self.trial.target and self.store.carries_targets else ""
+        for line in (f"target: {copy}, the copy of a missing file" if copy else "", target.note, *source.notes):
             if line:
                 self._log.note(line)
         for text in self._warnings:
@@ -225,7 +226,8 @@ class TrialRunner:
             return
         assert self._frame is not None  # noqa: S101  set by `prepare`
         found = Correspondence.of(fitted.mesh, self._target).restored(self._frame)
-        numbered = found.numbered_as(*file_numbers(self.trial.current_path(self.trial.target)))
+        sha256 = dict(self.trial.inputs).get("target")
+        numbered = found.numbered_as(*file_numbers(self.trial.current_path(self.trial.target), sha256))
         self.store.write(self.trial, CORRESPONDENCE, numbered.to_csv())
 
     def _guidance(

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from meshfit.config.experiment import TargetSettings
 from meshfit.errors import MeshError, MeshfitWarning
-from meshfit.experiment.storage.targets import carry, carry_images
+from meshfit.experiment.storage.targets import carried_name, carry, carry_images, read_carried
 from meshfit.images.specs import is_image_target
 from meshfit.images.target import ImageTarget
 from meshfit.images.targets import content_sha256, load_images
@@ -52,7 +52,7 @@ def load_trial_target(
     """Load a target, and normalise it.
 
     Args:
-        name: its name, or the present path of its file.
+        name: its name, or the present path of its file, or of its copy in a run directory, which is taken as it is.
         sha256: of its content when the trial was planned; None if that is not known.
         normalise: the frame.
         cleaning: options for cleaning its file.
@@ -64,10 +64,12 @@ def load_trial_target(
     """
     if is_image_target(name):
         return _load_image_target(name, sha256, normalise, carried)
-    check_unchanged(name, sha256)
+    is_copy = sha256 is not None and Path(name).name == carried_name(sha256, cleaning)
+    if not is_copy:
+        check_unchanged(name, sha256)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", MeshfitWarning)
-        mesh = load_target(name, cleaning)
+        mesh = read_carried(Path(name)) if is_copy else load_target(name, cleaning)
     turned, texts = outward(mesh), warning_texts(caught)
     if turned is not mesh:  # fits match normals, and would turn the source inside out
         texts = with_turning(texts, "fit")

@@ -179,7 +179,7 @@ def pack_inputs(trial: Trial, store: RunDirectory) -> Files:
             loaded = load_images(name)
             files[f"{_INPUTS}{role}/{_packed_name(name)}"] = pack_target(loaded)
             continue
-        path = Path(name)
+        path = Path(trial.current_path(name))
         # Of targets, and of tables such as those of creases, no materials are read.
         for file in (path, *companion_files(path, looks=role == "source")):
             files[f"{_INPUTS}{role}/{file.relative_to(path.parent).as_posix()}"] = _content(file)
@@ -197,7 +197,10 @@ def unpack_inputs(trial: Trial, files: Files, store: RunDirectory, inputs: Path)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
     return replace(
-        trial, copies=tuple((name, str(inputs / role / _packed_name(name))) for role, name in trial.files.items())
+        trial,
+        copies=tuple(
+            (name, str(inputs / role / _packed_name(trial.current_path(name)))) for role, name in trial.files.items()
+        ),
     )
 
 

@@ -42,7 +42,7 @@ def carried_path(trial: "Trial", store: RunDirectory) -> Path | None:
     sha256 = dict(trial.inputs).get("target")
     if sha256 is None or not store.carries_targets:
         return None
-    return store.root / TARGETS / _name(sha256, trial.settings.cleaning)
+    return store.root / TARGETS / carried_name(sha256, trial.settings.cleaning)
 
 
 def carry(path: Path | None, load: Callable[[], "Mesh | PointCloud"]) -> None:
@@ -140,7 +140,7 @@ def find_carried(folder: Path, record: Result) -> Path | None:
     sha256 = record.get("inputs", {}).get("target")
     if not isinstance(sha256, str):
         return None
-    name = _name(sha256, CleaningOptions.of(record.get("settings", {})))
+    name = carried_name(sha256, CleaningOptions.of(record.get("settings", {})))
     for place in (Path(os.path.abspath(folder)), folder.resolve()):  # noqa: PTH100  a run directory may be a link
         for above in (place, *place.parents[:_LEVELS]):
             if (path := above / TARGETS / name).is_file():
@@ -151,7 +151,7 @@ def find_carried(folder: Path, record: Result) -> Path | None:
 def unused_targets(root: Path, records: Iterable[Result]) -> list[Path]:
     """Return the carried targets of a run directory that none of its trials, by their records, was fitted to."""
     used = {
-        _name(record.get("inputs", {}).get("target", ""), CleaningOptions.of(record.get("settings", {})))
+        carried_name(record.get("inputs", {}).get("target", ""), CleaningOptions.of(record.get("settings", {})))
         for record in records
     }
     used |= {str(Path(name).with_suffix(PACK_SUFFIX)) for name in used}
@@ -194,7 +194,7 @@ def read_target(folder: Path, record: Result) -> "Mesh | PointCloud":
     carried, damage = find_carried(folder, record), None
     if carried is not None:
         try:
-            return _as_fitted(_read_carried(carried), record)
+            return _as_fitted(read_carried(carried), record)
         except MeshError as error:
             damage = error
     try:
@@ -247,7 +247,12 @@ def _as_fitted(target: "Mesh | PointCloud", record: Result) -> "Mesh | PointClou
     return outer_surface(mesh)
 
 
-def _read_carried(path: Path) -> "Mesh | PointCloud":
+def read_carried(path: Path) -> "Mesh | PointCloud":
+    """Read a carried target exactly as it was written.
+
+    Raises:
+        MeshError: no such file, or one that is damaged.
+    """
     from meshfit.mesh.io.files import open_mesh_file
     from meshfit.mesh.io.point_clouds import read_written_points
 
@@ -292,8 +297,12 @@ def read_written_mesh(path: Path) -> "Mesh | PolygonMesh":
 
 
 @lru_cache(maxsize=2)  # a worker runs the trials of a target in succession
-def file_numbers(target: str) -> "tuple[Verts, Indices, int]":
+def file_numbers(target: str, _sha256: str | None) -> "tuple[Verts, Indices, int]":
     """Return the vertices of a target's file, the corners of its faces one after the other, and their number.
+
+    Args:
+        target: as for `target_path`.
+        _sha256: of its content, so that another content is read again.
 
     Raises:
         MeshError: it cannot be read.
@@ -316,7 +325,8 @@ def triangles(mesh: "Mesh | PolygonMesh") -> "Mesh":
     return mesh if isinstance(mesh, Mesh) else mesh.triangulated()
 
 
-def _name(sha256: str, cleaning: CleaningOptions) -> str:
+def carried_name(sha256: str, cleaning: CleaningOptions) -> str:
+    """Return the name of a carried target, by the SHA-256 of what it was made from and the cleaning of its file."""
     weld = f"-weld-{cleaning.weld!r}" if cleaning.weld else ""
     repair = "" if cleaning.repair == "split" else f"-{cleaning.repair}"
     return f"{sha256}{weld}{repair}.ply"

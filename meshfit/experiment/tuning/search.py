@@ -11,6 +11,7 @@ from meshfit.config.loading import Experiment
 from meshfit.config.sweep_samples import SampleSettings
 from meshfit.config.sweeps import point_name
 from meshfit.errors import ConfigError, MeshfitError
+from meshfit.experiment.input_checks import CopyFinder
 from meshfit.experiment.plan import Trial, plan, require_usable
 from meshfit.experiment.storage.failure import RETRIED, read_failure
 from meshfit.experiment.storage.plan_file import write_plan
@@ -45,6 +46,7 @@ class Problem:
         objectives: the objectives.
         sample: seed and design of the first points.
         remote: whether trials will run on other machines.
+        copy_of: finds the copy of a target whose file is missing; None for no copies.
     """
 
     experiment: Experiment
@@ -52,6 +54,7 @@ class Problem:
     objectives: tuple[Objective, ...]
     sample: SampleSettings
     remote: bool = False
+    copy_of: CopyFinder | None = None
 
     def point(self, changes: Mapping[str, Any], batch: int) -> Point:
         """Return a point to be tried."""
@@ -65,7 +68,7 @@ class Problem:
             MeshfitError: a target or a source cannot be used with its settings.
         """
         settings = self.experiment.settings.model_copy(update={"sweep": {"variants": {point.name: point.changes}}})
-        trials = plan([replace(self.experiment, settings=settings)], remote=self.remote)
+        trials = plan([replace(self.experiment, settings=settings)], remote=self.remote, copy_of=self.copy_of)
         require_usable(trials)  # a metric over all targets is not known without one of them
         return trials
 
