@@ -2,6 +2,7 @@
 
 import os
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
 from meshfit.errors import MeshError
@@ -14,6 +15,7 @@ except ImportError:  # Windows
 
 _MEMINFO = Path("/proc/meminfo")
 _CGROUP = Path("/sys/fs/cgroup")
+_UNCHECKED = 64_000_000
 _STATM = Path("/proc/self/statm")
 
 
@@ -41,6 +43,27 @@ def require_memory(num_bytes: float, what: str, remedy: str) -> None:
     if available is not None and num_bytes > available:
         needed, there = size_text(int(num_bytes)), size_text(available)
         raise MeshError(f"{what}, about {needed} of memory, and {there} are available; {remedy}")
+
+
+def joined(chunks: Iterable[bytes], what: str, remedy: str) -> bytes:
+    """Return chunks as one, unless there are more than memory has room for.
+
+    Args:
+        chunks: parts of a content whose size is not known.
+        what: it is, for the message, such as `its content unpacks`.
+        remedy: what to do, for the message.
+
+    Raises:
+        MeshError: as `require_memory`, for a copy of what has been read so far.
+    """
+    parts, size, looked_at = list[bytes](), 0, 0
+    for chunk in chunks:
+        parts.append(chunk)
+        size += len(chunk)
+        if size > looked_at + _UNCHECKED:
+            looked_at = size
+            require_memory(size, f"{what} to more than {size_text(size)}", remedy)
+    return b"".join(parts)
 
 
 def _of_system() -> int | None:

@@ -303,6 +303,7 @@ def _exr_planes(content: bytes, name: str) -> dict[str, Float64[np.ndarray, "H W
         path = Path(folder, "image.exr")
         path.write_bytes(content)
         try:
+            _require_pixels(library.File(str(path), header_only=True).header()["dataWindow"], name)
             channels = library.File(str(path), separate_channels=True).channels()
             planes = {str(key): np.array(channel.pixels, dtype=np.float64) for key, channel in channels.items()}
         except (RuntimeError, ValueError, TypeError, IndexError):
@@ -310,6 +311,14 @@ def _exr_planes(content: bytes, name: str) -> dict[str, Float64[np.ndarray, "H W
     if not planes or any(plane.ndim != 2 for plane in planes.values()):
         raise ViewError(f"{path_text(name)}: {_BROKEN}")
     return planes
+
+
+def _require_pixels(window: tuple[Integer[np.ndarray, "2"], Integer[np.ndarray, "2"]], name: str) -> None:
+    """Refuse an image of too many pixels by its header, as a file of nothing is small."""
+    low, high = window
+    width, height = (int(high[k]) - int(low[k]) + 1 for k in range(2))
+    if width * height > MOST_PIXELS:
+        raise ViewError(f"{path_text(name)}: {width} × {height} pixels are too many; scale it down")
 
 
 def _encode_exr(planes: dict[str, Float64[np.ndarray, "H W"]]) -> bytes:

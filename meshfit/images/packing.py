@@ -5,7 +5,7 @@ import json
 import zlib
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
@@ -14,8 +14,10 @@ from meshfit.images.camera import Camera
 from meshfit.images.folders import PACK_SUFFIX
 from meshfit.images.target import ImageTarget, LoadedImages
 from meshfit.images.views import View, Views
+from meshfit.memory import require_memory
 from meshfit.mesh.mesh import Mesh
 from meshfit.paths import path_text
+from meshfit.units import size_text
 
 
 def pack_target(loaded: LoadedImages) -> bytes:
@@ -43,6 +45,7 @@ def unpack_target(path: Path) -> LoadedImages:
         ViewError: it cannot be read, or is damaged.
     """
     try:
+        _require_room(path)
         with np.load(path, allow_pickle=False) as archive:
             arrays = dict(archive)
         record = json.loads(arrays["record"].tobytes())
@@ -55,6 +58,12 @@ def unpack_target(path: Path) -> LoadedImages:
         raise ViewError(f"{path_text(path)}: no such file") from None
     except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile, zlib.error) as error:
         raise ViewError(f"{path_text(path)}: damaged: {error}") from error
+
+
+def _require_room(path: Path) -> None:
+    with ZipFile(path) as archive:
+        size = sum(info.file_size for info in archive.infolist())
+    require_memory(size, f"{path_text(path)}: unpacks to {size_text(size)}", "take fewer or smaller images")
 
 
 def packed_names(path: Path) -> tuple[str, str]:

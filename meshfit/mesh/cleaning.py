@@ -10,6 +10,7 @@ from jaxtyping import Float64
 from numpy.typing import NDArray
 
 from meshfit.errors import MeshError, MeshfitWarning
+from meshfit.memory import require_memory
 from meshfit.mesh.attributes import JOINTS, NO_ATTRIBUTES, WEIGHTS, Attributes, Values, is_uv
 from meshfit.mesh.cleaning_options import CleaningOptions
 from meshfit.mesh.faceless import no_faces_message
@@ -41,6 +42,8 @@ _ROUNDING = 1e-9
 _SOME_FACES = 1000
 # Faces of a smaller area, relative to the square of their longest edge, are flat.
 _FLAT = 1e-14
+# Memory that cleaning takes at least, besides the content of the file; measured 65 on triangles.
+_LEAST_BYTES_PER_CORNER = 50
 # Corner data that says, while a mesh is cleaned, which corner of the file each of its corners is.
 _Target = TypeVar("_Target", Mesh, PointCloud, Mesh | PointCloud)
 _ORIGIN = "origin"
@@ -114,6 +117,8 @@ def clean(
     """
     options = options or CleaningOptions()
     _require_valid(soup, origin)
+    size = f"{origin}: {count_text(len(soup.sizes), 'face')}"
+    require_memory(_LEAST_BYTES_PER_CORNER * len(soup.corners), size, "thin the mesh, or free some memory")
     origins = Attributes(corner={_ORIGIN: np.arange(len(soup.corners))}) if soup.attributes else NO_ATTRIBUTES
     raw = PolygonMesh(soup.verts, soup.corners, soup.sizes, origins)
     given = PolygonTopology.of(raw)

@@ -13,7 +13,7 @@ import pytest
 
 from meshfit.errors import MeshfitWarning, ViewError
 from meshfit.images.files import load_views, renamed, save_views
-from meshfit.images.formats import decode_normals
+from meshfit.images.formats import decode_depth, decode_normals, encode_depth
 from meshfit.images.packing import pack_target
 from meshfit.images.rasteriser import render_view, shading
 from meshfit.images.specs import label_of_target, title_of_target
@@ -346,3 +346,11 @@ def test_masks_that_another_library_drew_are_those_of_their_cameras(tmp_path, mo
     views = load_views(Path("photos")).views
     assert len(views) == 3
     assert min(mask_ious(mesh, views)) > 0.97
+
+
+def test_an_exr_image_is_refused_by_the_size_in_its_header(tmp_path):
+    name = b"dataWindow\0box2i\0\x10\0\0\0"
+    head, _, rest = encode_depth(np.ones((4, 4)), "exr", 1.0).partition(name)
+    huge = head + name + rest[:8] + (59_999).to_bytes(4, "little") * 2 + rest[16:]
+    with pytest.raises(ViewError, match=r"^bomb\.exr: 60000 × 60000 pixels are too many; scale it down$"):
+        decode_depth(huge, "bomb.exr", None, positive=True)

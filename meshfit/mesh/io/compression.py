@@ -6,11 +6,13 @@ from importlib import import_module
 from typing import Any, NamedTuple
 
 from meshfit.errors import MeshError
+from meshfit.memory import joined
 from meshfit.units import size_text
 
 _LARGEST_RATIO = 200
 _ALWAYS_ALLOWED = 16_000_000
 _CHUNK = 1 << 20
+_UNPACK = "if it is one, unpack it yourself"
 
 
 class Compression(NamedTuple):
@@ -37,13 +39,16 @@ def decompress(content: bytes, suffix: str) -> bytes:
     """Return the unpacked content of a compressed file.
 
     Raises:
-        MeshError: it is cut short or damaged, or unpacks to more than 16 MB and 200 times its size.
+        MeshError: it is cut short or damaged, or unpacks to more than 16 MB and 200 times its size, or than memory has
+            room for.
     """
     kind = COMPRESSIONS[suffix]
     module, limit = _module(kind), max(_ALWAYS_ALLOWED, _LARGEST_RATIO * len(content))
     try:
         with module.open(io.BytesIO(content)) as stream:
-            unpacked = b"".join(_chunks(stream, limit))
+            unpacked = joined(_chunks(stream, limit), f"its {size_text(len(content))} unpack", _UNPACK)
+    except MeshError:
+        raise
     except EOFError:
         raise MeshError(f"its {kind.name} compression is cut short; copy or download it again") from None
     except MemoryError:
@@ -52,7 +57,7 @@ def decompress(content: bytes, suffix: str) -> bytes:
         raise MeshError(f"its {kind.name} compression is damaged; copy or download it again") from error
     if len(unpacked) > limit:
         sizes = f"its {size_text(len(content))} unpack to more than {size_text(limit)}"
-        raise MeshError(f"{sizes}, as no mesh file should; if it is one, unpack it yourself")
+        raise MeshError(f"{sizes}, as no mesh file should; {_UNPACK}")
     return unpacked
 
 

@@ -13,7 +13,7 @@ from meshfit.mesh.io.gltf_buffers import Document
 from meshfit.mesh.io.gltf_carried import CarriedData
 from meshfit.mesh.io.gltf_primitives import FAN, TRIANGLES, Primitive
 from meshfit.mesh.io.json_objects import JsonObject
-from meshfit.mesh.io.placement import PlacedMeshes
+from meshfit.mesh.io.placement import PlacedMeshes, elements_of
 from meshfit.mesh.polygons import PolygonSoup
 from meshfit.units import count_text
 
@@ -161,6 +161,7 @@ class Scene:
     def _place(self, parts: list[_Part], transforms: Matrices, name: str) -> None:
         """Place the parts under each transform, in the group of a name."""
         soups = [self._grouped(part.soup(), name) for part in parts]
+        self._placed.require_room(len(transforms) * sum(map(elements_of, soups)), self._document.num_bytes)
         for transform in transforms:
             for soup in soups:
                 self._placed.place(soup, transform, self._document.num_bytes)
