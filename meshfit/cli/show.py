@@ -26,8 +26,7 @@ from meshfit.experiment.storage.run_directory import LOCK, Result, is_half_writt
 from meshfit.experiment.storage.targets import find_carried
 from meshfit.experiment.storage.trial_log import read_progress
 from meshfit.experiment.trial_status import TrialStatus
-from meshfit.images.folders import PACK_SUFFIX
-from meshfit.images.target import IMAGE_REFERENCES
+from meshfit.images.folders import IMAGE_REFERENCES, PACK_SUFFIX
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.tables.grouping import flatten
 from meshfit.report.tables.heads import FRAMES

@@ -1,4 +1,4 @@
-"""Names of files of images and cameras, and where they are in a folder."""
+"""Names of files of images and cameras, where they are in a folder, and what results of images are compared with."""
 
 from pathlib import Path
 
@@ -18,6 +18,9 @@ MAP_SUFFIXES = (".png", *FLOAT_SUFFIXES)
 """Suffixes of depth and normal maps."""
 PACK_SUFFIX = ".views.npz"
 """Suffix of a target of images as one file."""
+
+IMAGE_REFERENCES = {"truth": "true mesh", "depth": "points of the depth maps", "hull": "visual hull of the masks"}
+"""What measurements compare results of images with, by `ImageTarget.compared_with`."""
 
 
 def camera_files(place: Path) -> list[Path]:

@@ -16,9 +16,6 @@ _Grid = Float64[np.ndarray, "H W 3"]
 # A neighbouring pixel that is deeper by more widths of a pixel lies beyond an edge of the object.
 _STEEP = 6.0
 
-IMAGE_REFERENCES = {"truth": "true mesh", "depth": "points of the depth maps", "hull": "visual hull of the masks"}
-"""What measurements compare results of images with, by `ImageTarget.compared_with`."""
-
 
 @dataclass(frozen=True, eq=False)
 class ImageTarget:

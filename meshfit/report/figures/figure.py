@@ -9,7 +9,7 @@ from meshfit.config.experiment import MADE_FROM_TARGET
 from meshfit.errors import ConfigError
 from meshfit.experiment.storage.plan_file import UpChoice, planned_up
 from meshfit.fitting.external.tools import works_from_target
-from meshfit.images.target import IMAGE_REFERENCES
+from meshfit.images.folders import IMAGE_REFERENCES
 from meshfit.measuring.metrics import METRICS
 from meshfit.mesh.mesh import Mesh
 from meshfit.printable import printable

@@ -13,7 +13,7 @@ from meshfit.experiment.storage.plan_file import UpChoice, planned_up
 from meshfit.experiment.storage.run_directory import Result
 from meshfit.experiment.storage.targets import read_images, read_target
 from meshfit.fitting.external.tools import works_from_target
-from meshfit.images.target import IMAGE_REFERENCES
+from meshfit.images.folders import IMAGE_REFERENCES
 from meshfit.measuring.metrics import METRICS
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.point_cloud import PointCloud
