@@ -60,8 +60,10 @@ def test_what_is_no_trial_is_refused_with_those_that_there_are(tmp_path, monkeyp
     assert message.endswith(" and 2 more")
 
 
-def test_a_folder_above_trials_is_none(tmp_path):
+def test_a_folder_above_trials_names_one_only_if_it_holds_one(tmp_path):
     folder = complete(tmp_path)
+    assert find_trial(str(folder.parent), tmp_path, NOW)[1].path == folder
+    complete(tmp_path, seed=1)
     assert "expected the folder of one trial; the trials below it are: " in refusal(folder.parent, tmp_path)
     (tmp_path / "empty").mkdir()
     with pytest.raises(StoreError, match="no trial under"):

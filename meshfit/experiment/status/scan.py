@@ -321,7 +321,8 @@ def find_trial(text: str, runs: Path, now: datetime) -> _TrialOfExperiment:
     """Find a trial, and the experiment that it belongs to.
 
     Args:
-        text: the trial's folder, a file in it, or at least the first four digits of its identity.
+        text: the trial's folder, a file in it, a folder above this trial alone, or at least the first four digits
+            of its identity.
         runs: the run directory in which to look for an identity.
         now: the current time, from which the age of progress is counted.
 
@@ -348,7 +349,7 @@ def find_trial(text: str, runs: Path, now: datetime) -> _TrialOfExperiment:
 
 def _trial_in(folder: Path, now: datetime) -> _TrialOfExperiment:
     trials = list(_trials(scan_experiments([folder], now)))
-    matches = [pair for pair in trials if pair[1].path == folder]
+    matches = [pair for pair in trials if pair[1].path == folder] or trials
     if len(matches) == 1:
         return matches[0]
     raise ConfigError(f"{folder}: expected the folder of one trial; the trials below it are: {_listed(trials)}")
