@@ -64,6 +64,8 @@ class EarlyWarnings:
 
     def _update(self, i: int) -> None:
         size = _size(self._logs[i])
+        if size < self._read[i]:  # a worker that returns files begins a new log
+            self._read[i] = 0
         if size <= self._read[i]:
             return
         with self._logs[i].open("rb") as log:

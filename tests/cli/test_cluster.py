@@ -3,11 +3,17 @@
 import json
 import os
 import signal
-from contextlib import suppress
+from contextlib import closing, suppress
 
 import pytest
 
+from meshfit.config.loading import load_experiment
+from meshfit.experiment.plan import plan
+from meshfit.experiment.running.dask_backend import DaskRemote
+from meshfit.experiment.running.scheduler import run_trials
+from meshfit.experiment.storage.run_directory import RunDirectory
 from meshfit.experiment.storage.targets import read_written_mesh
+from meshfit.experiment.trial_status import TrialStatus
 from meshfit.mesh.io.files import load_mesh
 from tests.cli.dask_cluster import running_cluster
 from tests.cli.processes import contents, meshfit, start, wait_until
@@ -76,6 +82,29 @@ def test_the_trial_of_a_worker_that_is_killed_goes_on_elsewhere_from_its_checkpo
     assert same(contents(tmp_path / "runs", *NAMES), undisturbed[0])
     logs = [path.read_text() for path in (tmp_path / "runs").rglob("trial.log")]
     assert sum(log.count("started on") for log in logs) == 5
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="needs POSIX signals")
+@pytest.mark.parametrize("transfer", ["shared", "returned"])
+def test_the_trial_of_a_worker_that_is_stopped_goes_on_elsewhere_whatever_the_scheduler_is_set_to(
+    tmp_path, undisturbed, transfer
+):
+    trials, store, stopped = plan([load_experiment(config_file(tmp_path, LONG))]), RunDirectory(tmp_path / "runs"), []
+
+    def stop(_, outcomes):
+        begun = [trial["pid"] for trial in running(tmp_path) if trial["step"] > 100]
+        if begun and not stopped and not outcomes:
+            stopped.append(begun[0])
+            os.kill(begun[0], signal.SIGSTOP)
+
+    with (
+        running_cluster(tmp_path) as (file, _),
+        closing(DaskRemote(str(file), transfer=transfer, silent_after=4)) as remote,
+    ):
+        outcomes = run_trials(trials, store, remote=remote, watch=stop)
+    assert len(stopped) == 1
+    assert [outcomes[i].status for i in range(4)] == [TrialStatus.COMPLETE] * 4
+    assert same(contents(tmp_path / "runs", *NAMES), undisturbed[0])
 
 
 @pytest.mark.parametrize("transfer", ["shared", "returned"])

@@ -5,6 +5,7 @@ import math
 import os
 import signal
 import sys
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
@@ -197,6 +198,41 @@ def run_here(tmp_path_factory):
     trials, here = plan([experiment(folder, seeds=[0, 1])]), RunDirectory(folder / "here")
     run_trials(trials, here, remote=Remote(Inline(), transfer="shared"))
     return trials, here
+
+
+class Waiting(Remote):
+    """A remote whose workers wait after the first message until it is here."""
+
+    def __init__(self, executor, arrived):
+        super().__init__(executor, transfer="returned")
+        self.arrived, self.steps = arrived, []
+
+    def channel(self, receive):
+        self.receive = receive
+        return self
+
+    def send(self, trial, files):
+        self.steps.append(json.loads(files.get("progress.json", '{"step": null}'))["step"])
+        self.receive(trial, files)
+        if b"warning: " in files["trial.log"]:
+            assert self.arrived.wait(60)
+
+
+def test_workers_that_return_files_send_warnings_before_the_first_step(tmp_path):
+    (trial,) = plan([experiment(tmp_path, source={"centre": [9.0, 0.0, 0.0]})])
+    store, arrived, steps = RunDirectory(tmp_path / "runs"), threading.Event(), []
+    log = store.folder(trial) / "trial.log"
+
+    def watch(progress, outcomes):
+        if not outcomes and log.is_file() and "do not overlap" in log.read_text():
+            steps.append(progress[0].step.done)
+            arrived.set()
+
+    with ThreadPoolExecutor(1) as pool:
+        remote = Waiting(pool, arrived)
+        assert run_trials([trial], store, remote=remote, watch=watch)[0].status is TrialStatus.COMPLETE
+    assert remote.steps[0] == steps[0] == 0
+    assert not (store.folder(trial) / "progress.json").exists()
 
 
 @pytest.mark.parametrize("transfer", ["auto", "shared", "returned"])

@@ -313,7 +313,7 @@ def test_an_interrupted_trial_goes_on_and_ends_in_the_same_bytes(tmp_path):
     assert "checkpoint.pt" in visible(stopping.folder(trial))
     steps = []
     run_trial(trial, stopping, lambda progress: steps.append(progress.step.done))
-    assert steps[:2] == [0, 8]
+    assert next(filter(None, steps)) == 8
     check_times(stopping.folder(trial), stopping.result(trial))
     assert {name: (stopping.folder(trial) / name).read_bytes() for name in whole} == whole
     assert stopping.result(trial)["hausdorff"] == figures

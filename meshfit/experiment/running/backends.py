@@ -8,6 +8,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any, Literal, Protocol
 
 from meshfit.errors import ClusterError, DeviceError
@@ -18,6 +19,7 @@ from meshfit.experiment.running.process_pool import MOST_DEATHS, ProcessPool
 from meshfit.experiment.running.shared_progress import SharedProgress
 from meshfit.experiment.running.worker import (
     CancellationFlag,
+    Channel,
     Files,
     Job,
     JobResult,
@@ -68,6 +70,9 @@ class Backend(Protocol):
 
     def submit(self, trials: Mapping[int, Trial], device: str) -> Future[JobResult]:
         """Hand a batch to a worker."""
+
+    def receive(self) -> None:
+        """Take in what workers have sent of running trials."""
 
     def cancel(self) -> None:
         """Ask workers to write checkpoints and stop."""
@@ -154,6 +159,9 @@ class LocalBackend:
         """Hand a batch to a worker of its device."""
         return self._pool.submit(device, run_job, self._options.job(trials, self._store, device, self._threads))
 
+    def receive(self) -> None:
+        """Do nothing: the progress is in memory, and the logs are here."""
+
     def cancel(self) -> None:
         """Ask workers to write checkpoints and stop."""
         self.progress.cancel()
@@ -183,6 +191,14 @@ class Remote:
     def cancellation_flag(self, root: Path) -> CancellationFlag:
         """Return a new cancellation flag for trials in a run directory."""
         return CancellationFile(root / f".stop-{uuid.uuid4().hex}")
+
+    def channel(self, receive: Callable[[int, Files], None]) -> Channel | None:  # noqa: ARG002  there is none
+        """Return a channel for files of running trials; None if the executor has none.
+
+        Args:
+            receive: called with the number of a trial and its files, in any thread.
+        """
+        return None
 
     def on_workers(self, function: Callable[..., Any], *args: object) -> list[Any]:
         """Call a function on all workers, or on one if the executor cannot address all, and return the results."""
@@ -276,6 +292,8 @@ class RemoteBackend:
         self._store = RunDirectory(store.root.resolve()) if self._shared else store
         self._cancellation = remote.cancellation_flag(store.root.resolve())
         self._futures: list[Future[JobResult]] = []
+        self._trials, self._outcomes, self._received = trials, outcomes, SimpleQueue[tuple[int, Files]]()
+        self._channel = None if self._shared else remote.channel(lambda *sent: self._received.put(sent))
 
     def batches(self, trials: Mapping[int, Trial]) -> list[Batch]:
         """Divide trials into batches: single trials, except where there are GPUs for them.
@@ -296,7 +314,9 @@ class RemoteBackend:
         inputs = None if self._shared else {i: self._packed(trial) for i, trial in trials.items()}
         threads_set = [trial.settings.threads for trial in trials.values() if trial.settings.threads != "auto"]
         threads = min(threads_set, default=1)
-        job = self._options.job(trials, self._store, device, threads, RemoteOptions(self._cancellation, inputs))
+        job = self._options.job(
+            trials, self._store, device, threads, RemoteOptions(self._cancellation, inputs, self._channel)
+        )
         self._futures.append(self._submitted(job))
         return self._futures[-1]
 
@@ -314,6 +334,15 @@ class RemoteBackend:
     def _packed(self, trial: Trial) -> Files:
         carry_for_remote(trial, self._store)
         return pack_inputs(trial, self._store)
+
+    def receive(self) -> None:
+        """Write the logs and the progress that workers have sent, of trials that have not ended."""
+        while not self._received.empty():
+            number, files = self._received.get()
+            if number not in self._outcomes:
+                make_folder(self._store.folder(self._trials[number]))
+                for name, content in files.items():
+                    self._store.write(self._trials[number], name, content, lasting=False)
 
     def cancel(self) -> None:
         """Ask workers to write checkpoints and stop, if they can be reached."""

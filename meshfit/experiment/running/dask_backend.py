@@ -2,10 +2,12 @@
 
 import importlib
 import logging
+import threading
 import uuid
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -13,11 +15,16 @@ from typing import Any, ParamSpec, TypeVar
 from meshfit.errors import ClusterError, ConfigError, MeshfitWarning
 from meshfit.experiment.results_version import RESULTS_VERSION
 from meshfit.experiment.running.backends import Remote, Transfer
-from meshfit.experiment.running.worker import CancellationFlag
+from meshfit.experiment.running.worker import CancellationFlag, Channel, Files
 
 _CONNECT_SECONDS = 8
 _WORKER_SECONDS = 300
 _GPU = "GPU"
+SILENT_SECONDS = 120.0
+"""Seconds without a sign of life after which a worker is given up."""
+_SECONDS_BETWEEN_LOOKS = 5.0
+_DEFAULT_TTL = 300.0
+"""The scheduler's `worker-ttl` where none is set."""
 
 _Parameters = ParamSpec("_Parameters")
 _Result = TypeVar("_Result")
@@ -55,15 +62,33 @@ class CancellationEvent:
         return importlib.import_module("distributed").Event(self.name, client=self.client)
 
 
-class DaskRemote(Remote):
-    """Workers of a Dask cluster; Dask passes a trial whose worker is lost to another one."""
+@dataclass(frozen=True)
+class EventChannel:
+    """A channel of events on a topic of the scheduler."""
 
-    def __init__(self, address: str, *, transfer: Transfer = "auto") -> None:
+    topic: str
+
+    def send(self, trial: int, files: Files) -> None:
+        """Send the present content of files of a trial; they come with its result if that fails."""
+        with suppress(OSError, RuntimeError, TypeError, ValueError):
+            worker = importlib.import_module("distributed").get_worker()
+            worker.log_event(self.topic, {"trial": trial, "files": dict(files)})
+
+
+class DaskRemote(Remote):
+    """Workers of a Dask cluster; Dask passes a trial whose worker is lost to another one.
+
+    A worker that is silent, because it is stopped or cut off, counts as lost after a while: see `silent_after`.
+    """
+
+    def __init__(self, address: str, *, transfer: Transfer = "auto", silent_after: float = SILENT_SECONDS) -> None:
         """Connect to a scheduler, and wait until it has a worker.
 
         Args:
             address: an address such as `tcp://scheduler:8786`, or the path of the scheduler's JSON file.
             transfer: as in `Remote`.
+            silent_after: seconds without a sign of life after which a worker is given up, unless the scheduler has a
+                `worker-ttl` of its own, which is then in place of them.
 
         Raises:
             ConfigError: distributed is not installed.
@@ -79,6 +104,28 @@ class DaskRemote(Remote):
         gpus = sum(int(worker.get("resources", {}).get(_GPU, 0)) for worker in workers.values())
         super().__init__(_DaskExecutor(self._client), gpus=gpus, transfer=transfer)
         self.workers = len(workers)
+        self._topics = list[str]()
+        self._closed = threading.Event()
+        threading.Thread(target=self._give_up_silent, args=(silent_after,), daemon=True).start()
+
+    def channel(self, receive: Callable[[int, Files], None]) -> Channel:
+        """Return a channel of events, which the scheduler passes on."""
+        topic = f"meshfit-{uuid.uuid4().hex}"
+
+        def handle(event: tuple[float, Mapping[str, Any]]) -> None:
+            receive(int(event[1]["trial"]), event[1]["files"])
+
+        self._client.subscribe_topic(topic, handle)
+        self._topics.append(topic)
+        return EventChannel(topic)
+
+    def _give_up_silent(self, seconds: float) -> None:
+        """Have workers that are silent replaced, until the connection is closed."""
+        silent: list[str] = []
+        while not self._closed.wait(min(_SECONDS_BETWEEN_LOOKS, seconds / 4)):
+            # The scheduler may be away for a while, or for good, which the results of trials show.
+            with suppress(Exception):
+                silent = self._client.run_on_scheduler(_restarting(seconds, silent))
 
     def cancellation_flag(self, root: Path) -> CancellationFlag:  # noqa: ARG002  it is not a file
         """Return a new cancellation flag."""
@@ -90,6 +137,10 @@ class DaskRemote(Remote):
 
     def close(self) -> None:
         """Disconnect from the cluster, which keeps running."""
+        self._closed.set()
+        for topic in self._topics:
+            with suppress(OSError, RuntimeError, TimeoutError):
+                self._client.unsubscribe_topic(topic)
         self._client.close()
 
 
@@ -108,6 +159,27 @@ class _DaskExecutor(Executor):
         chosen = self._on_gpu if device.startswith("cuda") else self._plain
         future: Future[_Result] = chosen.submit(fn, *args, **kwargs)
         return future
+
+
+def _restarting(seconds: float, before: Sequence[str]) -> Callable[..., Any]:
+    """Return a function for the scheduler, which restarts workers that are silent, and were so at the last look.
+
+    It returns those that are silent. As a local function, it travels whole, to a scheduler without meshfit. A look
+    alone does not tell silent workers from a scheduler that was stopped itself.
+    """
+
+    async def restart(dask_scheduler: Any) -> list[str]:  # noqa: ANN401  distributed is optional
+        import time
+
+        if dask_scheduler.worker_ttl != _DEFAULT_TTL:
+            return []
+        now = time.time()
+        silent = [address for address, worker in dask_scheduler.workers.items() if now - worker.last_seen > seconds]
+        if lost := [address for address in silent if address in before]:
+            await dask_scheduler.restart_workers(lost, wait_for_workers=False, stimulus_id=f"meshfit-silent-{now}")
+        return silent
+
+    return restart
 
 
 def _connected(address: str) -> Any:  # noqa: ANN401  distributed is optional

@@ -159,6 +159,7 @@ class _Scheduler:
             # Results first: trials that ended before a worker died count.
             for future in sorted(ended, key=_failed):
                 self._settle(future, self.sent.pop(future))
+            self.backend.receive()
             self.watch(self.backend.progress, self.outcomes)
 
     def _settle(self, future: Future[JobResult], numbers: tuple[int, ...]) -> None:

@@ -125,8 +125,7 @@ class TrialRunner:
         for text in self._warnings:
             self._log.note(f"warning: {text}")
         self.store.write(self.trial, CONFIG, dump(self.trial.config))
-        if source_settings.is_made_from_target:
-            self._report(TrialStatus.FITTING)
+        self._report(TrialStatus.FITTING)  # with the warnings so far, before the first step
         checkpoint = self._checkpoint()
         before = checkpoint.get("seconds", 0.0) if checkpoint is not None else 0.0
         if checkpoint is not None:

@@ -19,6 +19,7 @@ from meshfit.experiment.storage.run_directory import (
     CHECKPOINT,
     FAILURE,
     LOCK,
+    LOG,
     PROGRESS,
     RESULT,
     RunDirectory,
@@ -37,6 +38,7 @@ Files = Mapping[str, bytes]
 
 _INPUTS = "inputs/"
 _SECONDS_BETWEEN_CHECKS = 1.0
+_SECONDS_BETWEEN_MESSAGES = 10.0
 
 # A worker of a cluster may have several threads, but caught warnings and memory belong to the whole process.
 _one_job_at_a_time = threading.Lock()
@@ -55,6 +57,13 @@ class CancellationFlag(Protocol):
         """Remove the flag."""
 
 
+class Channel(Protocol):
+    """A way to send files of a trial while it runs; it travels with each job."""
+
+    def send(self, trial: int, files: Files) -> None:
+        """Send the present content of files of a trial, by its number; nothing is raised if they cannot be sent."""
+
+
 @dataclass(frozen=True)
 class RemoteOptions:
     """Additions to a job for a worker that is not a child of this process.
@@ -62,11 +71,13 @@ class RemoteOptions:
     Attributes:
         cancellation: the flag to watch.
         inputs: by trial, the files that it starts from; None where the run directory is shared.
+        channel: for the log and the progress of running trials that return their files; None if these come at the end.
         version: the sender's `RESULTS_VERSION`.
     """
 
     cancellation: CancellationFlag
     inputs: Mapping[int, Files] | None = None
+    channel: Channel | None = None
     version: int = RESULTS_VERSION
 
 
@@ -109,18 +120,18 @@ def run_job(job: Job) -> JobResult:
         require_worker_permission()
     for name, value in ONE_THREAD.items():
         os.environ.setdefault(name, value)
-    # The progress of remote trials is read from their files.
-    callbacks = (lambda *_: None), _polled(job.remote.cancellation.is_set)
+    cancelled = _polled(job.remote.cancellation.is_set)
     with _one_job_at_a_time:
-        if job.remote.inputs is None:
-            return JobResult(_run(job, *callbacks))
+        if job.remote.inputs is None:  # the progress is read from files
+            return JobResult(_run(job, lambda *_: None, cancelled))
         with TemporaryDirectory(prefix="meshfit-") as folder:
             store = RunDirectory(Path(folder), carries_targets=False)  # the sender has them
             trials = {
                 number: unpack_inputs(trial, job.remote.inputs[number], store, Path(folder, "inputs", str(number)))
                 for number, trial in job.trials.items()
             }
-            outcomes = _run(replace(job, trials=trials, store=store), *callbacks)
+            sender = _Sender(trials, store, job.remote.channel)
+            outcomes = _run(replace(job, trials=trials, store=store), sender.update, cancelled)
             return JobResult(outcomes, {number: pack_outputs(trial, store) for number, trial in trials.items()})
 
 
@@ -151,6 +162,26 @@ def _run(job: Job, report: Callable[[int, Progress], None], cancelled: Callable[
     for number, outcome in zip(numbers, outcomes, strict=True):
         report(number, Progress(outcome.status))
     return dict(zip(numbers, outcomes, strict=True))
+
+
+class _Sender:
+    """Sender of the logs and the progress of trials that run in a worker's own directory."""
+
+    def __init__(self, trials: Mapping[int, Trial], store: RunDirectory, channel: Channel | None) -> None:
+        self._folders = {number: store.folder(trial) for number, trial in trials.items()}
+        self._channel, self._logged, self._due = channel, dict[int, int](), dict[int, float]()
+
+    def update(self, number: int, _: Progress) -> None:
+        """Send the files of a trial if its log has grown, else about every ten seconds."""
+        log = self._folders[number] / LOG
+        if self._channel is None or not log.is_file():
+            return
+        size, now = log.stat().st_size, time.monotonic()
+        if size == self._logged.get(number) and now < self._due.get(number, 0.0):
+            return
+        self._logged[number], self._due[number] = size, now + _SECONDS_BETWEEN_MESSAGES
+        paths = [path for path in (log, log.with_name(PROGRESS)) if path.is_file()]
+        self._channel.send(number, {path.name: path.read_bytes() for path in paths})
 
 
 def _polled(is_set: Callable[[], bool]) -> Callable[[], bool]:
@@ -236,6 +267,7 @@ def store_outputs(trial: Trial, files: Files, store: RunDirectory, *, force: boo
             make_folder(store.folder(trial) / SNAPSHOTS)
         for name in sorted(files, key=lambda name: (name == RESULT, name)):
             store.write(trial, name, files[name])
+        store.remove(trial, PROGRESS)  # that it sent while it ran
         if RESULT in files:
             store.remove(trial, CHECKPOINT, FAILURE)
 
