@@ -4,8 +4,9 @@ import sys
 
 import pytest
 
-from tests.kills import signals
+from tests.kills import folders, signals
 from tests.kills.experiments import undisturbed
+from tests.kills.folders import Loss
 from tests.kills.signals import Chain, Kill
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")]
@@ -26,6 +27,15 @@ def test_kills_at_known_moments_lose_nothing_and_change_nothing(tmp_path, engine
     reported = []
     signals.disturb(Chain(engine, workers, KILLS, {}), tmp_path / "killed", reference, reported.append)
     assert len(reported) == len(KILLS)
+
+
+def test_a_disk_that_is_full_loses_nothing_where_none_can_be_mounted(tmp_path, monkeypatch):
+    monkeypatch.setattr(folders, "mount_command", lambda _: ["false"])
+    losses = tuple(Loss("full", phase) for phase in ("fitting", "measuring"))
+    reference = undisturbed(tmp_path / "undisturbed", "first-order", len(losses))
+    reported = []
+    folders.disturb(folders.Chain("first-order", losses), tmp_path / "full", reference, reported.append)
+    assert len(reported) == len(losses)
 
 
 def test_every_signal_hits_every_victim_at_every_phase():

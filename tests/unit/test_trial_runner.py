@@ -340,7 +340,7 @@ def test_a_checkpoint_of_another_trial_is_not_resumed(tmp_path):
     shutil.copy(mixed.folder(second) / "checkpoint.pt", mixed.folder(first))
     steps = []
     run_trial(first, mixed, lambda progress: steps.append(progress.step.done))
-    assert steps[:2] == [0, 1]
+    assert next(filter(None, steps)) == 1
     for name in ("result.ply", "trace.csv"):
         assert (mixed.folder(first) / name).read_bytes() == (alone.folder(first) / name).read_bytes()
     log = (mixed.folder(first) / "trial.log").read_text()
