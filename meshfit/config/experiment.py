@@ -271,9 +271,9 @@ class SourceSettings(Settings):
     its size, as `radius` and `centre` are null then. null takes its coordinates for normalised ones."""
     align: Align = "none"
     """Alignment of the refined source with the target: `none`; `center` or `centre`, by centroids; `box`, by bounding
-    boxes, each axis by its own scale; `pca`, by the best of the pose as given and the turns of principal axes onto
-    principal axes, with centroids and sizes made equal; `icp`, by iterated closest points from there. Of poses that lie
-    about as well, the least turn is taken, and a warning given."""
+    boxes, each axis by its own scale; `pca`, by centroids, principal axes and sizes of what the two share, in the best
+    pose that is found; `icp`, by iterated closest points. The target may show a part of the source, or the other way
+    round. Of poses that lie about as well, the least turn is taken, and a warning given."""
     project: Literal["none", "sphere"] = "none"
     """`sphere` projects the vertices of the control mesh and of each level onto the sphere about its centre."""
     creases: CreaseSettings | None = None

@@ -37,7 +37,7 @@ from meshfit.specs import spec_folder
 from meshfit.subdivision.registry import NamedScheme
 
 # Increased whenever these alignments give other numbers; other trials keep their identities.
-_ALIGNMENT_VERSION, _SEARCHED = 2, ("pca", "icp")
+_ALIGNMENT_VERSION, _SEARCHED = 3, ("pca", "icp")
 _RENAME_EXPERIMENT = "rename its config, or give --name"
 _OMITTED_IF_NULL = (
     *(("source", key) for key in (*KEYS_WITH_FILES, "wanted_verts", "wrap", "radius_of", "frame")),

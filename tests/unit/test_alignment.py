@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from meshfit.errors import MeshError
 from meshfit.fitting.registration.alignment import align
+from meshfit.fitting.registration.pose_search import rotation_grid
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.mismatch import boxes_are_disjoint, describe_mismatch
 from meshfit.mesh.point_cloud import PointCloud
@@ -61,7 +62,7 @@ def test_pca_takes_back_turn_scale_and_shift(angle, scale):
 
 def test_icp_ends_nearer_to_a_bent_shape_than_the_axes_do():
     source = pear()
-    bent = Mesh(source.verts + np.array([0, 0.1, 0.2]) * source.verts[:, :1] ** 2, source.faces)
+    bent = Mesh(source.verts + np.array([0, 0.01, 0.02]) * source.verts[:, :1] ** 2, source.faces)
     nearest = cKDTree(bent.verts)
     by_axes, by_points = (
         nearest.query(align(moved(source, 1.0, 2.0), bent, how).mesh.verts)[0].mean() for how in ("pca", "icp")
@@ -77,20 +78,63 @@ def part(mesh, direction, share):
     return Mesh(mesh.verts[used], numbers.reshape(-1, 3))
 
 
+def farthest_off(found, truth):
+    """The largest distance of a vertex from where it belongs, relative to the diagonal of the box."""
+    apart = np.linalg.norm(found.verts - truth.verts, axis=1).max()
+    return apart / np.linalg.norm(np.ptp(truth.verts, axis=0))
+
+
+def test_a_turned_and_scaled_source_finds_its_place_on_half_of_its_surface():
+    whole = pear()
+    found = align(moved(whole, 2.0, 1.3, (2, -3, 1)), part(whole, (0.5, 1.0, 0.3), 0.5), "icp")
+    assert farthest_off(found.mesh, whole) < 0.01
+    assert found.scale == pytest.approx(1 / 1.3, rel=0.02)
+    assert not found.doubt
+
+
+@pytest.mark.slow
+def test_principal_axes_are_those_of_the_shared_parts():
+    whole = pear()
+    found = align(moved(whole, 2.0, 1.3, (2, -3, 1)), part(whole, (0.5, 1.0, 0.3), 0.5), "pca")
+    assert farthest_off(found.mesh, whole) < 0.06
+
+
+@pytest.mark.slow
+def test_half_of_a_turned_source_finds_its_place_on_the_whole_points():
+    whole = pear()
+    half = part(whole, (0.0, 1.0, 0.2), 0.5)
+    found = align(moved(half, 2.5, 1.0, (2, -3, 1)), PointCloud(subdivide(whole, "midpoint", 1).verts), "icp")
+    assert farthest_off(found.mesh, half) < 0.01
+
+
+@pytest.mark.slow
 def test_a_source_that_lies_on_a_partial_scan_already_is_not_turned_away():
     whole = pear()
     near = moved(whole, 0.03, 1.0, (0.02, 0.03, -0.01))
-
-    def error(found):
-        return np.linalg.norm(found.mesh.verts - whole.verts, axis=1).max()
-
-    given = np.linalg.norm(near.verts - whole.verts, axis=1).max()
+    given = farthest_off(near, whole)
     scan = part(whole, (0.5, 1.0, 0.3), 0.5)
-    assert error(align(near, scan, "pca")) <= given
+    assert farthest_off(align(near, scan, "pca").mesh, whole) <= given
     by_points = align(near, scan, "icp")
-    assert error(by_points) < 0.2 * given
+    assert farthest_off(by_points.mesh, whole) < 0.2 * given
     assert by_points.turn == pytest.approx(np.degrees(0.03), abs=0.5)
-    assert error(align(near, PointCloud(part(whole, (1.0, 0.0, 0.0), 0.4).verts), "icp")) < 0.5 * given
+    scan = PointCloud(part(whole, (1.0, 0.0, 0.0), 0.4).verts)
+    assert farthest_off(align(near, scan, "icp").mesh, whole) < 0.5 * given
+
+
+@pytest.mark.slow
+def test_alignment_gives_the_same_bytes_each_time():
+    whole, scan = pear(), PointCloud(part(pear(), (1.0, 0.0, 0.0), 0.4).verts)
+    first, second = (align(moved(whole, 1.0), scan, "icp").mesh.verts.tobytes() for _ in range(2))
+    assert first == second
+
+
+def test_rotations_of_the_grid_leave_no_large_gap():
+    grid = rotation_grid(300)
+    np.testing.assert_allclose(np.linalg.det(grid), 1)
+    queries = Rotation.random(500, random_state=0).as_matrix()
+    traces = np.einsum("qij,gij->qg", queries, grid)
+    nearest = np.degrees(np.arccos(np.clip((traces.max(axis=1) - 1) / 2, -1, 1)))
+    assert nearest.max() < 35
 
 
 def bilateral(bend):

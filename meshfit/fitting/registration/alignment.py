@@ -7,28 +7,36 @@ from jaxtyping import Float64
 
 from meshfit.errors import MeshError
 from meshfit.fitting.registration.oriented_points import OrientedPoints
-from meshfit.fitting.registration.poses import Pose, PoseSearch, principal_turns
+from meshfit.fitting.registration.pose_search import PoseSearch
+from meshfit.fitting.registration.poses import Pose, principal_turns
 from meshfit.mesh.geometry import bounding_box, bounding_box_diagonal, face_normals
 from meshfit.mesh.mesh import Mesh, Verts
 from meshfit.mesh.nearest import nearest_point_query
 from meshfit.mesh.placing_options import Alignment
-from meshfit.mesh.point_cloud import PointCloud, sampled_areas
+from meshfit.mesh.point_cloud import PointCloud, plane_normals, sampled_areas
 from meshfit.mesh.proximity import point_distances
 from meshfit.mesh.sampling import sample_surface
 
+Distances = Float64[np.ndarray, " N"]
+
 _POINTS = 5000
-# Points and rounds of ICP: of every start, of those that go on, and of the pose that is chosen.
-_FEW, _FEW_ROUNDS, _GO_ON = 300, 6, 6
-_SOME, _SOME_ROUNDS = 600, 20
-_MANY, _MANY_ROUNDS = 3000, 12
-_JUDGES = 1000
-# Distances count up to this share of the target's diagonal. The larger of the two mean distances has this weight, as
-# one side may show a part of the other.
-_CAP, _LARGER = 0.15, 0.15
-# Rotations that differ by less than the first angle are one pose; of those closer than the second, one goes on.
-_DISTINCT, _ALIKE = 0.6, 0.2
-# A pose with a larger turn has to be better by this factor, and by this share of the diagonal.
-_CLEARLY, _LEAST = 1.5, 0.002
+# Points that judge poses, and those that compare them. The way with the larger distances has the weight, as one surface
+# may show a part of the other.
+_JUDGES, _FEW, _LARGER = 1000, 100, 0.1
+# Width beyond which distances count alike: relative to the least median of all poses, within shares of the diagonal.
+_WIDTH, _LEAST_WIDTH, _MOST_WIDTH = 3.0, 0.003, 0.05
+# Change of scale of another pose that is named.
+_SCALED = 0.1
+# Poses between which the source moves by a smaller share of its diagonal are alike.
+_ALIKE = 0.1
+# A pose with a larger turn has to be better by the first factor and share of the diagonal; one that is not worse by the
+# second is named.
+_BETTER, _CLOSE = (1.1, 2e-4), (1.2, 5e-4)
+# Root mean square distance both ways, relative to the diagonal, of a pose that needs no search; distances count up to
+# the cap.
+_LIES_WELL, _CAP = 0.01, 0.15
+# Points of either surface that lie on the other: nearer than so many widths.
+_SHARED, _ALL_SHARED = 3.0, 0.97
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +50,7 @@ class Aligned:
         distance: distance by which the pose, after ICP, was chosen among others, relative to the target's diagonal;
             None if there were no others.
         other_turn: angle in degrees between the pose and the best other one; None if there is no other.
+        other_scale: factor by which that one scales the source.
         other_distance: the distance of that one.
     """
 
@@ -50,6 +59,7 @@ class Aligned:
     scale: float = 1.0
     distance: float | None = None
     other_turn: float | None = None
+    other_scale: float | None = None
     other_distance: float | None = None
 
     @property
@@ -57,7 +67,7 @@ class Aligned:
         """Whether another pose serves about as well."""
         if self.distance is None or self.other_distance is None:
             return False
-        return not _is_clearly_better(self.distance, self.other_distance)
+        return self.other_distance < _CLOSE[0] * self.distance + _CLOSE[1]
 
     @property
     def line(self) -> str:
@@ -70,25 +80,29 @@ class Aligned:
         if not self.is_doubtful:
             return ""
         assert self.distance is not None  # noqa: S101  of doubtful ones
+        assert self.other_scale is not None  # noqa: S101  of doubtful ones
+        changed = abs(np.log(self.other_scale / self.scale)) > _SCALED
+        scaled = f", and scaled by {self.other_scale:.3g}" if changed else ""
         distances = f"distances {self.other_distance:.2g} and {self.distance:.2g} of the diagonal"
-        return f"another pose, turned from this one by {self.other_turn:.0f}°, lies about as well ({distances})"
+        return f"another pose, turned from this one by {self.other_turn:.0f}°{scaled}, lies about as well ({distances})"
 
     @property
     def record(self) -> dict[str, float | None]:
         """The values as plain data."""
         values = {"turn_degrees": self.turn, "scale": self.scale, "distance": self.distance}
-        return values | {"other_turn_degrees": self.other_turn, "other_distance": self.other_distance}
+        other = {"other_turn_degrees": self.other_turn, "other_scale": self.other_scale}
+        return values | other | {"other_distance": self.other_distance}
 
 
 def align(source: Mesh, target: Mesh | PointCloud, how: Alignment) -> Aligned:
     """Align the source with the target.
 
     `box` moves the bounding box of the source onto that of the target, and stretches it along each axis. `center` makes
-    the centroids of the surfaces coincide. `pca` and `icp` choose among poses: the pose as given, that with centroids
-    and root mean square sizes made equal, and the 24 turns of principal axes onto principal axes. Each is refined by
-    trimmed ICP (Chetverikov et al., The trimmed iterative closest point algorithm, 2002), with and without scale, and
-    judged by distances both ways. The least turn is taken unless another pose is clearly better. `icp` returns
-    the refined pose; `pca` the start that led to it.
+    the centroids of the surfaces coincide. `pca` and `icp` look for poses by trimmed ICP from the pose as given, from
+    turns of principal axes, and, unless one of these lies well on all of both, from a grid of rotations (`PoseSearch`).
+    Poses are judged by distances both ways, mostly by the better one, as one surface may show a part of the other.
+    The least turn is taken unless another pose is clearly better. `icp` returns that pose. `pca` makes centroids,
+    principal axes and sizes of what the two share in it coincide, or keeps the pose as given if that is nearer.
 
     Args:
         source: the mesh to move.
@@ -110,14 +124,6 @@ def align(source: Mesh, target: Mesh | PointCloud, how: Alignment) -> Aligned:
 
 
 @dataclass(frozen=True, eq=False)
-class _Candidate:
-    """A start, and the pose that ICP takes it to, with its distance as score."""
-
-    start: Pose
-    pose: Pose
-
-
-@dataclass(frozen=True, eq=False)
 class _Candidates:
     source: Mesh
     target: Mesh | PointCloud
@@ -126,93 +132,100 @@ class _Candidates:
 
     def best(self, *, refined: bool) -> Aligned:
         """Return the source in the best pose."""
-        candidates = sorted(self._candidates(), key=lambda candidate: candidate.pose.score)
-        given, least = Pose.identity(), candidates[0].pose.score
-        good = [each for each in candidates if not _is_clearly_better(least, each.pose.score)]
-        turned_least = min(good, key=lambda each: each.pose.angle_to(given)).pose
-        alike = [each for each in candidates if each.pose.angle_to(turned_least) < _DISTINCT]
-        others = [each.pose for each in candidates if each.pose.angle_to(turned_least) >= _DISTINCT]
-        # A scale that ICP has not changed, unless another is clearly better: a partial target draws a source smaller.
-        rigid = [each for each in alike if each.pose.scale == each.start.scale]
-        best = alike[0]
-        if rigid and not _is_clearly_better(best.pose.score, rigid[0].pose.score):
-            best = rigid[0]
-        pose = self._polished(best.pose) if refined else self._nearest_start([each.start for each in alike], best.pose)
+        p, q = self.source_points, self.target_points
+        search = PoseSearch(p.points, q.points, (p.normals, q.normals))
+        poses = [Pose.identity(), *search.from_axes()]
+        ways = [self._distances_of(pose) for pose in poses]
+        if min(_capped_distance(both) for both in ways) > _LIES_WELL:
+            more = search.from_grid()
+            poses, ways = [*poses, *more], [*ways, *map(self._distances_of, more)]
+        width = _WIDTH * min(float(np.median(way)) for both in ways for way in both)
+        width = float(np.clip(width, _LEAST_WIDTH, _MOST_WIDTH))
+        judged = [replace(pose, score=_robust_distance(both, width)) for pose, both in zip(poses, ways, strict=True)]
+        least = min(pose.score for pose in judged)
+        good = [pose for pose in judged if pose.score <= _BETTER[0] * least + _BETTER[1]]
+        turned_least = min(good, key=lambda pose: (pose.angle_to(judged[0]), pose.score))
+        best = min((pose for pose in judged if self._are_alike(pose, turned_least)), key=lambda pose: pose.score)
+        others = [pose for pose in judged if not self._are_alike(pose, best)]
+        other = min(others, key=lambda pose: pose.score, default=None)
+        pose = best if refined else self._by_axes(best, width)
         return Aligned(
             self.source.with_verts(pose.applied(self.source.verts)),
-            float(np.degrees(pose.angle_to(given))),
+            float(np.degrees(pose.angle_to(judged[0]))),
             pose.scale,
-            best.pose.score,
-            float(np.degrees(others[0].angle_to(pose))) if others else None,
-            others[0].score if others else None,
+            best.score,
+            None if other is None else float(np.degrees(other.angle_to(best))),
+            None if other is None else other.scale,
+            None if other is None else other.score,
         )
 
-    def _candidates(self) -> list[_Candidate]:
-        generator = np.random.default_rng(0)
-        few, some = (self._search(count, generator) for count in (_FEW, _SOME))
-        given = Pose.identity()
-        starts = [given, *_starts(self.source_points.points, self.target_points.points)]
-        tried = [few.settled(start, _FEW_ROUNDS) for start in starts]
-        scores = [self._judged(pose, some).score for pose in tried]
-        chosen = list[int]()
-        for row in np.argsort(scores, kind="stable").tolist():
-            if len(chosen) < _GO_ON and all(tried[row].angle_to(tried[other]) > _ALIKE for other in chosen):
-                chosen.append(row)
-        begun = [(given, given), *((starts[row], tried[row]) for row in dict.fromkeys([1, *chosen]))]
-        both = some, replace(some, similarity=False)
-        found = [(start, search.settled(pose, _SOME_ROUNDS)) for start, pose in begun for search in both]
-        return [_Candidate(start, self._judged(pose)) for start, pose in [*found, (given, given)]]
+    def _by_axes(self, settled: Pose, width: float) -> Pose:
+        """Return whichever is nearest to a settled pose: the pose as given, or one by centroids, axes and sizes.
 
-    def _nearest_start(self, starts: list[Pose], settled: Pose) -> Pose:
-        """Return the start that lies best, of those that are hardly turned from a settled pose."""
-        near = [start for start in starts if start.angle_to(settled) < _DISTINCT] or starts
-        return min((self._judged(start) for start in near), key=lambda pose: pose.score)
+        They are those of the parts that the two share in the settled pose; of all, where they share nearly all.
+        """
+        p, q = self.source_points.points, self.target_points.points
+        limit = _SHARED * width * bounding_box_diagonal(self.target.verts)
+        shared = [way < limit for way in self._ways(settled, p, q)]
+        if min(each.mean() for each in shared) >= _ALL_SHARED or min(each.sum() for each in shared) < _JUDGES // 10:
+            shared = [np.ones(len(points), dtype=bool) for points in (p, q)]
+        starts = _starts(p[shared[0]], q[shared[1]], settled)
+        return min([Pose.identity(), *starts], key=lambda pose: self._apart(pose, settled))
 
-    def _polished(self, pose: Pose) -> Pose:
-        search = self._search(_MANY, np.random.default_rng(1))
-        rigid = replace(search, similarity=False)
-        free, kept = (self._judged(each.settled(pose, _MANY_ROUNDS)) for each in (search, rigid))
-        better = free if _is_clearly_better(free.score, kept.score) else kept
-        return min([pose, better], key=lambda each: each.score)
+    def _are_alike(self, pose: Pose, other: Pose) -> bool:
+        smaller = min(pose.scale, other.scale) * bounding_box_diagonal(self.source.verts)
+        return self._apart(pose, other) <= _ALIKE * smaller
 
-    def _search(self, count: int, generator: np.random.Generator) -> PoseSearch:
-        p, q = (points.subset(points.draw(count, generator)) for points in (self.source_points, self.target_points))
-        return PoseSearch(p, q, bounding_box_diagonal(self.target.verts), similarity=True, oriented=False)
+    def _apart(self, pose: Pose, other: Pose) -> float:
+        """Return the root mean square distance that points of the source have in two poses."""
+        points = self.source_points.thinned(_FEW).points
+        return float(np.sqrt(((pose.applied(points) - other.applied(points)) ** 2).sum(axis=1).mean()))
 
-    def _judged(self, pose: Pose, search: PoseSearch | None = None) -> Pose:
-        """Return a pose with its distance as score: from surfaces, or between the points of a search."""
-        sides = (self.source_points, self.target_points) if search is None else (search.source, search.target)
-        p, q = (side.thinned(_JUDGES).points for side in sides)
-        back = (q - pose.translation) @ pose.rotation / pose.scale
-        forth = pose.applied(p)
-        if search is None:
-            ways = _distances(self.target, forth), _distances(self.source, back) * pose.scale
-        else:
-            ways = _point_distances(q, forth), _point_distances(p, back) * pose.scale
+    def _distances_of(self, pose: Pose) -> tuple[Distances, Distances]:
+        """Return distances of some points of either surface from the other, relative to the target's diagonal."""
+        p, q = (side.thinned(_JUDGES).points for side in (self.source_points, self.target_points))
         diagonal = bounding_box_diagonal(self.target.verts)
-        means = sorted(float((np.minimum(way / diagonal, _CAP) ** 2).mean()) for way in ways)
-        return replace(pose, score=float(np.sqrt(means[0] + _LARGER**2 * means[1])))
+        forth, back = self._ways(pose, p, q)
+        return forth / diagonal, back / diagonal
+
+    def _ways(self, pose: Pose, p: Verts, q: Verts) -> tuple[Distances, Distances]:
+        back = (q - pose.translation) @ pose.rotation / pose.scale
+        return _distances(self.target, pose.applied(p)), _distances(self.source, back) * pose.scale
 
 
-def _is_clearly_better(distance: float, other: float) -> bool:
-    return other > _CLEARLY * distance and other > distance + _LEAST
+def _capped_distance(ways: tuple[Distances, Distances]) -> float:
+    """Return the root mean square distance of the farther way."""
+    return max(float(np.sqrt((np.minimum(way, _CAP) ** 2).mean())) for way in ways)
 
 
-def _starts(source: Verts, target: Float64[np.ndarray, "N 3"]) -> list[Pose]:
-    """Return poses with coinciding centroids and equal sizes: as given, and the turns of principal axes."""
+def _robust_distance(ways: tuple[Distances, Distances], width: float) -> float:
+    """Return the root mean square distance of the nearer way, and a little of the other.
+
+    Of distances far beyond the width, each counts as the width (Geman & McClure 1987).
+    """
+    nearer, farther = sorted(float((width**2 * way**2 / (width**2 + way**2)).mean()) for way in ways)
+    return float(np.sqrt(nearer + _LARGER * farther))
+
+
+def _starts(source: Verts, target: Float64[np.ndarray, "N 3"], near: Pose) -> list[Pose]:
+    """Return poses with coinciding centroids: by turns of principal axes and by a turn as given, with both sizes.
+
+    Sizes are made equal, or kept where those of the pose nearby are.
+    """
     centre, goal = source.mean(axis=0), target.mean(axis=0)
     scale = float(np.sqrt((target - goal).var(0).sum() / (source - centre).var(0).sum()))
     rotations = [np.eye(3), *principal_turns(source, target)]
-    return [Pose(rotation, goal - scale * rotation @ centre, scale) for rotation in rotations]
+    scales = [1.0, scale] if near.scale == 1 else [scale]
+    return [Pose(turn, goal - scale * turn @ centre, scale) for turn in rotations for scale in scales]
 
 
-def _distances(surface: Mesh | PointCloud, points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
+def _distances(surface: Mesh | PointCloud, points: Float64[np.ndarray, "N 3"]) -> Distances:
     if isinstance(surface, PointCloud):
         return _point_distances(surface.verts, points)
     return np.asarray(point_distances(surface, points))
 
 
-def _point_distances(points: Verts, queries: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
+def _point_distances(points: Verts, queries: Float64[np.ndarray, "N 3"]) -> Distances:
     return np.asarray(np.linalg.norm(queries - points[nearest_point_query(points)(queries)], axis=1))
 
 
@@ -227,14 +240,14 @@ def _into_box(verts: Verts, goal: Float64[np.ndarray, "N 3"]) -> tuple[Verts, fl
 
 
 def _sampled(mesh: Mesh | PointCloud, role: str) -> OrientedPoints:
-    """Sample points with normals; those of a cloud, whose sides are not known, have none."""
+    """Sample points with normals; those of a cloud are estimated, on either side."""
     if not np.ptp(mesh.verts, axis=0).max() > 0:
         raise MeshError(f"{role}: a surface without extent cannot be aligned")
     if isinstance(mesh, PointCloud):
         areas = sampled_areas(mesh.verts).cumsum()
         at = (np.arange(_POINTS) + 0.5) * (areas[-1] / _POINTS)
-        points = mesh.verts[np.searchsorted(areas, at).clip(max=mesh.num_verts - 1)]
-        normals = np.zeros_like(points)
+        rows, repeated = np.unique(np.searchsorted(areas, at).clip(max=mesh.num_verts - 1), return_inverse=True)
+        points, normals = mesh.verts[rows][repeated], plane_normals(mesh.verts[rows])[repeated]
     else:
         samples = sample_surface(mesh, _POINTS, np.random.default_rng(0))
         points, normals = samples.points, face_normals(mesh)[samples.faces]

@@ -19,7 +19,7 @@ _MANY_SAMPLES, _MANY_ROUNDS = 5000, 12
 # Starts that are poses without ICP, too.
 _UNMOVED = 2
 # Pairs farther apart than this quantile are left out; the others have robust weights of half its width.
-_TRIM, _TRIM_UNORIENTED = 0.8, 0.65
+_TRIM = 0.8
 # Normals in the search for nearest points, and the largest distance that counts, relative to the target's diagonal.
 _NORMALS, _CAP = 0.1, 0.15
 # Distance that a difference of 1 in remoteness is worth in the second ranking of poses.
@@ -127,13 +127,13 @@ def nearest_pose(points: Verts, goals: Verts, weights: Float64[np.ndarray, " L"]
 
 def _search(
     source: OrientedPoints, target: OrientedPoints, count: int, generator: np.random.Generator, *, similarity: bool
-) -> "PoseSearch":
+) -> "_Search":
     p, q = (points.subset(points.draw(count, generator)) for points in (source, target))
     diagonal = float(np.linalg.norm(np.ptp(target.points, axis=0)))
-    return PoseSearch(p, q, diagonal, similarity=similarity)
+    return _Search(p, q, diagonal, similarity=similarity)
 
 
-def _ranked(poses: list[Pose], search: "PoseSearch") -> list[int]:
+def _ranked(poses: list[Pose], search: "_Search") -> list[int]:
     """Return the numbers of poses, the best first, alternately by the score and by the score with remoteness."""
     with_remoteness = [search.score(pose, _REMOTENESS) for pose in poses]
     orders = np.argsort([pose.score for pose in poses], kind="stable"), np.argsort(with_remoteness, kind="stable")
@@ -141,22 +141,11 @@ def _ranked(poses: list[Pose], search: "PoseSearch") -> list[int]:
 
 
 @dataclass(frozen=True, eq=False)
-class PoseSearch:
-    """ICP between points of two surfaces.
-
-    Attributes:
-        source: points of the template.
-        target: points of the target.
-        diagonal: of the target's bounding box.
-        similarity: whether the scale is to be found, too.
-        oriented: whether normals point to the same side of both, so that nearest points are sought by normals, too.
-    """
-
+class _Search:
     source: OrientedPoints
     target: OrientedPoints
     diagonal: float
     similarity: bool
-    oriented: bool = True
 
     def starts(self) -> list[Pose]:
         """Return the poses that ICP starts from, with coinciding centroids."""
@@ -193,18 +182,15 @@ class PoseSearch:
 
     def _round(self, pose: Pose) -> tuple[Pose, float]:
         """Make one round of ICP: a small similarity that reduces distances to planes, and a little to points."""
-        moved, length = self._moved(pose), _NORMALS * self.diagonal * self.oriented
+        moved, length = self._moved(pose), _NORMALS * self.diagonal
         there = self.target.nearest(moved, length)[1]
         back = moved.nearest(self.target, length)[1]
         start = np.concatenate([moved.points, moved.points[back]])
         goal = np.concatenate([self.target.points[there], self.target.points])
         own = np.concatenate([moved.normals, moved.normals[back]])
-        other = np.concatenate([self.target.normals[there], self.target.normals])
-        if not self.oriented:
-            other = other * np.where((own * other).sum(axis=1) < 0, -1.0, 1.0)[:, None]
-        normals = unit_vectors(own + other)
+        normals = unit_vectors(own + np.concatenate([self.target.normals[there], self.target.normals]))
         distances = np.linalg.norm(goal - start, axis=1)
-        width = float(np.quantile(distances, _TRIM if self.oriented else _TRIM_UNORIENTED)) + 1e-12
+        width = float(np.quantile(distances, _TRIM)) + 1e-12
         weights = geman_mcclure(distances, width / 2) * (distances <= width)
         centre = weights @ start / weights.sum()
         arms = start - centre
