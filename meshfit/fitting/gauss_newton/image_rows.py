@@ -54,8 +54,12 @@ _NORMALS = 0.04
 _CERTAIN = 0.5
 # Least weight of the pixels with a normal among the four around a place.
 _KNOWN = 0.3
-# Weight of staying in place along the surface, relative to the weight of all vertices.
-_DAMPING = 0.1
+# Weight of all contours, and pixels of a raster from the surface's own contour within which its points are matched to
+# them: without and with normals. Points that are rightly inside the contour would pull the surface outwards.
+_CONTOURS, _ON_CONTOUR = (1.0, 3.0), (0.4, 0.2)
+# Weight of staying in place, relative to the weight of all vertices: without and with normals. Sides of faces that
+# normals contradict would shrink to fit better, and the surface drifts along itself.
+_DAMPING = (0.1, 4.0)
 # Least fairness by contours alone: at 10,000 vertices and one view; it falls with the number of views. The greatest.
 _FAIRNESS, _MOST_FAIRNESS = 12.0, 32.0
 
@@ -130,12 +134,14 @@ class ImageRows:
         """
         surface, count = ImagedSurface.of(shape), min(len(self.images), _VIEWS)
         turn = [self.images[(number * count + k) % len(self.images)] for k in range(count)]
-        rows, matched, seen = [_damping(surface)], list[float](), np.zeros_like(surface.middles)
+        held = int(self.have_normals and not self.shows_depth)
+        rows, matched, seen = [_damping(surface, _DAMPING[held])], list[float](), np.zeros_like(surface.middles)
         contours = list[_Rows]()
         for image in turn:
             raster = rasterise(surface.mesh, image.camera)
-            outline = Outline.of(surface, image, raster)
-            contours += [_to_contour(outline, image, count), _from_contour(outline, image, count)]
+            outline = Outline.of(surface, image, raster, _ON_CONTOUR[held])
+            each = count / _CONTOURS[held]
+            contours += [_to_contour(outline, image, each), _from_contour(outline, image, each)]
             matched.append(contours[-1].weights.astype(bool).mean() if len(contours[-1].weights) else 0.0)
             rows.append(_from_outside(surface, image, count))
             if image.view.normals is not None:
@@ -157,7 +163,7 @@ class ImageRows:
         return _joined(rows, shape, none)
 
 
-def _to_contour(outline: Outline, image: ContourImage, count: int) -> _Rows:
+def _to_contour(outline: Outline, image: ContourImage, count: float) -> _Rows:
     """Return the rows that bring the outline of the surface to the nearest points of the contour that face its way."""
     points, contour = outline.points, image.silhouette
     if not len(points.face):
@@ -170,7 +176,7 @@ def _to_contour(outline: Outline, image: ContourImage, count: int) -> _Rows:
     return _Rows.along(points, _gradient(points.positions, directions, image.view.camera), error, weights)
 
 
-def _from_contour(outline: Outline, image: ContourImage, count: int) -> _Rows:
+def _from_contour(outline: Outline, image: ContourImage, count: float) -> _Rows:
     """Return the rows that bring the nearest points of the outline that face its way to the contour."""
     contour = image.silhouette
     if not len(outline.points.face):
@@ -254,14 +260,14 @@ def _normal_rows(surface: ImagedSurface, seen: Vectors) -> _Rows:
     return _concatenated(parts)
 
 
-def _damping(surface: ImagedSurface) -> _Rows:
+def _damping(surface: ImagedSurface, weight: float) -> _Rows:
     """Return the rows that keep vertices in place, as far as the weight of residuals along the target says.
 
     Their normals are 0, so that only that weight counts.
     """
     face, corner = surface.face_of_vert
     nothing = np.zeros((len(face), 3))
-    return _Rows(face, np.eye(3)[corner], nothing, nothing, _DAMPING * surface.shares)
+    return _Rows(face, np.eye(3)[corner], nothing, nothing, weight * surface.shares)
 
 
 def _huber(error: Values) -> Values:

@@ -25,9 +25,8 @@ Indices = Int64[np.ndarray, " _"]
 _RASTER = 192
 # Distance in pixels that a difference of normals by 1 counts for, where contours are matched.
 _TURNED = 6.0
-# Pixels of the raster from its contour within which a point is on the outline. Rims in front of other parts are farther
-# inside, and the contour of the mask is not theirs.
-_ON_CONTOUR, _ALONG = 0.4, 0.6
+# Pixels of the raster beside the nearest point of its contour within which a point is on the outline.
+_ALONG = 0.6
 # Depth of a point of the outline behind that of so many pixels around it, in diagonals.
 _BEHIND, _AROUND = 0.05, 5
 
@@ -150,8 +149,17 @@ class Outline:
     directions: Pixels
 
     @classmethod
-    def of(cls, surface: ImagedSurface, image: ContourImage, raster: Raster) -> "Outline":
-        """Return those on the contour of the surface's own mask, which are not hidden."""
+    def of(cls, surface: ImagedSurface, image: ContourImage, raster: Raster, most: float) -> "Outline":
+        """Return those on the contour of the surface's own mask, which are not hidden.
+
+        Rims in front of other parts are farther inside it, and the contour of the mask is not theirs.
+
+        Args:
+            surface: the surface.
+            image: the view.
+            raster: the surface in the camera of the image.
+            most: pixels of the raster from its contour within which a point is on it, apart from chords.
+        """
         tail, head, left = surface.edges
         verts, camera = surface.mesh.verts, image.view.camera
         facing = np.einsum("nk,nk->n", surface.normals, image.towards(verts))
@@ -165,7 +173,7 @@ class Outline:
         ends = surface.normals[tail], surface.normals[head]
         # A chord of a smooth surface is as far below it as an eighth of its length times its turn.
         below = np.linalg.norm(verts[tail] - verts[head], axis=1) * np.linalg.norm(ends[0] - ends[1], axis=1) / 8
-        slack = _ON_CONTOUR + below / _pixel_width(image.camera, depth)
+        slack = most + below / _pixel_width(image.camera, depth)
         shown &= _from_contour(raster.face >= 0, pixels * image.scale) < slack
         normals = ends[0] * (1 - share) + ends[1] * share
         across = (normals @ camera.pose[:3, :2]) * (1.0, -1.0)
