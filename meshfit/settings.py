@@ -192,8 +192,8 @@ def _are_of_one_kind(value: Any, change: Any) -> bool:  # noqa: ANN401  any YAML
 def _with_integers(kind: Any, value: Any) -> Any:  # noqa: ANN401  any annotation and YAML value
     """Return a value with whole numbers such as 1e2 and 100.0 as integers where its type has integers, not numbers."""
     alternatives = _alternatives(kind)
-    if int in alternatives and float not in alternatives and isinstance(value, float):
-        return int(value) if value.is_integer() and abs(value) <= _LARGEST_EXACT else value
+    if int in alternatives and float not in alternatives:
+        return whole_number(value)
     if isinstance(value, Mapping):
         tagged = _tagged_models(kind).get(str(value.get(KIND_KEY, DEFAULT_KIND)))
         model = tagged or next(filter(_is_model, alternatives), None)
@@ -211,6 +211,12 @@ def _with_integers(kind: Any, value: Any) -> Any:  # noqa: ANN401  any annotatio
             kinds = parts if len(parts) == len(value) and parts[-1] is not ... else [parts[0]] * len(value)
             return [_with_integers(part, inner) for part, inner in zip(kinds, value, strict=True)]
     return value
+
+
+def whole_number(value: Any) -> Any:  # noqa: ANN401  any YAML value
+    """Return a whole number such as 1e2 or 100.0 as an integer, and any other value as it is."""
+    is_whole = isinstance(value, float) and value.is_integer() and abs(value) <= _LARGEST_EXACT
+    return int(value) if is_whole else value
 
 
 def _to_plain(value: Any) -> Any:  # noqa: ANN401  numpy scalars and paths, from Python callers

@@ -92,12 +92,13 @@ err.push_render_hook(_Escaping())
 
 def print_error(message: str) -> None:
     """Print an error as one line on stderr."""
-    err.print(f"[bold red]error:[/] {escape(shortened(' '.join(message.split())))}", soft_wrap=True)
+    err.print(f"[bold red]error:[/] {escape(shortened(printable(' '.join(message.split()))))}", soft_wrap=True)
 
 
 def print_warning(message: str) -> None:
     """Print a warning as one line on stderr."""
-    err.print(f"[bold magenta]warning:[/] {escape(shortened(message))}", soft_wrap=True)
+    text = shortened(printable(message, keep="\n\t"))
+    err.print(f"[bold magenta]warning:[/] {escape(text)}", soft_wrap=True)
 
 
 @contextmanager

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime
+from itertools import islice
 from typing import TYPE_CHECKING
 
 import typer
@@ -38,6 +39,7 @@ from meshfit.units import count_text, duration_text
 if TYPE_CHECKING:
     from meshfit.experiment.running.backends import Remote
 
+_MOST_LISTED = 1000
 _MOST_LISTED_PER_REASON = 20
 _MOST_TARGETS = 3
 
@@ -122,12 +124,14 @@ def _print_plan(trials: Sequence[Trial], store: RunDirectory, options: RunOption
         counts = {"complete": sum(complete), "to_run": len(to_run), "unusable": unusable, "estimate": plain_time}
         typer.echo(json.dumps({"trials": rows} | counts, indent=2))
         return
-    for trial, folder in zip(trials, found, strict=True):
+    for trial, folder in islice(zip(trials, found, strict=True), _MOST_LISTED):
         mark = "[red]unusable[/]" if trial.fault else "[magenta]to run  [/]"
         mark = "[green]complete[/]" if folder is not None else mark
         out.print(f"{mark}  {escape(trial.label)}  {escape(str(folder or store.folder(trial)))}", soft_wrap=True)
+    if len(trials) > _MOST_LISTED:
+        out.print(f"and {len(trials) - _MOST_LISTED:,} more, which --json lists")
     targets = f", {unusable} whose target cannot be used" if unusable else ""
-    out.print(f"{count_text(len(trials), 'trial')}: {sum(complete)} complete, {len(to_run)} to run{targets}")
+    out.print(f"{count_text(len(trials), 'trial')}: {sum(complete):,} complete, {len(to_run):,} to run{targets}")
     if time is not None:
         workers = count_text(time.workers, "worker")
         known = None if time.seconds is None else f"about {duration_text(time.seconds)} on {workers}"

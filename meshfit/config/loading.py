@@ -18,7 +18,7 @@ from meshfit.config.experiment import (
 from meshfit.config.path_parts import path_part
 from meshfit.config.scheme_files import read_scheme_files, relative_to_folder, resolve_specs
 from meshfit.config.strict_yaml import parse_value, read_document
-from meshfit.config.sweeps import variants_of
+from meshfit.config.sweeps import MOST_TRIALS, variants_of
 from meshfit.errors import ConfigError, ViewError
 from meshfit.images.folders import is_image_folder
 from meshfit.images.specs import image_spec
@@ -36,7 +36,8 @@ from meshfit.paths import (
     quoted_path,
     shell_path,
 )
-from meshfit.settings import KeyPath, apply_changes, build, deep_merge, nested, takes_list
+from meshfit.printable import printable
+from meshfit.settings import KeyPath, apply_changes, build, deep_merge, nested, takes_list, whole_number
 from meshfit.specs import listed, suggest
 from meshfit.subdivision.custom.definitions import Definition
 
@@ -325,11 +326,12 @@ def _checked_name(name: str) -> str:
 
 def _seeds(text: str) -> list[Any]:
     """Return the seeds that a text stands for: 0, 1 and 2 for `3`, 4 and 7 for `4,7`."""
-    values = [parse_value(entry, "--seeds") for entry in listed(text)]
+    values = [whole_number(parse_value(entry, "--seeds")) for entry in listed(text)]
     if "," in text:
         return values
-    if not (len(values) == 1 and type(values[0]) is int and values[0] >= 1):
-        raise ConfigError(f"--seeds: expected a number of seeds, 1 or more, or a list such as 4,7, got '{text}'")
+    if not (len(values) == 1 and type(values[0]) is int and 1 <= values[0] <= MOST_TRIALS):
+        numbers = f"a number of seeds, 1 to {MOST_TRIALS:,}"
+        raise ConfigError(f"--seeds: expected {numbers}, or a list such as 4,7, got '{printable(text)}'")
     return list(range(values[0]))
 
 

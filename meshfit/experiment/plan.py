@@ -171,7 +171,7 @@ class Trial:
         parts = [self.target_label, self.scheme, self.variant, f"seed {self.seed}"]
         return " · ".join(part for part in parts if part)
 
-    @property
+    @cached_property
     def folder(self) -> Path:
         """Its folder, relative to the run directory."""
         scheme = spec_folder(self.scheme)

@@ -9,14 +9,14 @@ from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
-from meshfit.errors import ViewError
+from meshfit.errors import MeshError, ViewError
 from meshfit.images.camera import Camera
 from meshfit.images.folders import PACK_SUFFIX
 from meshfit.images.target import ImageTarget, LoadedImages
 from meshfit.images.views import View, Views
 from meshfit.memory import require_memory
 from meshfit.mesh.mesh import Mesh
-from meshfit.paths import path_text
+from meshfit.paths import is_regular_file, not_a_file_message, path_text
 from meshfit.units import size_text
 
 
@@ -54,13 +54,14 @@ def unpack_target(path: Path) -> LoadedImages:
         truth = Mesh(arrays["truth-verts"], arrays["truth-faces"]) if "truth-verts" in arrays else None
         target = ImageTarget(Views(views), truth, record["name"], Views(held_out) if held_out else None)
         return LoadedImages(target, str(record["sha256"]), str(record["label"]))
-    except FileNotFoundError:
-        raise ViewError(f"{path_text(path)}: no such file") from None
     except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile, zlib.error) as error:
         raise ViewError(f"{path_text(path)}: damaged: {error}") from error
 
 
 def _require_room(path: Path) -> None:
+    """Refuse what is no file, such as a pipe, and a file whose content memory has no room for."""
+    if not is_regular_file(path):
+        raise ViewError(f"{path_text(path)}: {not_a_file_message(path, (PACK_SUFFIX,))}")
     with ZipFile(path) as archive:
         size = sum(info.file_size for info in archive.infolist())
     require_memory(size, f"{path_text(path)}: unpacks to {size_text(size)}", "take fewer or smaller images")
@@ -69,10 +70,11 @@ def _require_room(path: Path) -> None:
 def packed_names(path: Path) -> tuple[str, str]:
     """Return the title and the label of the target of images that a file holds; its stem where it cannot be read."""
     try:
+        _require_room(path)
         with np.load(path, allow_pickle=False) as archive:
             record = json.loads(archive["record"].tobytes())
         return str(record["name"]), str(record["label"])
-    except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile, zlib.error):
+    except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile, zlib.error, MeshError):
         stem = path.name.removesuffix(PACK_SUFFIX)
         return stem, stem
 

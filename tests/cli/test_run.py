@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from meshfit.config.loading import load_experiment
+from meshfit.cli import experiments
+from meshfit.config.loading import load_experiment, with_axes
 from meshfit.subdivision.registry import canonical
 from tests.cli import answered, invoke, refused, trials_in_this_process
 from tests.cli.processes import contents
@@ -52,6 +53,13 @@ def test_dry_run_prints_what_is_complete_and_writes_nothing(complete):
     out = invoke("run", "small.yaml", "--dry-run", "--runs", "elsewhere", "--cluster", "tcp://none:1").out
     assert "4 trials: 0 complete, 4 to run" in out
     assert not (complete / "elsewhere").exists()
+
+
+def test_a_dry_run_of_many_trials_lists_the_first_of_them(complete, monkeypatch):
+    monkeypatch.setattr(experiments, "_MOST_LISTED", 3)
+    lines = invoke("run", "small.yaml", "--dry-run", "--seeds", "4", "--cluster", "tcp://none:1").out.splitlines()
+    assert [" · loop · seed" in line for line in lines] == [True] * 3 + [False] * 2
+    assert lines[3:] == ["and 5 more, which --json lists", "8 trials: 4 complete, 4 to run"]
 
 
 def test_dry_run_estimates_the_time_from_complete_trials(complete):
@@ -300,6 +308,12 @@ def test_targets_schemes_and_seeds_are_chosen_on_the_command_line(
     assert found[1:] == [[canonical(scheme) for scheme in schemes], seeds]
 
 
+def test_whole_numbers_of_seeds_are_written_as_in_a_config(tmp_path):
+    loaded = load_experiment(str(config_file(tmp_path)))
+    for text, seeds in (("1e1", tuple(range(10))), ("2.0", (0, 1)), ("1e2,7", (100, 7))):
+        assert with_axes(loaded, seeds=text).settings.seeds == seeds
+
+
 def test_other_settings_that_are_lists_need_no_brackets(tmp_path):
     path = str(config_file(tmp_path))
     settings = load_experiment(path, ["source.centre=1,2.5,-3", "sweep.fit.steps=5,6"]).settings
@@ -310,8 +324,8 @@ def test_other_settings_that_are_lists_need_no_brackets(tmp_path):
 @over(
     ("arguments", "message"),
     [
-        (("--seeds", "0"), "--seeds: expected a number of seeds, 1 or more, or a list such as 4,7, got '0'"),
-        (("--seeds", "two"), "--seeds: expected a number of seeds, 1 or more, or a list such as 4,7, got 'two'"),
+        (("--seeds", "0"), "--seeds: expected a number of seeds, 1 to 100,000, or a list such as 4,7, got '0'"),
+        (("--seeds", "two"), "--seeds: expected a number of seeds, 1 to 100,000, or a list such as 4,7, got 'two'"),
         (("--seeds", "1,x"), '--seeds: seeds[1]: expected an integer, got "x"'),
         (("--seeds", "1,1"), "--seeds: seeds: duplicate entry 1"),
         (("--targets", ","), "--targets: targets: expected at least one entry, got []"),

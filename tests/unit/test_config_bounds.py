@@ -91,7 +91,14 @@ def test_messages_keep_their_ends(length, capsys):
     assert len(short) == min(length, LONGEST_MESSAGE)
     assert short == message or (message.startswith(short[:200]) and message.endswith(short[-200:]))
     print_error(message)
-    assert len(capsys.readouterr().err) < 500
+    print_error("\0" * length)  # each as four characters
+    assert max(map(len, capsys.readouterr().err.splitlines())) < 500
+
+
+def test_a_binary_file_is_no_list_of_words(tmp_path):
+    (tmp_path / "creases.txt").write_bytes(bytes(5000))
+    with pytest.raises(MeshError, match=r"creases\.txt: not a text file in UTF-8$"):
+        list(read_word_lines(tmp_path / "creases.txt"))
 
 
 def test_levels_that_memory_has_no_room_for_are_refused_before_they_are_made(tmp_path, monkeypatch):

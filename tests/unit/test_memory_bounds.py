@@ -12,7 +12,7 @@ import pytest
 
 from meshfit import memory
 from meshfit.errors import MeshError
-from meshfit.images.packing import unpack_target
+from meshfit.images.packing import packed_names, unpack_target
 from meshfit.mesh.io.files import load_mesh, save_mesh
 from meshfit.subdivision.sphere import icosphere
 
@@ -105,3 +105,12 @@ def test_packed_images_are_unpacked_no_further_than_memory_allows(tmp_path, room
         MeshError, match=r"unpacks to 4\.0 MB, about 4\.0 MB of memory, and 1\.0 MB are available; take fewer"
     ):
         unpack_target(path)
+
+
+def test_packed_images_are_read_from_a_file_alone(tmp_path):
+    for name, make in (("pipe", os.mkfifo), ("zeros", lambda path: path.symlink_to("/dev/zero"))):
+        path = tmp_path / f"{name}.views.npz"
+        make(path)
+        with pytest.raises(MeshError, match=rf"{name}\.views\.npz: "):
+            unpack_target(path)
+        assert packed_names(path) == (name, name)

@@ -1,13 +1,16 @@
 """Trials that are complete with other settings of the measurement, which need no other fit to be measured again."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
 from typing import NamedTuple
 
 from meshfit.errors import StoreError
 from meshfit.experiment.plan import Trial
 from meshfit.experiment.results_version import RESULTS_VERSION
 from meshfit.experiment.storage.copying import find_complete
-from meshfit.experiment.storage.run_directory import RESULT, Result, RunDirectory, read_result
+from meshfit.experiment.storage.run_directory import Result, RunDirectory, read_result
 
 
 class MeasuredOtherwise(NamedTuple):
@@ -26,12 +29,16 @@ class MeasuredOtherwise(NamedTuple):
 
 def find_measured_otherwise(trials: Sequence[Trial], store: RunDirectory) -> list[MeasuredOtherwise]:
     """Find trials without a result whose fit is complete: other results differ from them in `measure` alone."""
+    folders_of = cache(_by_seed)
     counts: dict[tuple[str, tuple[tuple[str, object, object], ...]], int] = {}
     for trial, complete in zip(trials, find_complete(trials, store), strict=True):
         if trial.fault or complete is not None:
             continue
+        folders = folders_of(store.folder(trial).parent).get(f"seed-{trial.seed}")
+        if not folders:
+            continue
         measure = trial.plain_settings["measure"]
-        for result in _same_fits(trial, store):
+        for result in _same_fits(trial, folders):
             before = result["settings"]["measure"]
             changes = tuple((key, before.get(key), measure[key]) for key in measure if before.get(key) != measure[key])
             key = trial.experiment, changes
@@ -40,12 +47,21 @@ def find_measured_otherwise(trials: Sequence[Trial], store: RunDirectory) -> lis
     return [MeasuredOtherwise(*key, count) for key, count in counts.items()]
 
 
-def _same_fits(trial: Trial, store: RunDirectory) -> Iterator[Result]:
+def _by_seed(parent: Path) -> dict[str, list[Path]]:
+    """Return the trial folders in one of target and scheme, by their names up to the hash."""
+    folders: dict[str, list[Path]] = {}
+    with suppress(OSError):
+        for folder in parent.iterdir():
+            folders.setdefault(folder.name.rpartition("-")[0], []).append(folder)
+    return folders
+
+
+def _same_fits(trial: Trial, folders: Iterable[Path]) -> Iterator[Result]:
     """Yield the results of a trial's fit with other settings of the measurement, the latest first."""
     found = list[Result]()
-    for path in store.folder(trial).parent.glob(f"seed-{trial.seed}-*/{RESULT}"):
+    for folder in folders:
         try:
-            result = read_result(path.parent)
+            result = read_result(folder)
         except StoreError:  # damaged
             continue
         if result is not None and _facts(result["settings"], result) == _facts(trial.plain_settings, _record(trial)):

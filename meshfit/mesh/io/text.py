@@ -81,7 +81,9 @@ def read_word_lines(path: str | Path) -> Iterator[tuple[int, list[str]]]:
     try:
         text = read_small_file(path).decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise MeshError(f"{path}: not a text file in UTF-8") from None
+        text = "\0"
+    if "\0" in text:
+        raise MeshError(f"{path_text(path)}: not a text file in UTF-8")
     for number, line in enumerate(text.splitlines(), 1):
         if words := line.partition("#")[0].split():
             yield number, words
