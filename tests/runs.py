@@ -91,7 +91,9 @@ def failed(runs, kind="diverged", message="the fit diverged at step 7", step=7, 
     (folder / "checkpoint.pt").unlink()
     (folder / "trial.log").write_text("step 7\n")
     record = {"kind": kind, "message": message, "step": step, "attempts": 1, "log": "trial.log", "error": "Diverged"}
-    (folder / "failure.json").write_text(json.dumps(record | {"identity": identity_of(folder.name)}))
+    (folder / "failure.json").write_text(
+        json.dumps(record | {"identity": folder.name.rpartition("-")[2].ljust(64, "0")})
+    )
     return folder
 
 

@@ -123,6 +123,7 @@ def _read(
     """Read a mesh of a trial, in one of its frames."""
     from meshfit.experiment.storage.attributes import with_attributes
     from meshfit.experiment.storage.frame import frame_of, written_frame
+    from meshfit.experiment.storage.mesh_files import check_mesh_file
     from meshfit.experiment.storage.run_directory import RESULT
     from meshfit.experiment.storage.targets import read_target, read_written_mesh
 
@@ -138,6 +139,7 @@ def _read(
         if what == "control" and not path.is_file():
             remedy = "fits with fit.variables: control write one"
             raise ConfigError(f"{trial.label}: no control mesh was fitted; {remedy}")
+        check_mesh_file(path, record)
         mesh = with_attributes(read_written_mesh(path), path, record)
     if found == frame:
         return mesh

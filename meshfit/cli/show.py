@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -11,18 +12,19 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from meshfit.cli.console import out
+from meshfit.cli.console import out, print_warning
 from meshfit.cli.options import DEFAULT_RUNS, AsJson, Runs, TrialName
 from meshfit.cli.status import STYLES
 from meshfit.config.experiment import non_default_settings
 from meshfit.config.strict_yaml import dump
+from meshfit.errors import ConfigError, StoreError
 from meshfit.experiment.status.scan import ScannedExperiment, ScannedTrial, find_trial
 from meshfit.experiment.storage.checkpoint import SNAPSHOTS, snapshots_in
 from meshfit.experiment.storage.failure import Failure, read_failure
 from meshfit.experiment.storage.frame import written_frame
-from meshfit.experiment.storage.measurement import AGAIN, with_measurement
-from meshfit.experiment.storage.result import end_time, read_settings
-from meshfit.experiment.storage.run_directory import LOCK, Result, is_half_written, read_result
+from meshfit.experiment.storage.measurement import AGAIN
+from meshfit.experiment.storage.result import end_time, read_result_or_warn, read_settings
+from meshfit.experiment.storage.run_directory import LOCK, Result, is_half_written
 from meshfit.experiment.storage.targets import find_carried
 from meshfit.experiment.storage.trial_log import read_progress
 from meshfit.experiment.trial_status import TrialStatus
@@ -70,9 +72,8 @@ def show(
         meshfit show 3f9a --all --runs elsewhere
     """
     experiment, scanned = find_trial(trial, runs, datetime.now(UTC))
-    result = read_result(scanned.path)
-    result = None if result is None else with_measurement(scanned.path, result)
-    settings = read_settings(scanned.path, result)
+    result = read_result_or_warn(scanned.path)
+    settings = _settings(scanned.path, result)
     if as_json:
         typer.echo(json.dumps(_plain(experiment, scanned, result, settings), indent=2))
         return 0
@@ -95,6 +96,14 @@ def show(
     return 0
 
 
+def _settings(folder: Path, result: Result | None) -> dict[str, Any]:
+    try:
+        return read_settings(folder, result)
+    except (StoreError, ConfigError) as error:  # damaged, and written again by the next run
+        print_warning(f"settings left out: {error}")
+        return {}
+
+
 def _plain(
     experiment: ScannedExperiment, trial: ScannedTrial, result: Result | None, settings: dict[str, Any]
 ) -> dict[str, object]:
@@ -112,7 +121,7 @@ def _plain(
         "progress": progress.to_dict() if progress else None,
         "failure": read_failure(trial.path).record if trial.status is TrialStatus.FAILED else None,
         "settings": settings,
-        "result": result,
+        "result": None if result is None else {key: value for key, value in result.items() if key != "folder"},
         "files": [{"name": name, "bytes": count, "what": meaning} for name, count, meaning in _files(trial)],
     }
 

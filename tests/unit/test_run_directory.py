@@ -1,15 +1,26 @@
 import json
 import math
 import os
+import shutil
 from pathlib import Path
 
 import pytest
 
-from meshfit.errors import MeshfitWarning, StoreError
+from meshfit.errors import MeshError, MeshfitWarning, StoreError
+from meshfit.experiment.plan import plan
+from meshfit.experiment.storage.failure import read_failure
+from meshfit.experiment.storage.mesh_files import check_mesh_file, file_record
 from meshfit.experiment.storage.result import read_results
-from meshfit.experiment.storage.run_directory import json_text, make_folder, write_atomically
+from meshfit.experiment.storage.run_directory import (
+    RunDirectory,
+    json_text,
+    make_folder,
+    read_result,
+    write_atomically,
+)
 from tests.loops import over
-from tests.runs import result_of
+from tests.runs import complete, failed, result_of
+from tests.small import experiment
 
 
 def test_a_file_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
@@ -84,6 +95,18 @@ def test_results_are_found_at_any_depth_in_the_order_of_their_paths(tmp_path):
         ({"quality": {"components": 3.7}}, "quality.components is 3.7, expected a whole number"),
         ({"distance": {"mean": -0.5}}, "distance.mean is -0.5, which is impossible"),
         ({"seed": ["long"] * 10**5}, 'not the result of a trial: seed is ["long", '),
+        ({"seconds": {"fit": "10"}}, 'not the result of a trial: seconds.fit is "10", expected a number'),
+        (
+            {"seconds": {"fit": math.inf}},
+            "not the result of a trial: seconds.fit is Infinity, expected a finite number",
+        ),
+        ({"seconds": {"fit": -1.0}}, "not the result of a trial: seconds.fit is -1.0, which is impossible"),
+        ({"frame": True}, "not the result of a trial: frame is true, expected an object"),
+        ({"versions": {"numpy": 2}}, "not the result of a trial: versions.numpy is 2, expected text"),
+        ({"warnings": [["a"]]}, 'not the result of a trial: warnings.0 is ["a"], expected text'),
+        ({"verdict": {"sound": True, "checks": [{}]}}, "not the result of a trial: no verdict.checks.0.name"),
+        ({"cloud": {}}, "not the result of a trial: no cloud.points"),
+        ({"hausdorff": []}, "hausdorff is [], expected an object"),
         ("[" * 200_000, "not valid JSON: nested too deeply"),
         ('{"a":' * 100_000, "not valid JSON: nested too deeply"),
     ],
@@ -106,6 +129,58 @@ def test_a_damaged_result_takes_only_its_own_trial_out(tmp_path, changes, messag
         pytest.raises(StoreError, match=r"no complete trial under .*; damaged: 1 result"),
     ):
         read_results([path.parent])
+
+
+def test_a_result_of_another_trial_or_with_a_damaged_mesh_is_damaged(tmp_path):
+    own, other = complete(tmp_path, seed=0), complete(tmp_path, seed=1)
+    shutil.copy(other / "result.json", own)
+    with pytest.raises(
+        StoreError, match=r"result.json: the result of another trial, \w{10}; the next `meshfit run` rep"
+    ):
+        read_result(own)
+    mesh = (other / "result.ply").read_bytes()
+    record = json.loads((other / "result.json").read_text()) | {"files": {"result.ply": file_record(mesh)}}
+    (other / "result.json").write_text(json.dumps(record))
+    check_mesh_file(other / "result.ply", read_result(other))
+    (other / "result.ply").write_bytes(b"x" + mesh[1:])
+    with pytest.raises(
+        MeshError, match=r"result.ply: damaged: not the mesh that the trial wrote; delete .*result.json"
+    ):
+        check_mesh_file(other / "result.ply", read_result(other))
+    (other / "result.ply").write_bytes(mesh[1:])
+    with pytest.raises(StoreError, match=r"result.ply has 2 bytes, expected 3; the next `meshfit run` repeats"):
+        read_result(other)
+    (other / "result.ply").unlink()  # to save space, say
+    assert read_result(other) == record
+
+
+@over(
+    "change",
+    [{"step": "7"}, {"kind": ["a"]}, {"message": None}, {"attempts": -1}, {"identity": "0" * 64}, {"traceback": "a"}],
+)
+def test_a_record_of_a_failure_that_is_damaged_or_of_another_trial_is_unreadable(tmp_path, change):
+    folder = failed(tmp_path)
+    assert read_failure(folder).kind == "diverged"
+    path = folder / "failure.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    failure = read_failure(folder)
+    assert (failure.kind, failure.record) == ("unreadable", {})
+    assert str(path) in failure.message
+
+
+def test_a_folder_in_the_place_of_a_file_is_set_aside_and_a_link_is_not_written_through(tmp_path):
+    (trial,) = plan([experiment(tmp_path)])
+    store = RunDirectory(tmp_path / "runs")
+    with store.lock(trial):
+        folder = store.folder(trial)
+        (folder / "result.json/mine").mkdir(parents=True)
+        (tmp_path / "precious").write_text("mine")
+        (folder / "trial.log").symlink_to(tmp_path / "precious")
+        store.clear(trial)
+        store.write(trial, "result.json", "{}")
+        store.append(trial, "trial.log", "line")
+    assert [path.name for path in folder.glob("result.json-set-aside-*/*")] == ["mine"]
+    assert (tmp_path / "precious").read_text() == "mine"
 
 
 def test_missing_and_empty_run_directories_are_told_apart(tmp_path):

@@ -4,7 +4,7 @@ from collections import Counter
 
 import pytest
 
-from meshfit.errors import StoreError
+from meshfit.errors import MeshfitWarning, StoreError
 from meshfit.experiment.status.scan import SCANNED_STATUSES, scan_experiments
 from meshfit.experiment.trial_status import TrialStatus
 from tests.runs import NOW, begun, complete, failed, held, write_plan
@@ -73,32 +73,42 @@ def test_a_plan_alone_makes_an_experiment(tmp_path):
     assert counts(tmp_path) == {"small": {"waiting": 2}}
 
 
+PLANNED = {"folder": "a", "identity": "b", "target": "c", "target_title": "c", "scheme": "loop", "seed": 0}
+PLANNED |= {"variant": "", "steps": 9}
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (b"{", "not valid JSON"),
         (b"[]", "expected a JSON object, got a list"),
         ({"schema_version": 2}, "got schema_version 2, expected 1; the next `meshfit run` rewrites it"),
-        ({"trials": [{"folder": "a"}]}, "not a plan: no 'identity'"),
-        ({"trials": 3}, "not a plan: "),
-        ({"trials": ["a"]}, "not a plan: "),
-        ({"workers": "two"}, "not a plan: "),
-        ({"trials": [{"folder": "/etc"}]}, "the folder '/etc' is not inside the experiment's"),
-        ({"trials": [{"folder": "../x"}]}, "the folder '../x' is not inside the experiment's"),
+        ({"trials": [{"folder": "a"}]}, "not a plan: no trials.0.identity"),
+        ({"trials": 3}, "not a plan: trials is 3, expected a list"),
+        ({"trials": ["a"]}, 'not a plan: trials.0 is "a", expected an object'),
+        ({"workers": "two"}, 'not a plan: workers is "two", expected a whole number'),
+        ({"trials": [PLANNED | {"folder": "/etc"}]}, "the folder '/etc' is not inside the experiment's"),
+        ({"trials": [PLANNED | {"folder": "../x"}]}, "the folder '../x' is not inside the experiment's"),
+        ({"trials": [PLANNED | {"origin": 3}]}, "not a plan: no origins.3"),
+        ({"trials": [PLANNED | {"seed": 1.5}]}, "not a plan: trials.0.seed is 1.5, expected a whole number"),
+        ({"view": {"up": "w"}}, 'not a plan: view.up is "w"'),
     ],
 )
 def test_a_damaged_plan_is_one_clear_line(tmp_path, change, message):
+    complete(tmp_path)
     write_plan(tmp_path / "small", [{"seed": 0}])
     path = tmp_path / "small/plan.json"
     path.write_bytes(
         change if isinstance(change, bytes) else json.dumps(json.loads(path.read_text()) | change).encode()
     )
-    with pytest.raises(StoreError) as caught:
-        scan_experiments([tmp_path], NOW)
-    assert str(caught.value).startswith(f"{path}: ")
-    assert message in str(caught.value)
-    assert "\n" not in str(caught.value)
-    assert "to have the trial run again" not in str(caught.value)
+    with pytest.warns(MeshfitWarning) as caught:
+        (found,) = scan_experiments([tmp_path], NOW)
+    assert found.counts[TrialStatus.COMPLETE] == 1
+    (text,) = (str(warning.message) for warning in caught)
+    assert text.startswith(f"trials that have not begun are not known: {path}: ")
+    assert text.endswith("; the next `meshfit run` rewrites it")
+    assert message in text
+    assert "\n" not in text
 
 
 def test_a_place_without_trials_is_refused(tmp_path):

@@ -58,11 +58,11 @@ def run_batch(
             # All processes take locks in the same order; otherwise two could wait for each other forever.
             for runner in sorted(runners, key=lambda runner: runner.trial.folder):
                 locks.enter_context(_locked(store.lock(runner.trial), runner.on_progress))
+                store.clear(runner.trial)
                 if force:
                     store.remove(runner.trial, RESULT, CHECKPOINT)
                 elif store.is_complete(runner.trial):
                     runner.outcome = Outcome(TrialStatus.COMPLETE)
-                store.remove_half_written(runner.trial)
             fit = partial(_fit, device=device, threads=threads, allow_commands=allow_commands)
             _run_locked([runner for runner in runners if runner.outcome is None], fit)
     except Interrupted:

@@ -17,6 +17,7 @@ from meshfit.experiment.storage.measurement import (
     with_measurement,
     write_measurement,
 )
+from meshfit.experiment.storage.mesh_files import check_mesh_file
 from meshfit.experiment.storage.result import package_versions
 from meshfit.experiment.storage.run_directory import Result, read_result
 from meshfit.experiment.storage.targets import read_target, read_written_mesh, triangles
@@ -104,6 +105,7 @@ def _measured(folder: Path, result: Result, settings: MeasureSettings) -> dict[s
         raise StoreError(f"{folder}: its result has no frame; `meshfit run --force` repeats the trial") from None
 
     def placed(name: str) -> Mesh:
+        check_mesh_file(folder / name, result)
         mesh = triangles(read_written_mesh(folder / name))
         return frame.normalise(mesh) if written_frame(result) == "target" else mesh
 

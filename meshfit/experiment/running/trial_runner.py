@@ -30,6 +30,7 @@ from meshfit.experiment.storage.checkpoint import (
 )
 from meshfit.experiment.storage.failure import LAST_GOOD, failed_attempts, failure_record
 from meshfit.experiment.storage.frame import frame_record
+from meshfit.experiment.storage.mesh_files import FILES, file_record
 from meshfit.experiment.storage.result import result_record
 from meshfit.experiment.storage.run_directory import (
     CHECKPOINT,
@@ -77,6 +78,7 @@ class TrialRunner:
         self._step = Step(0, trial.settings.fit.steps, float("nan"))
         self._seconds: Callable[[], float] = lambda: 0.0
         self._frame: Frame | None = None
+        self._files: dict[str, Result] = {}
         self._write_frame = trial.settings.write_frame
 
     def start(self) -> None:
@@ -185,6 +187,7 @@ class TrialRunner:
         source |= {"verts": self._source.num_verts, "faces": self._source.num_faces}
         work = {"source": source, "seconds": seconds, "peak_memory_mb": memory, "warnings": self._warnings}
         work["shortfalls"], work["verdict"] = short, verdict.to_dict()
+        work[FILES] = self._files
         if self._images is not None:
             work["images"] = self._images.record
         result = result_record(self.trial, self._frame_record, fitted, measured, work)
@@ -331,7 +334,9 @@ class TrialRunner:
             self.store.write(self.trial, attributes_file(name), encode_attributes(mesh.attributes))
         else:  # of an earlier attempt
             self.store.remove(self.trial, attributes_file(name))
-        self.store.write(self.trial, name, self._encoded(mesh))
+        content = self._encoded(mesh)
+        self._files[name] = file_record(content)
+        self.store.write(self.trial, name, content)
 
     def _encoded(self, mesh: Mesh | PolygonMesh) -> bytes:
         assert self._frame is not None  # noqa: S101  set by `prepare`

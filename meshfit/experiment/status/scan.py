@@ -2,6 +2,7 @@
 
 import os
 import re
+import warnings
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from meshfit.config.path_parts import PLAN, TRIAL_FOLDER
-from meshfit.errors import ConfigError, StoreError
+from meshfit.errors import ConfigError, MeshfitWarning, StoreError
 from meshfit.experiment.storage.failure import Failure, read_failure
 from meshfit.experiment.storage.plan_file import PlanFile, PlannedTrial, read_plan
 from meshfit.experiment.storage.run_directory import FAILURE, LOCK, RESULT, damage
@@ -166,7 +167,10 @@ def scan_experiments(
         complete: absolute paths of the folders of trials that are known to be complete, whose results are not read.
 
     Raises:
-        StoreError: no such directory, no trial in any of them, or a plan that cannot be read.
+        StoreError: no such directory, or no trial in any of them.
+
+    Warns:
+        MeshfitWarning: a plan cannot be read, so that its trials are those that have begun.
     """
     scans = [scan(root) for root in roots]
     begun: dict[Path, dict[Path, TrialFolder]] = {}
@@ -191,7 +195,7 @@ def _experiment(
     now: datetime,
     complete: Collection[Path],
 ) -> ScannedExperiment:
-    plan = read_plan(folder)
+    plan = _plan(folder)
     experiment = absolute(folder)
     planned = {experiment / entry.folder: entry for entry in plan.trials} if plan else {}
     folders = dict(begun)
@@ -205,6 +209,14 @@ def _experiment(
     ]
     ordered = sorted(trials, key=lambda trial: (_place(trial, plan), trial.folder.sort_key[1:]))
     return ScannedExperiment(experiment.name, folder, plan, tuple(ordered))
+
+
+def _plan(experiment: Path) -> PlanFile | None:
+    try:
+        return read_plan(experiment)
+    except StoreError as error:
+        warnings.warn(f"trials that have not begun are not known: {error}", MeshfitWarning, stacklevel=2)
+        return None
 
 
 def _place(trial: ScannedTrial, plan: PlanFile | None) -> tuple[tuple[int, ...], str]:

@@ -101,7 +101,7 @@ def snapshots_in(folder: Path) -> dict[int, Path]:
     if not (folder / SNAPSHOTS).is_dir():
         return {}
     matches = {path: _SNAPSHOT.fullmatch(path.name) for path in (folder / SNAPSHOTS).iterdir()}
-    return dict(sorted((int(match[1]), path) for path, match in matches.items() if match))
+    return dict(sorted((int(match[1]), path) for path, match in matches.items() if match and path.is_file()))
 
 
 def snapshot_steps(trial: "Trial", done: int) -> range:

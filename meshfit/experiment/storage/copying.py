@@ -10,7 +10,6 @@ from meshfit.errors import StoreError
 from meshfit.experiment.storage.run_directory import (
     CHECKPOINT,
     FAILURE,
-    LOCK,
     LOG,
     PROGRESS,
     RESULT,
@@ -82,8 +81,9 @@ def _copy(trial: "Trial", source: Path, store: RunDirectory) -> None:
     store.remove(trial, CHECKPOINT, FAILURE)
     try:
         for path in sorted(path for path in source.rglob("*") if path.is_file()):
-            if path.name not in (LOCK, PROGRESS, RESULT) and not path.name.startswith("."):
-                copy = folder / path.relative_to(source)
+            within = path.relative_to(source)
+            if path.name not in (PROGRESS, RESULT) and not any(part.startswith(".") for part in within.parts):
+                copy = folder / within
                 make_folder(copy.parent)
                 _link_or_copy(path, copy)
     except OSError as error:

@@ -7,7 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from meshfit.errors import MeshfitError, StoreError
-from meshfit.experiment.storage.run_directory import FAILURE, LOG, Result, RunDirectory, now, read_json
+from meshfit.experiment.storage.file_models import FailureContent, fault_in
+from meshfit.experiment.storage.run_directory import (
+    FAILURE,
+    LOG,
+    Result,
+    RunDirectory,
+    is_of_folder,
+    now,
+    read_json,
+)
 from meshfit.fitting.external.tools import ToolError
 
 if TYPE_CHECKING:
@@ -92,8 +101,9 @@ def failed_attempts(trial: "Trial", store: RunDirectory) -> int:
         record = store.failure(trial)
     except StoreError:  # damaged, and about to be overwritten
         return 0
-    count = 0 if record is None else record.get("attempts", 1)
-    return count if isinstance(count, int) else 1
+    if record is None or fault_in(FailureContent, record) is not None:
+        return 0
+    return FailureContent.model_validate(record).attempts
 
 
 def _record(trial: "Trial", kind: FailureKind, message: str, step: int | None, attempts: int) -> Result:
@@ -136,11 +146,11 @@ def read_failure(folder: Path) -> Failure:
         record = read_json(path)
     except StoreError as error:
         return Failure(UNREADABLE, str(error), None, path, {})
-    step = record.get("step")
-    return Failure(
-        str(record.get("kind", "error")),
-        " ".join(str(record.get("message", "")).split()),
-        step if isinstance(step, int) else None,
-        folder / LOG if (folder / LOG).is_file() else path,
-        record,
-    )
+    if (fault := fault_in(FailureContent, record)) is not None:
+        return Failure(UNREADABLE, f"{path}: not the record of a failure: {fault}", None, path, {})
+    content = FailureContent.model_validate(record)
+    if content.identity is not None and not is_of_folder(folder, content.identity):
+        return Failure(UNREADABLE, f"{path}: the failure of another trial, {content.identity[:10]}", None, path, {})
+    log = folder / LOG
+    message = " ".join(content.message.split())
+    return Failure(content.kind, message, content.step, log if log.is_file() else path, record)

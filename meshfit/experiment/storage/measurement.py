@@ -8,6 +8,7 @@ from typing import Any
 from filelock import FileLock
 
 from meshfit.errors import StoreError
+from meshfit.experiment.storage.file_models import MeasurementContent, fault_in
 from meshfit.experiment.storage.run_directory import (
     LOCK,
     Result,
@@ -89,16 +90,21 @@ def with_measurement(folder: Path, result: Result) -> Result:
     remedy = f"delete it to have the values of the fit, or repeat `meshfit measure --again {folder}`"
     try:
         record = read_json(path)
-        if record["of"] != {key: result.get(key) for key in _ORIGIN}:  # the trial has run again since
-            return result
-        values, settings = dict(record["values"]), dict(record["settings"])
-        about: dict[str, Any] = {"finished": str(record["finished"]), "versions": dict(record["versions"])}
     except StoreError as error:
         raise StoreError(f"{str(error).partition('; delete it')[0]}; {remedy}") from None
-    except (KeyError, TypeError, ValueError):
-        raise StoreError(f"{path}: not a measurement of a trial; {remedy}") from None
+    if (fault := fault_in(MeasurementContent, record)) is not None:
+        raise StoreError(f"{path}: not a measurement of a trial: {fault}; {remedy}")
+    content = MeasurementContent.model_validate(record)
+    if content.of != {key: result.get(key) for key in _ORIGIN}:  # the trial has run again since
+        return result
+    about: dict[str, Any] = {"finished": content.finished, "versions": content.versions}
     about["settings"] = result["settings"].get("measure", {})
-    latest = {**result, **values, "settings": {**result["settings"], "measure": settings}, AGAIN: about}
+    latest = {
+        **result,
+        **content.values,
+        "settings": {**result["settings"], "measure": content.settings},
+        AGAIN: about,
+    }
     if (problem := problem_with(latest)) is not None:
         raise StoreError(f"{path}: {problem}; {remedy}")
     return latest

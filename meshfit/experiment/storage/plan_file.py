@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 from meshfit.config.path_parts import PLAN
 from meshfit.errors import StoreError
 from meshfit.experiment.results_version import RESULTS_VERSION
+from meshfit.experiment.storage.file_models import OriginContent, PlanContent, PlannedContent, fault_in
 from meshfit.experiment.storage.run_directory import (
     Result,
     RunDirectory,
@@ -218,17 +219,20 @@ def read_plan(experiment: Path) -> PlanFile | None:
         expected = f"got schema_version {got}, expected {PLAN_FILE_VERSION}"
         raise StoreError(f"{path}: {expected}; the next `meshfit run` rewrites it")
     try:
-        origins = content.get("origins", [])
-        trials = tuple(_planned_trial(entry, origins) for entry in content["trials"])
-        # Plans of older versions hold no order but that of their trials.
-        targets = content.get("targets", dict.fromkeys(trial.target for trial in trials))
-        schemes = content.get("schemes", dict.fromkeys(trial.scheme for trial in trials))
-        variants = content.get("variants", dict.fromkeys(trial.variant for trial in trials))
-        order = (tuple(map(str, targets)), tuple(map(str, schemes)), tuple(map(str, variants)))
-        return PlanFile(str(content["written"]), max(1, int(content["workers"])), trials, *order, _planned_up(content))
-    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
-        reason = f"no {error}" if isinstance(error, KeyError) else str(error)
-        raise StoreError(f"{path}: not a plan: {reason}; the next `meshfit run` rewrites it") from None
+        if (fault := fault_in(PlanContent, content)) is not None:
+            raise ValueError(fault)  # noqa: TRY301  as what follows
+        plan = PlanContent.model_validate(content)
+        trials = tuple(_planned_trial(entry, plan.origins) for entry in plan.trials)
+        up = _planned_up(plan.view.up)
+    except ValueError as error:
+        raise StoreError(f"{path}: not a plan: {error}; the next `meshfit run` rewrites it") from None
+    # Plans of older versions hold no order but that of their trials.
+    order = (
+        tuple(dict.fromkeys(trial.target for trial in trials)) if plan.targets is None else tuple(plan.targets),
+        tuple(dict.fromkeys(trial.scheme for trial in trials)) if plan.schemes is None else tuple(plan.schemes),
+        tuple(dict.fromkeys(trial.variant for trial in trials)) if plan.variants is None else tuple(plan.variants),
+    )
+    return PlanFile(plan.written, max(1, plan.workers), trials, *order, up)
 
 
 def in_planned_order(results: Iterable[Result]) -> list[Result]:
@@ -278,36 +282,37 @@ def _shared_origin(trial: "Trial") -> str:
     return json.dumps({"schema_version": RESULTS_VERSION, "settings": settings, "inputs": inputs})
 
 
-def _origin(entry: Mapping[str, Any], origins: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    if "origin" not in entry:
+def _origin(entry: PlannedContent, origins: Sequence[OriginContent]) -> dict[str, Any]:
+    if entry.origin is None:
         return {}
-    shared = origins[int(entry["origin"])]
-    axes = {"targets": [str(entry["file"])], "schemes": [str(entry["scheme"])], "seeds": [int(entry["seed"])]}
-    target = {} if entry["sha256"] is None else {"target": str(entry["sha256"])}
+    if entry.origin >= len(origins):
+        raise ValueError(f"no origins.{entry.origin}")
+    shared = origins[entry.origin].model_dump()
+    axes = {"targets": [entry.file or entry.target], "schemes": [entry.scheme], "seeds": [entry.seed]}
+    target = {} if entry.sha256 is None else {"target": entry.sha256}
     inputs = {**shared["inputs"], **target}
     return {**shared, "settings": {**shared["settings"], **axes}, "inputs": inputs}
 
 
-def _planned_up(content: Mapping[str, Any]) -> UpChoice:
-    up = content.get("view", {}).get("up", "auto")  # plans of older versions hold none
+def _planned_up(up: str) -> UpChoice:
     for choice in get_args(UpChoice):
         if up == choice:
             return cast("UpChoice", choice)
     raise ValueError(f"view.up is {json.dumps(up)}")
 
 
-def _planned_trial(entry: Mapping[str, Any], origins: Sequence[Mapping[str, Any]]) -> PlannedTrial:
-    folder = PurePath(entry["folder"])
+def _planned_trial(entry: PlannedContent, origins: Sequence[OriginContent]) -> PlannedTrial:
+    folder = PurePath(entry.folder)
     if folder.is_absolute() or ".." in folder.parts or not folder.parts:
         raise ValueError(f"the folder {str(folder)!r} is not inside the experiment's")
     return PlannedTrial(
         folder=Path(folder),
-        identity=str(entry["identity"]),
-        target=str(entry["target"]),
-        target_title=str(entry["target_title"]),
-        scheme=str(entry["scheme"]),
-        seed=int(entry["seed"]),
-        variant=str(entry["variant"]),
-        steps=int(entry["steps"]),
+        identity=entry.identity,
+        target=entry.target,
+        target_title=entry.target_title,
+        scheme=entry.scheme,
+        seed=entry.seed,
+        variant=entry.variant,
+        steps=entry.steps,
         origin=_origin(entry, origins),
     )

@@ -5,8 +5,7 @@ import os
 import re
 import sys
 import tempfile
-import textwrap
-from collections.abc import Mapping
+import uuid
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,7 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 from filelock import FileLock
 
+from meshfit.config.path_parts import TRIAL_FOLDER
 from meshfit.errors import StoreError
+from meshfit.experiment.storage.file_models import ResultContent, fault_in, shortened_value
+from meshfit.experiment.storage.mesh_files import fault_in_size
 from meshfit.measuring.metrics import METRICS, possible_range
 from meshfit.paths import write_error_message
 
@@ -34,25 +36,12 @@ CORRESPONDENCE = "correspondence.csv"
 LOCK = ".lock"
 Result = dict[str, Any]
 
+_SUFFIXES = (".json", ".pt", ".log", ".csv", ".yaml", ".ply", ".npz")
+"""Suffixes of the files of a trial."""
 # The temporary names that `write_atomically` uses.
 _HALF_WRITTEN = re.compile(r"\..+\.[a-z0-9_]{8}")
 
-_LONGEST_VALUE = 60
 _REPEATED = "the next `meshfit run` repeats the trial"
-# The entries of a result that tables cannot do without, and their types.
-_ESSENTIAL = {
-    "schema_version": int,
-    "identity": str,
-    "experiment": str,
-    "target": str,
-    "target_title": str,
-    "scheme": str,
-    "seed": int,
-    "settings": Mapping,
-}
-# Others that have to be of a type where there are some.
-_OPTIONAL = {"inputs": Mapping, "seconds": Mapping, "cloud": Mapping, "warnings": list, "shortfalls": list}
-_TYPES = {**_ESSENTIAL, **_OPTIONAL}
 
 
 @dataclass(frozen=True)
@@ -74,9 +63,10 @@ class RunDirectory:
     def result(self, trial: "Trial") -> Result | None:
         """Read the result of a trial; None if it is not complete, or damaged."""
         try:
-            return read_result(self.folder(trial))
+            result = read_result(self.folder(trial))
         except StoreError:
             return None
+        return None if result is None or result["identity"] != trial.identity else result
 
     def is_complete(self, trial: "Trial") -> bool:
         """Whether a trial has a result that is not damaged."""
@@ -139,12 +129,23 @@ class RunDirectory:
             except OSError as error:
                 raise StoreError(f"{path}: cannot be removed: {error.strerror}") from error
 
-    def remove_half_written(self, trial: "Trial") -> None:
-        """Remove what earlier attempts at a trial were writing when they were killed; its lock must be held.
+    def clear(self, trial: "Trial") -> None:
+        """Remove what earlier attempts at a trial left half-written; its lock must be held.
+
+        A folder in the place of a file is set aside under another name, and a link in the place of the log is removed.
 
         Raises:
-            StoreError: it cannot be removed.
+            StoreError: it cannot be removed or renamed.
         """
+        for path in self.folder(trial).iterdir():
+            if path.suffix in _SUFFIXES and path.is_dir() and not path.is_symlink():
+                aside = path.with_name(f"{path.name}-set-aside-{uuid.uuid4().hex[:8]}")
+                try:
+                    path.rename(aside)
+                except OSError as error:
+                    raise StoreError(f"{path}: a folder in the place of a file: {error.strerror}; remove it") from error
+        if (self.folder(trial) / LOG).is_symlink():
+            self.remove(trial, LOG)
         self.remove(trial, *filter(is_half_written, (path.name for path in self.folder(trial).glob(".*"))))
 
     def _require_folder(self, trial: "Trial") -> None:
@@ -209,6 +210,8 @@ def read_json(path: Path) -> Result:
         StoreError: the file cannot be read, or holds something else.
     """
     try:
+        if path.exists() and not path.is_file():
+            raise StoreError(f"{path}: expected a file, got {'a folder' if path.is_dir() else 'something else'}")
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise StoreError(f"{path}: cannot be read: {error.strerror}") from error
@@ -224,35 +227,42 @@ def read_result(folder: Path) -> Result | None:
     """Read the result of the trial in a folder; None if it has none.
 
     Raises:
-        StoreError: it cannot be read, lacks what every result has, or has a metric that no result can have.
+        StoreError: it cannot be read, lacks what every result has, has a value that no result can have, or is that of
+            another trial; or the fitted mesh has another size than it was written with.
     """
     path = folder / RESULT
-    if not path.is_file():
+    if not os.path.lexists(path):
         return None
     try:
         result = read_json(path)
     except StoreError as error:
         raise StoreError(f"{str(error).partition('; delete it')[0]}; {_REPEATED}") from None
-    if (problem := problem_with(result)) is not None:
+    problem = problem_with(result) or _fault_in_identity(folder, result["identity"]) or fault_in_size(folder, result)
+    if problem is not None:
         raise StoreError(f"{path}: {problem}; {_REPEATED}")
     return result
 
 
+def is_of_folder(folder: Path, identity: str) -> bool:
+    """Whether a file in the folder of a trial is that of its trial, as far as the name of the folder tells."""
+    named = TRIAL_FOLDER.fullmatch(folder.name)
+    return named is None or identity.startswith(named[2])
+
+
+def _fault_in_identity(folder: Path, identity: str) -> str | None:
+    return None if is_of_folder(folder, identity) else f"the result of another trial, {identity[:10]}"
+
+
 def problem_with(result: Result) -> str | None:
     """Return what is wrong with a result; None if nothing is."""
-    for key, kind in _TYPES.items():
-        if key not in result and key in _ESSENTIAL:
-            return f"not the result of a trial: no {key}"
-        if key in result and not isinstance(result[key], kind):
-            return f"not the result of a trial: {key} is {_shortened(result[key])}"
-    for key, otherwise in (("targets", None), ("schemes", [""])):
-        names = result["settings"].get(key, otherwise)
-        if not (isinstance(names, list) and names and isinstance(names[0], str)):
-            return f"not the result of a trial: no settings.{key}"
+    if (fault := fault_in(ResultContent, result)) is not None:
+        return f"not the result of a trial: {fault}"
     for name in METRICS:
         value: Any = result
         for key in name.split("."):
-            value = value.get(key) if isinstance(value, dict) else None
+            if not isinstance(value, dict):
+                return f"{name.partition('.')[0]} is {shortened_value(value)}, expected an object"
+            value = value.get(key, {} if value is result and "." in name else None)
         if value is not None and (problem := _impossible(name, value)) is not None:
             return problem
     return None
@@ -260,15 +270,11 @@ def problem_with(result: Result) -> str | None:
 
 def _impossible(name: str, value: object) -> str | None:
     if not (isinstance(value, int | float) and abs(value) <= sys.float_info.max):
-        return f"{name} is {_shortened(value)}, expected a finite number"
+        return f"{name} is {shortened_value(value)}, expected a finite number"
     if METRICS[name].format == "d" and value != int(value):
-        return f"{name} is {_shortened(value)}, expected a whole number"
+        return f"{name} is {shortened_value(value)}, expected a whole number"
     least, largest = possible_range(name)
-    return None if least <= value <= largest else f"{name} is {_shortened(value)}, which is impossible"
-
-
-def _shortened(value: object) -> str:
-    return textwrap.shorten(json.dumps(value), _LONGEST_VALUE, placeholder=" …")
+    return None if least <= value <= largest else f"{name} is {shortened_value(value)}, which is impossible"
 
 
 def damage(path: Path) -> str | None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from meshfit.errors import StoreError
+from meshfit.experiment.storage.file_models import ProgressContent
 from meshfit.experiment.storage.run_directory import LOG, PROGRESS, RunDirectory, json_text, now, read_json
 from meshfit.experiment.trial_status import Progress, TrialStatus
 from meshfit.fitting.callbacks import Step
@@ -112,17 +113,17 @@ class LastProgress(Progress):
 def read_progress(folder: Path) -> LastProgress | None:
     """Read the progress of a trial; None where there is none, or none that can be read."""
     try:
-        content = read_json(folder / PROGRESS)
-        loss = math.nan if content["loss"] is None else float(content["loss"])
+        content = ProgressContent.model_validate(read_json(folder / PROGRESS))
+        loss = math.nan if content.loss is None else content.loss
         return LastProgress(
-            status=TrialStatus(content["phase"]),
-            step=Step(int(content["step"]), int(content["steps"]), loss),
-            host=str(content["host"]),
-            pid=int(content["pid"]),
-            started=_parse_time(content["started"]),
-            updated=_parse_time(content["updated"]),
+            status=TrialStatus(content.phase),
+            step=Step(content.step, content.steps, loss),
+            host=content.host,
+            pid=content.pid,
+            started=_parse_time(content.started),
+            updated=_parse_time(content.updated),
         )
-    except (StoreError, KeyError, TypeError, ValueError, OverflowError):
+    except (StoreError, ValueError):  # no such phase or time
         return None
 
 

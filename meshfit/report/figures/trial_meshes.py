@@ -10,6 +10,7 @@ from jaxtyping import Float64
 
 from meshfit.errors import MeasureError, StoreError
 from meshfit.experiment.storage.frame import frame_of, written_frame
+from meshfit.experiment.storage.mesh_files import check_mesh_file
 from meshfit.experiment.storage.run_directory import RESULT, Result, read_json
 from meshfit.experiment.storage.targets import read_target
 from meshfit.mesh.geometry import bounding_box_diagonal
@@ -70,6 +71,7 @@ def read_trial_meshes(folder: Path) -> TrialMeshes:
 
 def read_normalised(path: Path, facts: Result) -> Mesh:
     """Read a mesh that a trial wrote, in its normalised frame whatever frame it was written in."""
+    check_mesh_file(path, facts)
     mesh = load_mesh(path, attributes=False)
     return frame_of(facts).normalise(mesh) if written_frame(facts) == "target" else mesh
 

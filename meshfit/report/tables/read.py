@@ -1,7 +1,6 @@
 """Result tables of run directories in Python: as text, as HTML in a notebook, and for pandas."""
 
 import os
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -11,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from meshfit.doors import no_type_check
-from meshfit.errors import ConfigError, MeshfitWarning, StoreError
+from meshfit.errors import ConfigError
 from meshfit.experiment.status.missing import missing_results
 from meshfit.experiment.status.results import scan_with_results
 from meshfit.experiment.storage.plan_file import in_planned_order
@@ -104,11 +103,7 @@ def read_records(roots: Sequence[Path]) -> list[Result]:
     Raises:
         StoreError: no such directory, or neither a complete nor a planned trial in any of them.
     """
-    try:
-        experiments, results = scan_with_results(roots, datetime.now(UTC), required=False)
-    except StoreError as error:  # a damaged plan
-        experiments, results = [], read_results(roots, required=False)
-        warnings.warn(f"trials without a result are not known: {error}", MeshfitWarning, stacklevel=2)
+    experiments, results = scan_with_results(roots, datetime.now(UTC), required=False)
     missing = missing_results(experiments, results)
     if not results and not missing:
         read_results(roots)  # says what is wrong
