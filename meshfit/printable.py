@@ -1,25 +1,32 @@
-"""Text that is safe to print: control characters are refused in names, and written as escapes everywhere else."""
+"""Text that is safe to print: control and invisible characters are refused in names, and written as escapes elsewhere.
 
+Every way out uses these functions: the terminal, pages and drawings, CSV, JSON, LaTeX and Markdown.
+"""
+
+import html
 import json
 import math
 import unicodedata
+from collections.abc import Callable
 
 from meshfit.errors import ConfigError
 
-# Control characters, surrogates, separators of lines and paragraphs.
-_CATEGORIES = ("Cc", "Cs", "Zl", "Zp")
-# They change the direction of the text after them.
-_BIDIRECTIONAL = "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
+# Control characters, invisible marks (of direction, of zero width, tags), surrogates, ends of lines and paragraphs.
+_CATEGORIES = ("Cc", "Cf", "Cs", "Zl", "Zp")
+# Joiners and non-joiners, which scripts such as Arabic and Devanagari, and emoji, have between their characters.
+_JOINERS = "\u200c\u200d"
 LONGEST_MESSAGE = 480
 """The most characters of an error or a warning on the terminal."""
 _ELLIPSIS = " … "
 _LONGEST_VALUE = 60
 _ARRAY_LIBRARIES = ("numpy", "torch", "jax", "jaxlib", "cupy", "tensorflow")
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+_FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠")
 
 
 def printable(text: str, keep: str = "") -> str:
-    r"""Return a text with control characters as escapes, such as `\x1b`.
+    r"""Return a text with control and invisible characters as escapes, such as `\x1b` or `\u200b`.
+
+    Joiners between characters outside ASCII stay, since words and emoji are spelt with them.
 
     Args:
         text: any text.
@@ -27,9 +34,7 @@ def printable(text: str, keep: str = "") -> str:
     """
     if text.isprintable():
         return text
-    return "".join(
-        _escape(character) if _is_control(character) and character not in keep else character for character in text
-    )
+    return _escaped(text, keep, lambda character: character.encode("unicode_escape").decode())
 
 
 def printable_json(content: object) -> str:
@@ -39,13 +44,16 @@ def printable_json(content: object) -> str:
         ValueError: a number is NaN or infinite, which JSON does not have.
     """
     text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    return "".join(
-        f"\\u{ord(character):04x}" if character != "\n" and _is_control(character) else character for character in text
-    )
+    return _escaped(text, "\n", lambda character: json.dumps(character)[1:-1])
+
+
+def printable_html(text: str) -> str:
+    """Return a text for an HTML page: without markup, and with control and invisible characters as escapes."""
+    return html.escape(printable(text, keep="\n\t"))
 
 
 def require_printable(name: str, what: str, remedy: str = "remove them") -> None:
-    """Refuse a name with control characters.
+    """Refuse a name with control or invisible characters.
 
     Args:
         name: the name.
@@ -53,10 +61,10 @@ def require_printable(name: str, what: str, remedy: str = "remove them") -> None
         remedy: what to do, for the message.
 
     Raises:
-        ConfigError: it has control characters.
+        ConfigError: it has some.
     """
     if (shown := printable(name)) != name:
-        raise ConfigError(f"{what} '{shown}' has control characters; {remedy}")
+        raise ConfigError(f"{what} '{shown}' has control or invisible characters; {remedy}")
 
 
 def shortened(message: str, longest: int = LONGEST_MESSAGE) -> str:
@@ -91,12 +99,23 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _is_control(character: str) -> bool:
-    return unicodedata.category(character) in _CATEGORIES or character in _BIDIRECTIONAL
+def _escaped(text: str, keep: str, escape: Callable[[str], str]) -> str:
+    return "".join(
+        character
+        if character in keep or unicodedata.category(character) not in _CATEGORIES or _joins(text, place)
+        else escape(character)
+        for place, character in enumerate(text)
+    )
 
 
-def _escape(character: str) -> str:
-    return character.encode("unicode_escape").decode()
+def _joins(text: str, place: int) -> bool:
+    """Whether the character at a place is a joiner between two characters outside ASCII."""
+    around = text[place - 1 : place] + text[place + 1 : place + 2]
+    return text[place] in _JOINERS and len(around) == 2 and not any(map(_is_ascii_or_invisible, around))
+
+
+def _is_ascii_or_invisible(character: str) -> bool:
+    return character.isascii() or unicodedata.category(character) in _CATEGORIES
 
 
 def described(thing: object) -> str:

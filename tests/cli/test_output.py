@@ -15,9 +15,11 @@ from matplotlib.figure import Figure
 from meshfit.cli.completions import limits, listed_measured, listed_metrics
 from meshfit.errors import ConfigError
 from meshfit.measuring.metrics import METRICS, metric_named
-from meshfit.printable import csv_cell, printable, printable_json, require_printable
+from meshfit.printable import csv_cell, printable, printable_html, printable_json, require_printable
 from meshfit.report.figures.layout import write_drawing
 from meshfit.report.html.environment import template_environment
+from meshfit.report.tables.formats.latex import escape as to_latex
+from meshfit.report.tables.formats.markdown import escape as to_markdown
 from tests.cli import answered, invoke, refused
 from tests.cli.processes import ENVIRONMENT
 from tests.loops import over
@@ -72,14 +74,14 @@ def test_names_with_control_characters_are_refused(tmp_path):
     config = tmp_path / "my.yaml"
     config.write_text('targets: [bone]\nschemes: [loop]\nsweep: {variants: {"a\\eb": {fit.steps: 1}}}\n')
     message = refused("run", config, "--dry-run")
-    assert message.endswith(r"variant 'a\x1bb' has control characters; remove them")
+    assert message.endswith(r"variant 'a\x1bb' has control or invisible characters; remove them")
     config.write_text("targets: [bone]\nschemes: [loop]\n")
     config.rename(tmp_path / "a\x1bb.yaml")
     assert refused("run", tmp_path / "a\x1bb.yaml", "--dry-run") == (
-        r"error: experiment 'a\x1bb' has control characters; rename its config, or give --name"
+        r"error: experiment 'a\x1bb' has control or invisible characters; rename its config, or give --name"
     )
     require_printable("Lochmüller – ∂Ω ✓", "label")
-    with pytest.raises(ConfigError, match=r"label 'a\\nb' has control characters"):
+    with pytest.raises(ConfigError, match=r"label 'a\\nb' has control or invisible characters"):
         require_printable("a\nb", "label")
 
 
@@ -87,12 +89,32 @@ def test_text_is_printable_and_stays_as_it_is_where_it_was():
     assert printable("a\tb\n", keep="\n\t") == "a\tb\n"
     assert printable("a\tb\n") == r"a\tb\n"
     assert printable("\u2028\x7f\u202e") == r"\u2028\x7f\u202e"
-    for text in ("plain", "Lochmüller", "日本語", "e\u0301", "a\u00a0b", "🐄"):
+    for text in ("plain", "Lochmüller", "日本語", "e\u0301", "a\u00a0b", "🐄", "👩\u200d🚀", "می\u200cخواهم"):
         assert printable(text) == text
 
 
+MARKS = "\u200b\u200c\u200d\u200e\u200f\u061c\u2028\u2029\u202a\u202e\u2060\u2066\u2069\ufeff\u00ad\U000e0041"
+
+
+@pytest.mark.parametrize("way", [printable, printable_html, csv_cell, printable_json, to_latex, to_markdown])
+def test_invisible_marks_are_escapes_on_each_way_out(way):
+    """They would hide a part of a name, turn it round, or make two names look the same."""
+    written = way(f"a{MARKS}b")
+    assert not set(written) & set(MARKS)
+    assert ("u200b" in written, "ufeff" in written) == (True, True)
+    with pytest.raises(ConfigError, match=r"name 'a\\u200bb' has control or invisible characters"):
+        require_printable("a\u200bb", "name")
+
+
+def test_names_keep_their_characters_in_latex_and_markdown():
+    assert to_latex(r"a_b&c%d#e$f{g}h~i^j\k`") == (
+        r"a\_b\&c\%d\#e\$f\{g\}h\textasciitilde{}i\textasciicircum{}j\textbackslash{}k\textasciigrave{}"
+    )
+    assert to_markdown("a|b`c<d&lt;$e$") == r"a\|b\`c\<d\&lt;\$e\$"
+
+
 def test_cells_that_a_spreadsheet_would_run_begin_with_an_apostrophe():
-    for text in ("=1+1", "+A1", "-A1", "@SUM(A1)", "\t=1", '=HYPERLINK("x")'):
+    for text in ("=1+1", "+A1", "-A1", "@SUM(A1)", "\t=1", "\r=1", "\n=1", "\uff1d1", '=HYPERLINK("x")'):
         assert csv_cell(text).startswith("'")
     for value, cell in (
         (-0.5, "-0.5"),

@@ -84,7 +84,7 @@ def test_no_name_leads_out_of_the_run_directory_or_looks_like_the_folder_of_a_tr
         ("..", r"target .*: its name '\.\.' is no name of a folder; rename the file"),
         (".", "is no name of a folder"),
         ("a\\b", "has a separator of paths"),
-        ("a\x1bb", "has control characters"),
+        ("a\x1bb", "has control or invisible characters"),
         ("Nul", "is reserved on Windows"),
         ("COM1.old", "is reserved on Windows"),
         ("seed-3-0123456789", "has the form seed-N-HASH, which is that of the folders of trials"),

@@ -11,7 +11,6 @@ import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ from meshfit.experiment.storage.run_directory import TIMES, TRACE, Result
 from meshfit.experiment.tuning.search_file import Search
 from meshfit.mesh.mesh import Mesh
 from meshfit.optional import import_optional
-from meshfit.printable import printable
+from meshfit.printable import printable, printable_html
 from meshfit.report.figures.layout import set_log_ticks
 from meshfit.report.figures.search import SearchStyle, draw_search, search_height
 from meshfit.report.html.target_section import TargetSection, TrialsByRow
@@ -388,7 +387,7 @@ def _for_page(svg: str, name: str, key: str, size: tuple[int, int]) -> str:
     while "<g></g>" in text:
         text = text.replace("<g></g>", "")
     box = f"0 0 {size[0]} {size[1]}"
-    return f'<svg class="chart" viewBox="{box}" role="img" aria-label="{escape(name)}">{text}</svg>'
+    return f'<svg class="chart" viewBox="{box}" role="img" aria-label="{printable_html(name)}">{text}</svg>'
 
 
 def _short_tag(tag: str, key: str) -> str:

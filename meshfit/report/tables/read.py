@@ -4,7 +4,6 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from html import escape
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from meshfit.experiment.storage.plan_file import in_planned_order
 from meshfit.experiment.storage.result import read_results
 from meshfit.experiment.storage.run_directory import Result
 from meshfit.optional import import_pandas
-from meshfit.printable import described
+from meshfit.printable import described, printable_html
 from meshfit.report.tables.formats.data import to_csv
 from meshfit.report.tables.formats.terminal import to_text
 from meshfit.report.tables.grouping import distinguish_definitions
@@ -112,18 +111,18 @@ def read_records(roots: Sequence[Path]) -> list[Result]:
 
 def _html(table: Table) -> str:
     columns, names = columns_of(table), row_names(table)
-    head = "".join(f"<th>{escape(text)}</th>" for text in (*names, *(column.heading for column in columns)))
+    head = "".join(f"<th>{printable_html(text)}</th>" for text in (*names, *(column.heading for column in columns)))
     lines = "".join(
         f"<tr>{''.join(_cells(columns, labels, index))}</tr>" for index, labels in enumerate(row_labels(table))
     )
-    metrics = escape(", ".join(table.metric_title(metric) for metric in table.metrics))
-    caption = f"<caption>{escape(table.title)}: {metrics}</caption>"
+    metrics = printable_html(", ".join(table.metric_title(metric) for metric in table.metrics))
+    caption = f"<caption>{printable_html(table.title)}: {metrics}</caption>"
     return f"<table>{caption}<thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>"
 
 
 def _cells(columns: Sequence[Column], labels: Sequence[str], index: int) -> Iterator[str]:
-    yield from (f"<th>{escape(label)}</th>" for label in labels)
+    yield from (f"<th>{printable_html(label)}</th>" for label in labels)
     for column in columns:
         cell = column.cells[index]
-        text = escape(" ".join(filter(None, (cell.text, cell.interval))))
+        text = printable_html(" ".join(filter(None, (cell.text, cell.interval))))
         yield f"<td>{f'<b>{text}</b>' if cell.best else text}</td>"

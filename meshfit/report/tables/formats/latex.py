@@ -27,6 +27,7 @@ _ESCAPES = {
     **{character: f"\\{character}" for character in "&%$#_{}"},
     "\\": r"\textbackslash{}",
     "~": r"\textasciitilde{}",
+    "`": r"\textasciigrave{}",
     "†": r"\dag{}",
     "‡": r"\ddag{}",
     "^": r"\textasciicircum{}",

@@ -10,7 +10,7 @@ from meshfit.report.tables.layout import TextCell, columns_of, row_labels, row_n
 from meshfit.report.tables.notes import legend, notes
 from meshfit.report.tables.table import Table
 
-_SPECIAL = re.compile(r"([\\`*_\[\]<>|~#])")
+_SPECIAL = re.compile(r"([\\`*_\[\]<>|~#&$])")
 
 
 def to_markdown(tables: Sequence[Table]) -> str:
