@@ -198,7 +198,7 @@ def test_the_command_prints_a_table_and_writes_csv_json_and_a_chart(tmp_path):
     for number, result in enumerate(results(24, ("cow",), ("loop",), (0,))):
         folder = tmp_path / "swept" / result["target"] / result["scheme"] / f"seed-0-{number:010x}"
         folder.mkdir(parents=True)
-        (folder / "result.json").write_text(json.dumps(result))
+        (folder / "result.json").write_text(json.dumps(result | {"identity": f"{number:010x}"}))
     text = answered("sensitivity", tmp_path / "swept", "--metric", "distance.mean", "-q", "-o", tmp_path / "chart.png")
     assert "cow: 24 points, Q² " in text
     assert text.splitlines()[4].startswith("edge  ")

@@ -167,7 +167,7 @@ def scan_experiments(
         complete: absolute paths of the folders of trials that are known to be complete, whose results are not read.
 
     Raises:
-        StoreError: no such directory, or no trial in any of them.
+        StoreError: no such directory, or no trial in any of them; of a plan that cannot be read, where there is one.
 
     Warns:
         MeshfitWarning: a plan cannot be read, so that its trials are those that have begun.
@@ -178,11 +178,16 @@ def scan_experiments(
         begun.setdefault(folder.experiment, {}).setdefault(absolute(folder.path), folder)
     planned = {absolute(path): path for scanned in scans for path in scanned.planned}
     within = [absolute(root) for root in roots]
+    faults = list[StoreError]()
     experiments = [
-        _experiment(planned.get(path, path), begun.get(path, {}), within, now, complete)
+        _experiment(planned.get(path, path), begun.get(path, {}), within, now, complete, faults)
         for path in sorted({*begun, *planned})
     ]
     experiments = [experiment for experiment in experiments if experiment.trials]
+    if not experiments and required and faults:
+        raise faults[0]
+    for fault in faults:
+        warnings.warn(f"trials that have not begun are not known: {fault}", MeshfitWarning, stacklevel=2)
     if not experiments and required:
         raise StoreError(f"no trial under {', '.join(map(str, roots))}; `meshfit run` makes them")
     return experiments
@@ -194,8 +199,9 @@ def _experiment(
     within: Sequence[Path],
     now: datetime,
     complete: Collection[Path],
+    faults: list[StoreError],
 ) -> ScannedExperiment:
-    plan = _plan(folder)
+    plan = _plan(folder, faults)
     experiment = absolute(folder)
     planned = {experiment / entry.folder: entry for entry in plan.trials} if plan else {}
     folders = dict(begun)
@@ -211,11 +217,11 @@ def _experiment(
     return ScannedExperiment(experiment.name, folder, plan, tuple(ordered))
 
 
-def _plan(experiment: Path) -> PlanFile | None:
+def _plan(experiment: Path, faults: list[StoreError]) -> PlanFile | None:
     try:
         return read_plan(experiment)
     except StoreError as error:
-        warnings.warn(f"trials that have not begun are not known: {error}", MeshfitWarning, stacklevel=2)
+        faults.append(error)
         return None
 
 
