@@ -41,7 +41,7 @@ def meshfit(*arguments: object, folder: Path, code: int = 0) -> tuple[str, str]:
     return out, err
 
 
-def wait_until(condition: Callable[[], bool], process: subprocess.Popen[str], seconds: float = 60) -> None:
+def wait_until(condition: Callable[[], bool], process: subprocess.Popen[str], seconds: float = 120) -> None:
     deadline = time.monotonic() + seconds
     while not condition():
         assert process.poll() is None, "the process ended before what it was waited for"

@@ -99,7 +99,7 @@ def test_the_trial_of_a_worker_that_is_stopped_goes_on_elsewhere_whatever_the_sc
 
     with (
         running_cluster(tmp_path) as (file, _),
-        closing(DaskRemote(str(file), transfer=transfer, silent_after=4)) as remote,
+        closing(DaskRemote(str(file), transfer=transfer, silent_after=8)) as remote,
     ):
         outcomes = run_trials(trials, store, remote=remote, watch=stop)
     assert len(stopped) == 1

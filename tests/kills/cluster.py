@@ -100,7 +100,7 @@ def hit(
         if kill.signal != "STOP" or kill.victim != "worker":
             time.sleep(0.5)
             experiment.pause.release()
-        out, err = process.communicate(timeout=120)
+        out, err = process.communicate(timeout=300)
     finally:
         with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)

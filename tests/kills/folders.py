@@ -80,7 +80,7 @@ def hit(loss: Loss, process: subprocess.Popen[str], experiment: Experiment, seed
         check_phase(loss.phase, experiment, seed)
         with _LOSSES[loss.how](experiment):
             experiment.pause.release()
-            out, err = process.communicate(timeout=120)
+            out, err = process.communicate(timeout=300)
     finally:
         with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)

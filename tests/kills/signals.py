@@ -155,7 +155,7 @@ def hit(kill: Kill, process: subprocess.Popen[str], experiment: Experiment, seed
                 victims = [*victims, paused]
             wait_for(lambda: all(state_of(pid) in ("Z", "") for pid in victims), "the victim lives on")
         experiment.pause.release()
-        out, err = process.communicate(timeout=120)
+        out, err = process.communicate(timeout=300)
     finally:
         with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
@@ -217,7 +217,7 @@ def check_kept(
 def finish(experiment: Experiment, trials: int, reference: Mapping[int, str], resumed: set[int]) -> None:
     """Run to the end, and compare with what is undisturbed."""
     process = experiment.start(range(trials))
-    out, err = process.communicate(timeout=300)
+    out, err = process.communicate(timeout=600)
     assert (process.returncode, err) == (0, ""), out + err
     results = check_kept(experiment, {}, reference, resumed)
     assert set(results) == set(range(trials)), results
@@ -245,7 +245,7 @@ def state_of(pid: int) -> str:
         return ""
 
 
-def wait_for(condition: Callable[[], bool], otherwise: str, seconds: float = 30) -> None:
+def wait_for(condition: Callable[[], bool], otherwise: str, seconds: float = 120) -> None:
     deadline = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < deadline, otherwise

@@ -85,14 +85,24 @@ class Killer:
         self.folder, self.left, self.killed = store.folder(trial), times, set()
 
     def __call__(self, board, outcomes):
+        pid = self.fitting()
+        if not self.left or pid is None or pid in self.killed or board[0].step.done <= 5:
+            return
+        os.kill(pid, signal.SIGSTOP)
+        if self.fitting() != pid:  # it has gone on to measure, or to another trial, before it stopped
+            os.kill(pid, signal.SIGCONT)
+            return
+        self.killed.add(pid)
+        self.left -= 1
+        os.kill(pid, signal.SIGKILL)
+
+    def fitting(self):
+        """The process that fits the trial; None if none does."""
         try:
             progress = json.loads((self.folder / "progress.json").read_text())
         except (FileNotFoundError, NotADirectoryError):
-            return
-        if self.left and board[0].step.done > 5 and progress["pid"] not in self.killed:
-            self.killed.add(progress["pid"])
-            self.left -= 1
-            os.kill(progress["pid"], signal.SIGKILL)
+            return None
+        return progress["pid"] if progress["phase"] == "fitting" else None
 
 
 def test_processes_are_kept_from_run_to_run_while_they_suffice():
