@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, Literal, Protocol
@@ -28,7 +28,7 @@ from meshfit.experiment.running.worker import (
     run_job,
 )
 from meshfit.experiment.storage.run_directory import PROGRESS, RunDirectory, make_folder, write_atomically
-from meshfit.experiment.storage.targets import carry_for_remote
+from meshfit.experiment.storage.targets import carry_for_remote, present_target
 from meshfit.experiment.storage.trial_log import read_progress
 from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
 
@@ -311,7 +311,10 @@ class RemoteBackend:
 
     def submit(self, trials: Mapping[int, Trial], device: str) -> Future[JobResult]:
         """Hand a batch to a worker, which has a resource called GPU if the batch requires one."""
-        inputs = None if self._shared else {i: self._packed(trial) for i, trial in trials.items()}
+        inputs = None
+        if not self._shared:
+            trials = {i: self._with_present_target(trial) for i, trial in trials.items()}
+            inputs = {i: pack_inputs(trial, self._store) for i, trial in trials.items()}
         threads_set = [trial.settings.threads for trial in trials.values() if trial.settings.threads != "auto"]
         threads = min(threads_set, default=1)
         job = self._options.job(
@@ -331,9 +334,14 @@ class RemoteBackend:
             refused.set_exception(error)
             return refused
 
-    def _packed(self, trial: Trial) -> Files:
+    def _with_present_target(self, trial: Trial) -> Trial:
+        """Return a trial that reads the carried copy of its target if the file is missing."""
         carry_for_remote(trial, self._store)
-        return pack_inputs(trial, self._store)
+        present = present_target(trial, self._store)
+        if present == trial.current_path(trial.target):
+            return trial
+        others = [copy for copy in trial.copies if copy[0] != trial.target]
+        return replace(trial, copies=(*others, (trial.target, present)))
 
     def receive(self) -> None:
         """Write the logs and the progress that workers have sent, of trials that have not ended."""

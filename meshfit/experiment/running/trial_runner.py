@@ -44,7 +44,7 @@ from meshfit.experiment.storage.run_directory import (
     RunDirectory,
     json_text,
 )
-from meshfit.experiment.storage.targets import carried_path, carry_target, file_numbers
+from meshfit.experiment.storage.targets import carried_path, carry_target, file_numbers, present_target
 from meshfit.experiment.storage.trial_log import TrialLog
 from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
 from meshfit.experiment.truth import source_with_faces_of, vertex_counts
@@ -97,7 +97,7 @@ class TrialRunner:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", MeshfitWarning)
             inputs = dict(self.trial.inputs)
-            name = self.trial.current_path(self.trial.target)
+            self._target_name = name = present_target(self.trial, self.store)
             carried = carried_path(self.trial, self.store)
             target = load_trial_target(
                 name, inputs.get("target"), settings.normalise, settings.cleaning, settings.target, carried
@@ -120,8 +120,9 @@ class TrialRunner:
             fills = source_settings.mesh == "closed"
             warn_of_differences(self._source, self._target, settings.fit, settings.target.surface, fills=fills)
         self._warnings = [*target.warnings, *warning_texts(caught)]
-        copy = name if name != self.trial.target and self.store.carries_targets else ""
-        for line in (f"target: {copy}, the copy of a missing file" if copy else "", target.note, *source.notes):
+        is_copy = self.store.carries_targets and self._target_name != self.trial.target
+        copy = f"target: {self._target_name}, the copy of a missing file" if is_copy else ""
+        for line in (copy, target.note, *source.notes):
             if line:
                 self._log.note(line)
         for text in self._warnings:
@@ -153,7 +154,7 @@ class TrialRunner:
 
     def finish(self, fitted: FitResult) -> None:
         """Measure the fit, and write it and the result."""
-        name = self.trial.current_path(self.trial.target)
+        name = self._target_name
         carry_target(carried_path(self.trial, self.store), name, self.trial.settings.cleaning)  # removed since
         seconds, memory = {"fit": self._seconds()}, peak_memory_mb()
         if fitted.tool is not None:
@@ -229,7 +230,7 @@ class TrialRunner:
         assert self._frame is not None  # noqa: S101  set by `prepare`
         found = Correspondence.of(fitted.mesh, self._target).restored(self._frame)
         sha256 = dict(self.trial.inputs).get("target")
-        numbered = found.numbered_as(*file_numbers(self.trial.current_path(self.trial.target), sha256))
+        numbered = found.numbered_as(*file_numbers(self._target_name, sha256))
         self.store.write(self.trial, CORRESPONDENCE, numbered.to_csv())
 
     def _guidance(
@@ -241,7 +242,8 @@ class TrialRunner:
             places = trial.current_path(places)
             check_unchanged(places, inputs.get("target-landmarks"))
         landmarks = read_landmarks(source, places)
-        name = trial.current_path(trial.target)
+        is_numbered = landmarks is not None and landmarks.goals_are_numbered  # in the file itself
+        name = trial.current_path(trial.target) if is_numbered else self._target_name
         return guidance_of(source, scheme, landmarks, (name, target.frame.restore(target.mesh), target.frame))
 
     def _read_truth(self, sha256: str | None) -> Truth | None:

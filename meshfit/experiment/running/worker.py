@@ -206,11 +206,11 @@ def pack_inputs(trial: Trial, store: RunDirectory) -> Files:
     """
     files = {}
     for role, name in trial.files.items():
-        if role == "target" and is_image_target(name):
-            loaded = load_images(name)
-            files[f"{_INPUTS}{role}/{_packed_name(name)}"] = pack_target(loaded)
+        present = trial.current_path(name)
+        if role == "target" and is_image_target(present):
+            files[f"{_INPUTS}{role}/{_packed_name(present)}"] = pack_target(load_images(present))
             continue
-        path = Path(trial.current_path(name))
+        path = Path(present)
         # Of targets, and of tables such as those of creases, no materials are read.
         for file in (path, *companion_files(path, looks=role == "source")):
             files[f"{_INPUTS}{role}/{file.relative_to(path.parent).as_posix()}"] = _content(file)

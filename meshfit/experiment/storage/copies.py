@@ -6,15 +6,13 @@ from contextlib import suppress
 from pathlib import Path
 
 from meshfit.config.path_parts import PLAN, TARGETS
-from meshfit.errors import MeshfitError, StoreError
+from meshfit.errors import StoreError
 from meshfit.experiment.input_checks import CopyFinder, TargetCopy
 from meshfit.experiment.storage.plan_file import read_plan
 from meshfit.experiment.storage.run_directory import RESULT, read_result
-from meshfit.experiment.storage.targets import carried_name
+from meshfit.experiment.storage.targets import carried_name, is_missing
 from meshfit.images.folders import PACK_SUFFIX
-from meshfit.images.specs import RenderedViews, image_spec
 from meshfit.mesh.cleaning_options import CleaningOptions
-from meshfit.mesh.targets import NAMED_TARGETS
 
 
 def copies_in(runs: Path) -> CopyFinder:
@@ -37,7 +35,7 @@ def find_copy(experiment: Path, target: str, label: str, cleaning: CleaningOptio
     Returns:
         The copy; None if the file is there, or if there is no copy of it.
     """
-    if not _is_missing(target):
+    if not is_missing(target):
         return None
     others = [path.parent for path in sorted(experiment.parent.glob(f"*/{PLAN}")) if path.parent != experiment]
     for name, sha256 in (each for place in (experiment, *others) for each in _recorded(place, label)):
@@ -52,15 +50,6 @@ def _is_same(name: str, target: str) -> bool:
     """Whether a recorded name is that of a target; a relative path where there is no file may be of any folder."""
     parts = Path(target).parts
     return name == target or (bool(parts) and Path(name).parts[-len(parts) :] == parts)
-
-
-def _is_missing(target: str) -> bool:
-    with suppress(MeshfitError, ValueError):
-        if target.startswith(("views:", "images:")):
-            spec = image_spec(target)
-            target = spec.of if isinstance(spec, RenderedViews) else spec.images
-        return target not in NAMED_TARGETS and not os.path.lexists(target)
-    return False
 
 
 def _recorded(experiment: Path, label: str) -> Iterator[tuple[str, str]]:

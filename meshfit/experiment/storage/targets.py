@@ -19,7 +19,7 @@ import numpy as np
 from filelock import FileLock
 
 from meshfit.config.path_parts import TARGETS
-from meshfit.errors import MeshError, MeshfitWarning, StoreError
+from meshfit.errors import MeshError, MeshfitError, MeshfitWarning, StoreError
 from meshfit.experiment.storage.run_directory import LOCK, Result, RunDirectory, make_folder, write_atomically
 from meshfit.images.folders import PACK_SUFFIX
 from meshfit.mesh.cleaning_options import CleaningOptions
@@ -43,6 +43,28 @@ def carried_path(trial: "Trial", store: RunDirectory) -> Path | None:
     if sha256 is None or not store.carries_targets:
         return None
     return store.root / TARGETS / carried_name(sha256, trial.settings.cleaning)
+
+
+def present_target(trial: "Trial", store: RunDirectory) -> str:
+    """Return the name of a trial's target, or the present path of its file; of its carried copy if that is missing."""
+    name, carried = trial.current_path(trial.target), carried_path(trial, store)
+    if carried is None or not is_missing(name):
+        return name
+    copies = (carried.with_name(f"{dict(trial.inputs)['target']}{PACK_SUFFIX}"), carried)
+    return next((str(copy) for copy in copies if copy.is_file()), name)
+
+
+def is_missing(target: str) -> bool:
+    """Whether a target is to be read from a file or a folder that is not there."""
+    from meshfit.images.specs import RenderedViews, image_spec
+    from meshfit.mesh.targets import NAMED_TARGETS
+
+    with suppress(MeshfitError, ValueError):
+        if target.startswith(("views:", "images:")):
+            spec = image_spec(target)
+            target = spec.of if isinstance(spec, RenderedViews) else spec.images
+        return target not in NAMED_TARGETS and not os.path.lexists(target)
+    return False
 
 
 def carry(path: Path | None, load: Callable[[], "Mesh | PointCloud"]) -> None:
