@@ -35,6 +35,16 @@ COUNTS = (1, 2, 4, 8, 16, 32)
 TARGETS = ("bunny", "mousehead", "cow", "bone")
 _HELD_OUT, _SAMPLES = 6, 50_000
 _SETTINGS = meshfit.GaussNewtonSettings(verts=5000)
+# Those of docs/guide/images.md, with a weight of normals where they are shown.
+_FIRST_ORDER: dict[str, Any] = {
+    "method": "first-order",
+    "steps": 300,
+    "samples": 1000,
+    "losses": {"silhouette": 1.0, "chamfer": 0.0, "edge": 0.1, "laplacian": 0.05},
+    "optimizer": {"name": "adam", "lr": 0.003},
+    "views": {"blur": 1.0, "per_step": 4},
+}
+_FIRST_ORDER_COUNTS = (8,)
 
 
 class Case(NamedTuple):
@@ -43,11 +53,13 @@ class Case(NamedTuple):
     target: str
     count: int
     shows: str
+    method: str = "gauss-newton"
 
     @property
     def file(self) -> str:
         """Name of its result, without a suffix."""
-        return f"{self.target}-{self.count}-{self.shows}"
+        name = f"{self.target}-{self.count}-{self.shows}"
+        return name if self.method == "gauss-newton" else f"{name}-{self.method}"
 
 
 def main() -> int:
@@ -81,6 +93,9 @@ def cases(targets: Sequence[str], counts: Sequence[int]) -> Iterator[Case]:
         for target in targets:
             for shows in images_page.SHOWS:
                 yield Case(target, count, shows)
+            if count in _FIRST_ORDER_COUNTS:
+                yield Case(target, count, "silhouettes", "first-order")
+                yield Case(target, count, "normals", "first-order")
 
 
 def truth(target: str) -> Mesh:
@@ -103,17 +118,25 @@ def rendered(case: Case) -> Views:
 def _measured(case: Case, runs: Path) -> dict[str, Any]:
     mesh, views = truth(case.target), rendered(case)
     start = time.process_time()
-    result = meshfit.fit("auto", views, _SETTINGS, device="cpu").mesh
+    result = _fitted(case, views)
     seconds = time.process_time() - start
     save_mesh(result, runs / f"{case.file}.ply")
     measures = _compared(result, mesh, case.count) | {"seconds": seconds, "shown": _iou(result, views)}
-    if case.shows != "silhouettes":
+    if case.shows != "silhouettes" or case.method != "gauss-newton":
         return measures
     start = time.process_time()
     hull = visual_hull(views)
     hull_measures = _compared(hull, mesh, case.count) | {"seconds": time.process_time() - start}
     save_mesh(hull, runs / f"{case.file}-hull.ply")
     return measures | {"hull": hull_measures | {"shown": _iou(hull, views)}}
+
+
+def _fitted(case: Case, views: Views) -> Mesh:
+    if case.method == "gauss-newton":
+        return meshfit.fit("auto", views, _SETTINGS, device="cpu").mesh
+    normals = {"normals": 0.3} if case.shows == "normals" else {}
+    settings = _FIRST_ORDER | {"losses": _FIRST_ORDER["losses"] | normals}
+    return meshfit.fit("hull", views, device="cpu", **settings).mesh
 
 
 def _compared(result: Mesh, mesh: Mesh, count: int) -> dict[str, float]:
