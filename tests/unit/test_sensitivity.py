@@ -207,7 +207,7 @@ def test_the_command_prints_a_table_and_writes_csv_json_and_a_chart(tmp_path):
         folder = tmp_path / "swept" / "cow" / "loop" / f"seed-0-f{number:09x}"
         folder.mkdir()
         (folder / "failure.json").write_text(json.dumps({"kind": kind, "message": f"at step {number}"}))
-    without = {**results(1)[0], "distance": {}}
+    without = {**results(1)[0], "distance": {}, "identity": "e000000000"}
     folder.with_name("seed-0-e000000000").mkdir()
     (folder.with_name("seed-0-e000000000") / "result.json").write_text(json.dumps(without))
     command = ("sensitivity", tmp_path / "swept", "--metric", "distance.mean", "-q", "-f")

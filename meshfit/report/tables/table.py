@@ -360,7 +360,9 @@ def _merged(tables: Sequence[Table], telling: Sequence[str]) -> Table:
     settings = [table.settings for table in tables]
     swept = differing_keys(settings)
     variations = [variation for table in tables for variation in table.variations]
-    names = variation_names(settings, [variation.variant for variation in variations]) if swept else [""]
+    names = [""] * len(variations)
+    if swept:
+        names = variation_names(settings, [variation.variant for variation in variations])
     return Table(
         title=title_of(tables[0].experiment, settings[0], [key for key in telling if key not in swept]),
         metrics=tables[0].metrics,
