@@ -168,7 +168,7 @@ def test_a_run_with_other_settings_of_the_measurement_names_the_fits_that_are_co
     options = ("--runs", runs, "--dry-run", "--set", "measure.samples=700", "--seeds", 1)
     line = "2 trials with a complete fit are new trials, as measure.samples was 500; to keep the fits: "
     assert invoke("run", config, *options).err.count(f"{line}meshfit measure --again {runs}/small ") == 1
-    for other in ("fit.steps=21", "measure.samples=500"):
+    for other in ("fit.steps=21", "measure.samples=500", "sweep.measure.samples=[500,700]"):
         assert "complete fit" not in invoke("run", config, *options, "--set", other).err
 
 
