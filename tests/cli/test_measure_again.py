@@ -95,7 +95,9 @@ def kind_of_target(kind, folder):
 
 
 @pytest.mark.filterwarnings("ignore::meshfit.errors.MeshfitWarning")
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind", ["nested", "cloud", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("images", "template"))]
+)
 def test_all_that_depends_on_the_measurement_is_as_in_a_fit_with_its_settings(kind, tmp_path, monkeypatch):
     """Verdict, findings and warnings, too, from the files of the run directory alone."""
     monkeypatch.setattr("meshfit.images.visual_hull.visual_hull", partial(visual_hull, resolution=24))
