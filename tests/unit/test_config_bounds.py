@@ -4,6 +4,8 @@ import os
 import re
 import subprocess
 import sys
+import threading
+import time
 
 import pytest
 
@@ -13,6 +15,8 @@ from meshfit.config.loading import load_experiment
 from meshfit.errors import ConfigError, MeshError, MeshfitError
 from meshfit.experiment.plan import plan
 from meshfit.memory import available_memory
+from meshfit.mesh.io import pipes
+from meshfit.mesh.io.files import load_mesh
 from meshfit.mesh.io.text import read_small_file, read_word_lines
 from meshfit.mesh.solids import octahedron
 from meshfit.printable import LONGEST_MESSAGE, shortened
@@ -63,10 +67,26 @@ def test_duplicates_among_many_seeds_are_found(tmp_path):
         load_experiment(str(tmp_path / "c.yaml"))
 
 
-def test_a_pipe_without_a_writer_does_not_hang(tmp_path):
-    os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(MeshError, match="pipe: a pipe that nothing is written to"):
-        read_small_file(tmp_path / "pipe")
+@over("read", [read_small_file, load_mesh])
+def test_a_pipe_without_a_writer_does_not_hang(tmp_path, monkeypatch, read):
+    monkeypatch.setattr(pipes, "_SECONDS_FOR_A_WRITER", 0.1)
+    os.mkfifo(tmp_path / "pipe.obj")
+    with pytest.raises(MeshError, match=r"pipe\.obj: a pipe that nothing is written to; give the path of a file"):
+        read(tmp_path / "pipe.obj")
+
+
+def test_a_pipe_waits_for_a_slow_writer(tmp_path):
+    os.mkfifo(tmp_path / "pipe.txt")
+
+    def write() -> None:
+        with (tmp_path / "pipe.txt").open("wb") as pipe:  # returns once there is a reader
+            time.sleep(0.2)
+            pipe.write(b"1 2\n")
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    assert read_small_file(tmp_path / "pipe.txt") == b"1 2\n"
+    writer.join()
 
 
 def test_a_pipe_with_a_writer_is_read():

@@ -3,16 +3,16 @@
 import os
 import re
 import sys
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO
 
 from meshfit.doors import no_type_check
 from meshfit.errors import FormatError, MeshError
 from meshfit.memory import joined, require_memory
 from meshfit.mesh.io.compression import COMPRESSIONS, compress, compression_of, decompress, decompressed_head
+from meshfit.mesh.io.pipes import pipe_chunks
 from meshfit.mesh.io.recognition import Kind, format_name, guess, kind_of_suffix, recognise
 from meshfit.paths import (
     STDOUT_PATHS,
@@ -232,7 +232,7 @@ def _read_standard_input(suffix: str | None, suffixes: Collection[str]) -> MeshF
         stream = sys.stdin.buffer
         if stream.isatty():
             raise MeshError(f"{name}: it is a terminal; pipe a mesh file into the command, or give a path")
-        content = _read_stream(stream, name)
+        content = _joined(iter(partial(stream.read, _CHUNK), b""), name)
     except (AttributeError, ValueError):
         raise MeshError(f"{name}: it is closed; pipe a mesh file into the command, or give a path") from None
     except OSError as error:
@@ -243,8 +243,7 @@ def _read_standard_input(suffix: str | None, suffixes: Collection[str]) -> MeshF
 def _read_bytes(path: Path, name: str) -> bytes:
     try:
         if is_pipe(path):
-            with path.open("rb") as stream:
-                return _read_stream(stream, name)
+            return _joined(pipe_chunks(path), name)
         size = path.stat().st_size
         require_memory(size, f"{name}: the file is read whole", _THIN)
         return path.read_bytes()
@@ -254,8 +253,8 @@ def _read_bytes(path: Path, name: str) -> bytes:
         raise MeshError(f"{name}: the file needs more memory than is free") from None
 
 
-def _read_stream(stream: BinaryIO, name: str) -> bytes:
-    return joined(iter(partial(stream.read, _CHUNK), b""), f"{name}: it adds up", _THIN)
+def _joined(chunks: Iterable[bytes], name: str) -> bytes:
+    return joined(chunks, f"{name}: it adds up", _THIN)
 
 
 def _unpacked(name: str, path: Path | None, content: bytes, packed: str) -> bytes:

@@ -1,6 +1,5 @@
 """Lines of text files: numbered, split into words, without comments; and the numbers on them."""
 
-import os
 import re
 import warnings
 from collections.abc import Collection, Iterator, Sequence
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshfit.errors import MeshError
+from meshfit.mesh.io.pipes import pipe_chunks
 from meshfit.paths import is_pipe, is_regular_file, not_a_file_message, path_text, read_error_message
 
 Lines = Iterator[tuple[int, list[bytes]]]
@@ -58,18 +58,25 @@ def read_small_file(path: str | Path, suffixes: Collection[str] = (".txt",)) -> 
     if not (is_regular_file(path) or is_pipe(path)):
         raise MeshError(f"{shown}: {not_a_file_message(path, suffixes)}")
     try:
-        # Opening a pipe without a writer would never return.
-        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
-        os.set_blocking(descriptor, True)
-        with open(descriptor, "rb") as file:  # noqa: PTH123  a descriptor
-            content = file.read(MOST_BYTES + 1)
+        if is_pipe(path):
+            content = _start_of_pipe(path)
+        else:
+            with Path(path).open("rb") as file:
+                content = file.read(MOST_BYTES + 1)
     except OSError as error:
         raise MeshError(f"{shown}: {read_error_message(error)}") from error
-    if not content and is_pipe(path):
-        raise MeshError(f"{shown}: a pipe that nothing is written to; give the path of a file")
     if len(content) > MOST_BYTES:
         raise MeshError(f"{shown}: larger than {MOST_BYTES // 1_000_000} MB; expected a small text file")
     return content
+
+
+def _start_of_pipe(path: str | Path) -> bytes:
+    content = bytearray()
+    for chunk in pipe_chunks(path):
+        content += chunk
+        if len(content) > MOST_BYTES:
+            break
+    return bytes(content)
 
 
 def read_word_lines(path: str | Path) -> Iterator[tuple[int, list[str]]]:
