@@ -83,7 +83,9 @@ def csv_cell(value: object) -> str:
     """
     if value is None:
         return ""
-    if type(value) is float and math.isfinite(value):  # as json does, in a sixth of the time
+    if type(value) is float and math.isfinite(value):  # as json does integers and floats, in a sixth of the time
+        return repr(value)
+    if type(value) is int:
         return repr(value)
     if not isinstance(value, str):
         return json.dumps(value)

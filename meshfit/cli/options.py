@@ -1,6 +1,7 @@
 """Options that several commands share."""
 
 import functools
+import gc
 import inspect
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -18,6 +19,7 @@ from meshfit.measuring.metrics import DEFAULT_METRIC, DEFAULT_METRIC_OF_CLOUDS, 
 SELECTION, EXECUTION, OUTPUT = "Selection", "Execution", "Output"
 FORMATS, CLEANING = "File formats", "Cleaning of mesh files"
 DEFAULT_RUNS = Path("runs")
+_OBJECTS_PER_COLLECTION = 200_000
 
 Runs = Annotated[
     Path,
@@ -357,10 +359,22 @@ def takes_run_dirs(command: Callable[..., int]) -> Callable[..., int]:
         runs, option = values.pop("runs"), values.pop("runs_option")
         if runs and option:
             raise ConfigError("expected run directories as arguments or by --runs, got both")
-        return command(**values, runs=runs or option or [DEFAULT_RUNS])
+        with _rare_collection():
+            return command(**values, runs=runs or option or [DEFAULT_RUNS])
 
     _declare(with_run_dirs, [by_argument, *declared, by_option])
     return with_run_dirs
+
+
+@contextmanager
+def _rare_collection() -> Iterator[None]:
+    """Look for cycles of garbage rarely: thousands of results have none, and the search takes a fifth of the time."""
+    thresholds = gc.get_threshold()
+    gc.set_threshold(_OBJECTS_PER_COLLECTION, *thresholds[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*thresholds)
 
 
 def _declare(command: Callable[..., int], parameters: Sequence[inspect.Parameter]) -> None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal, TypeVar, overload
 
 from meshfit.doors import no_type_check
 from meshfit.errors import MeshError, MeshfitWarning, NoFacesError
+from meshfit.memory import require_memory
 from meshfit.mesh.io.mesh_file import MeshFile, read_file
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.polygons import PolygonMesh
@@ -268,6 +269,8 @@ def file_sha256(path: Path) -> str:
     of a trial, which refers to them by their place in the source's file.
     """
     try:
+        # What is hashed is also read whole.
+        require_memory(path.stat().st_size, f"{path_text(path)}: the file is read whole", "give a smaller file")
         with path.open("rb") as stream:
             sha256 = hashlib.file_digest(stream, "sha256")
         for buffer in companion_files(path):

@@ -220,3 +220,12 @@ def test_a_vertex_that_the_mesh_lacks_is_replaced_by_the_nearest_point():
     numbering = replace(Numbering.of(ball), to_mesh=None)
     placed = meshfit.Landmarks.of([3, 4, 5], ball.verts[:3]).placed(ball, numbering, ball.verts[:3])
     assert np.allclose(placed.points(ball.verts), ball.verts[3:6])
+
+
+def test_binary_files_and_endless_cells_are_refused_with_their_place(tmp_path):
+    for text, message in (
+        ("\0" * 500, "points.csv: not a text file in UTF-8"),
+        ("name,vertex\nnose," + "1" * 200_000, "points.csv, line 2: field larger than field limit"),
+    ):
+        with pytest.raises(MeshError, match=message):
+            load(tmp_path, "points.csv", text)

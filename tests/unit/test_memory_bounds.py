@@ -14,6 +14,7 @@ from meshfit import memory
 from meshfit.errors import MeshError
 from meshfit.images.packing import packed_names, unpack_target
 from meshfit.mesh.io.files import load_mesh, save_mesh
+from meshfit.mesh.targets import file_sha256
 from meshfit.subdivision.sphere import icosphere
 
 
@@ -114,3 +115,11 @@ def test_packed_images_are_read_from_a_file_alone(tmp_path):
         with pytest.raises(MeshError, match=rf"{name}\.views\.npz: "):
             unpack_target(path)
         assert packed_names(path) == (name, name)
+
+
+def test_a_file_larger_than_memory_is_not_hashed(tmp_path):
+    path = tmp_path / "landmarks.txt"
+    path.touch()
+    os.truncate(path, 1 << 42)
+    with pytest.raises(MeshError, match=r"landmarks\.txt: the file is read whole, about 4\.4 TB of memory"):
+        file_sha256(path)

@@ -8,6 +8,7 @@ import tempfile
 import uuid
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -257,9 +258,9 @@ def problem_with(result: Result) -> str | None:
     """Return what is wrong with a result; None if nothing is."""
     if (fault := fault_in(ResultContent, result)) is not None:
         return f"not the result of a trial: {fault}"
-    for name in METRICS:
+    for name, keys in _keys_of_metrics():
         value: Any = result
-        for key in name.split("."):
+        for key in keys:
             if not isinstance(value, dict):
                 return f"{name.partition('.')[0]} is {shortened_value(value)}, expected an object"
             value = value.get(key, {} if value is result and "." in name else None)
@@ -268,13 +269,21 @@ def problem_with(result: Result) -> str | None:
     return None
 
 
+@cache
+def _keys_of_metrics() -> list[tuple[str, list[str]]]:
+    return [(name, name.split(".")) for name in METRICS]
+
+
 def _impossible(name: str, value: object) -> str | None:
     if not (isinstance(value, int | float) and abs(value) <= sys.float_info.max):
         return f"{name} is {shortened_value(value)}, expected a finite number"
     if METRICS[name].format == "d" and value != int(value):
         return f"{name} is {shortened_value(value)}, expected a whole number"
-    least, largest = possible_range(name)
+    least, largest = _range_of(name)
     return None if least <= value <= largest else f"{name} is {shortened_value(value)}, which is impossible"
+
+
+_range_of = cache(possible_range)
 
 
 def damage(path: Path) -> str | None:

@@ -20,7 +20,7 @@ from meshfit.doors import no_type_check
 from meshfit.errors import MeshError
 from meshfit.mesh.any_mesh import as_path
 from meshfit.mesh.io.json_objects import JsonObject
-from meshfit.mesh.io.text import read_small_file
+from meshfit.mesh.io.text import decoded_text, read_small_file
 from meshfit.mesh.landmarks import Landmark, Landmarks
 from meshfit.mesh.places import Place
 from meshfit.paths import path_text
@@ -105,10 +105,10 @@ def _reader(name: str) -> Callable[[bytes], Found]:
 
 
 def _text(content: bytes) -> str:
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise MeshError(": not a text file in UTF-8") from None
+    text = decoded_text(content)
+    if text is None:
+        raise MeshError(": not a text file in UTF-8")
+    return text
 
 
 def _cells(text: str, separator: str) -> list[Row]:
@@ -116,7 +116,10 @@ def _cells(text: str, separator: str) -> list[Row]:
     rows = list[Row]()
     for number, line in enumerate(text.splitlines(), 1):
         if line.strip() and not line.lstrip().startswith("#"):
-            (cells,) = csv.reader([line], delimiter=separator, skipinitialspace=True)
+            try:
+                (cells,) = csv.reader([line], delimiter=separator, skipinitialspace=True)
+            except csv.Error as error:
+                raise MeshError(f", line {number}: {error}") from None
             rows.append((number, [cell.strip() for cell in cells]))
     return rows
 

@@ -70,6 +70,15 @@ def read_small_file(path: str | Path, suffixes: Collection[str] = (".txt",)) -> 
     return content
 
 
+def decoded_text(content: bytes) -> str | None:
+    """Return a text in UTF-8, without a byte order mark; None for any other content, such as a binary file."""
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return None
+    return None if "\0" in text else text
+
+
 def _start_of_pipe(path: str | Path) -> bytes:
     content = bytearray()
     for chunk in pipe_chunks(path):
@@ -85,11 +94,8 @@ def read_word_lines(path: str | Path) -> Iterator[tuple[int, list[str]]]:
     Raises:
         MeshError: the file cannot be read, or is not UTF-8 text.
     """
-    try:
-        text = read_small_file(path).decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = "\0"
-    if "\0" in text:
+    text = decoded_text(read_small_file(path))
+    if text is None:
         raise MeshError(f"{path_text(path)}: not a text file in UTF-8")
     for number, line in enumerate(text.splitlines(), 1):
         if words := line.partition("#")[0].split():

@@ -141,7 +141,7 @@ def _read_trace(folder: Path) -> tuple[str, Mapping[int, float]]:
         return head[1], {int(row[0]): float(row[1]) for row in rows}
     except OSError as error:
         raise StoreError(f"{path}: cannot be read: {error.strerror}") from error
-    except (ValueError, IndexError) as error:
+    except (ValueError, IndexError, csv.Error) as error:
         raise StoreError(f"{path}: not a trace: {error}; run the trial again with --force") from None
 
 

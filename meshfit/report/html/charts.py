@@ -102,7 +102,7 @@ def read_curves(trials: TrialsByRow) -> tuple[list[Curve], list[str]]:
                 continue
             try:
                 curves.append(_read_trace(row, result))
-            except (OSError, ValueError) as error:
+            except (OSError, ValueError, csv.Error) as error:
                 problems.append(f"{result['folder']}/{TRACE}: {error}")
     return curves, problems
 
@@ -226,7 +226,7 @@ def _recorded_times(path: Path, steps: Sequence[float]) -> list[float] | None:
     try:
         with path.open(newline="", encoding="utf-8") as file:
             rows = [(float(line[_STEP]), float(line["seconds"])) for line in csv.DictReader(file)]
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, csv.Error):
         return None
     of_steps = [step for step, _ in rows] == list(steps)
     return [seconds for _, seconds in rows] if of_steps and all(math.isfinite(seconds) for _, seconds in rows) else None

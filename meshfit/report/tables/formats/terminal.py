@@ -89,10 +89,13 @@ def _lines(cells: Sequence[Sequence[_Styled]], widths: Sequence[int]) -> Iterato
     """Yield the lines of a row, as many as its tallest cell has."""
     for place in range(max(map(len, cells))):
         line = [cell[place] if place < len(cell) else ("", "") for cell in cells]
-        padded = [Text(text.ljust(width), style) for (text, style), width in zip(line, widths, strict=False)]
-        text = Text(_GAP).join(padded)
-        text.rstrip()
-        yield text
+        padded = [(text.ljust(width), style) for (text, style), width in zip(line, widths, strict=False)]
+        if any(style for _, style in padded):
+            text = Text(_GAP).join(Text(*part) for part in padded)
+            text.rstrip()
+            yield text
+        else:
+            yield Text(_GAP.join(text for text, _ in padded).rstrip())
 
 
 def _cell(column: Column, row: int, room: int) -> list[_Styled]:
