@@ -4,13 +4,17 @@ import gc
 import signal
 import sys
 
-from meshfit.cli.crash_report import EXIT_CRASHED, print_crash
+from meshfit.cli.address_space import lack_of_address_space
+from meshfit.cli.crash_report import EXIT_CRASHED, print_crash, print_fault
 from meshfit.library_output import silence_libraries
 
 
 def main() -> None:
     """Run the command line, and report any error that it does not, such as a lack of memory while it is imported."""
     silence_libraries()
+    if (fault := lack_of_address_space(sys.argv[1:])) is not None:
+        print_fault(fault)
+        sys.exit(EXIT_CRASHED)
     try:
         _main()
     except Exception as error:  # noqa: BLE001  the last resort

@@ -41,8 +41,13 @@ def crash_report(error: BaseException) -> str:
 
 def print_crash(error: BaseException) -> None:
     """Report an unexpected error on stderr without any library."""
+    print_fault(crash_report(error))
+
+
+def print_fault(message: str) -> None:
+    """Print an error on stderr without any library."""
     with suppress(OSError, ValueError, AttributeError):
-        sys.stderr.write(f"error: {crash_report(error)}\n")
+        sys.stderr.write(f"error: {message}\n")
         sys.stderr.flush()
 
 

@@ -12,6 +12,7 @@ import pytest
 
 from meshfit.cli.console import EXIT_INTERRUPTED, exit_code_of
 from meshfit.cli.crash_report import EXIT_CRASHED
+from meshfit.experiment.storage.failure import FailureKind, failure_kind
 from meshfit.library_output import TRACEBACK_VARIABLE
 from tests.cli.processes import ENVIRONMENT
 
@@ -73,15 +74,44 @@ def test_other_ends_of_a_command_are_left_alone(crash, tmp_path):
 
 def test_lack_of_memory_while_libraries_are_imported_is_one_line(tmp_path):
     def limit():
-        resource.setrlimit(resource.RLIMIT_AS, (350 << 20, 350 << 20))
+        resource.setrlimit(resource.RLIMIT_AS, (160 * 10**6, 160 * 10**6))
 
-    command = [sys.executable, "-m", "meshfit", "measure", "bone", "-t", "bone"]
+    command = [sys.executable, "-m", "meshfit", "targets"]
     environment = ENVIRONMENT | {"TMPDIR": str(tmp_path)}
     done = subprocess.run(
         command, env=environment, preexec_fn=limit, capture_output=True, text=True, check=False, timeout=100
     )
     assert re.fullmatch(r"error: not enough memory; .*\n", done.stderr), done.stderr
     assert done.returncode == EXIT_CRASHED
+
+
+@pytest.mark.parametrize(("command", "megabytes"), [("run", 800), ("fit", 400), ("measure", 400), ("table", 100)])
+def test_a_limit_that_libraries_cannot_be_loaded_in_is_named_at_once(command, megabytes):
+    """At 100 MB OpenBLAS would end the process with a line of its own; a run at 800 MB would not end."""
+
+    def limit():
+        resource.setrlimit(resource.RLIMIT_AS, (megabytes * 10**6, megabytes * 10**6))
+
+    done = subprocess.run(
+        [sys.executable, "-m", "meshfit", command, "x"],
+        env=ENVIRONMENT,
+        preexec_fn=limit,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=100,
+    )
+    expected = (
+        rf"error: not enough memory: meshfit {command} needs [\d,]+ MB of .*, and the limit is {megabytes} MB; .*\n"
+    )
+    assert re.fullmatch(expected, done.stderr), done.stderr
+    assert done.returncode == EXIT_CRASHED
+
+
+def test_a_library_that_cannot_be_mapped_is_lack_of_memory():
+    unloadable = ImportError("libQt5Widgets.so.5: failed to map segment from shared object")
+    assert failure_kind(unloadable) is FailureKind.OUT_OF_MEMORY
+    assert failure_kind(ImportError("no module")) is FailureKind.ERROR
 
 
 def test_libraries_log_nothing_and_their_threads_die_quietly():

@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 LAST_GOOD = "last_good.ply"
 UNREADABLE = "unreadable"
 """Kind of a failure whose record is damaged."""
-_MEMORY_MESSAGES = ("out of memory", "can't allocate memory", "not enough memory")
+_MEMORY_MESSAGES = ("out of memory", "can't allocate memory", "cannot allocate memory", "not enough memory")
+_UNLOADABLE = "failed to map segment"
+"""Of a library that memory has no room for."""
 
 
 class FailureKind(StrEnum):
@@ -65,7 +67,9 @@ def failure_kind(error: Exception) -> FailureKind:
         return FailureKind.INPUT
     # torch raises a RuntimeError, with a class of its own on CUDA only.
     by_torch = isinstance(error, RuntimeError) and any(words in str(error).lower() for words in _MEMORY_MESSAGES)
-    return FailureKind.OUT_OF_MEMORY if by_torch or isinstance(error, MemoryError) else FailureKind.ERROR
+    by_linker = isinstance(error, ImportError | OSError) and _UNLOADABLE in str(error)
+    is_memory = by_torch or by_linker or isinstance(error, MemoryError)
+    return FailureKind.OUT_OF_MEMORY if is_memory else FailureKind.ERROR
 
 
 def failure_record(trial: "Trial", error: Exception, step: int | None, attempts: int) -> Result:
