@@ -136,7 +136,7 @@ def _judged(
         compared_with = str(result.get("images", {}).get("compared_with", ""))
     except (ConfigError, KeyError, TypeError, AttributeError):
         raise StoreError(
-            f"{folder}: its settings or its verdict are not those of this version; `meshfit run` fits it again"
+            f"{folder}: its settings or its verdict are not those of this version; `meshfit run --force` repeats it"
         ) from None
     of_fit = [text for text in found if text and text not in of_masks]
     short, verdict = judge(meshes, of_trial, distance, masks, of_fit=of_fit, compared_with=compared_with)
