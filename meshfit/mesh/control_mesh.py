@@ -323,21 +323,29 @@ def _reduced(mesh: Mesh, verts: int | None, faces: int | None, few: Mesh | None 
         if mesh.num_verts < 4 * wanted
         else _enough(mesh, few, count)
     )
-    result = fine
-    for _ in range(_ATTEMPTS):
-        if count >= result.num_faces or result.num_verts <= wanted:
-            break
-        before, result = result.num_verts, manifold_pieces(_decimated(fine, count))
-        if count == least or result.num_verts == before:
-            break
-        count = max(least, count - 2 * max(result.num_verts - wanted, 0))
+    result = _with_at_most(fine, wanted, count, least, keep_rim=True)
+    if result.num_verts > wanted and is_open.any():  # a long rim alone may have more vertices
+        result = _with_at_most(fine, wanted, count, least, keep_rim=False)
     return result
 
 
-def _decimated(mesh: Mesh, faces: int) -> Mesh:
+def _with_at_most(fine: Mesh, wanted: int, faces: int, least: int, *, keep_rim: bool) -> Mesh:
+    """Decimate to a number of faces; to fewer, down to the least, while there are more vertices than wanted."""
+    result = fine
+    for _ in range(_ATTEMPTS):
+        if faces >= result.num_faces or result.num_verts <= wanted:
+            break
+        before, result = result.num_verts, manifold_pieces(_decimated(fine, faces, keep_rim=keep_rim))
+        if faces == least or result.num_verts == before:
+            break
+        faces = max(least, faces - 2 * max(result.num_verts - wanted, 0))
+    return result
+
+
+def _decimated(mesh: Mesh, faces: int, *, keep_rim: bool = True) -> Mesh:
     """Decimate oriented manifold pieces, those of very many faces after thinning, which takes a fifth of the time."""
     most = _SPARE * max(faces, _COUNTED)
-    return decimate(mesh if mesh.num_faces <= most else thinned(mesh, most), faces)
+    return decimate(mesh if mesh.num_faces <= most else thinned(mesh, most), faces, keep_rim=keep_rim)
 
 
 def _enough(mesh: Mesh, few: Mesh | None, faces: int) -> Mesh:

@@ -27,8 +27,13 @@ def self_intersecting_faces(mesh: Mesh) -> Bool[np.ndarray, " F"]:
     return np.asarray(meshes.current_mesh().face_selection_array(), dtype=bool)
 
 
-def decimate(mesh: Mesh, num_faces: int) -> Mesh:
+def decimate(mesh: Mesh, num_faces: int, *, keep_rim: bool = True) -> Mesh:
     """Reduce a mesh to about `num_faces` faces by quadric edge collapse (Garland and Heckbert 1997); keep its topology.
+
+    Args:
+        mesh: the mesh.
+        num_faces: about the number of faces of the result.
+        keep_rim: keep every vertex on the boundary, however many there are.
 
     Raises:
         MeshError: the mesh has no faces, or no face is left.
@@ -40,7 +45,7 @@ def decimate(mesh: Mesh, num_faces: int) -> Mesh:
         targetfacenum=num_faces,
         targetperc=0.0,
         qualitythr=0.3,
-        preserveboundary=True,
+        preserveboundary=keep_rim,
         boundaryweight=1.0,
         preservenormal=True,
         preservetopology=True,

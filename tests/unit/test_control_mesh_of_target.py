@@ -29,7 +29,7 @@ from meshfit.mesh.topology import Topology
 from meshfit.settings import build
 from meshfit.subdivision.refine import subdivide
 from tests.loops import over
-from tests.shapes import torus
+from tests.shapes import patch, torus
 from tests.soups import tube
 
 
@@ -320,9 +320,9 @@ def test_closed_crumbs_are_kept_and_decimation_ends_at_their_tetrahedra(monkeypa
     crumbs = joined(*(Mesh(tetrahedron + place, faces) for place in places))
     attempts = []
 
-    def counted(mesh, count):
+    def counted(mesh, count, **options):
         attempts.append(count)
-        return decimate(mesh, count)
+        return decimate(mesh, count, **options)
 
     monkeypatch.setattr("meshfit.mesh.control_mesh.decimate", counted)
     made = control_mesh_of(crumbs, verts=80)
@@ -330,3 +330,10 @@ def test_closed_crumbs_are_kept_and_decimation_ends_at_their_tetrahedra(monkeypa
     assert len(attempts) <= 1
     with pytest.warns(MeshfitWarning, match=r"too many vertices: .* as its 64 pieces cannot do with so few"):
         fit("auto", crumbs, method="gauss-newton", verts=100, device="cpu")
+
+
+def test_a_rim_of_more_vertices_than_wanted_is_decimated():
+    sheet = patch(40, 40)
+    control = control_mesh_of(sheet, "target", verts=80).mesh
+    assert 60 < control.num_verts <= 80
+    assert point_distances(control, sheet.verts).max() < 0.01 * bounding_box_diagonal(sheet.verts)
