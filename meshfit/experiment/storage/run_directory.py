@@ -1,6 +1,7 @@
 """The run directory: one folder per trial, whose files are written whole or not at all."""
 
 import json
+import math
 import os
 import re
 import sys
@@ -258,20 +259,29 @@ def problem_with(result: Result) -> str | None:
     """Return what is wrong with a result; None if nothing is."""
     if (fault := fault_in(ResultContent, result)) is not None:
         return f"not the result of a trial: {fault}"
-    for name, keys in _keys_of_metrics():
+    for name, keys, least, largest in _metrics_in_results():
         value: Any = result
         for key in keys:
             if not isinstance(value, dict):
                 return f"{name.partition('.')[0]} is {shortened_value(value)}, expected an object"
             value = value.get(key, {} if value is result and "." in name else None)
-        if value is not None and (problem := _impossible(name, value)) is not None:
+        if value is None or (type(value) is float and least <= value <= largest):
+            continue
+        if (problem := _impossible(name, value)) is not None:
             return problem
     return None
 
 
 @cache
-def _keys_of_metrics() -> list[tuple[str, list[str]]]:
-    return [(name, name.split(".")) for name in METRICS]
+def _metrics_in_results() -> list[tuple[str, list[str], float, float]]:
+    """Return each metric with its keys in a result, and the range of floats that need no other check."""
+    ranges = {
+        name: (math.inf, -math.inf) if metric.format == "d" else possible_range(name)
+        for name, metric in METRICS.items()
+    }
+    return [
+        (name, name.split("."), least, min(largest, sys.float_info.max)) for name, (least, largest) in ranges.items()
+    ]
 
 
 def _impossible(name: str, value: object) -> str | None:
@@ -279,11 +289,8 @@ def _impossible(name: str, value: object) -> str | None:
         return f"{name} is {shortened_value(value)}, expected a finite number"
     if METRICS[name].format == "d" and value != int(value):
         return f"{name} is {shortened_value(value)}, expected a whole number"
-    least, largest = _range_of(name)
+    least, largest = possible_range(name)
     return None if least <= value <= largest else f"{name} is {shortened_value(value)}, which is impossible"
-
-
-_range_of = cache(possible_range)
 
 
 def damage(path: Path) -> str | None:
