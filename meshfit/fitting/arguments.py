@@ -1,16 +1,19 @@
 """Checks of the values that `fit` and `fit_batch` are given."""
 
+import warnings
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from meshfit.doors import no_type_check
-from meshfit.errors import ConfigError, MeshError
+from meshfit.errors import ConfigError, MeshError, MeshfitWarning
 from meshfit.fitting.settings import METHODS, FitSettings
+from meshfit.mesh.cleaning import outward
 from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.point_cloud import PointCloud, no_closed_surface
+from meshfit.mesh.separate_pieces import describe_floaters, kept_pieces
 from meshfit.printable import option_text, value_text
 from meshfit.settings import Settings, build, override
 from meshfit.specs import suggest
@@ -81,3 +84,30 @@ def require_closable(target: Mesh | PointCloud, *, own: bool) -> None:
     """Refuse points without a closed surface, unless a source of the caller's own may be open."""
     if isinstance(target, PointCloud) and not own and (fault := no_closed_surface(target)):
         raise MeshError(f"target: {fault}")
+
+
+@no_type_check
+def with_pieces(
+    target: Mesh | PointCloud, keep: Literal["all", "largest"] | float | None, *, has_images: bool
+) -> Mesh | PointCloud:
+    """Return a target, turned outwards if pieces are left out, with the pieces that are kept.
+
+    Raises:
+        ConfigError: an option that is not allowed, or images.
+
+    Warns:
+        MeshfitWarning: small pieces are far off the others, and are not left out.
+    """
+    if keep is None or (isinstance(keep, str) and keep == "all"):
+        if not has_images and (floaters := describe_floaters(target)):
+            text = f"target: {floaters} draw the fit to them; set keep='largest' if they are no part of the shape"
+            warnings.warn(text, MeshfitWarning, stacklevel=3)
+        return target
+    is_share = isinstance(keep, int | float | np.number) and not isinstance(keep, bool) and 0 < keep <= 1
+    if not is_share and not (isinstance(keep, str) and keep == "largest"):
+        raise ConfigError(f"keep: expected 'all', 'largest', or a share above 0 and up to 1, got {value_text(keep)}")
+    if has_images:
+        raise ConfigError("keep: images have no pieces to choose from before the fit; remove it")
+    turned = outward(target)
+    parts = kept_pieces(turned, keep)
+    return target if parts is turned else parts

@@ -12,9 +12,17 @@ from numpy.typing import ArrayLike
 
 from meshfit.doors import no_type_check
 from meshfit.errors import ConfigError, MeshfitWarning
-from meshfit.fitting.arguments import require_closable, require_one_of, require_surface, require_whole, settings_of
+from meshfit.fitting.arguments import (
+    require_closable,
+    require_one_of,
+    require_surface,
+    require_whole,
+    settings_of,
+    with_pieces,
+)
 from meshfit.fitting.batch import fit_batch
 from meshfit.fitting.callbacks import Step
+from meshfit.fitting.differences import BY_KEYWORD, warn_of_differences
 from meshfit.fitting.keywords import FitKeys, Losses, OptimizerKeys, ViewKeys
 from meshfit.fitting.loop import FitResult
 from meshfit.fitting.placement import Placement, placed_source
@@ -60,6 +68,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     normalise: Normalisation = "tutorial",
     align: Placement = "auto",
     surface: Surface = "all",
+    keep: Literal["all", "largest"] | float | None = None,
     # both engines
     trace_every: int | None = None,
     snapshots: int | None = None,
@@ -131,10 +140,13 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         align: placement of the source: `auto` leaves it where it is, unless its bounding box is off the target's or ten
             times larger or smaller: then it is moved and scaled to the target, with a warning; `none` always leaves
             it; `sphere` moves and scales it to the place of the source `sphere`; `center` aligns centroids, `box`
-            stretches the source into the target's bounding box, `pca` takes the best of the pose as given and the
-            turns of principal axes onto principal axes, and `icp` refines that by iterated closest points.
+            stretches the source into the target's bounding box, `icp` takes the best pose that iterated closest points
+            find, also on a part of the target, and `pca` only makes the shared parts' centroids, principal axes and
+            sizes coincide.
         surface: part of the target that is fitted: `all`, or what can be seen of it from outside, `outer`, as
             `outer_surface` returns it; then the source `auto` is one skin.
+        keep: pieces of the target that are fitted: `all` (or None), the `largest`, or those of at least a share of its
+            size, above 0 and up to 1; parts nearer to each other than 1 % of its extent are one piece.
         trace_every: number of steps between two rows of the trace.
         snapshots: number of steps between two calls of `on_snapshot`.
         steps: first-order: number of steps.
@@ -197,9 +209,9 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
         ToolError: an external tool failed.
 
     Warns:
-        MeshfitWarning: the source was moved and scaled to the target; another alignment serves about as well; or the
-            fit has a shortfall, such as an end that
-            is farther from the target than its source.
+        MeshfitWarning: the source was moved and scaled to the target; another alignment serves about as well; small
+            pieces are far off the others; source and target differ in topology or much in size, lie apart, or one is
+            open; or the fit has a shortfall, such as an end that is farther from the target than its source.
     """
     given = {key: value for key, value in locals().items() if key in ENGINE_KEYS and value is not None} | unknown
     settings = settings_of(settings, given)
@@ -216,6 +228,7 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     goal_given: Any = target if images is None else images.shape
     target_mesh = as_mesh_or_points(goal_given)
     require_surface(target_mesh, "target")
+    numbered, target_mesh = target_mesh, with_pieces(target_mesh, keep, has_images=images is not None)
     frame = frame_of(target_mesh.verts, require_one_of("normalise", normalise, get_args(Normalisation)))
     goal = outward(frame.normalise(target_mesh))
     if require_one_of("surface", surface, get_args(Surface)) == "outer":
@@ -227,7 +240,10 @@ def fit(  # noqa: PLR0913  all but two are optional, by name
     require_closable(target_mesh, own=own)
     image_views = None if images is None else images.views.moved(frame)
     start = placed_source(source, frame, goal, settings, scheme, align, surface, image_views)
-    known = None if landmarks is None else placed_landmarks(landmarks, source, goal_given, target_mesh, frame, settings)
+    triangles = start.triangulated() if isinstance(start, PolygonMesh) else start
+    fills = isinstance(source, str) and source == "closed"
+    warn_of_differences(triangles, goal, settings, surface, fills=fills, remedies=BY_KEYWORD)
+    known = None if landmarks is None else placed_landmarks(landmarks, source, goal_given, numbered, frame, settings)
     guidance = guidance_of(known, {"weights": weights, "fixed": fixed, "rigid": rigid}, start.num_verts, settings)
     restored = _Restored(None if normalise == "none" else frame, on_snapshot)
     shown = shown_progress(settings, on_step, source_verts=start.num_verts, scheme=scheme)

@@ -21,7 +21,7 @@ from meshfit.mesh.meshlab import alpha_wrap, decimate, fill_holes, refine_long_e
 from meshfit.mesh.noise import is_very_noisy, noise_of_points
 from meshfit.mesh.outliers import stray_points
 from meshfit.mesh.pieces import crossing_faces, manifold_pieces, piece_of_face
-from meshfit.mesh.point_cloud import PointCloud, evenly_spread
+from meshfit.mesh.point_cloud import PointCloud, evenly_spread, is_at_rim
 from meshfit.mesh.sampling import sample_surface
 from meshfit.mesh.thinning import thinned
 from meshfit.mesh.topology import NONE, Indices, Mask, Topology
@@ -70,6 +70,8 @@ _EQUALLY_NEAR, _THIN, _DROPPED = 1.5, 4.0, 0.6
 _SAMPLES = 5000
 # A cloud is open if it does not show more than this share of a closed surface around it.
 _MOST_UNSEEN = 0.25
+# Points of a cloud that are looked at, and the least share of them at a rim where it may be open.
+_RIM_SAMPLES, _LEAST_RIM = 1000, 0.01
 # Points of a cloud that are wrapped; more take longer, and show no more at the shortest alpha.
 _MOST_WRAPPED = 100_000
 
@@ -193,6 +195,18 @@ def _made(
         target = _to_wrap(target.verts)
     skin, lengths = _wrapped(SameContent(target), wrap)
     return ControlMesh(_reduced(skin, verts, faces), "wrap", reason, lengths)
+
+
+def unseen_of_open_cloud(cloud: PointCloud) -> float:
+    """Return the share of a closed surface around a cloud that it does not show, where `auto` makes an open source.
+
+    It is 0 for other clouds. Those with hardly a rim are not wrapped to find out.
+    """
+    rows = np.sort(np.random.default_rng(0).permutation(cloud.num_verts)[:_RIM_SAMPLES])
+    if is_at_rim(cloud.verts, rows).mean() < _LEAST_RIM:
+        return 0.0
+    unseen = _unseen(*_contents(cloud))
+    return unseen if unseen > _MOST_UNSEEN else 0.0
 
 
 def open_sheet(cloud: PointCloud) -> Mesh:

@@ -12,10 +12,22 @@ import pytest
 
 import meshfit
 from meshfit.errors import ConfigError, MeshfitWarning
+from meshfit.fitting.arguments import with_pieces
+from meshfit.fitting.differences import BY_KEYWORD, warn_of_differences
 from meshfit.fitting.fit import ENGINE_KEYS
 from meshfit.fitting.keywords import FitKeys, Losses, OptimizerKeys, ScheduleKeys, ViewKeys
 from meshfit.fitting.progress import Course, step_costs
-from meshfit.fitting.settings import METHODS, LossWeights, OptimizerSettings, Schedule, ViewSettings
+from meshfit.fitting.settings import (
+    METHODS,
+    GaussNewtonSettings,
+    LossWeights,
+    OptimizerSettings,
+    Schedule,
+    ViewSettings,
+)
+from meshfit.mesh.control_mesh import unseen_of_open_cloud
+from meshfit.mesh.mesh import Mesh
+from meshfit.mesh.point_cloud import PointCloud
 from meshfit.mesh.solids import cube, icosahedron, octahedron
 from tests.cli import invoke, trials_in_this_process
 from tests.fits import fit as raw_fit
@@ -88,7 +100,8 @@ def test_a_source_far_from_the_target_is_brought_to_it_and_this_is_said(source):
     assert np.abs(moved_target.mesh.verts - 1e4).max() < 1000
     asked_for = meshfit.fit(source, cube(), align="sphere", **FIT | {"steps": 0})
     np.testing.assert_array_equal(asked_for.mesh.verts, result.mesh.verts)
-    kept = meshfit.fit(source, cube(), align="none", **FIT | {"steps": 0})
+    with pytest.warns(MeshfitWarning, match=r"boxes of source and target do not overlap|times as large as the"):
+        kept = meshfit.fit(source, cube(), align="none", **FIT | {"steps": 0})
     np.testing.assert_allclose(kept.mesh.verts, source.verts, rtol=1e-12, atol=1e-12)
 
 
@@ -285,6 +298,60 @@ def test_nothing_warns_where_all_is_well():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         meshfit.fit("sphere", moved(cube()), **FIT)
+
+
+def with_floater(mesh, size=0.02, offset=3.0):
+    """A mesh with a small copy of itself far off."""
+    verts = np.concatenate([mesh.verts, size * mesh.verts + offset])
+    return Mesh(verts, np.concatenate([mesh.faces, mesh.faces + mesh.num_verts]))
+
+
+def test_small_pieces_far_off_are_warned_of_and_left_out_where_asked():
+    alone = meshfit.subdivide("cube", "midpoint", 2)
+    both = with_floater(alone)
+    expected = meshfit.fit("sphere", alone, **FIT).mesh.verts
+    np.testing.assert_array_equal(meshfit.fit("sphere", both, keep="largest", **FIT).mesh.verts, expected)
+    np.testing.assert_array_equal(meshfit.fit("sphere", both, keep=0.5, **FIT).mesh.verts, expected)
+    points = PointCloud(with_floater(meshfit.subdivide("cube", "midpoint", 3)).verts)
+    for target in (both, points):
+        with pytest.warns(MeshfitWarning, match=r"target: 1 small piece far off .* set keep='largest'"):
+            assert with_pieces(target, None, has_images=False) is target
+    assert with_pieces(points, "largest", has_images=False).num_verts == points.num_verts // 2
+    for wrong in ("most", 0.0, 1.5, True, [1]):
+        with pytest.raises(ConfigError, match=r"^keep: expected 'all', 'largest', or a share above 0"):
+            meshfit.fit("sphere", both, keep=wrong, **FIT)
+
+
+def differences_of(source, target):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        meshfit.fit(source, target, align="none", **FIT | {"steps": 0})
+    return [str(warning.message) for warning in caught if issubclass(warning.category, MeshfitWarning)]
+
+
+def test_what_a_fit_cannot_make_up_for_is_warned_of_before_it():
+    fine = meshfit.subdivide("cube", "midpoint", 2)
+    without_top = Mesh(fine.verts, fine.faces[fine.verts[fine.faces][:, :, 2].min(axis=1) < fine.verts[:, 2].max()])
+    texts = differences_of(fine, without_top)
+    assert any("the target is open (1 opening), and the source is closed" in text for text in texts)
+    assert any("the source 'target' (or 'auto')" in text for text in texts)
+    assert any("differ in topology" in text for text in texts)
+    assert not differences_of("closed", without_top)
+    (text,) = [text for text in differences_of(moved(fine, 1.0, 9.0), fine) if "boxes" in text]
+    assert text == "the bounding boxes of source and target do not overlap; set align"
+    (text,) = [text for text in differences_of(moved(fine, 0.01, 0.0), fine) if "times as large" in text]
+    assert text.endswith("give a larger source, or set align='pca'")
+
+
+def test_points_of_an_open_surface_are_warned_of_where_the_source_is_closed():
+    sphere = meshfit.icosphere(4).verts
+    open_points, closed_points = PointCloud(sphere[sphere[:, 2] > 0.2]), PointCloud(sphere)
+    assert unseen_of_open_cloud(closed_points) == 0
+    unseen = unseen_of_open_cloud(open_points)
+    settings = GaussNewtonSettings()
+    with pytest.warns(MeshfitWarning, match=rf"an open surface \(it shows {1 - unseen:.0%} of .* source 'open'"):
+        warn_of_differences(icosahedron(), open_points, settings, "all", fills=False, remedies=BY_KEYWORD)
+    warn_of_differences(icosahedron(), closed_points, settings, "all", fills=False, remedies=BY_KEYWORD)
 
 
 WRONG = [None, 1.5, ["a", "b"], np.zeros(3), object(), {}, b"x", ("a",)]

@@ -12,7 +12,7 @@ from meshfit.config.strict_yaml import dump
 from meshfit.errors import MeshfitWarning, StoreError
 from meshfit.experiment.guidance import guidance_of, read_landmarks
 from meshfit.experiment.plan import Trial, command_files
-from meshfit.experiment.running.trial_source import prepare_source, warn_of_differences
+from meshfit.experiment.running.trial_source import prepare_source
 from meshfit.experiment.running.trial_target import TrialTarget, check_unchanged, load_trial_target, warning_texts
 from meshfit.experiment.running.trial_verdict import judge
 from meshfit.experiment.source import (
@@ -49,6 +49,7 @@ from meshfit.experiment.storage.trial_log import TrialLog
 from meshfit.experiment.trial_status import Outcome, Progress, TrialStatus
 from meshfit.experiment.truth import source_with_faces_of, vertex_counts
 from meshfit.fitting.callbacks import Step
+from meshfit.fitting.differences import IN_CONFIG, warn_of_differences
 from meshfit.fitting.external.tools import ToolError, ToolRun
 from meshfit.fitting.loop import FitResult
 from meshfit.fitting.problem import Checkpoint, Diverged, Problem, Trace
@@ -118,7 +119,9 @@ class TrialRunner:
             source = prepare_source(source_settings, scheme, target, settings.target.surface)
             self._source, self._built, self._source_record = source.mesh, source.built, source.record
             fills = source_settings.mesh == "closed"
-            warn_of_differences(self._source, self._target, settings.fit, settings.target.surface, fills=fills)
+            warn_of_differences(
+                self._source, self._target, settings.fit, settings.target.surface, fills=fills, remedies=IN_CONFIG
+            )
         self._warnings = [*target.warnings, *warning_texts(caught)]
         is_copy = self.store.carries_targets and self._target_name != self.trial.target
         copy = f"target: {self._target_name}, the copy of a missing file" if is_copy else ""
