@@ -285,9 +285,11 @@ def _metrics_in_results() -> list[tuple[str, list[str], float, float]]:
 
 
 def _impossible(name: str, value: object) -> str | None:
-    if not (isinstance(value, int | float) and abs(value) <= sys.float_info.max):
+    if METRICS[name].format == "":
+        return None if isinstance(value, bool) else f"{name} is {shortened_value(value)}, expected true or false"
+    if isinstance(value, bool) or not (isinstance(value, int | float) and abs(value) <= sys.float_info.max):
         return f"{name} is {shortened_value(value)}, expected a finite number"
-    if METRICS[name].format == "d" and value != int(value):
+    if METRICS[name].format == "d" and not isinstance(value, int):
         return f"{name} is {shortened_value(value)}, expected a whole number"
     least, largest = possible_range(name)
     return None if least <= value <= largest else f"{name} is {shortened_value(value)}, which is impossible"
