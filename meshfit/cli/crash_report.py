@@ -16,7 +16,7 @@ from meshfit.library_output import TRACEBACK_VARIABLE, wants_tracebacks
 EXIT_CRASHED = 70
 """An unexpected error; the code that BSD's sysexits.h has for errors in a program."""
 
-_LONGEST = 300
+_LONGEST = 200
 _MEMORY_WORDS = (
     *("out of memory", "can't allocate memory", "cannot allocate memory", "not enough memory", "bad_alloc"),
     "failed to map segment",  # of a library that is imported
