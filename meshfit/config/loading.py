@@ -8,17 +8,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from meshfit.config.experiment import (
-    SOURCE_FILE_KEYS,
-    TRUTH_KEY,
-    ExperimentSettings,
-    canonical_key,
-    with_canonical_keys,
-)
+from meshfit.config.experiment import ExperimentSettings, canonical_key, with_canonical_keys
 from meshfit.config.path_parts import path_part
 from meshfit.config.scheme_files import read_scheme_files, relative_to_folder, resolve_specs
+from meshfit.config.source_settings import SOURCE_FILE_KEYS
 from meshfit.config.strict_yaml import parse_value, read_document
 from meshfit.config.sweeps import MOST_TRIALS, variants_of
+from meshfit.config.target_settings import TRUTH_KEY
 from meshfit.errors import ConfigError, ViewError
 from meshfit.images.folders import is_image_folder
 from meshfit.images.specs import image_spec

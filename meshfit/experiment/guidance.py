@@ -4,7 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from meshfit.config.experiment import ExperimentSettings, SourceSettings, VertexValueSettings
+from meshfit.config.experiment import ExperimentSettings
+from meshfit.config.source_settings import SourceSettings, VertexValueSettings
 from meshfit.errors import MeshError, error_prefix
 from meshfit.experiment.source import AnyMesh, levels_of, own_control_mesh
 from meshfit.fitting.registration.guidance import Guidance

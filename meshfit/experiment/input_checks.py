@@ -8,7 +8,8 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from meshfit.config.experiment import ExperimentSettings, SourceSettings
+from meshfit.config.experiment import ExperimentSettings
+from meshfit.config.source_settings import SourceSettings
 from meshfit.errors import ConfigError, Faults, MeshfitError, MeshfitWarning, error_prefix
 from meshfit.experiment.guidance import guidance_of, landmarks_path, read_landmarks
 from meshfit.experiment.source import build_source, is_own_mesh, source_files, stand_in

@@ -10,15 +10,12 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from meshfit.config.experiment import (
-    KEYS_WITH_FILES,
-    NO_EFFECT_ON_RESULTS,
-    ExperimentSettings,
-    TargetSettings,
-)
+from meshfit.config.experiment import NO_EFFECT_ON_RESULTS, ExperimentSettings
 from meshfit.config.loading import Experiment
 from meshfit.config.path_parts import OWN_IN_EXPERIMENT, OWN_IN_RUNS, path_part, require_distinct
+from meshfit.config.source_settings import KEYS_WITH_FILES
 from meshfit.config.sweeps import Variant, variants_of
+from meshfit.config.target_settings import TargetSettings
 from meshfit.errors import ConfigError, Faults, MeshfitWarning
 from meshfit.experiment.guidance import landmarks_path
 from meshfit.experiment.input_checks import CopyFinder, Errors, TargetCopy, check_inputs

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from meshfit.config.experiment import KEYS_WITH_FILES, MADE_FROM_TARGET, MAX_LEVELS, SourceSettings
+from meshfit.config.source_settings import KEYS_WITH_FILES, MADE_FROM_TARGET, MAX_LEVELS, SourceSettings
 from meshfit.errors import ConfigError, MeshError, error_prefix
 from meshfit.images.hull_source import ANY_ORIGIN, control_mesh_from
 from meshfit.images.views import Views

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from meshfit.config.experiment import ExperimentSettings, SourceSettings
+from meshfit.config.experiment import ExperimentSettings
+from meshfit.config.source_settings import SourceSettings
 from meshfit.errors import ConfigError, MeshError
 from meshfit.experiment.source import build_source, control_verts
 from meshfit.fitting.settings import FitSettings, GaussNewtonSettings

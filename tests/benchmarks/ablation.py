@@ -12,7 +12,7 @@ from unittest import mock
 
 import torch
 
-from meshfit.config.experiment import SourceSettings
+from meshfit.config.source_settings import SourceSettings
 from meshfit.experiment.source import build_source
 from meshfit.fitting.gauss_newton.sizing import lengths_for
 from meshfit.fitting.gauss_newton.sphere_map import SphereMap

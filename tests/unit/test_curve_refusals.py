@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import meshfit
-from meshfit.config.experiment import SourceSettings
 from meshfit.config.loading import load_experiment
+from meshfit.config.source_settings import SourceSettings
 from meshfit.errors import ConfigError, MeshError, SchemeError
 from meshfit.experiment.source import build_source
 from meshfit.mesh.curves import Chains, Curves

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 import meshfit
-from meshfit.config.experiment import SourceSettings
+from meshfit.config.source_settings import SourceSettings
 from meshfit.errors import SchemeError
 from meshfit.experiment.plan import plan
 from meshfit.experiment.running.batch_runner import run_batch

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from meshfit.config.experiment import ExperimentSettings, SourceSettings
+from meshfit.config.experiment import ExperimentSettings
+from meshfit.config.source_settings import SourceSettings
 from meshfit.errors import ConfigError
 from meshfit.fitting.settings import FirstOrderSettings
 from meshfit.measuring.settings import MeasureSettings

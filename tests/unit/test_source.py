@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from meshfit.config.experiment import SourceSettings
+from meshfit.config.source_settings import SourceSettings
 from meshfit.errors import ConfigError, MeshError, MeshfitWarning
 from meshfit.experiment.source import build_source
 from meshfit.mesh.geometry import face_areas, signed_volume

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from meshfit.config.experiment import SourceSettings
 from meshfit.config.loading import load_experiment
+from meshfit.config.source_settings import SourceSettings
 from meshfit.errors import ConfigError, MeshError, MeshfitError, SchemeError
 from meshfit.experiment import input_checks
 from meshfit.experiment.plan import plan

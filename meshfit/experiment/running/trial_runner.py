@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 
-from meshfit.config.experiment import SourceSettings
+from meshfit.config.source_settings import SourceSettings
 from meshfit.config.strict_yaml import dump
 from meshfit.errors import MeshfitWarning, StoreError
 from meshfit.experiment.guidance import guidance_of, read_landmarks

@@ -4,7 +4,7 @@ import warnings
 from dataclasses import dataclass
 from typing import Any
 
-from meshfit.config.experiment import SourceSettings
+from meshfit.config.source_settings import SourceSettings
 from meshfit.errors import MeshfitWarning
 from meshfit.experiment.running.trial_target import TrialTarget
 from meshfit.experiment.source import build_source, describe_source, made_from_target

@@ -6,7 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
-from meshfit.config.experiment import TargetSettings
+from meshfit.config.target_settings import TargetSettings
 from meshfit.errors import MeshError, MeshfitWarning
 from meshfit.experiment.storage.targets import carried_name, carry, carry_images, read_carried
 from meshfit.images.specs import is_image_target

@@ -19,7 +19,7 @@ from meshfit.fitting.settings import ExternalSettings, FirstOrderSettings
 from meshfit.units import count_text
 
 if TYPE_CHECKING:  # `meshfit status` does not load what only `estimate` uses
-    from meshfit.config.experiment import SourceSettings
+    from meshfit.config.source_settings import SourceSettings
     from meshfit.experiment.plan import Trial
     from meshfit.subdivision.registry import NamedScheme
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from meshfit.config.experiment import MADE_FROM_TARGET
+from meshfit.config.source_settings import MADE_FROM_TARGET
 from meshfit.errors import ConfigError
 from meshfit.experiment.storage.plan_file import UpChoice, planned_up
 from meshfit.fitting.external.tools import works_from_target

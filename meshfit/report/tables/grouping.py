@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from meshfit.config.experiment import SOURCE_FILE_KEYS, TRUTH_KEY
 from meshfit.config.scheme_files import scheme_name_for
+from meshfit.config.source_settings import SOURCE_FILE_KEYS
+from meshfit.config.target_settings import TRUTH_KEY
 from meshfit.errors import StoreError
 from meshfit.experiment.storage.plan_file import ROLES_OF_TARGETS
 from meshfit.experiment.storage.run_directory import Result

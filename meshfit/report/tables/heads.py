@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from meshfit.config.experiment import MADE_FROM_TARGET
+from meshfit.config.source_settings import MADE_FROM_TARGET
 from meshfit.measuring.metrics import METRICS
 from meshfit.report.tables.table import VARIED, Table
 from meshfit.units import count_text
