@@ -110,7 +110,7 @@ registration-bench: $(DEV)  ## Register templates to targets with known correspo
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[peers]'
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.registration $(RUNS)/registration docs/background/registration.md
 
-images-bench: $(DEV)  ## Fits to views of named targets; writes docs/background/images.md; resumes (25 minutes)
+images-bench: $(DEV)  ## Fits to views of named targets; writes docs/background/images.md; resumes (30 minutes)
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.images $(RUNS)/images docs/background/images.md data/pictures/images.png
 
 targets-bench: $(DEV)  ## Fits to targets of each kind, with other tools beside them; writes docs/background/targets.md (7 minutes)
