@@ -83,9 +83,9 @@ def test_a_fit_that_ended_farther_off_than_it_began_says_so(folder):
 def test_a_source_several_times_larger_than_the_target_says_so(folder):
     lines = run("--set", "normalise=box", "--targets", "ellipsoid.ply")
     # Each scheme has a source of its own size; the warning of the trial that is read first stands for both.
-    assert [line[: len(f"warning: ellipsoid: {LARGER}") + 3] for line in lines] in (
-        [f"warning: ellipsoid: {LARGER}2.7"],
-        [f"warning: ellipsoid: {LARGER}3.4"],
+    assert [line[: len(f"warning: ellipsoid: {LARGER}") + 4] for line in lines] in (
+        [f"warning: ellipsoid: {LARGER}2.67"],
+        [f"warning: ellipsoid: {LARGER}3.35"],
     )
     assert all(any(text.startswith(LARGER) for text in texts) for texts in recorded())
     assert run("--set", "normalise=box", "--set", "source.radius=0.5", "--targets", "ellipsoid.ply", "--force") == []
