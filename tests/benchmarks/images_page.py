@@ -35,8 +35,8 @@ and compared with the mesh itself, which the fit never sees.
 - **first-order** rows are of the other engine, from the hull with about 2,500 vertices: 300 steps of Adam with the
   settings of [the guide](../guide/images.md#the-two-engines).
 
-Weights and thresholds of the fit were chosen on the bunny, the mousehead and the cow; the bone took no part in that,
-except for the number of views, 6, from which thin parts of the hull are kept.
+Weights and thresholds of the fit were chosen on the bunny, the mousehead and the cow. The bone decided on two of them:
+the number of views, 6, from which thin parts of the hull are kept, and how near to a contour points are matched.
 
 A single view does not tell how far away an object is, nor how deep: the source is as deep as it is wide, at the world's
 origin. Concave parts appear in no silhouette, however many there are; they do in normals.
