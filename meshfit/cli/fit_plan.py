@@ -91,15 +91,13 @@ def parse_keep(text: str) -> "Keep":
     Raises:
         ConfigError: neither all, largest nor a share.
     """
-    if text in ("all", "largest"):
-        return None if text == "all" else "largest"
+    from meshfit.mesh.cleaning_options import as_keep
+
     try:
-        value = float(text)
+        return as_keep(text if text in ("all", "largest") else float(text))
     except ValueError:
-        value = math.nan
-    if not 0 < value <= 1:
-        raise ConfigError(f"--keep-pieces {text}: expected all, largest, or a share above 0 and up to 1")
-    return value
+        message = f"--keep-pieces {text}: expected all, largest, or a share above 0 and up to 1"
+    raise ConfigError(message)
 
 
 def check_options(options: FitOptions) -> None:

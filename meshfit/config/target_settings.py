@@ -13,7 +13,7 @@ from pydantic import (
 
 from meshfit.errors import ViewError
 from meshfit.images.specs import image_spec, spec_of_mapping
-from meshfit.mesh.cleaning_options import Keep, Surface
+from meshfit.mesh.cleaning_options import Keep, Surface, as_keep
 from meshfit.settings import Settings
 
 TRUTH_KEY = ("target", "truth")
@@ -34,11 +34,11 @@ def _canonical_target(value: Any) -> Any:  # noqa: ANN401  any YAML value
 
 def _canonical_keep(value: Any) -> Any:  # noqa: ANN401  any YAML value
     """Return the pieces to keep, with null for all."""
-    if value in ("all", None):
-        return None
-    if value == "largest" or (isinstance(value, int | float) and not isinstance(value, bool) and 0 < value <= 1):
-        return value
-    raise ValueError(f"expected all, largest, or a share above 0 and up to 1, got {json.dumps(value, default=str)}")
+    try:
+        return as_keep(value)
+    except ValueError:
+        got = json.dumps(value, default=str)
+    raise ValueError(f"expected all, largest, or a share above 0 and up to 1, got {got}")
 
 
 _VIEW_KEYS: dict[str, Any] = {

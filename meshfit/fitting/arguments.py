@@ -10,6 +10,7 @@ from meshfit.doors import no_type_check
 from meshfit.errors import ConfigError, MeshError, MeshfitWarning
 from meshfit.fitting.settings import METHODS, FitSettings
 from meshfit.mesh.cleaning import outward
+from meshfit.mesh.cleaning_options import as_keep
 from meshfit.mesh.geometry import face_areas
 from meshfit.mesh.mesh import Mesh
 from meshfit.mesh.point_cloud import PointCloud, no_closed_surface
@@ -98,16 +99,18 @@ def with_pieces(
     Warns:
         MeshfitWarning: small pieces are far off the others, and are not left out.
     """
-    if keep is None or (isinstance(keep, str) and keep == "all"):
+    try:
+        chosen = as_keep(keep)
+    except ValueError:
+        allowed = "'all', 'largest', or a share above 0 and up to 1"
+        raise ConfigError(f"keep: expected {allowed}, got {value_text(keep)}") from None
+    if chosen is None:
         if not has_images and (floaters := describe_floaters(target)):
             text = f"target: {floaters} draw the fit to them; set keep='largest' if they are no part of the shape"
             warnings.warn(text, MeshfitWarning, stacklevel=3)
         return target
-    is_share = isinstance(keep, int | float | np.number) and not isinstance(keep, bool) and 0 < keep <= 1
-    if not is_share and not (isinstance(keep, str) and keep == "largest"):
-        raise ConfigError(f"keep: expected 'all', 'largest', or a share above 0 and up to 1, got {value_text(keep)}")
     if has_images:
         raise ConfigError("keep: images have no pieces to choose from before the fit; remove it")
     turned = outward(target)
-    parts = kept_pieces(turned, keep)
+    parts = kept_pieces(turned, chosen)
     return target if parts is turned else parts

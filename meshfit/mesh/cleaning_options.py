@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any, Literal
 
 Repair = Literal["split", "refuse"]
@@ -10,6 +11,21 @@ Surface = Literal["all", "outer"]
 
 Keep = Literal["largest"] | float | None
 """The pieces of a target that count: the largest, those of at least a share of its size, or with None all."""
+
+
+def as_keep(value: object) -> Keep:
+    """Return the pieces to keep that a value names: `all` or None, `largest`, or a share above 0 and up to 1.
+
+    Raises:
+        ValueError: it is none of these.
+    """
+    if value is None or (isinstance(value, str) and value == "all"):
+        return None
+    if isinstance(value, str) and value == "largest":
+        return "largest"
+    if isinstance(value, Real) and not isinstance(value, bool) and 0 < float(value) <= 1:
+        return float(value)
+    raise ValueError(value)
 
 
 @dataclass(frozen=True)
