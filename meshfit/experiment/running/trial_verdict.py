@@ -24,7 +24,7 @@ _POINTS = 5000
 
 
 class TrialVerdict(NamedTuple):
-    """What a result lacks, in words, and the verdict on it."""
+    """Shortfalls of a result in words, and the verdict on it."""
 
     shortfalls: list[str]
     verdict: Verdict

@@ -22,7 +22,7 @@ _EXPECTED = {
     "dict": "an object",
     "model": "an object",
 }
-"""What was expected, by the first part of the type of a pydantic error."""
+"""Names of expected types, by the first part of the type of a pydantic error."""
 
 
 class FileModel(BaseModel):
@@ -54,7 +54,7 @@ class ResultSettings(FileModel):
 
 
 class FitFacts(FileModel):
-    """What is recorded of a fit."""
+    """Record of a fit."""
 
     steps: Count | None = None
     device: str | None = None
@@ -71,7 +71,7 @@ class FrameFacts(FileModel):
 
 
 class AlignFacts(FileModel):
-    """What is recorded of an alignment."""
+    """Record of an alignment."""
 
     method: str
     turn_degrees: float
@@ -88,7 +88,7 @@ class AlignFacts(FileModel):
 
 
 class SourceFacts(FileModel):
-    """What is recorded of a source."""
+    """Record of a source."""
 
     made_from: str | None = None
     reason: str | None = None
@@ -103,7 +103,7 @@ class SourceFacts(FileModel):
 
 
 class CloudFacts(FileModel):
-    """What is recorded of a target that is a cloud of points."""
+    """Record of a target that is a cloud of points."""
 
     points: Count
     spacing: float
@@ -111,7 +111,7 @@ class CloudFacts(FileModel):
 
 
 class ImagesFacts(FileModel):
-    """What is recorded of a target of images."""
+    """Record of a target of images."""
 
     views: Count
     held_out: Count
@@ -119,7 +119,7 @@ class ImagesFacts(FileModel):
 
 
 class ToolFacts(FileModel):
-    """What is recorded of an external tool."""
+    """Record of an external tool."""
 
     name: str
     version: str | None
@@ -143,7 +143,7 @@ class VerdictFacts(FileModel):
 
 
 class OverlapFacts(FileModel):
-    """What is recorded of the masks of a result besides metrics."""
+    """Record of the masks of a result besides metrics."""
 
     worst_view: str = ""
 
